@@ -1,0 +1,19 @@
+"""The environments. Importing this registers their ids; the code behind an id is loaded when it is made."""
+
+import gymnasium
+
+# A Pioneer P3DX follows a path (document A): 60 s of control periods.
+gymnasium.register(
+    id="wayfield/DiffDrivePathFollowing-v0",
+    entry_point="wayfield.envs.path_following:DiffDrivePathFollowing",
+    vector_entry_point="wayfield.envs.path_following:DiffDrivePathFollowingVector",
+    max_episode_steps=1200,
+)
+
+# An omni robot with three or four wheels drives to a goal pose, or through waypoints, among obstacles (B and C).
+gymnasium.register(
+    id="wayfield/OmniGoalObstacles-v0",
+    entry_point="wayfield.envs.goal_reaching:OmniGoalObstacles",
+    vector_entry_point="wayfield.envs.goal_reaching:OmniGoalObstaclesVector",
+    max_episode_steps=1200,
+)

@@ -1,0 +1,186 @@
+"""The step order, written once: a batch of robots of one task, whether it holds one robot or thousands."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.briefing import KNOWS, Briefing
+from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.sensing import BEAM_NOISE_COLUMN, scan_ranges
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Task, choose
+
+# Rows of noise drawn at once for a robot: large enough that drawing is cheap, small enough to stay in the cache.
+NOISE_BLOCK = 64
+
+
+class Results:
+    """The arrays that a step writes: fresh ones each time, so that what the caller keeps is never overwritten."""
+
+    def __init__(self, task: Task, num_envs: int) -> None:
+        self.observations = np.empty((num_envs, task.layout.size), np.float32)
+        # the info values, then the reward; the info flags, then whether the episode ended
+        self.numbers = np.empty((len(task.info_names) + 1, num_envs))
+        self.flags = np.empty((len(task.flag_names) + 1, num_envs), np.bool_)
+
+
+def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
+    """Returns what a compiled function runs for arguments of these types, compiling it if need be.
+
+    The types of a batch's arrays never change, and numba's dispatcher takes longer to look at them than one robot takes
+    to step.
+    """
+    signature = tuple(numba.typeof(argument) for argument in arguments)
+    function.compile(signature)
+    code: Callable[..., int] = function.overloads[signature].entry_point
+    return code
+
+
+class Batch:
+    """The state of `num_envs` robots of a task, and the two things that can be done to it: reset and step.
+
+    Every robot draws from the generator it is given, in the same order whether it is alone or one of many: rows of a
+    batch equal single environments bit for bit.
+    """
+
+    def __init__(self, task: Task, num_envs: int) -> None:
+        self.task = task
+        self.num_envs = num_envs
+        self.action_shape = task.options.max_action.shape
+        self.states = np.zeros(num_envs, task.state_dtype)
+        self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE)
+        self.actions = np.zeros((num_envs, *self.action_shape))
+        self.skip = np.zeros(num_envs, np.bool_)
+        self.noisy = task.options.noise > 0.0
+        rows = NOISE_BLOCK if self.noisy else 1
+        self.noise = np.zeros((num_envs, rows, BEAM_NOISE_COLUMN + task.num_beams))
+        self._inputs = (task.params, self.states, self.obstacles, self.actions, self.noise, self.skip, *task.world)
+        results = Results(task, num_envs)
+        self._step_rows = machine_code(
+            task.step_rows, 0, *self._inputs, results.observations, results.numbers, results.flags
+        )
+        self.plant: Any = None
+        if task.options.dynamics == "pymunk":
+            from wayfield.envs.pymunk_plant import PymunkPlant
+
+            self.plant = PymunkPlant(task, num_envs)
+
+    def reset(
+        self, rows: NDArray[np.int64], generators: Sequence[np.random.Generator], results: Results
+    ) -> None:
+        """Starts an episode for each robot in `rows`, drawn from its generator, and writes its results."""
+        draws = np.empty((len(rows), 1 + self.task.draws))
+        for j, i in enumerate(rows.tolist()):
+            generators[i].random(out=draws[j])
+            if self.noisy:
+                generators[i].standard_normal(out=self.noise[i])
+        self.task.reset_rows(
+            self.task.params,
+            self.states,
+            self.obstacles,
+            rows,
+            draws,
+            self.noise,
+            *self.task.world,
+            results.observations,
+            results.numbers,
+            results.flags,
+        )
+        if self.plant is not None:
+            self.plant.reset(rows, self.states, self.obstacles)
+
+    def step(self, generators: Sequence[np.random.Generator], results: Results) -> None:
+        """Moves every robot that is not in `self.skip` by `self.actions` and writes its results.
+
+        Raises:
+            ValueError: if an action is not finite; nothing has moved then.
+        """
+        if self.noisy:
+            for i in np.flatnonzero(self.states["noise_row"] >= NOISE_BLOCK).tolist():
+                generators[i].standard_normal(out=self.noise[i])
+                self.states["noise_row"][i] = 0
+        if self.plant is None:
+            self._run(COMMAND | DRIVE | JUDGE, results)
+        else:
+            self._run(COMMAND, results)
+            self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
+            self._run(JUDGE, results)
+
+    def _run(self, phases: int, results: Results) -> None:
+        bad = self._step_rows(phases, *self._inputs, results.observations, results.numbers, results.flags)
+        if bad >= 0:
+            raise ValueError(
+                f"action {self.actions[bad].tolist()} of robot {bad} is not finite; every component must be a number"
+            )
+
+    def checked(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Returns the actions as an array of the given shape.
+
+        Raises:
+            TypeError: if they are not real numbers.
+            ValueError: if the shape is another.
+        """
+        try:
+            array = np.asarray(actions)
+        except ValueError as error:
+            raise ValueError(f"action must be an array of shape {shape}: {error}") from None
+        if array.dtype.kind not in "fiu":
+            raise TypeError(f"action must hold real numbers, got {array.dtype} from {actions!r}")
+        if array.shape != shape:
+            raise ValueError(f"action must have shape {shape}, got {array.shape}")
+        return array
+
+    def briefing(self, knows: str) -> Briefing:
+        """Returns what a policy that declares `knows` may be told about the episodes now starting.
+
+        Raises:
+            ValueError: if `knows` is none of "sensors", "path", "goal", "map".
+        """
+        choose("knows", knows, KNOWS)
+        task = self.task
+        return Briefing(
+            num_envs=self.num_envs,
+            robot=task.robot,
+            dt=task.options.dt,
+            action_mode=task.options.action_mode,
+            layout=task.layout,
+            beam_angles=task.beam_angles,
+            max_range=float(task.params["max_range"][0]),
+            **task.told(self.states, knows),
+            **(
+                {"obstacles": self.obstacles.copy(), "num_obstacles": task.obstacle_counts(self.states)}
+                if knows == "map"
+                else {}
+            ),
+        )
+
+    def scene(self, i: int, trail: NDArray[np.float64], marks: dict[str, tuple[float, float]]) -> Any:
+        """Returns the rendering.Scene of robot i, with the path it drove (t, 2) and the points a controller marked."""
+        from wayfield.envs.rendering import Scene
+
+        state = self.states[i]
+        drawing = self.task.drawing(state)
+        count = int(self.task.obstacle_counts(self.states[i : i + 1])[0])
+        if self.task.num_beams:
+            p = self.task.params[0]
+            ranges = np.empty((self.num_envs, self.task.num_beams))
+            scan_ranges(
+                self.obstacles,
+                i,
+                count,
+                *(float(state[name]) for name in ("x", "y", "heading")),
+                np.column_stack([np.cos(self.task.beam_angles), np.sin(self.task.beam_angles)]),
+                *(p[name].item() for name in ("first_beam", "beam_step", "max_range")),
+                ranges,
+                0,
+            )
+            drawing["ranges"] = ranges[i]
+        return Scene(
+            robot=self.task.robot,
+            pose=(float(state["x"]), float(state["y"]), float(state["heading"])),
+            obstacles=self.obstacles[i, :count],
+            trail=trail,
+            **(drawing | marks),
+        )

@@ -1,0 +1,36 @@
+"""What a policy is told before an episode starts."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.observation import Layout
+from wayfield.envs.paths import PathPool
+from wayfield.envs.robots import Robot
+
+KNOWS = ("sensors", "path", "goal", "map")
+
+
+@dataclasses.dataclass(frozen=True)
+class Briefing:
+    """What a robot may know before it starts, for a batch of b robots.
+
+    A policy that declares `sensors` finds None in the fields of path, goal and map; one that declares `path` or `goal`
+    finds those; only `map` is shown the obstacles.
+    """
+
+    num_envs: int
+    robot: Robot
+    dt: float  # s
+    action_mode: str
+    layout: Layout[Any]  # of the flat observation
+    beam_angles: NDArray[np.float64]  # (beams,) rad, body frame
+    max_range: float  # m
+    paths: PathPool | None = None
+    path_index: NDArray[np.int64] | None = None  # (b,) run of each robot in the pool
+    goals: NDArray[np.float64] | None = None  # (b, w, 3) waypoints and, last of num_goals, the goal pose
+    num_goals: NDArray[np.int64] | None = None  # (b,)
+    obstacles: NDArray[np.void] | None = None  # (b, m) OBSTACLE records
+    num_obstacles: NDArray[np.int64] | None = None  # (b,)

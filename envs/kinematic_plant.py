@@ -1,0 +1,115 @@
+"""The kinematic plant: from an action to wheel speeds, and from wheel speeds to motion on an exact arc."""
+
+import math
+
+from numba import njit
+
+from wayfield.envs.geometry import row_clearance, sin_cos, wrap_angle
+from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
+from wayfield.envs.sensing import advance_odometry
+
+# A hull stops this far from a surface when the sweep finds contact, so that rounding never puts it inside.
+SKIN = 1e-9  # m
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def command(p, s, actions, i):
+    """Turns an action into the twist asked of the wheels: saturation by one factor, then acceleration limits."""
+    vx = 0.0
+    vy = 0.0
+    yaw_rate = 0.0
+    if p.twist_action:
+        vx = actions[i, 0]
+        if p.holonomic:
+            vy = actions[i, 1]
+            yaw_rate = actions[i, 2]
+        else:
+            yaw_rate = actions[i, 1]
+    else:
+        # wheels of an omni base can be told to fight each other: the pseudo-inverse is what rolls without slip
+        for k in range(p.num_wheels):
+            vx += p.forward_matrix[0, k] * actions[i, k]
+            vy += p.forward_matrix[1, k] * actions[i, k]
+            yaw_rate += p.forward_matrix[2, k] * actions[i, k]
+    factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, vx, vy, yaw_rate)
+    s.saturated = factor < 1.0
+    s.command_vx, s.command_vy, s.command_yaw_rate = limit_acceleration(
+        s.command_vx,
+        s.command_vy,
+        s.command_yaw_rate,
+        factor * vx,
+        factor * vy,
+        factor * yaw_rate,
+        p.acceleration,
+        p.yaw_acceleration,
+        p.dt,
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def drive(p, s, obstacles, i, count, noise, row):
+    """Moves the robot by one control period: first-order lag, then the exact arc, stopped where the hull would touch."""
+    deviation_vx = s.wheel_vx - s.command_vx
+    deviation_vy = s.wheel_vy - s.command_vy
+    deviation_yaw_rate = s.wheel_yaw_rate - s.command_yaw_rate
+    mean_vx = s.command_vx + p.lag_mean * deviation_vx
+    mean_vy = s.command_vy + p.lag_mean * deviation_vy
+    mean_yaw_rate = s.command_yaw_rate + p.lag_mean * deviation_yaw_rate
+    s.wheel_vx = s.command_vx + p.lag_decay * deviation_vx
+    s.wheel_vy = s.command_vy + p.lag_decay * deviation_vy
+    s.wheel_yaw_rate = s.command_yaw_rate + p.lag_decay * deviation_yaw_rate
+    s.vx = s.wheel_vx
+    s.vy = s.wheel_vy
+    s.yaw_rate = s.wheel_yaw_rate
+    s.contact = 0
+    sweep(p, s, obstacles, i, count, mean_vx, mean_vy, mean_yaw_rate)
+    if not p.perfect_pose:
+        advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, noise, i, row)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
+    """Moves the pose along the arc of a constant twist, up to the first contact of the hull.
+
+    Conservative advancement: the hull can go as far as its clearance without touching anything, wherever that leads.
+    A fast robot can therefore not jump through a thin wall.
+    """
+    travel = p.dt * math.sqrt(vx * vx + vy * vy)
+    if s.clearance > travel:
+        s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, vx, vy, yaw_rate, p.dt)
+        s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+        return
+    x = s.x
+    y = s.y
+    heading = s.heading
+    gone = 0.0
+    while gone < 1.0:
+        if s.clearance <= 2.0 * SKIN:
+            s.contact = 1
+            s.vx = 0.0
+            s.vy = 0.0
+            s.yaw_rate = 0.0
+            return
+        gone = min(gone + (s.clearance - SKIN) / travel, 1.0)
+        s.x, s.y, s.heading = integrate_arc(x, y, heading, vx, vy, yaw_rate, p.dt * gone)
+        s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def shove(p, s, obstacles, i, count):
+    """Displaces the pose when its time has come, up to the first contact."""
+    if s.steps != p.shove_step:
+        return
+    sine, cosine = sin_cos(s.heading)
+    vx = (cosine * p.shove_x + sine * p.shove_y) / p.dt
+    vy = (cosine * p.shove_y - sine * p.shove_x) / p.dt
+    # the displacement is no motion of the wheels: twist and odometry do not see it
+    body_vx = s.vx
+    body_vy = s.vy
+    body_yaw_rate = s.yaw_rate
+    sweep(p, s, obstacles, i, count, vx, vy, 0.0)
+    if not s.contact:
+        s.vx = body_vx
+        s.vy = body_vy
+        s.yaw_rate = body_yaw_rate
+    s.heading = wrap_angle(s.heading + p.shove_heading)

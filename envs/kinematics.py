@@ -1,0 +1,112 @@
+"""How wheeled robots move in the plane: rigid-body wheel maps, saturation, actuator dynamics, exact arcs.
+
+Pure scalar functions of one robot. The environments, the vector environments and the predictive models of controllers
+all call these, so that there is one statement of motion. A twist is (v_x, v_y, yaw_rate) in the body frame: m/s, m/s,
+rad/s.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from wayfield.envs.geometry import sin_cos, wrap_angle
+
+
+def wheel_matrix(positions: ArrayLike, directions: ArrayLike, wheel_radius: float) -> NDArray[np.float64]:
+    """Returns the (n, 3) matrix from twist to wheel speeds (rad/s) of a rigid base.
+
+    Row i is the rolling constraint r w_i = d_i . (v + yaw_rate x p_i) of a wheel at p_i that drives along d_i: the
+    speed of the body at the wheel's contact point, along the wheel's drive direction (Lynch and Park, Modern Robotics,
+    eq. 13.5 for wheels whose rollers turn freely across the drive direction).
+
+    Args:
+        positions: (n, 2) contact points in the body frame, m.
+        directions: (n,) angles of the drive directions in the body frame, rad.
+        wheel_radius: m.
+    """
+    px, py = np.asarray(positions, dtype=np.float64).T
+    angles = np.asarray(directions, dtype=np.float64)
+    c, s = np.cos(angles), np.sin(angles)
+    return np.column_stack([c, s, px * s - py * c]) / wheel_radius
+
+
+def plain_sum_matrix(matrix: ArrayLike, wheel_radius: float) -> NDArray[np.float64]:
+    """Returns the (3, n) forward map as documents B and C print it: a plain sum, r [cos a; sin a; 1/l].
+
+    It over-reads by n/2 in translation and by n in rotation. The right map is the pseudo-inverse of `wheel_matrix`.
+    """
+    constraint = np.asarray(matrix, dtype=np.float64) * wheel_radius
+    return wheel_radius * np.vstack([constraint[:, 0], constraint[:, 1], 1.0 / constraint[:, 2]])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def saturation_factor(matrix, num_wheels, limit, vx, vy, yaw_rate):
+    """Returns the one factor in (0, 1] by which a twist is scaled so that no wheel turns faster than `limit` (rad/s).
+
+    One factor for all wheels keeps the direction of motion and the ICC radius; clipping each wheel would bend the path.
+    """
+    fastest = 0.0
+    for i in range(num_wheels):
+        fastest = max(fastest, abs(matrix[i, 0] * vx + matrix[i, 1] * vy + matrix[i, 2] * yaw_rate))
+    if fastest > limit:
+        return limit / fastest
+    return 1.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def limit_acceleration(vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, acceleration, yaw_acceleration, dt):
+    """Returns the twist nearest to the wanted one that can be set after dt.
+
+    The change of velocity is shortened along its own direction to acceleration * dt (m/s), the change of yaw rate
+    clipped to yaw_acceleration * dt (rad/s).
+    """
+    dx = to_vx - vx
+    dy = to_vy - vy
+    change = math.sqrt(dx * dx + dy * dy)
+    most = acceleration * dt
+    if change > most:
+        dx *= most / change
+        dy *= most / change
+        to_vx = vx + dx
+        to_vy = vy + dy
+    turn = to_yaw_rate - yaw_rate
+    most = yaw_acceleration * dt
+    if abs(turn) > most:
+        to_yaw_rate = yaw_rate + math.copysign(most, turn)
+    return to_vx, to_vy, to_yaw_rate
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def integrate_arc(x, y, heading, vx, vy, yaw_rate, dt):
+    """Returns the pose (m, m, rad in (-pi, pi]) after a constant body twist has acted for dt.
+
+    The exact exponential of SE(2): the chord of the arc has length |v| dt sin(h)/h and leaves at heading + h, with h
+    half the turn (Lynch and Park, Modern Robotics, sec. 13.3.3).
+    """
+    half_turn = 0.5 * yaw_rate * dt
+    s, c = sin_cos(heading + half_turn)
+    chord = dt * sinc(half_turn)
+    return (
+        x + chord * (c * vx - s * vy),
+        y + chord * (s * vx + c * vy),
+        wrap_angle(heading + 2.0 * half_turn),
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def sinc(angle):
+    """Returns sin(angle) / angle, and 1 at zero."""
+    if abs(angle) < 1e-4:
+        # the next term of the series is below 1e-18
+        return 1.0 - angle * angle / 6.0
+    return sin_cos(angle)[0] / angle
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def to_body_frame(x, y, sin_heading, cos_heading, px, py):
+    """Returns the point (px, py) as seen from the pose: bT_w = [R^T, -R^T t; 0 1] applied to the point."""
+    dx = px - x
+    dy = py - y
+    return cos_heading * dx + sin_heading * dy, cos_heading * dy - sin_heading * dx

@@ -1,0 +1,350 @@
+"""Path following: stay on a path and get to its end, or round a closed one."""
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs.geometry import sin_cos, wrap_angle
+from wayfield.envs.kinematics import to_body_frame
+from wayfield.envs.observation import Field, Layout
+from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, walk_to
+from wayfield.envs.scenarios import PathScenario, path_scenarios
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
+from wayfield.envs.vector import NativeVectorEnv
+
+
+@dataclasses.dataclass(frozen=True)
+class Params:
+    """The numbers of the task."""
+
+    window: float = 1.0  # m, how far ahead of the last projection the next one is searched
+    end_tolerance: float = 0.05  # m, arc length before the end that counts as arrived
+    preview_spacing: float = 0.1  # m, between preview points
+    num_preview: int = 10
+    error_scale: float = 0.1  # m, cross-track error at which the reward for progress is halved
+    corridor_penalty: float = 10.0  # taken off once, when the corridor is left
+
+
+STATE = np.dtype(
+    [
+        *records.ROBOT_STATE,
+        ("arc_length", np.float64),  # of the true pose's projection, m; counts over laps, never falls
+        ("segment", np.int64),  # of that projection
+        ("measured_arc_length", np.float64),  # of the measured pose's projection
+        ("measured_segment", np.int64),
+        ("cross_track_error", np.float64),  # m, + left of the path
+        ("heading_error", np.float64),  # rad, heading minus path tangent
+    ],
+    align=True,
+)
+
+PARAMS = [
+    *records.ROBOT_PARAMS,
+    *((field.name, np.dtype(field.type)) for field in dataclasses.fields(Params)),
+    ("max_speed", np.float64),  # m/s
+]
+
+# One record a scenario of the bank.
+COURSE = np.dtype(
+    [
+        ("finish", np.float64),  # m, arc length at the end of the last lap; inf when only the clock ends the run
+        ("corridor", np.float64),  # m
+        ("start", np.float64, (3,)),
+        ("start_offset", np.float64),
+        ("start_turn", np.float64),
+    ],
+    align=True,
+)
+
+
+class Observation(NamedTuple):
+    """What a path follower sees; b is any batch shape, t the number of twist components."""
+
+    pose: NDArray[np.float32]  # (b, 3) measured x, y (m), heading (rad), world frame
+    twist: NDArray[np.float32]  # (b, t) measured body twist, m/s and rad/s
+    cross_track_error: NDArray[np.float32]  # (b,) m, + left of the path
+    heading_error: NDArray[np.float32]  # (b,) rad
+    arc_length: NDArray[np.float32]  # (b,) m, of the projection on the path
+    preview: NDArray[np.float32]  # (b, k, 2) points of the path ahead, body frame, m
+
+    @staticmethod
+    def layout(num_twist: int, num_preview: int) -> "Layout[Observation]":
+        """Returns the order of the fields in the flat observation."""
+        pi = float(np.nextafter(np.float32(math.pi), np.float32(4)))
+        return Layout(
+            Observation,
+            (
+                Field("pose", (3,), [-np.inf, -np.inf, -pi], [np.inf, np.inf, pi]),
+                Field("twist", (num_twist,), -np.inf, np.inf),
+                Field("cross_track_error", (), -np.inf, np.inf),
+                Field("heading_error", (), -pi, pi),
+                Field("arc_length", (), 0.0, np.inf),
+                Field("preview", (num_preview, 2), -np.inf, np.inf),
+            ),
+        )
+
+
+INFO = ("time", "arc_length", "progress", "cross_track_error", "heading_error", "completion")
+FLAGS = ("success", "left_corridor", "collision")
+DRAWS = 2  # random numbers of a reset, besides the choice of the scenario
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def project(vertices, run, window, x, y, heading, s, segment):
+    """Returns (arc length, segment, cross-track error, heading error) of the projection onto the path ahead of s."""
+    s, segment = nearest_ahead(vertices, run, x, y, s, segment, window)
+    a = vertices[run.first + segment]
+    along = along_lap(vertices, run, s, segment) - a.s
+    px = a.x + along * a.ux
+    py = a.y + along * a.uy
+    dx = x - px
+    dy = y - py
+    error = math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx)
+    sine, cosine = sin_cos(heading)
+    return s, segment, error, math.atan2(a.ux * sine - a.uy * cosine, a.ux * cosine + a.uy * sine)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def observe(p, s, vertices, run, noise, i, row, out):
+    """Writes the observation of one robot."""
+    sensing.measure(p, s, noise, i, row)
+    error = s.cross_track_error
+    heading_error = s.heading_error
+    if p.perfect_pose:
+        s.measured_arc_length = s.arc_length
+        s.measured_segment = s.segment
+    else:
+        s.measured_arc_length, s.measured_segment, error, heading_error = project(
+            vertices,
+            run,
+            p.window,
+            s.measured_x,
+            s.measured_y,
+            s.measured_heading,
+            s.measured_arc_length,
+            s.measured_segment,
+        )
+    out[i, 0] = s.measured_x
+    out[i, 1] = s.measured_y
+    out[i, 2] = s.measured_heading
+    out[i, 3] = s.measured_vx
+    k = 4
+    if p.holonomic:
+        out[i, k] = s.measured_vy
+        k += 1
+    out[i, k] = s.measured_yaw_rate
+    out[i, k + 1] = error
+    out[i, k + 2] = heading_error
+    out[i, k + 3] = s.measured_arc_length
+    k += 4
+    sine, cosine = sin_cos(s.measured_heading)
+    segment = s.measured_segment
+    ahead = along_lap(vertices, run, s.measured_arc_length, segment)
+    for j in range(p.num_preview):
+        ahead += p.preview_spacing
+        px, py, ahead, segment = walk_to(vertices, run, ahead, segment)
+        out[i, k], out[i, k + 1] = to_body_frame(s.measured_x, s.measured_y, sine, cosine, px, py)
+        k += 2
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
+    """Measures robot i against its path and writes its observation, info and flags."""
+    before = s.arc_length
+    s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
+        vertices, run, p.window, s.x, s.y, s.heading, s.arc_length, s.segment
+    )
+    observe(p, s, vertices, run, noise, i, row, out)
+    progress = s.arc_length - before
+    success = s.arc_length >= course.finish - p.end_tolerance
+    left = abs(s.cross_track_error) > course.corridor
+    ratio = s.cross_track_error / p.error_scale
+    reward = progress / (p.max_speed * p.dt * (1.0 + ratio * ratio))
+    if left:
+        reward -= p.corridor_penalty
+    report(p, s, course, run, reward, progress, numbers, i)
+    flags[0, i] = success and not left
+    flags[1, i] = left
+    flags[2, i] = s.contact != 0
+    flags[3, i] = success or left
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def report(p, s, course, run, reward, progress, numbers, i):
+    """Writes column i of the numbers: INFO, then the reward."""
+    numbers[0, i] = s.steps * p.dt
+    numbers[1, i] = s.arc_length
+    numbers[2, i] = progress
+    numbers[3, i] = s.cross_track_error
+    numbers[4, i] = s.heading_error
+    numbers[5, i] = s.arc_length / (course.finish if math.isfinite(course.finish) else run.length)
+    numbers[6, i] = reward
+
+
+@njit(cache=True, error_model="numpy")
+def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, vertices, runs, out, numbers, flags):
+    """Runs the asked phases of a step for all robots but those in `skip`.
+
+    Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
+    """
+    if phases & COMMAND:
+        for i in range(states.shape[0]):
+            for k in range(actions.shape[1]):
+                if not skip[i] and not math.isfinite(actions[i, k]):
+                    return i
+    p = params[0]
+    for i in range(states.shape[0]):
+        if skip[i]:
+            continue
+        s = states[i]
+        row = s.noise_row if noise.shape[1] > 1 else 0
+        if phases & COMMAND:
+            kinematic_plant.command(p, s, actions, i)
+            kinematic_plant.shove(p, s, obstacles, i, 0)
+        if phases & DRIVE:
+            kinematic_plant.drive(p, s, obstacles, i, 0, noise, row)
+        if phases & JUDGE:
+            s.steps += 1
+            judge(
+                p, s, courses[s.scenario], vertices, runs[s.scenario], noise, i, row, out, numbers, flags
+            )
+            s.noise_row += 1
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, out, numbers, flags):
+    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS)."""
+    p = params[0]
+    for j in range(rows.shape[0]):
+        i = rows[j]
+        s = states[i]
+        scenario = min(int(draws[j, 0] * courses.shape[0]), courses.shape[0] - 1)
+        s.scenario = scenario
+        course = courses[scenario]
+        run = runs[scenario]
+        sine, cosine = sin_cos(course.start[2])
+        aside = course.start_offset * (2.0 * draws[j, 1] - 1.0)
+        s.x = course.start[0] - sine * aside
+        s.y = course.start[1] + cosine * aside
+        s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 2] - 1.0))
+        records.halt(s)
+        s.clearance = np.inf
+        s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
+            vertices, run, p.window, s.x, s.y, s.heading, 0.0, 0
+        )
+        s.measured_arc_length = s.arc_length
+        s.measured_segment = s.segment
+        observe(p, s, vertices, run, noise, i, 0, out)
+        s.noise_row = 1
+        report(p, s, course, run, 0.0, 0.0, numbers, i)
+        flags[:, i] = False
+
+
+class PathFollowing(Task):
+    """The path-following task of one robot on a bank of paths."""
+
+    state_dtype = STATE
+    info_names = INFO
+    flag_names = FLAGS
+    draws = DRAWS
+    step_rows = staticmethod(step_rows)
+    reset_rows = staticmethod(reset_rows)
+
+    def __init__(self, scenario: str, options: Options, scale: float = 1.0, **params: Any) -> None:
+        self.scenarios: tuple[PathScenario, ...] = path_scenarios(scenario, scale)
+        self.options = options
+        self.robot = options.robot
+        self.task_params = Params(**params)
+        pool = PathPool.of([each.path for each in self.scenarios])
+        courses = np.zeros(len(self.scenarios), COURSE)
+        for course, each, run in zip(courses, self.scenarios, pool.runs, strict=True):
+            course["finish"] = each.laps * run["length"] if each.laps else np.inf
+            course["corridor"] = each.corridor
+            course["start"] = each.path.start_pose if each.start is None else each.start
+            course["start_offset"] = each.start_offset
+            course["start_turn"] = each.start_turn
+        self.pool = pool
+        self.world = (courses, pool.vertices, pool.runs)
+        self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview)
+        self.beam_angles = np.empty(0)
+        self.max_obstacles = 0
+        self.params = records.record(
+            PARAMS,
+            options.robot_params()
+            | dataclasses.asdict(self.task_params)
+            | {"max_range": 0.0}
+            | {"max_speed": self.robot.max_twist[0]},
+        )
+
+
+    def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
+        """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
+        scenario = self.scenarios[int(state["scenario"])]
+        run = self.pool.runs[int(state["scenario"])]
+        vertices = self.pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
+        path = np.column_stack([vertices["x"], vertices["y"]])
+        margin = scenario.corridor + self.robot.hull_radius
+        return {
+            "path": path,
+            "corridor": scenario.corridor,
+            "bounds": (*(path.min(axis=0) - margin).tolist(), *(path.max(axis=0) + margin).tolist()),
+            "start": self.world[0]["start"][int(state["scenario"])][:2].tolist(),
+            "caption": (
+                f"t {state['steps'] * self.options.dt:5.2f} s   "
+                f"cross-track error {100 * state['cross_track_error']:+6.1f} cm"
+            ),
+        }
+
+    def obstacle_counts(self, states: NDArray[np.void]) -> NDArray[np.int64]:
+        """Returns zeros: nothing stands beside a path."""
+        return np.zeros(len(states), np.int64)
+
+    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+        """Returns the task's part of the briefing: the path, unless the policy knows its sensors alone."""
+        if knows == "sensors":
+            return {}
+        return {"paths": self.pool, "path_index": states["scenario"].copy()}
+
+
+class DiffDrivePathFollowing(SingleEnv):
+    """TO BE WRITTEN"""
+
+    def __init__(
+        self,
+        scenario: str = "random_splines",
+        robot: str = "p3dx",
+        dynamics: str = "kinematic",
+        actuators: str = "ideal",
+        action_mode: str = "twist",
+        noise: float = 0.0,
+        pose_source: str = "ground_truth",
+        shove: tuple[float, float, float, float] | None = None,
+        scale: float = 1.0,
+        num_preview: int = 10,
+        preview_spacing: float = 0.1,
+        render_mode: str | None = None,
+    ) -> None:
+        super().__init__(
+            PathFollowing(
+                scenario,
+                Options.of(robot, ("p3dx",), dynamics, actuators, action_mode, noise, pose_source, shove),
+                scale,
+                num_preview=num_preview,
+                preview_spacing=preview_spacing,
+            ),
+            render_mode,
+        )
+
+
+class DiffDrivePathFollowingVector(NativeVectorEnv):
+    """Many `DiffDrivePathFollowing` robots stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(DiffDrivePathFollowing, num_envs, **kwargs)

@@ -1,0 +1,207 @@
+"""The record that every robot of a batch is kept in, and the record of constants that its step reads.
+
+One NumPy record a robot rather than many arrays: a compiled call pays for each argument, and a robot's numbers lie side
+by side in memory. Tasks add their own fields behind these.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from wayfield.envs import kinematics
+from wayfield.envs.robots import Actuators, Robot
+
+MAX_WHEELS = 4
+
+ROBOT_STATE = [
+    ("x", np.float64),  # true pose, m
+    ("y", np.float64),
+    ("heading", np.float64),  # rad, (-pi, pi]
+    ("vx", np.float64),  # true body twist at the end of the step, m/s
+    ("vy", np.float64),
+    ("yaw_rate", np.float64),  # rad/s
+    ("command_vx", np.float64),  # twist asked of the wheels, after saturation and acceleration limits
+    ("command_vy", np.float64),
+    ("command_yaw_rate", np.float64),
+    ("wheel_vx", np.float64),  # twist that the wheels turn for, after the lag; the body's own unless they slip
+    ("wheel_vy", np.float64),
+    ("wheel_yaw_rate", np.float64),
+    ("odometry_x", np.float64),  # pose integrated from encoders since the start of the episode
+    ("odometry_y", np.float64),
+    ("odometry_heading", np.float64),
+    ("measured_x", np.float64),  # pose and twist that the robot believes
+    ("measured_y", np.float64),
+    ("measured_heading", np.float64),
+    ("measured_vx", np.float64),
+    ("measured_vy", np.float64),
+    ("measured_yaw_rate", np.float64),
+    ("clearance", np.float64),  # m, from the hull to the nearest obstacle; inf without obstacles
+    ("contact", np.int64),  # 1 when the hull touched something in this step
+    ("saturated", np.int64),  # 1 when the wheels could not turn as fast as the action asked
+    ("steps", np.int64),  # since the reset
+    ("scenario", np.int64),  # index in the bank of scenarios
+    ("noise_row", np.int64),  # next unused row of the robot's block of noise
+]
+
+ROBOT_PARAMS = [
+    ("dt", np.float64),  # control period, s
+    ("num_wheels", np.int64),
+    ("twist_action", np.int64),  # 1: actions are twists; 0: wheel speeds
+    ("holonomic", np.int64),
+    ("wheel_matrix", np.float64, (MAX_WHEELS, 3)),  # twist to wheel speeds, rad/s
+    ("forward_matrix", np.float64, (3, MAX_WHEELS)),  # wheel speeds to twist
+    ("wheel_speed_limit", np.float64),  # rad/s
+    ("acceleration", np.float64),  # m/s^2
+    ("yaw_acceleration", np.float64),  # rad/s^2
+    ("lag_decay", np.float64),  # share of a deviation left after dt
+    ("lag_mean", np.float64),  # mean share of a deviation over dt
+    ("hull_radius", np.float64),  # m
+    ("perfect_pose", np.int64),  # 1: the measured pose and twist are the true ones
+    ("pose_from_odometry", np.int64),
+    ("passive_encoders", np.int64),  # 1: encoders follow the body, 0: the drive wheels
+    ("num_encoders", np.int64),
+    ("encoder_matrix", np.float64, (MAX_WHEELS, 3)),  # twist to encoder rates, rad/s
+    ("odometry_matrix", np.float64, (3, MAX_WHEELS)),  # encoder rates to twist
+    ("position_noise", np.float64),  # standard deviation, m
+    ("heading_noise", np.float64),  # rad
+    ("encoder_noise", np.float64),  # relative
+    ("range_noise", np.float64),  # m
+    ("max_range", np.float64),  # m
+    ("shove_step", np.int64),  # step in which the pose is displaced; -1: never
+    ("shove_x", np.float64),  # m, world frame
+    ("shove_y", np.float64),
+    ("shove_heading", np.float64),  # rad
+]
+
+
+def lag_factors(lag: float, dt: float) -> tuple[float, float]:
+    """Returns (share of a deviation left after dt, mean share over dt) of a first-order lag, exactly."""
+    if lag == 0.0:
+        return 0.0, 0.0
+    decay = math.exp(-dt / lag)
+    return decay, (1.0 - decay) * lag / dt
+
+
+def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+    """Returns (twist to encoder rates, encoder rates to twist, whether the encoders sit on passive wheels).
+
+    Args:
+        source: "odometry" for the right maps; "odometry_uncorrected" for document B's two passive encoders without the
+            rotation term l th'; "odometry_plain_sum" for the forward map that documents B and C print.
+
+    Raises:
+        ValueError: if the robot has no such odometry.
+    """
+    if source == "odometry_plain_sum":
+        if not robot.holonomic:
+            raise ValueError(f"pose_source={source!r} belongs to documents B and C; robot {robot.name!r} has no such map")
+        return robot.wheel_matrix, kinematics.plain_sum_matrix(robot.wheel_matrix, robot.wheel_radius), False
+    if not robot.passive_wheel_positions:
+        if source == "odometry_uncorrected":
+            raise ValueError(f"pose_source={source!r} needs passive encoder wheels; robot {robot.name!r} has none")
+        return robot.wheel_matrix, robot.forward_matrix, False
+    passive = kinematics.wheel_matrix(
+        robot.passive_wheel_positions, robot.passive_wheel_directions, robot.passive_wheel_radius
+    )
+    # two wheels and the IMU's yaw rate as the third reading
+    readings = np.vstack([passive, [0.0, 0.0, 1.0]])
+    believed = readings.copy()
+    if source == "odometry_uncorrected":
+        believed[:2, 2] = 0.0
+    return readings, np.linalg.inv(believed), True
+
+
+POSE_SOURCES = ("ground_truth", "odometry", "odometry_uncorrected", "odometry_plain_sum")
+
+# Standard deviations at noise = 1: a good indoor localiser, quadrature encoders with tyre wear, a cheap lidar.
+POSITION_NOISE = 0.01  # m
+HEADING_NOISE = 0.01  # rad
+ENCODER_NOISE = 0.02  # relative
+RANGE_NOISE = 0.01  # m
+
+
+def robot_params(
+    robot: Robot,
+    actuators: Actuators,
+    *,
+    dt: float,
+    action_mode: str,
+    pose_source: str,
+    noise: float,
+    shove: tuple[float, float, float, float] | None,
+) -> dict[str, Any]:
+    """Returns the values of ROBOT_PARAMS (but for the beams, which a task sets)."""
+    encoders, odometry, passive = odometry_matrices(
+        robot, "odometry" if pose_source == "ground_truth" else pose_source
+    )
+    decay, mean = lag_factors(actuators.lag, dt)
+    when, shove_x, shove_y, shove_heading = shove or (-dt, 0.0, 0.0, 0.0)
+    return {
+        "dt": dt,
+        "num_wheels": len(robot.wheel_matrix),
+        "twist_action": action_mode == "twist",
+        "holonomic": robot.holonomic,
+        "wheel_matrix": _padded(robot.wheel_matrix, (MAX_WHEELS, 3)),
+        "forward_matrix": _padded(robot.forward_matrix, (3, MAX_WHEELS)),
+        "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
+        "acceleration": actuators.acceleration,
+        "yaw_acceleration": actuators.yaw_acceleration,
+        "lag_decay": decay,
+        "lag_mean": mean,
+        "hull_radius": robot.hull_radius,
+        "perfect_pose": pose_source == "ground_truth" and noise == 0.0,
+        "pose_from_odometry": pose_source != "ground_truth",
+        "passive_encoders": passive,
+        "num_encoders": len(encoders),
+        "encoder_matrix": _padded(encoders, (MAX_WHEELS, 3)),
+        "odometry_matrix": _padded(odometry, (3, MAX_WHEELS)),
+        "position_noise": POSITION_NOISE * noise,
+        "heading_noise": HEADING_NOISE * noise,
+        "encoder_noise": ENCODER_NOISE * noise,
+        "range_noise": RANGE_NOISE * noise,
+        "shove_step": round(when / dt),
+        "shove_x": shove_x,
+        "shove_y": shove_y,
+        "shove_heading": shove_heading,
+    }
+
+
+def record(fields: list[Any], values: Mapping[str, Any]) -> NDArray[np.void]:
+    """Returns an array of one record with the given dtype fields; missing and surplus values are errors."""
+    dtype = np.dtype(fields, align=True)
+    if set(dtype.names or ()) != set(values):
+        raise TypeError(f"record fields and values differ: {set(dtype.names or ()) ^ set(values)}")
+    array = np.zeros(1, dtype)
+    for name, value in values.items():
+        array[name] = value
+    return array
+
+
+def _padded(matrix: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+    padded = np.zeros(shape)
+    padded[: matrix.shape[0], : matrix.shape[1]] = matrix
+    return padded
+
+
+@njit(cache=True, error_model="numpy")
+def halt(s):
+    """Puts a robot at rest at its pose, with its clocks at zero and its odometry right."""
+    s.vx = 0.0
+    s.vy = 0.0
+    s.yaw_rate = 0.0
+    s.command_vx = 0.0
+    s.command_vy = 0.0
+    s.command_yaw_rate = 0.0
+    s.wheel_vx = 0.0
+    s.wheel_vy = 0.0
+    s.wheel_yaw_rate = 0.0
+    s.odometry_x = s.x
+    s.odometry_y = s.y
+    s.odometry_heading = s.heading
+    s.contact = 0
+    s.saturated = 0
+    s.steps = 0

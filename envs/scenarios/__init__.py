@@ -1,0 +1,27 @@
+"""Scenarios: the courses of the source documents, random families, and the user's own files.
+
+`path_scenarios` and `goal_scenarios` return the bank of scenarios that an environment draws from at each
+reset. The modules: `scenario` (what a scenario is), `obstacles` and `curves` (what it is built from),
+`path_presets`, `goal_presets` and `fields` (the names), `tables` and `files` (the user's files), `bank` (all
+of them by name).
+"""
+
+from wayfield.envs.scenarios.bank import goal_scenarios, path_scenarios
+from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
+from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
+from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
+from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
+
+__all__ = [
+    "GOAL_SCENARIOS",
+    "PATH_SCENARIOS",
+    "GoalScenario",
+    "PathScenario",
+    "box",
+    "check_clear",
+    "circle",
+    "goal_scenarios",
+    "obstacle_field",
+    "path_scenarios",
+    "wall",
+]

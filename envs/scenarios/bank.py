@@ -1,0 +1,85 @@
+"""The banks of scenarios that the environments draw from, by name or from the user's file."""
+
+import functools
+import os
+from collections.abc import Iterable
+
+from wayfield.envs.scenarios.files import goal_scenario_from_file, path_scenario_from_file
+from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
+from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
+from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
+from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
+from wayfield.envs.scenarios.validation import checked_number, suggestion
+
+_FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json")
+
+
+def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
+    """Returns the path-following scenarios of a name: one, or the many of a random family.
+
+    Args:
+        name: a name of PATH_SCENARIOS, or a .csv, .txt or .json file; see `path_scenario_from_file`.
+        scale: multiplies the positions of paths and starts, not the corridor or the start offsets.
+
+    Raises:
+        ValueError: if the name is unknown, the scale is not above 0, or the file is faulty.
+        OSError: if the file cannot be opened.
+    """
+    scale = checked_number("scale", scale, above=0.0)
+    if name in PATH_SCENARIOS:
+        return _named_path_scenarios(name, scale)
+    if not _means_file(name):
+        raise _unknown("path", name, PATH_SCENARIOS)
+    return (path_scenario_from_file(os.fspath(name), scale),)
+
+
+def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
+    """Returns the goal-reaching scenarios of a name: one, or the many of a random family.
+
+    Args:
+        name: a name of GOAL_SCENARIOS, or a .json file; see `goal_scenario_from_file`.
+        hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
+
+    Raises:
+        ValueError: if the name is unknown, the hull does not fit, or the file is faulty.
+        OSError: if the file cannot be opened.
+    """
+    hull_radius = checked_number("hull_radius", hull_radius, above=0.0)
+    if name in GOAL_SCENARIOS:
+        return _named_goal_scenarios(name, hull_radius)
+    if not _means_file(name):
+        raise _unknown("goal", name, GOAL_SCENARIOS)
+    scenario = goal_scenario_from_file(os.fspath(name))
+    try:
+        check_clear(scenario, hull_radius)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    return (scenario,)
+
+
+# A vector of single environments asks for the same bank once per robot. Files are read anew: the user edits
+# them.
+@functools.lru_cache
+def _named_path_scenarios(name: str, scale: float) -> tuple[PathScenario, ...]:
+    bank = PATH_SCENARIOS[name]()
+    return bank if scale == 1.0 else tuple(scenario.scaled(scale) for scenario in bank)
+
+
+@functools.lru_cache
+def _named_goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
+    bank = GOAL_SCENARIOS[name](hull_radius)
+    for scenario in bank:
+        check_clear(scenario, hull_radius)
+    return bank
+
+
+def _means_file(name: str) -> bool:
+    """Returns whether a name that is not registered is meant as a file."""
+    return os.path.splitext(name)[1].lower() in _FILE_SUFFIXES or os.path.exists(name)
+
+
+def _unknown(task: str, name: str, known: Iterable[str]) -> ValueError:
+    return ValueError(
+        f"unknown {task} scenario {name!r}.{suggestion(name, known)} The names are {', '.join(known)}; "
+        f"a file is named by its path and ends in {', '.join(_FILE_SUFFIXES)}."
+    )

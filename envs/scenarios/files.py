@@ -1,0 +1,180 @@
+"""Scenarios from the user's files: JSON for both tasks, and bare path tables."""
+
+import inspect
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+from wayfield.envs.paths import Path
+from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
+from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
+from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table, read_text
+from wayfield.envs.scenarios.validation import FARTHEST, checked_numbers, shown, suggestion
+
+_PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
+_GOAL_FIELDS = (
+    *("goal", "start", "waypoints", "obstacles", "start_offset", "start_turn"),
+    *("position_tolerance", "heading_tolerance", "waypoint_radius"),
+)
+_OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box": box, "wall": wall}
+
+
+def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
+    """Returns the path-following scenario of a .csv, .txt or .json file, its positions multiplied by `scale`.
+
+    For tables see `path_from_table`. A JSON file holds one object: "path" [[x, y], ...] or "path_file" (a
+    table, relative to the JSON file), and as wanted "closed", "laps", "start" [x, y, heading],
+    "start_offset", "start_turn" and "corridor", with the meaning and defaults of `PathScenario`.
+
+    Raises:
+        ValueError: if the file cannot be read as such; one line that starts with the file and names the field
+            and the value.
+        OSError: if it cannot be opened, FileNotFoundError if there is none.
+    """
+    name, suffix = os.path.splitext(os.path.basename(file))
+    if suffix.lower() in TABLE_SUFFIXES:
+        return PathScenario(name, path_from_table(file, scale))
+    if suffix.lower() != ".json":
+        raise _fault(file, f"suffix {suffix!r} is not known; a path is read from .csv, .txt or .json")
+    fields = _json_object(file)
+    _check_keys(file, "", fields, _PATH_FIELDS)
+    if ("path" in fields) == ("path_file" in fields):
+        raise _fault(file, "exactly one of the fields 'path' and 'path_file' must be given")
+    closed = fields.pop("closed", None)
+    if not (closed is None or isinstance(closed, bool)):
+        raise _fault(file, f"closed is {shown(closed)}; it must be true or false")
+    try:
+        if "path" in fields:
+            fields["path"] = _listed_path(fields["path"], closed, scale)
+        else:
+            fields["path"] = _table_path(file, fields.pop("path_file"), closed, scale)
+        if fields.get("start") is not None:
+            x, y, heading = checked_numbers("start", fields["start"], 3, "x, y, heading")
+            fields["start"] = (x * scale, y * scale, heading)
+        return PathScenario(name, **fields)
+    except ValueError as error:
+        raise _fault(file, error) from None
+
+
+def goal_scenario_from_file(file: str) -> GoalScenario:
+    """Returns the goal-reaching scenario of a .json file.
+
+    It holds one object: "goal" [x, y, heading], and as wanted "start" [x, y, heading], "waypoints" [[x, y],
+    ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and the arguments of the
+    constructor of that name), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and
+    "waypoint_radius", with the meaning and defaults of `GoalScenario`.
+
+    Raises:
+        ValueError: if the file cannot be read as such; one line that starts with the file and names the field
+            and the value.
+        OSError: if it cannot be opened, FileNotFoundError if there is none.
+    """
+    name, suffix = os.path.splitext(os.path.basename(file))
+    if suffix.lower() != ".json":
+        raise _fault(file, f"suffix {suffix!r} is not known; a goal scenario is read from .json")
+    fields = _json_object(file)
+    _check_keys(file, "", fields, _GOAL_FIELDS, required=("goal",))
+    for field in ("waypoints", "obstacles"):
+        if not isinstance(fields.get(field, []), list):
+            raise _fault(file, f"{field} is {shown(fields[field])}; it must be a list")
+    obstacles = [
+        _obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))
+    ]
+    try:
+        return GoalScenario(name, **fields, obstacles=obstacle_field(*obstacles))
+    except ValueError as error:
+        raise _fault(file, error) from None
+
+
+def _table_path(file: str, table: Any, closed: bool | None, scale: float) -> Path:
+    """Returns the path of the table that a JSON file names, closed as it or else the table says."""
+    if not isinstance(table, str) or os.path.splitext(table)[1].lower() not in TABLE_SUFFIXES:
+        raise ValueError(f"path_file is {shown(table)}; it must be the name of a .csv or .txt file")
+    path = path_from_table(os.path.join(os.path.dirname(file), table), scale)
+    return path if closed is None else Path(path.points, closed)
+
+
+def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:
+    """Returns the path of the points in a JSON file; closed None: when the last point repeats the first."""
+    if not isinstance(points, list):
+        raise ValueError(f"path is {shown(points)}; it must be a list of [x, y]")
+    pairs = [checked_numbers(f"path[{i}]", point, 2, "x, y") for i, point in enumerate(points)]
+    for i, (x, y) in enumerate(pairs):
+        if max(abs(x), abs(y)) * scale > FARTHEST:
+            raise ValueError(f"path[{i}] is {(x, y)}; it must lie within {FARTHEST:g} m of the origin")
+    repeats_first = len(pairs) > 1 and pairs[0] == pairs[-1]
+    if repeats_first and closed is not False:
+        pairs, closed = pairs[:-1], True
+    return Path([(x * scale, y * scale) for x, y in pairs] or np.empty((0, 2)), bool(closed))
+
+
+def _obstacle(file: str, place: str, value: Any) -> np.void:
+    """Returns the record of one entry of a goal scenario's obstacles."""
+    if not isinstance(value, dict):
+        raise _fault(file, f"{place} is {shown(value)}; it must be an object with a kind")
+    arguments = dict(value)
+    kind = arguments.pop("kind", None)
+    if not isinstance(kind, str) or kind not in _OBSTACLE_KINDS:
+        near = suggestion(kind, _OBSTACLE_KINDS) if isinstance(kind, str) else ""
+        raise _fault(
+            file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}"
+        )
+    parameters = inspect.signature(_OBSTACLE_KINDS[kind]).parameters
+    required = [name for name, parameter in parameters.items() if parameter.default is parameter.empty]
+    _check_keys(file, f"{place}.", arguments, parameters, required)
+    try:
+        return _OBSTACLE_KINDS[kind](**arguments)
+    except ValueError as error:
+        raise _fault(file, f"{place}: {error}") from None
+
+
+def _check_keys(
+    file: str, place: str, fields: dict[str, Any], known: Iterable[str], required: Iterable[str] = ()
+) -> None:
+    """Refuses an object with a field that nothing reads, or without one that is required."""
+    for key in fields:
+        if key not in known:
+            near = suggestion(key, known)
+            raise _fault(
+                file, f"field {place + key!r} is not known; the fields are {', '.join(known)}.{near}"
+            )
+    for key in required:
+        if key not in fields:
+            raise _fault(file, f"field {place + key!r} is missing")
+
+
+def _json_object(file: str) -> dict[str, Any]:
+    """Returns the one object of a JSON file."""
+    try:
+        content = json.loads(read_text(file), object_pairs_hook=_without_repeats, parse_constant=_not_json)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{file}:{error.lineno}: {error.msg}") from None
+    except RecursionError:
+        raise _fault(file, "is nested too deeply") from None
+    except ValueError as error:
+        raise _fault(file, error) from None
+    if not isinstance(content, dict):
+        raise _fault(file, f"holds {shown(content)}; it must be one object {{...}}")
+    return content
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Returns the object of the pairs; JSON itself would keep only the last of two fields of one name."""
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"field {twice!r} is given twice")
+    return fields
+
+
+def _not_json(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is not a number of JSON; every number must be finite")
+
+
+def _fault(file: str, problem: object) -> ValueError:
+    """Returns the error with the file in front, unless it is there already, with the line."""
+    text = str(problem)
+    return ValueError(text if text.startswith(f"{file}:") else f"{file}: {text}")

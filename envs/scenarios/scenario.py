@@ -1,0 +1,157 @@
+"""What an episode is about: the path or the goal, where the robot starts, what stands in the way."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wayfield.envs.geometry import OBSTACLE, clearance_to
+from wayfield.envs.paths import Path
+from wayfield.envs.scenarios.obstacles import described, obstacle_field
+from wayfield.envs.scenarios.validation import FARTHEST, checked_number, checked_numbers, shown
+
+
+# Compared by identity: arrays have no single truth value, and a bank never holds the same scenario twice.
+@dataclasses.dataclass(frozen=True, eq=False)
+class PathScenario:
+    """A path to follow.
+
+    Raises:
+        ValueError: if a value is not finite or out of its range, or the start can lie outside the corridor;
+            the message names the field and the value.
+    """
+
+    name: str
+    path: Path
+    laps: int = 1  # laps asked on a closed path, 0 for no end but the clock; an open path has 1
+    start: tuple[float, float, float] | None = (
+        None  # x, y (m), heading (rad); None: the first point, along the path
+    )
+    start_offset: float = 0.0  # m, the lateral start offset is drawn from [-start_offset, start_offset]
+    start_turn: float = 0.0  # rad, the start heading is turned by a draw from [-start_turn, start_turn]
+    corridor: float = 1.0  # m, the episode fails when |cross-track error| exceeds it
+
+    def __post_init__(self) -> None:
+        if not (np.abs(self.path.points) <= FARTHEST).all():
+            raise ValueError(f"path has a point beyond {FARTHEST:g} m of the origin")
+        if not isinstance(self.laps, int | np.integer) or isinstance(self.laps, bool) or self.laps < 0:
+            raise ValueError(f"laps is {shown(self.laps)}; it must be a whole number of at least 0")
+        if self.laps != 1 and not self.path.closed:
+            raise ValueError(
+                f"laps is {self.laps}; an open path has 1 lap, only a closed one can have another number"
+            )
+        _settle(self, "laps", int(self.laps))
+        _settle(self, "start_offset", checked_number("start_offset", self.start_offset, least=0.0))
+        _settle(self, "start_turn", checked_number("start_turn", self.start_turn, least=0.0))
+        _settle(self, "corridor", checked_number("corridor", self.corridor, above=0.0))
+        distance = 0.0
+        if self.start is not None:
+            _settle(self, "start", checked_numbers("start", self.start, 3, "x, y, heading"))
+            distance = _distance_to(self.path, *self.start[:2])
+        if distance + self.start_offset > self.corridor:
+            raise ValueError(
+                f"start is {self.start} with start_offset {self.start_offset:g}, up to "
+                f"{distance + self.start_offset:.3g} m from the path; the corridor is {self.corridor:g} m"
+            )
+
+    def scaled(self, scale: float) -> "PathScenario":
+        """Returns the scenario with the positions of path and start multiplied; offsets and corridor stay."""
+        path = Path(self.path.points * scale, self.path.closed)
+        start = self.start and (self.start[0] * scale, self.start[1] * scale, self.start[2])
+        return dataclasses.replace(self, path=path, start=start)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GoalScenario:
+    """A pose to reach, past waypoints and around obstacles.
+
+    Raises:
+        ValueError: if a value is not finite or out of its range; the message names the field and the value.
+    """
+
+    name: str
+    goal: tuple[float, float, float]  # x, y (m), heading (rad)
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y (m), heading (rad)
+    waypoints: tuple[tuple[float, float], ...] = ()  # x, y (m), passed in this order before the goal
+    # OBSTACLE records, shape (m,), read-only
+    obstacles: NDArray[np.void] = dataclasses.field(default_factory=obstacle_field)
+    start_offset: float = 0.0  # m, the start is drawn from a square of this half side, where it is clear
+    start_turn: float = 0.0  # rad, the start heading is turned by a draw from [-start_turn, start_turn]
+    position_tolerance: float = 0.1  # m
+    heading_tolerance: float = 0.1  # rad; pi accepts every heading
+    waypoint_radius: float = 0.5  # m, a waypoint counts as passed within it
+
+    def __post_init__(self) -> None:
+        _settle(self, "goal", checked_numbers("goal", self.goal, 3, "x, y, heading"))
+        _settle(self, "start", checked_numbers("start", self.start, 3, "x, y, heading"))
+        waypoints = [checked_numbers(f"waypoints[{i}]", p, 2, "x, y") for i, p in enumerate(self.waypoints)]
+        _settle(self, "waypoints", tuple(waypoints))
+        _settle(self, "obstacles", _checked_obstacles(self.obstacles))
+        for field in ("start_offset", "start_turn"):
+            _settle(self, field, checked_number(field, getattr(self, field), least=0.0))
+        for field in ("position_tolerance", "heading_tolerance", "waypoint_radius"):
+            _settle(self, field, checked_number(field, getattr(self, field), above=0.0))
+
+
+def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
+    """Checks that a disc of `hull_radius` (m) fits at the start and at the goal, and can pass the waypoints.
+
+    A waypoint may be nearer to an obstacle than the hull allows, since it need only be passed within its
+    radius, but not so near that the radius does not make up for it, and not inside an obstacle.
+
+    Raises:
+        ValueError: naming the scenario, the place and the obstacle that lies over it.
+    """
+    checked_number("hull_radius", hull_radius, above=0.0)
+    places = [
+        ("start", scenario.start[:2], hull_radius),
+        ("goal", scenario.goal[:2], hull_radius),
+        *(
+            (f"waypoints[{i}]", point, max(hull_radius - scenario.waypoint_radius, 0.0))
+            for i, point in enumerate(scenario.waypoints)
+        ),
+    ]
+    for place, (x, y), needed in places:
+        for j, obstacle in enumerate(scenario.obstacles):
+            distance = clearance_to(obstacle, x, y)
+            if distance < needed or distance <= 0.0:
+                raise ValueError(
+                    f"scenario {scenario.name!r}: obstacles[{j}] ({described(obstacle)}) is over the {place} "
+                    f"at ({x:g}, {y:g}): clearance {distance:.3g} m for a hull of radius {hull_radius:g} m"
+                )
+
+
+def _settle(scenario: PathScenario | GoalScenario, field: str, value: Any) -> None:
+    """Sets a field of a frozen scenario to its checked value."""
+    object.__setattr__(scenario, field, value)
+
+
+def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
+    """Returns a read-only copy of OBSTACLE records, shape (m,); ValueError names the record that is no
+    obstacle."""
+    records = list(obstacles)
+    for j, record in enumerate(records):
+        # NumPy would spread a plain number over all fields of a record
+        if not isinstance(record, np.void) or record.dtype != OBSTACLE:
+            raise ValueError(
+                f"obstacles[{j}] is {shown(record)}; it must be an OBSTACLE record: circle, box or wall"
+            )
+    field = obstacle_field(*records)
+    sizes = ("half_length", "half_width", "radius", "mass")
+    for name in OBSTACLE.names or ():
+        bad = np.flatnonzero(~np.isfinite(field[name]) | ((field[name] < 0.0) & (name in sizes)))
+        if len(bad):
+            raise ValueError(
+                f"obstacles[{bad[0]}].{name} is {field[name][bad[0]]}; it must be finite"
+                + (" and at least 0" if name in sizes else "")
+            )
+    return field
+
+
+def _distance_to(path: Path, x: float, y: float) -> float:
+    """Returns the distance (m) from a point to the polyline."""
+    vertices = path.vertices
+    dx, dy = x - vertices["x"][:-1], y - vertices["y"][:-1]
+    ux, uy = vertices["ux"][:-1], vertices["uy"][:-1]
+    along = np.clip(dx * ux + dy * uy, 0.0, np.diff(vertices["s"]))
+    return float(np.hypot(dx - along * ux, dy - along * uy).min())

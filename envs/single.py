@@ -1,0 +1,114 @@
+"""The gymnasium.Env shell: a batch of one robot."""
+
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.batch import Batch, Results
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.task import CONTROL_PERIOD, Task, choose
+
+Array = NDArray[np.float32]
+FPS = round(1.0 / CONTROL_PERIOD)
+
+
+class SingleEnv(gymnasium.Env[Array, Array]):
+    """One robot of a task. Subclasses are the registered classes: keyword arguments and documentation."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": FPS}
+
+    def __init__(self, task: Task, render_mode: str | None) -> None:
+        if render_mode is not None:
+            choose("render_mode", render_mode, self.metadata["render_modes"])
+        self.task = task
+        self.render_mode = render_mode
+        self.observation_space = task.layout.space
+        most = task.options.max_action.astype(np.float32)
+        self.action_space = gymnasium.spaces.Box(-most, most, dtype=np.float32)
+        self.batch = Batch(task, 1)
+        self.marks: dict[str, tuple[float, float]] = {}
+        self._shape = self.batch.action_shape
+        self._observation_shape = (1, task.layout.size)
+        self._results = Results(task, 1)
+        # views made once: making one takes as long as a tenth of a step
+        self._action = self.batch.actions[0]
+        self._numbers = self._results.numbers[:, 0]
+        self._flags = self._results.flags[:, 0]
+        self._names = (*task.info_names, *task.flag_names)
+        self._first = np.zeros(1, np.int64)
+        self._generators: list[np.random.Generator] = []
+        self._trail: list[tuple[float, float]] = []
+        self._renderer: Any = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Starts an episode; see gymnasium.Env.reset. No options are known."""
+        super().reset(seed=seed)
+        if options:
+            raise ValueError(f"options={options!r}: this environment knows none; use the keyword arguments of make")
+        self._generators = [self.np_random]
+        results = self._results
+        results.observations = np.empty_like(results.observations)
+        self.batch.reset(self._first, self._generators, results)
+        self.marks = {}
+        self._trail = []
+        if self.render_mode is not None:
+            self._note_position()
+        values = self._numbers.tolist()[:-1] + self._flags.tolist()[:-1]
+        return results.observations[0], dict(zip(self._names, values, strict=True))
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Moves the robot by one control period; see gymnasium.Env.step. The clock is the TimeLimit wrapper's.
+
+        Raises:
+            TypeError, ValueError: if the action is not a finite array of the action space's shape. Values outside the
+                space are allowed: the wheels saturate, as a real base would.
+        """
+        if not self._generators:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        if type(action) is not np.ndarray or action.dtype.kind != "f" or action.shape != self._shape:
+            action = self.batch.checked(action, self._shape)
+        self._action[:] = action
+        results = self._results
+        results.observations = observations = np.empty(self._observation_shape, np.float32)
+        self.batch.step(self._generators, results)
+        if self.render_mode is not None:
+            self._note_position()
+        numbers = self._numbers.tolist()
+        reward = numbers.pop()
+        flags = self._flags.tolist()
+        terminated = flags.pop()
+        return observations[0], reward, terminated, False, dict(zip(self._names, numbers + flags, strict=True))
+
+    def render(self) -> Any:
+        """Returns an (h, w, 3) uint8 frame in "rgb_array" mode; "human" mode draws by itself."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() needs a render mode: gymnasium.make(id, render_mode="rgb_array")')
+            return None
+        if not self._generators:
+            raise gymnasium.error.ResetNeeded("call reset before render")
+        return self._draw()
+
+    def close(self) -> None:
+        """Closes the window."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def briefing(self, knows: str) -> Briefing:
+        """Returns what a policy that declares `knows` may be told about the episode that was just reset."""
+        return self.batch.briefing(knows)
+
+    def _note_position(self) -> None:
+        state = self.batch.states[0]
+        self._trail.append((float(state["x"]), float(state["y"])))
+        if self.render_mode == "human":
+            self._draw()
+
+    def _draw(self) -> Any:
+        from wayfield.envs.rendering import Renderer
+
+        if self._renderer is None:
+            self._renderer = Renderer(str(self.render_mode), FPS)
+        return self._renderer.draw(self.batch.scene(0, np.array(self._trail), self.marks))

@@ -1,0 +1,157 @@
+"""The gymnasium.vector.VectorEnv shell: a batch of many robots, stepped by one compiled call."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from wayfield.envs.batch import Batch, Results
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.task import choose
+
+AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
+
+
+class NativeVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+    """Many robots of one registered environment; row i, seeded seed + i, equals the single environment bit for bit.
+
+    Args:
+        single: the registered class; its task and spaces serve the whole batch.
+        num_envs: number of robots.
+        max_episode_steps: the clock, counted here because no TimeLimit wrapper is applied; None is no clock.
+        autoreset_mode: "NextStep" (an ended robot is reset by the step after, which moves nothing and is no
+            transition) or "SameStep" (reset at once; info has `final_obs` and `final_info`).
+    """
+
+    def __init__(
+        self,
+        single: Callable[..., SingleEnv],
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        **kwargs: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        if isinstance(autoreset_mode, AutoresetMode):
+            autoreset_mode = autoreset_mode.value
+        choose("autoreset_mode", autoreset_mode, AUTORESET_MODES)
+        self.autoreset_mode = AUTORESET_MODES[autoreset_mode]
+        env = single(**kwargs)
+        self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = env.render_mode
+        if self.render_mode == "human":
+            raise ValueError('render_mode="human" shows one robot: use gymnasium.make, or "rgb_array" here')
+        self.task = env.task
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps
+        self.single_observation_space = env.observation_space
+        self.single_action_space = env.action_space
+        self.observation_space = batch_space(env.observation_space, num_envs)
+        self.action_space = batch_space(env.action_space, num_envs)
+        self.batch = Batch(env.task, num_envs)
+        self._generators: list[np.random.Generator] = []
+        self._shape = (num_envs, *self.batch.action_shape)
+        self._all = np.ones(num_envs, np.bool_)
+        self._ended = np.zeros(num_envs, np.bool_)
+        self._renderers: list[Any] = []
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Returns the generators of the rows."""
+        return tuple(self._generators)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Starts an episode in every row; row i is seeded seed + i. See gymnasium.vector.VectorEnv.reset."""
+        if options:
+            raise ValueError(f"options={options!r}: this environment knows none; use the keyword arguments of make_vec")
+        if isinstance(seed, int | np.integer):
+            seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
+        if not self._generators:
+            self._generators = [seeding.np_random(each)[0] for each in seeds]
+        else:
+            for i, each in enumerate(seeds):
+                if each is not None:
+                    self._generators[i] = seeding.np_random(each)[0]
+        results = Results(self.task, self.num_envs)
+        self.batch.reset(np.arange(self.num_envs), self._generators, results)
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        return results.observations, self._info(results)
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Moves every robot by one control period; see gymnasium.vector.VectorEnv.step."""
+        if not self._generators:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        if type(actions) is not np.ndarray or actions.dtype.kind != "f" or actions.shape != self._shape:
+            actions = self.batch.checked(actions, self._shape)
+        batch = self.batch
+        batch.actions[:] = actions
+        batch.skip[:] = self._ended
+        results = Results(self.task, self.num_envs)
+        batch.step(self._generators, results)
+        if self._ended.any():
+            batch.reset(np.flatnonzero(self._ended), self._generators, results)
+        if self.max_episode_steps is None:
+            truncated = np.zeros(self.num_envs, np.bool_)
+        else:
+            truncated = batch.states["steps"] >= self.max_episode_steps
+        rewards, terminated = results.numbers[-1], results.flags[-1]
+        ended = terminated | truncated
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            self._ended = ended
+            return results.observations, rewards, terminated, truncated, self._info(results)
+        rows = np.flatnonzero(ended)
+        info: dict[str, Any] = {}
+        if len(rows):
+            final_obs = np.full(self.num_envs, None, dtype=object)
+            for i in rows.tolist():
+                final_obs[i] = results.observations[i].copy()
+            info["final_obs"], info["_final_obs"] = final_obs, ended
+            info["final_info"], info["_final_info"] = self._info(results, ended), ended.copy()
+            rewards, terminated = rewards.copy(), terminated.copy()
+            batch.reset(rows, self._generators, results)
+        return results.observations, rewards, terminated, truncated, info | self._info(results)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Returns a frame (h, w, 3) of each robot in "rgb_array" mode."""
+        if self.render_mode is None:
+            return None
+        from wayfield.envs.rendering import Renderer
+
+        if not self._renderers:
+            self._renderers = [Renderer("rgb_array", self.metadata["render_fps"]) for _ in range(self.num_envs)]
+        nothing = np.empty((0, 2))
+        return tuple(r.draw(self.batch.scene(i, nothing, {})) for i, r in enumerate(self._renderers))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Closes the renderers."""
+        for renderer in self._renderers:
+            renderer.close()
+        self._renderers = []
+
+    def briefing(self, knows: str) -> Briefing:
+        """Returns what a policy that declares `knows` may be told about the episodes that were just reset."""
+        return self.batch.briefing(knows)
+
+    def _info(self, results: Results, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Returns Gymnasium's vector info: an array and a mask for each name; rows outside the mask hold zero."""
+        info: dict[str, Any] = {}
+        names = (*self.task.info_names, *self.task.flag_names)
+        for name, values in zip(names, (*results.numbers[:-1], *results.flags[:-1]), strict=True):
+            info[name] = values if mask is None else np.where(mask, values, values.dtype.type(0))
+            info[f"_{name}"] = (self._all if mask is None else mask).copy()
+        return info

@@ -1,0 +1,7 @@
+"""Gymnasium environments for wheeled robots in the plane, with classical controllers as reference policies.
+
+Importing `wayfield` registers the environment ids with Gymnasium and nothing more: compiled kernels, physics and
+drawing are loaded when an environment is made, so that the import stays light.
+"""
+
+import wayfield.envs  # noqa: F401  registers the ids

@@ -1,0 +1,74 @@
+"""The one door that every policy stands behind, and the pilot that drives an environment with a policy."""
+
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.vector import NativeVectorEnv
+
+Array = NDArray[np.float64]
+
+
+class Policy(Protocol):
+    """Maps what robots observe to the twists they shall drive, for a batch of b robots at once.
+
+    A policy is a frozen dataclass: every gain is a field. What it remembers during an episode is made by `reset`,
+    handed to every `act`, and changed in place there; memory[i] is robot i's.
+    """
+
+    knows: ClassVar[str]
+    """What it must be told before an episode: "sensors" (nothing), "path", "goal" or "map"."""
+
+    observes: ClassVar[tuple[type, ...]]
+    """The observation types it can read, of one task or of several."""
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns fresh memory, shape (b, ...), for episodes that start under the briefing."""
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
+        """Returns body twists (b, t) in m/s and rad/s, t the robot's twist axes, for observations of shape (b, ...)."""
+
+
+class Pilot:
+    """Drives an environment, single or native vector, with a policy.
+
+    Call `reset` after the environment's reset, then `act` with each observation: it unpacks the named fields and turns
+    the policy's twists into actions of the environment's action mode.
+
+    Raises:
+        TypeError: if the policy cannot read the environment's observations.
+    """
+
+    def __init__(self, policy: Policy, env: Any) -> None:
+        base: SingleEnv | NativeVectorEnv = env.unwrapped
+        kind = base.task.layout.kind
+        if kind not in policy.observes:
+            raise TypeError(
+                f"{type(policy).__name__} reads {' or '.join(f'{o.__module__}.{o.__name__}' for o in policy.observes)}, "
+                f"but {type(base).__name__} gives {kind.__module__}.{kind.__name__}"
+            )
+        self.policy = policy
+        self._env = base
+        self._shape = base.action_space.shape
+        self.briefing: Briefing
+        self.memory: NDArray[Any]
+
+    def reset(self, rows: NDArray[Any] | None = None) -> None:
+        """Tells the policy of the episodes that have just begun, in all rows or in the given ones."""
+        self.briefing = self._env.briefing(self.policy.knows)
+        memory = self.policy.reset(self.briefing)
+        if rows is None:
+            self.memory = memory
+        else:
+            self.memory[rows] = memory[rows]
+
+    def act(self, observation: NDArray[Any]) -> Array:
+        """Returns the action for the observation, with the environment's own shapes."""
+        fields = self.briefing.layout.unpack(np.atleast_2d(observation).astype(np.float64))
+        twists = self.policy.act(fields, self.briefing, self.memory)
+        if self.briefing.action_mode == "wheel_speeds":
+            twists = self.briefing.robot.wheel_speeds_from_twist(twists)
+        return twists.reshape(self._shape)

@@ -1,0 +1,213 @@
+"""Document C's artificial potential field: as printed, with its escape from local minima, and put right."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.geometry import nearest_surface
+
+
+@dataclasses.dataclass(frozen=True)
+class PotentialField:
+    """Drives with the sum of an attracting and a repelling force as its velocity.
+
+    With x the position, x* the goal, x_o the centres of the obstacles and d their distances:
+
+        F_att = k_att (x* - x)
+        F_rep = sum over d <= tau of k_rep (x - x_o) / d^4
+        l_c = |F_att| / (|F_rep| + 0.0001), a local minimum is declared when l_c <= tau_l
+
+    With `escape`, the repulsion turned by 90 degrees is added while a local minimum is declared: towards the goal's side
+    of the obstacle, to the left when all three are in line, and that side is kept until the obstacle is passed.
+
+    Obstacles and robot are points here. The force jumps by k_rep / tau^3 where the influence begins; as printed there is
+    no speed limit but the wheels'. With an obstacle on the straight way the field as printed never arrives: it bounces
+    (tau up to 1 m) or rests at a saddle. `stop_radius` 0.25 m and `max_speed` 0.3 m/s reproduce where the document's
+    real robots stopped. tau, tau_l are not printed. Holonomic robots only.
+
+    Source: document C (four-omni-wheel robot).
+    """
+
+    k_att: float = 0.2  # 1/s
+    k_rep: float = 0.52  # m^4/s
+    tau: float = 0.5  # m, range of the repulsion
+    tau_l: float = 1.05  # l_c is 1 at any equilibrium
+    escape: bool = False
+    max_speed: float = math.inf  # m/s
+    stop_radius: float = 0.0  # m, from the goal
+
+    knows: ClassVar[str] = "map"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        for name in ("k_att", "k_rep", "tau", "tau_l", "max_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} must be above 0, got {getattr(self, name)!r}")
+        if not self.stop_radius >= 0.0:
+            raise ValueError(f"stop_radius must be at least 0 m, got {self.stop_radius!r}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the side on which each robot passes an obstacle, (b,): +1 left, -1 right, 0 undecided."""
+        return np.zeros(briefing.num_envs)
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, 3): m/s, m/s, rad/s."""
+        assert briefing.obstacles is not None
+        to_goal = world_from_body(observation.goal, observation.pose)
+        away = observation.pose[:, None, :2] - np.stack([briefing.obstacles["x"], briefing.obstacles["y"]], axis=-1)
+        distance = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-6)
+        standing = np.arange(distance.shape[1]) < briefing.num_obstacles[:, None]  # type: ignore[index]
+        distance[~standing] = np.inf
+        attraction = self.k_att * to_goal
+        near = distance <= self.tau
+        strength = np.where(near, self.k_rep / distance**4, 0.0)
+        repulsion = np.einsum("bm,bmk->bk", strength, away)
+        force = attraction + repulsion
+        if self.escape and distance.shape[1]:
+            l_c = norm(attraction) / (norm(repulsion) + 0.0001)
+            nearest = distance.argmin(axis=1)
+            to_obstacle = -np.take_along_axis(away, nearest[:, None, None], axis=1)[:, 0]
+            trapped = (l_c <= self.tau_l) & near.any(axis=1)
+            choose_side(memory, trapped, to_obstacle, to_goal)
+            turned = memory[:, None] * np.column_stack([repulsion[:, 1], -repulsion[:, 0]])
+            force += np.where(trapped[:, None], turned, 0.0)
+        force *= np.minimum(1.0, self.max_speed / np.maximum(norm(force), 1e-12))[:, None]
+        turn = self.k_att * observation.goal_heading_error
+        resting = norm(to_goal) <= self.stop_radius
+        return np.where(resting[:, None], 0.0, np.column_stack([body_from_world(force, observation.pose), turn]))
+
+
+@dataclasses.dataclass(frozen=True)
+class CorrectedField:
+    """A potential field without the faults of the printed one.
+
+    With e the vector to the goal, d = |e|, rho the gap between hull and surface of an obstacle and n the direction away
+    from its nearest point:
+
+        F_att = k e, no longer than max_speed                                       (Latombe: conic far, parabolic near)
+        F_rep = eta (1/rho - 1/rho_0) d^2 / rho^2 n + eta (1/rho - 1/rho_0)^2 e     for rho <= rho_0
+
+    The repulsion is Khatib's FIRAS function, measured to the surface, times Ge and Cui's d^2, so that it vanishes at a
+    goal that lies close to an obstacle. While the first part of F_rep opposes the way to the goal it is turned by 90
+    degrees instead, towards the goal's side of the obstacle, which leaves no point where the forces cancel; the side is
+    kept until the obstacle is passed. The sum is cut to max_speed. Traps deeper than the field sees, such as a U around
+    the goal, still hold it. Holonomic robots only.
+
+    Source: Khatib, IJRR 5(1), 1986, eq. 18; Ge and Cui, IEEE T-RA 16(5), 2000, eqs. 7-10.
+    """
+
+    k: float = 0.6  # 1/s
+    eta: float = 0.02  # m^2/s
+    rho_0: float = 0.6  # m, range of the repulsion
+    max_speed: float = 0.3  # m/s
+
+    knows: ClassVar[str] = "map"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        for name in ("k", "eta", "rho_0", "max_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} must be above 0, got {getattr(self, name)!r}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the side on which each robot passes an obstacle, (b,): +1 left, -1 right, 0 undecided."""
+        return np.zeros(briefing.num_envs)
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, 3): m/s, m/s, rad/s."""
+        to_goal = world_from_body(observation.goal, observation.pose)
+        force = np.empty_like(to_goal)
+        corrected_forces(
+            briefing.obstacles,
+            briefing.num_obstacles,
+            observation.pose,
+            to_goal,
+            briefing.robot.hull_radius,
+            self.k,
+            self.eta,
+            self.rho_0,
+            self.max_speed,
+            memory,
+            force,
+        )
+        return np.column_stack([body_from_world(force, observation.pose), self.k * observation.goal_heading_error])
+
+
+@njit(cache=True, error_model="numpy")
+def corrected_forces(obstacles, counts, poses, to_goal, hull_radius, k, eta, rho_0, max_speed, sides, forces):
+    """Fills the (b, 2) forces of `CorrectedField`, in the world frame, and keeps the sides up to date."""
+    for i in range(poses.shape[0]):
+        ex, ey = to_goal[i]
+        d = math.sqrt(ex * ex + ey * ey)
+        shorten = min(k, max_speed / max(d, 1e-12))
+        fx = shorten * ex
+        fy = shorten * ey
+        ahead = False
+        for j in range(counts[i]):
+            distance, nx, ny = nearest_surface(obstacles[i, j], poses[i, 0], poses[i, 1])
+            # a touching hull is pushed away with the force of a millimetre's gap
+            rho = max(distance - hull_radius, 1e-3)
+            if rho > rho_0:
+                continue
+            gap = 1.0 / rho - 1.0 / rho_0
+            push = eta * gap * d * d / (rho * rho)
+            pull = eta * gap * gap
+            fx += pull * ex
+            fy += pull * ey
+            if nx * ex + ny * ey < 0.0:
+                ahead = True
+                if sides[i] == 0.0:
+                    # left when the goal is left of the obstacle, or in line with it
+                    sides[i] = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
+                fx += push * sides[i] * ny
+                fy -= push * sides[i] * nx
+            else:
+                fx += push * nx
+                fy += push * ny
+        if not ahead:
+            sides[i] = 0.0
+        cut = min(1.0, max_speed / max(math.sqrt(fx * fx + fy * fy), 1e-12))
+        forces[i, 0] = cut * fx
+        forces[i, 1] = cut * fy
+
+
+def choose_side(
+    side: NDArray[np.float64],
+    trapped: NDArray[np.bool_],
+    to_obstacle: NDArray[np.float64],
+    to_goal: NDArray[np.float64],
+) -> None:
+    """Sets the side of the robots that get trapped, and clears it where the obstacle lies behind."""
+    side[np.einsum("bk,bk->b", to_obstacle, to_goal) <= 0.0] = 0.0
+    cross = to_obstacle[:, 0] * to_goal[:, 1] - to_obstacle[:, 1] * to_goal[:, 0]
+    # observations have single precision: what is in line to that precision is in line
+    goal_side = np.where(cross >= -1e-6, 1.0, -1.0)
+    undecided = trapped & (side == 0.0)
+    side[undecided] = goal_side[undecided]
+
+
+def norm(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the lengths (b,) of vectors (b, 2)."""
+    return np.hypot(vectors[:, 0], vectors[:, 1])
+
+
+def world_from_body(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the vectors (b, 2) turned from the body frames of the poses (b, 3) into the world frame."""
+    sine, cosine = np.sin(pose[:, 2]), np.cos(pose[:, 2])
+    return np.column_stack([cosine * vectors[:, 0] - sine * vectors[:, 1], sine * vectors[:, 0] + cosine * vectors[:, 1]])
+
+
+def body_from_world(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the vectors (b, 2) turned from the world frame into the body frames of the poses (b, 3)."""
+    sine, cosine = np.sin(pose[:, 2]), np.cos(pose[:, 2])
+    return np.column_stack([cosine * vectors[:, 0] + sine * vectors[:, 1], cosine * vectors[:, 1] - sine * vectors[:, 0]])

@@ -1,0 +1,33 @@
+"""Drives at random: the other half of the floor that every table stands on."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import Briefing
+
+
+@dataclasses.dataclass(frozen=True)
+class Random:
+    """Draws each twist component uniformly from what the robot can do, anew at every step."""
+
+    seed: int = 0
+
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns a generator for each robot, so that robot i acts alike in every batch that holds it."""
+        generators = np.empty(briefing.num_envs, dtype=object)
+        for i in range(briefing.num_envs):
+            generators[i] = np.random.default_rng([self.seed, i])
+        return generators
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        """Returns uniform twists (b, t)."""
+        del observation
+        most = briefing.robot.max_twist
+        return np.array([generator.uniform(-most, most) for generator in memory])

@@ -1,0 +1,27 @@
+"""Stands still: the lower end of the floor that every table stands on."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import Briefing
+
+
+@dataclasses.dataclass(frozen=True)
+class Zero:
+    """Asks for no motion, whatever it sees."""
+
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns an empty memory."""
+        return np.empty((briefing.num_envs, 0))
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        """Returns zero twists (b, t)."""
+        del observation, memory
+        return np.zeros((briefing.num_envs, len(briefing.robot.twist_axes)))

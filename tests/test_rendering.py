@@ -1,0 +1,225 @@
+"""Frames: their shape, where things appear in them, their speed, and the window."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+import time
+
+import gymnasium
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.robots import ROBOTS
+
+pytest.importorskip("pygame")
+from wayfield.envs.rendering import Renderer, Scene
+
+SCENE = Scene(robot=ROBOTS["p3dx"], pose=(2.0, 2.0, 0.5), bounds=(0.0, 0.0, 10.0, 8.0))
+
+
+def frame_of(scene: Scene, renderer: Renderer | None = None) -> NDArray[np.uint8]:
+    frame = (renderer or Renderer("rgb_array", fps=20)).draw(scene)
+    assert frame is not None
+    return frame
+
+
+def changed_centroid(frame: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Returns the mean (x, y) of the pixels that differ, each weighted by how much."""
+    weight = np.abs(frame.astype(np.float64) - background).sum(axis=2)
+    rows, columns = np.indices(weight.shape)
+    # a pixel's centre lies half a pixel from its corner
+    return np.array([(columns * weight).sum(), (rows * weight).sum()]) / weight.sum() + 0.5
+
+
+def full_scene() -> Scene:
+    obstacles = np.zeros(3, OBSTACLE)
+    obstacles["cos"] = 1.0
+    obstacles["x"], obstacles["y"] = (3.0, 5.0, 7.0), 6.0
+    obstacles["radius"][0] = 0.5
+    obstacles["half_length"][1:] = 0.8
+    obstacles["half_width"][1] = 0.3
+    obstacles["mass"][1] = 2.0
+    angles = np.linspace(-np.pi, np.pi, 36, endpoint=False)
+    return dataclasses.replace(
+        SCENE,
+        path=np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 7.0]]),
+        corridor=0.3,
+        obstacles=obstacles,
+        goals=np.array([[4.0, 4.0, 0.0], [8.0, 7.0, np.nan]]),
+        goal_tolerance=0.2,
+        ranges=np.where(angles < 0.0, np.inf, 2.0),
+        beam_angles=angles,
+        trail=np.array([[1.0, 1.0], [np.nan, np.nan], [2.0, 2.0]]),
+        reference=(2.0, 1.0),
+        lookahead=(2.4, 2.2),
+        start=(1.0, 1.0),
+        caption="t = 1.0 s " * 30,
+    )
+
+
+@pytest.mark.parametrize("bounds", [(0, 0, 10, 8), (0, 0, 1, 90), (-50, -1, 50, 1), (3, 3, 3, 3)])
+@pytest.mark.parametrize("size_px", [97, 480])
+def test_frames_are_even_rgb_arrays(bounds, size_px):
+    frame = frame_of(dataclasses.replace(full_scene(), bounds=bounds), Renderer("rgb_array", 20, size_px))
+    assert frame.dtype == np.uint8
+    assert frame.shape[2] == 3
+    assert frame.shape[0] % 2 == frame.shape[1] % 2 == 0
+    assert size_px - 1 <= max(frame.shape) <= size_px + 1
+
+
+def test_frame_size_stays_when_the_world_changes():
+    renderer = Renderer("rgb_array", fps=20)
+    first = frame_of(SCENE, renderer)
+    moved = frame_of(dataclasses.replace(full_scene(), pose=(1e12, np.nan, 0.0)), renderer)
+    other_world = frame_of(dataclasses.replace(SCENE, bounds=(0.0, 0.0, 2.0, 30.0)), renderer)
+    assert first.shape == moved.shape == other_world.shape
+
+
+def test_empty_arrays_draw_as_none_at_all():
+    nothing, none = np.empty((0, 2)), np.empty(0)
+    empty = dataclasses.replace(
+        SCENE, path=nothing, trail=nothing, goals=np.empty((0, 3)), ranges=none, beam_angles=none
+    )
+    empty = dataclasses.replace(empty, obstacles=np.empty(0, OBSTACLE))
+    np.testing.assert_array_equal(frame_of(empty), frame_of(SCENE))
+
+
+def test_equal_scenes_give_equal_frames():
+    renderer = Renderer("rgb_array", fps=20)
+    first = frame_of(full_scene(), renderer)
+    frame_of(SCENE, renderer)
+    np.testing.assert_array_equal(frame_of(full_scene(), renderer), first)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+def test_robot_moves_as_its_pose_with_y_up(robot):
+    renderer = Renderer("rgb_array", fps=20)
+    away = frame_of(dataclasses.replace(SCENE, robot=robot, pose=(1e6, 1e6, 0.0)), renderer)
+    positions = [(2.0, 2.0), (7.0, 6.5)]
+    scenes = [dataclasses.replace(SCENE, robot=robot, pose=(x, y, 0.5)) for x, y in positions]
+    seen = [changed_centroid(frame_of(scene, renderer), away) for scene in scenes]
+    scale = renderer.view(SCENE).scale
+    np.testing.assert_allclose(seen[1] - seen[0], [5.0 * scale, -4.5 * scale], atol=1.5)
+
+
+def test_a_small_robot_stays_visible():
+    world = dataclasses.replace(SCENE, robot=ROBOTS["omni4"], bounds=(0.0, 0.0, 500.0, 500.0))
+    renderer = Renderer("rgb_array", fps=20)
+    away = frame_of(dataclasses.replace(world, pose=(1e6, 1e6, 0.0)), renderer)
+    frame = frame_of(dataclasses.replace(world, pose=(250.0, 250.0, 0.0)), renderer)
+    assert (frame != away).any(axis=2).sum() > 200
+
+
+def test_obstacles_lie_where_the_world_says():
+    renderer = Renderer("rgb_array", fps=20)
+    scene = full_scene()
+    without = frame_of(dataclasses.replace(SCENE, obstacles=scene.obstacles[:0]), renderer)
+    colours = []
+    for i in range(3):
+        frame = frame_of(dataclasses.replace(SCENE, obstacles=scene.obstacles[i : i + 1]), renderer)
+        # the legend gains an entry as well, below the world
+        frame[-40:] = without[-40:]
+        expected = renderer.view(scene).pixels_from_world((scene.obstacles["x"][i], scene.obstacles["y"][i]))
+        np.testing.assert_allclose(changed_centroid(frame, without), expected, atol=1.0)
+        colours.append(tuple(frame[round(expected[1]), round(expected[0])]))
+    assert colours[0] == colours[2] != colours[1], "what can be pushed has a colour of its own"
+
+
+def test_an_outline_has_the_size_of_its_obstacle():
+    renderer = Renderer("rgb_array", fps=20)
+    obstacle = np.zeros(1, OBSTACLE)
+    # turned by 90 degrees: 2.4 m tall and 1.4 m wide, the radius counted
+    obstacle["x"], obstacle["y"], obstacle["sin"] = 5.0, 4.0, 1.0
+    obstacle["half_length"], obstacle["half_width"], obstacle["radius"] = 1.0, 0.5, 0.2
+    without = frame_of(SCENE, renderer)
+    frame = frame_of(dataclasses.replace(SCENE, obstacles=obstacle), renderer)
+    rows, columns = np.nonzero((frame != without).any(axis=2)[:-40])
+    scale = renderer.view(SCENE).scale
+    assert np.ptp(columns) + 1 == pytest.approx(1.4 * scale, abs=2.0)
+    assert np.ptp(rows) + 1 == pytest.approx(2.4 * scale, abs=2.0)
+
+
+def test_a_path_of_a_million_points_draws_quickly():
+    s = np.linspace(0.0, 2.0 * np.pi, 1_000_000)
+    circle = np.stack([5.0 + 3.0 * np.cos(s), 4.0 + 3.0 * np.sin(s)], axis=-1)
+    renderer = Renderer("rgb_array", fps=20)
+    scene = dataclasses.replace(SCENE, path=circle, corridor=0.4)
+    frame = frame_of(scene, renderer)
+    column, row = renderer.view(scene).pixels_from_world((5.0, 7.0))
+    assert frame[round(row), round(column)].max() < 200, "the path is drawn at its top"
+    started = time.perf_counter()
+    for _ in range(10):
+        frame_of(scene, renderer)
+    assert time.perf_counter() - started < 1.0
+
+
+def test_a_changed_path_is_drawn_anew():
+    renderer = Renderer("rgb_array", fps=20)
+    path = np.array([[1.0, 1.0], [9.0, 1.0]])
+    scene = dataclasses.replace(SCENE, path=path)
+    before = frame_of(scene, renderer)
+    path[:, 1] = 7.0
+    assert (frame_of(scene, renderer) != before).any()
+
+
+def test_drawing_survives_that_another_user_quits_pygame():
+    import pygame
+
+    renderer = Renderer("rgb_array", fps=20)
+    first = frame_of(full_scene(), renderer)
+    pygame.quit()
+    np.testing.assert_array_equal(frame_of(full_scene(), renderer), first)
+
+
+def test_unknown_render_mode_is_refused():
+    with pytest.raises(ValueError, match="render_mode"):
+        Renderer("ansi", fps=20)
+
+
+def test_window_opens_closes_and_opens_again(monkeypatch):
+    import pygame
+
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    renderer = Renderer("human", fps=1000)
+    for _ in range(2):
+        assert renderer.draw(full_scene()) is None
+        assert pygame.display.get_surface() is not None
+        renderer.close()
+        assert not pygame.display.get_init()
+    renderer.draw(SCENE)
+    pygame.quit()
+    renderer.draw(SCENE)
+    renderer.close()
+
+
+def run_python(program: str, **environment: str) -> str:
+    kept = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")}
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, env=kept | environment, capture_output=True, text=True, check=True).stdout
+
+
+def test_arrays_need_no_display():
+    program = """
+import pygame
+from wayfield.envs.rendering import Renderer, Scene
+from wayfield.envs.robots import ROBOTS
+scene = Scene(robot=ROBOTS["omni3"], pose=(0.0, 0.0, 0.0), bounds=(-1.0, -1.0, 1.0, 1.0), caption="t = 0 s")
+print(Renderer("rgb_array", fps=20).draw(scene).shape, pygame.display.get_init())
+"""
+    assert run_python(program).endswith("(640, 640, 3) False\n")
+
+
+def test_without_pygame_the_error_says_what_to_install():
+    program = """
+import sys
+sys.modules["pygame"] = None
+try:
+    import wayfield.envs.rendering
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+    output = run_python(program)
+    assert gymnasium.error.DependencyNotInstalled.__name__ in output
+    assert 'pip install "wayfield[render]"' in output
