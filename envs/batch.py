@@ -173,6 +173,7 @@ class Batch:
                 *(float(state[name]) for name in ("x", "y", "heading")),
                 np.column_stack([np.cos(self.task.beam_angles), np.sin(self.task.beam_angles)]),
                 *(p[name].item() for name in ("first_beam", "beam_step", "max_range")),
+                np.empty((max(count, 1), 2)),
                 ranges,
                 0,
             )

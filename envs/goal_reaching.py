@@ -130,7 +130,7 @@ def track_goal(s, course, goals):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def observe(p, s, course, goals, beams, obstacles, noise, i, row, out):
+def observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out):
     """Writes the observation of one robot."""
     sensing.measure(p, s, noise, i, row)
     out[i, 0] = s.measured_x
@@ -159,6 +159,7 @@ def observe(p, s, course, goals, beams, obstacles, noise, i, row, out):
         p.first_beam,
         p.beam_step,
         p.max_range,
+        spans,
         out,
         k + 5,
     )
@@ -166,12 +167,12 @@ def observe(p, s, course, goals, beams, obstacles, noise, i, row, out):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def judge(p, s, course, goals, beams, obstacles, noise, i, row, out, numbers, flags):
+def judge(p, s, course, goals, beams, obstacles, spans, noise, i, row, out, numbers, flags):
     """Measures robot i against its goal and writes its observation, info and flags."""
     before = s.remaining_distance
     turn_before = abs(s.goal_heading_error)
     track_goal(s, course, goals)
-    observe(p, s, course, goals, beams, obstacles, noise, i, row, out)
+    observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out)
     progress = before - s.remaining_distance
     turn_progress = turn_before - abs(s.goal_heading_error)
     collision = s.contact != 0
@@ -218,6 +219,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
                 if not skip[i] and not math.isfinite(actions[i, k]):
                     return i
     p = params[0]
+    spans = np.empty((obstacles.shape[1], 2))
     for i in range(states.shape[0]):
         if skip[i]:
             continue
@@ -238,6 +240,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
                 goals,
                 beams,
                 obstacles,
+                spans,
                 noise,
                 i,
                 row,
@@ -253,6 +256,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
 def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fields, beams, out, numbers, flags):
     """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS)."""
     p = params[0]
+    spans = np.empty((obstacles.shape[1], 2))
     for j in range(rows.shape[0]):
         i = rows[j]
         s = states[i]
@@ -269,7 +273,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fi
         s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
         s.waypoint = 0
         track_goal(s, course, goals)
-        observe(p, s, course, goals, beams, obstacles, noise, i, 0, out)
+        observe(p, s, course, goals, beams, obstacles, spans, noise, i, 0, out)
         s.noise_row = 1
         report(p, s, 0.0, 0.0, 0.0, numbers, i)
         flags[:, i] = False

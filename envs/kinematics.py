@@ -98,9 +98,12 @@ def integrate_arc(x, y, heading, vx, vy, yaw_rate, dt):
 @njit(cache=True, error_model="numpy", inline="always")
 def sinc(angle):
     """Returns sin(angle) / angle, and 1 at zero."""
-    if abs(angle) < 1e-4:
-        # the next term of the series is below 1e-18
-        return 1.0 - angle * angle / 6.0
+    z = angle * angle
+    if z < 0.25:
+        # Taylor series, (-1)^k z^k / (2k + 1)!; the next term is below 1e-19
+        return 1.0 + z * (-1 / 6 + z * (1 / 120 + z * (-1 / 5040 + z * (
+            1 / 362880 + z * (-1 / 39916800 + z * (1 / 6227020800 - z * (1 / 1307674368000)))
+        ))))  # fmt: skip
     return sin_cos(angle)[0] / angle
 
 

@@ -1,6 +1,7 @@
 """The layout of a flat observation: which named field stands where, and the space that follows from it."""
 
 import dataclasses
+import functools
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import gymnasium
@@ -31,7 +32,7 @@ class Layout(Generic[Fields]):
     kind: type[Fields]
     fields: tuple[Field, ...]
 
-    @property
+    @functools.cached_property
     def size(self) -> int:
         """Returns the length of the flat observation."""
         return sum(field.size for field in self.fields)

@@ -9,10 +9,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records, sensing
-from wayfield.envs.geometry import sin_cos, wrap_angle
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
-from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, walk_to
+from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
 from wayfield.envs.scenarios import PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
@@ -99,7 +99,7 @@ DRAWS = 2  # random numbers of a reset, besides the choice of the scenario
 def project(vertices, run, window, x, y, heading, s, segment):
     """Returns (arc length, segment, cross-track error, heading error) of the projection onto the path ahead of s."""
     s, segment = nearest_ahead(vertices, run, x, y, s, segment, window)
-    a = vertices[run.first + segment]
+    a = vertex(vertices, run, segment)
     along = along_lap(vertices, run, s, segment) - a.s
     px = a.x + along * a.ux
     py = a.y + along * a.uy
@@ -107,7 +107,7 @@ def project(vertices, run, window, x, y, heading, s, segment):
     dy = y - py
     error = math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx)
     sine, cosine = sin_cos(heading)
-    return s, segment, error, math.atan2(a.ux * sine - a.uy * cosine, a.ux * cosine + a.uy * sine)
+    return s, segment, error, bearing(a.ux * sine - a.uy * cosine, a.ux * cosine + a.uy * sine)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -136,12 +136,12 @@ def observe(p, s, vertices, run, noise, i, row, out):
     out[i, 3] = s.measured_vx
     k = 4
     if p.holonomic:
-        out[i, k] = s.measured_vy
+        out[i, np.uint64(k)] = s.measured_vy
         k += 1
-    out[i, k] = s.measured_yaw_rate
-    out[i, k + 1] = error
-    out[i, k + 2] = heading_error
-    out[i, k + 3] = s.measured_arc_length
+    out[i, np.uint64(k)] = s.measured_yaw_rate
+    out[i, np.uint64(k + 1)] = error
+    out[i, np.uint64(k + 2)] = heading_error
+    out[i, np.uint64(k + 3)] = s.measured_arc_length
     k += 4
     sine, cosine = sin_cos(s.measured_heading)
     segment = s.measured_segment
@@ -149,7 +149,7 @@ def observe(p, s, vertices, run, noise, i, row, out):
     for j in range(p.num_preview):
         ahead += p.preview_spacing
         px, py, ahead, segment = walk_to(vertices, run, ahead, segment)
-        out[i, k], out[i, k + 1] = to_body_frame(s.measured_x, s.measured_y, sine, cosine, px, py)
+        out[i, np.uint64(k)], out[i, np.uint64(k + 1)] = to_body_frame(s.measured_x, s.measured_y, sine, cosine, px, py)
         k += 2
 
 
@@ -168,7 +168,7 @@ def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
     reward = progress / (p.max_speed * p.dt * (1.0 + ratio * ratio))
     if left:
         reward -= p.corridor_penalty
-    report(p, s, course, run, reward, progress, numbers, i)
+    numbers[6, i] = reward
     flags[0, i] = success and not left
     flags[1, i] = left
     flags[2, i] = s.contact != 0

@@ -28,6 +28,7 @@ RUN = np.dtype(
         ("segments", np.int64),  # number of segments
         ("closed", np.int64),  # 1 when the last vertex is the first again
         ("length", np.float64),  # m, of one lap
+        ("per_metre", np.float64),  # segments a metre of an evenly spaced path, which need no walking; else 0
     ]
 )
 
@@ -114,7 +115,14 @@ class PathPool:
         runs["segments"] = [len(piece) - 1 for piece in pieces]
         runs["closed"] = [path.closed for path in paths]
         runs["length"] = [piece["s"][-1] for piece in pieces]
+        runs["per_metre"] = [_segments_per_metre(piece["s"]) for piece in pieces]
         return cls(np.concatenate(pieces), runs)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def vertex(vertices, run, i):
+    """Returns vertex i of a path; the unsigned index spares compiled code the test for negative ones, twice its cost."""
+    return vertices[np.uint64(run.first + i)]
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,15 +132,21 @@ def segment_at(vertices, run, s):
     high = run.segments - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if vertices[run.first + middle].s <= s:
+        if vertex(vertices, run, middle).s <= s:
             low = middle
         else:
             high = middle - 1
     return low
 
 
+def _segments_per_metre(s: NDArray[np.float64]) -> float:
+    """Returns the density of vertices at arc lengths `s`, or 0 when it would miss a vertex by more than its spacing."""
+    even = np.linspace(0.0, s[-1], len(s))
+    return float((len(s) - 1) / s[-1]) if np.abs(s - even).max() < even[1] else 0.0
+
+
 # Segments that the nearest-point search takes or leaves together.
-_BLOCK = 8
+_BLOCK = 4
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -161,19 +175,19 @@ def nearest_ahead(vertices, run, x, y, s, segment, window):
     i = segment
     while True:
         last = min(i + _BLOCK, run.segments)
-        middle = vertices[run.first + (i + last) // 2]
+        middle = vertex(vertices, run, (i + last) // 2)
         dx = x - middle.x
         dy = y - middle.y
-        near = best + max(middle.s - vertices[run.first + i].s, vertices[run.first + last].s - middle.s)
+        near = best + max(middle.s - vertex(vertices, run, i).s, vertex(vertices, run, last).s - middle.s)
         if dx * dx + dy * dy < near * near:
             for k in range(i, last):
-                a = vertices[run.first + k]
+                a = vertex(vertices, run, k)
                 start = lap + a.s
                 if start > end:
                     break
                 dx = x - a.x
                 dy = y - a.y
-                t = min(max(dx * a.ux + dy * a.uy, s - start, 0.0), vertices[run.first + k + 1].s - a.s, end - start)
+                t = min(max(dx * a.ux + dy * a.uy, s - start, 0.0), vertex(vertices, run, k + 1).s - a.s, end - start)
                 ex = dx - t * a.ux
                 ey = dy - t * a.uy
                 squared = ex * ex + ey * ey
@@ -188,7 +202,7 @@ def nearest_ahead(vertices, run, x, y, s, segment, window):
                 return best_s, best_segment
             i = 0
             lap += run.length
-        if lap + vertices[run.first + i].s > end:
+        if lap + vertex(vertices, run, i).s > end:
             return best_s, best_segment
 
 
@@ -201,7 +215,7 @@ def along_lap(vertices, run, s, segment):
     # s may sit a rounding error outside the lap that its segment belongs to
     if segment == 0 and s - lap > 0.5 * run.length:
         lap += run.length
-    elif s - lap < vertices[run.first + segment].s - 0.5 * run.length:
+    elif s - lap < vertex(vertices, run, segment).s - 0.5 * run.length:
         lap -= run.length
     return s - lap
 
@@ -213,15 +227,17 @@ def walk_to(vertices, run, s, segment):
     s counts from the start of the lap that holds the segment, and comes back counted from the start of its own lap.
     Beyond the end of an open path the answer is the end point.
     """
-    finish = vertices[run.first + segment + 1].s
-    while finish < s:
+    if s >= run.length:
+        if not run.closed:
+            end = vertex(vertices, run, run.segments)
+            return end.x, end.y, s, run.segments - 1
+        s -= run.length
+        segment = 0
+    if run.per_metre > 0.0:
+        segment = min(int(s * run.per_metre), run.segments - 1)
+    while segment > 0 and vertex(vertices, run, segment).s > s:
+        segment -= 1
+    while segment < run.segments - 1 and vertex(vertices, run, segment + 1).s < s:
         segment += 1
-        if segment == run.segments:
-            if not run.closed:
-                end = vertices[run.first + segment]
-                return end.x, end.y, s, segment - 1
-            segment = 0
-            s -= run.length
-        finish = vertices[run.first + segment + 1].s
-    a = vertices[run.first + segment]
+    a = vertex(vertices, run, segment)
     return a.x + (s - a.s) * a.ux, a.y + (s - a.s) * a.uy, s, segment

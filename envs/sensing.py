@@ -97,61 +97,62 @@ def coarse_angle(y, x):
 
 
 # Widens every interval of beams by more than the errors of its coarse angles, rad.
-_ANGLE_MARGIN = 0.015
+_ANGLE_MARGIN = 0.012
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def circle_bearings(px, py, radius, max_range):
-    """Returns (middle, right, left): a circle lies between the bearings middle + right and middle + left.
+    """Returns (right, left): bearings between which a circle at (px, py) in the body frame lies.
 
-    A circle out of range has right > left. The circle stands at (px, py) in the body frame.
+    right > left when all of it is out of range.
     """
     squared = px * px + py * py
-    far = max_range + radius
-    if squared > far * far:
-        return 0.0, 1.0, -1.0
     beyond = squared - radius * radius
-    if beyond <= 0.0:
-        return 0.0, -math.pi, math.pi
-    half = coarse_angle(radius, math.sqrt(beyond)) + _ANGLE_MARGIN
-    return coarse_angle(py, px), -half, half
+    middle = coarse_angle(py, px)
+    half = coarse_angle(radius, math.sqrt(max(beyond, 0.0))) + _ANGLE_MARGIN
+    half = math.pi if beyond <= 0.0 else half
+    far = max_range + radius
+    half = -1.0 if squared > far * far else half
+    return middle - half, middle + half
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def box_bearings(px, py, cosine, sine, half_length, half_width, max_range):
-    """Returns `circle_bearings` for a box or wall whose long axis points along (cosine, sine) in the body frame.
-
-    Seen from its nearest point, a convex shape lies within a quarter turn to either side; what of it is in range lies
-    within acos(nearest distance / max_range).
-    """
-    # the robot in the box's frame, and the box's nearest point
+    """Returns `circle_bearings` for a box or wall whose long axis points along (cosine, sine) in the body frame."""
+    # the robot in the box's frame
     x = -(cosine * px + sine * py)
     y = -(cosine * py - sine * px)
-    to_x = min(max(x, -half_length), half_length) - x
-    to_y = min(max(y, -half_width), half_width) - y
-    distance = math.sqrt(to_x * to_x + to_y * to_y)
-    if distance > max_range:
-        return 0.0, 1.0, -1.0
-    if distance < 1e-6:
-        return 0.0, -math.pi, math.pi
-    widest = coarse_angle(math.sqrt(max_range * max_range - distance * distance), distance)
-    right = 0.0
-    left = 0.0
-    for corner in range(4 if half_width > 0.0 else 2):
-        cx = (half_length if corner & 1 else -half_length) - x
+    gap_x = max(abs(x) - half_length, 0.0)
+    gap_y = max(abs(y) - half_width, 0.0)
+    if gap_x * gap_x + gap_y * gap_y > max_range * max_range:
+        return 1.0, -1.0
+    if gap_x < 1e-6 and gap_y < 1e-6:
+        return -math.pi, math.pi
+    # what of the length is in range: a long wall reaches far beyond it
+    reach = math.sqrt(max_range * max_range - gap_y * gap_y)
+    right_x = max(-half_length, x - reach) - x
+    right_y = -half_width - y
+    left_x = right_x
+    left_y = right_y
+    for corner in range(1, 4 if half_width > 0.0 else 2):
+        cx = (min(half_length, x + reach) if corner & 1 else max(-half_length, x - reach)) - x
         cy = (half_width if corner & 2 else -half_width) - y
-        angle = coarse_angle(to_x * cy - to_y * cx, to_x * cx + to_y * cy)
-        right = min(right, angle)
-        left = max(left, angle)
-    return (
-        coarse_angle(sine * to_x + cosine * to_y, cosine * to_x - sine * to_y),
-        max(right, -widest) - _ANGLE_MARGIN,
-        min(left, widest) + _ANGLE_MARGIN,
-    )
+        # seen from outside, all corners lie within half a turn: cross products tell which is outermost
+        if right_x * cy - right_y * cx < 0.0:
+            right_x = cx
+            right_y = cy
+        if left_x * cy - left_y * cx > 0.0:
+            left_x = cx
+            left_y = cy
+    right = coarse_angle(sine * right_x + cosine * right_y, cosine * right_x - sine * right_y)
+    left = coarse_angle(sine * left_x + cosine * left_y, cosine * left_x - sine * left_y)
+    if left < right - _ANGLE_MARGIN:
+        left += 6.283185307179586
+    return right - _ANGLE_MARGIN, left + _ANGLE_MARGIN
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step, max_range, ranges, column):
+def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step, max_range, spans, ranges, column):
     """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
 
     Beam k looks along heading + first_beam + k * beam_step. Each obstacle is taken into the body frame and asked only
@@ -160,34 +161,52 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
     Args:
         obstacles: (b, m) OBSTACLE records; the first `count` of row i are used.
         beams: (num_beams, 2) cosine and sine of the beams in the body frame.
+        spans: (m, 2) scratch.
         ranges: (b, n) array of any float type.
     """
     num_beams = beams.shape[0]
     for k in range(num_beams):
-        ranges[i, column + k] = max_range
+        ranges[i, np.uint64(column + k)] = max_range
     s, c = sin_cos(heading)
-    inverse_step = 1.0 / beam_step
-    # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
-    wraps = num_beams * beam_step > 6.28318
+    # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that guesses
+    # wrong should not have to wait for an angle to find out.
     for j in range(count):
         obstacle = obstacles[i, j]
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy
         py = c * dy - s * dx
-        is_circle = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
-        if is_circle:
-            middle, right, left = circle_bearings(px, py, obstacle.radius, max_range)
+        if obstacle.half_length == 0.0 and obstacle.half_width == 0.0:
+            spans[j, 0], spans[j, 1] = circle_bearings(px, py, obstacle.radius, max_range)
         else:
-            cosine = obstacle.cos * c + obstacle.sin * s
-            sine = obstacle.sin * c - obstacle.cos * s
-            half_length = obstacle.half_length
-            half_width = obstacle.half_width
-            middle, right, left = box_bearings(px, py, cosine, sine, half_length, half_width, max_range)
-        middle -= first_beam
+            spans[j, 0], spans[j, 1] = box_bearings(
+                px,
+                py,
+                obstacle.cos * c + obstacle.sin * s,
+                obstacle.sin * c - obstacle.cos * s,
+                obstacle.half_length,
+                obstacle.half_width,
+                max_range,
+            )
+    inverse_step = 1.0 / beam_step
+    # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
+    wraps = num_beams * beam_step > 6.28318
+    for j in range(count):
+        if spans[j, 0] > spans[j, 1]:
+            continue
+        obstacle = obstacles[i, j]
+        dx = obstacle.x - x
+        dy = obstacle.y - y
+        px = c * dx + s * dy
+        py = c * dy - s * dx
+        is_circle = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
+        cosine = obstacle.cos * c + obstacle.sin * s
+        sine = obstacle.sin * c - obstacle.cos * s
+        right = spans[j, 0] - first_beam
+        left = spans[j, 1] - first_beam
         for turn in range(0 if wraps else -1, 1 if wraps else 2):
-            low = int(math.ceil((middle + right + turn * 6.283185307179586) * inverse_step))
-            high = int(math.floor((middle + left + turn * 6.283185307179586) * inverse_step))
+            low = int(math.ceil((right + turn * 6.283185307179586) * inverse_step))
+            high = int(math.floor((left + turn * 6.283185307179586) * inverse_step))
             if wraps:
                 high = min(high, low + num_beams - 1)
             else:
@@ -199,14 +218,17 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
                     beam += num_beams
                 elif k >= num_beams:
                     beam -= num_beams
+                ux = beams[np.uint64(beam), 0]
+                uy = beams[np.uint64(beam), 1]
                 if is_circle:
-                    distance = ray_to_circle(px, py, obstacle.radius, beams[beam, 0], beams[beam, 1])
+                    distance = ray_to_circle(px, py, obstacle.radius, ux, uy)
                 else:
                     distance = ray_to_box(
-                        px, py, cosine, sine, half_length, half_width, beams[beam, 0], beams[beam, 1]
+                        px, py, cosine, sine, obstacle.half_length, obstacle.half_width, ux, uy
                     )
-                if distance < ranges[i, column + beam]:
-                    ranges[i, column + beam] = distance
+                place = np.uint64(column + beam)
+                if distance < ranges[i, place]:
+                    ranges[i, place] = distance
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -151,7 +151,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np
         """Returns Gymnasium's vector info: an array and a mask for each name; rows outside the mask hold zero."""
         info: dict[str, Any] = {}
         names = (*self.task.info_names, *self.task.flag_names)
+        told = self._all.copy() if mask is None else mask
         for name, values in zip(names, (*results.numbers[:-1], *results.flags[:-1]), strict=True):
             info[name] = values if mask is None else np.where(mask, values, values.dtype.type(0))
-            info[f"_{name}"] = (self._all if mask is None else mask).copy()
+            info[f"_{name}"] = told
         return info

@@ -12,7 +12,7 @@ from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.paths import along_lap, nearest_ahead, segment_at
+from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,10 +110,10 @@ def reference_points(vertices, runs, path_index, poses, arc_lengths, lookahead_d
             vertices, run, x + lookahead_distance * cosine, y + lookahead_distance * sine, s, segment, window
         )
         # at a corner the path goes on along the segment that leaves it: the one that enters would hold the robot there
-        beyond = vertices[run.first + segment + 1].s - along_lap(vertices, run, s, segment)
+        beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
         if beyond < 1e-9 and segment + 1 < run.segments:
             segment += 1
-        tangent = vertices[run.first + segment]
+        tangent = vertex(vertices, run, segment)
         along = along_lap(vertices, run, s, segment) - tangent.s
         x, y = to_body_frame(x, y, sine, cosine, tangent.x + along * tangent.ux, tangent.y + along * tangent.uy)
         reference_heading = math.atan2(tangent.uy, tangent.ux) if math.isnan(disc_heading) else disc_heading

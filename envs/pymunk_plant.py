@@ -1,0 +1,595 @@
+"""The pymunk plant: a rigid body on wheels that can slip, among things that stop it or can be pushed.
+
+A control period is cut into sub-steps. In each, the motors turn the wheels, the floor pulls the body after
+them with no more than friction allows, and pymunk resolves the contacts. Two short cuts cost no accuracy and
+save nearly all of the time: a robot that slips nowhere and can reach nothing in the period moves as the
+kinematic plant's, on the same arc; and pymunk is asked only in the sub-steps that end in contact, or while
+something pushed still moves.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import pymunk
+from numba import njit
+from numpy.typing import NDArray
+from wayfield.envs.geometry import clearance_to, row_clearance, sin_cos, wrap_angle
+from wayfield.envs.kinematics import integrate_arc, sinc
+from wayfield.envs.records import MAX_WHEELS, lag_factors, record
+from wayfield.envs.robots import Robot
+from wayfield.envs.sensing import advance_odometry
+from wayfield.envs.task import Options, Task
+
+GRAVITY = 9.81  # m/s^2
+CASTER_LOAD = 0.2  # share of the weight that rests on the caster of a differential drive
+HULL_FRICTION = 0.5  # between the hull and what it touches
+FLOOR_FRICTION = 0.4  # under a pushed thing: cardboard on a smooth floor
+
+# 10 ms: the fastest omni base (17 m/s, tier "ideal") goes 0.17 m, less than its hull's radius, so that its
+# centre cannot get through a wall. While wheels slip under full-speed jumps of the command, halving it moves
+# a robot by up to 3 mm in a second; while they grip, not at all.
+SUBSTEPS = 5
+
+# Overlap in which a contact is kept, so that pymunk sees it. pymunk does not push apart what overlaps by less
+# than the slop; a deeper overlap (a shove, a pushed thing in a corner) shrinks by a fifth at every sub-step.
+DEPTH = 1e-5  # m
+SLOP = 2e-5  # m
+OVERLAP_LEFT = 0.8
+
+ITERATIONS = 30  # of pymunk's solver: enough for a heavy box that the floor holds against a light robot
+
+# Relaxation of sliding wheels: it ends when no impulse changes by more than this share of the largest. An
+# omni base takes at most 60 sweeps, a differential drive 100 in 99 of 100 cases; cut off, it is 2e-5 m/s off
+# at worst.
+MAX_SWEEPS = 200
+RELAXED = 1e-14
+GRIPPED = 1e-12  # m/s and rad/s: a wheel that slips less than this rolls
+AT_REST = 1e-6  # m/s and rad/s: something pushed that is slower than this lies still
+
+BASE = [
+    ("mass", np.float64),  # kg
+    ("inertia", np.float64),  # kg m^2
+    ("wheels", np.int64),
+    # twist to the speed over the floor along and across each wheel
+    ("directions", np.float64, (MAX_WHEELS, 2, 3)),
+    # momentum to the least impulses that give it: the pseudo-inverse
+    ("spread", np.float64, (MAX_WHEELS, 2, 3)),
+    ("relaxation", np.float64, (MAX_WHEELS,)),  # kg, mass that a wheel feels at its contact point
+    ("traction", np.float64),  # N, the most that one wheel can pull
+    ("substep", np.float64),  # s
+    ("lag_decay", np.float64),  # of the wheels, over a sub-step
+    ("lag_mean", np.float64),
+]
+
+# Where a robot is within its control period.
+PROGRESS = np.dtype(
+    [
+        ("substep", np.int64),  # how many are over
+        ("from_vx", np.float64),  # twist that the wheels turn for at the beginning of the sub-step
+        ("from_vy", np.float64),
+        ("from_yaw_rate", np.float64),
+        ("mean_vx", np.float64),  # and on average over it
+        ("mean_vy", np.float64),
+        ("mean_yaw_rate", np.float64),
+        ("rolled_vx", np.float64),  # and on average over the period
+        ("rolled_vy", np.float64),
+        ("rolled_yaw_rate", np.float64),
+        ("start_x", np.float64),  # pose at the beginning of the period
+        ("start_y", np.float64),
+        ("start_heading", np.float64),
+        ("clearance", np.float64),  # m, at most the true one
+        ("pushing", np.int64),  # 1 while something pushed moves
+    ],
+    align=True,
+)
+
+# A dynamic body as pymunk has it; for an obstacle that is fixed the record stays zero.
+BODY = np.dtype([(name, np.float64) for name in ("x", "y", "angle", "vx", "vy", "yaw_rate")])
+
+
+def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
+    """Returns the BASE record of a robot: how its wheels hold on to the floor."""
+    along = np.zeros((MAX_WHEELS, 2, 3))
+    count = len(robot.wheel_positions)
+    along[:count, 0] = robot.wheel_matrix * robot.wheel_radius
+    if not robot.holonomic:
+        # a plain wheel holds across its drive direction too
+        for i, ((px, py), angle) in enumerate(
+            zip(robot.wheel_positions, robot.wheel_directions, strict=True)
+        ):
+            c, s = math.cos(angle), math.sin(angle)
+            along[i, 1] = -s, c, px * c + py * s
+    feels = (along**2 / np.array([robot.mass, robot.mass, robot.inertia])).sum(axis=2).max(axis=1)
+    relaxation = np.divide(1.0, feels, out=np.zeros(MAX_WHEELS), where=feels > 0.0)
+    carried = robot.mass * GRAVITY * (1.0 if robot.holonomic else 1.0 - CASTER_LOAD)
+    substep = options.dt / SUBSTEPS
+    decay, mean = lag_factors(options.actuators.lag, substep)
+    return record(
+        BASE,
+        {
+            "mass": robot.mass,
+            "inertia": robot.inertia,
+            "wheels": count,
+            "directions": along,
+            "spread": np.linalg.pinv(along.reshape(-1, 3).T).reshape(MAX_WHEELS, 2, 3),
+            "relaxation": relaxation,
+            "traction": robot.friction * carried / count,
+            "substep": substep,
+            "lag_decay": decay,
+            "lag_mean": mean,
+        },
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def twist_between_poses(x, y, heading, to_x, to_y, to_heading, dt):
+    """Returns the constant body twist that leads from one pose to another in dt, by less than half a turn.
+
+    The logarithm of SE(2): the inverse of `kinematics.integrate_arc`.
+    """
+    turn = wrap_angle(to_heading - heading)
+    s, c = sin_cos(heading + 0.5 * turn)
+    scale = 1.0 / (dt * sinc(0.5 * turn))
+    dx = scale * (to_x - x)
+    dy = scale * (to_y - y)
+    return c * dx + s * dy, c * dy - s * dx, turn / dt
+
+
+@njit(cache=True, error_model="numpy")
+def turned(x, y, angle):
+    """Returns the vector (x, y) turned by an angle."""
+    s, c = sin_cos(angle)
+    return c * x - s * y, s * x + c * y
+
+
+@njit(cache=True, error_model="numpy")
+def grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn):
+    """Returns whether the wheels can bring the body from one twist to another within a sub-step.
+
+    Its velocity keeps its direction in the world while the body turns by `turn`: a bend costs traction too.
+    """
+    vx, vy = turned(vx, vy, -turn)
+    px = b.mass * (to_vx - vx)
+    py = b.mass * (to_vy - vy)
+    spin = b.inertia * (to_yaw_rate - yaw_rate)
+    most = b.traction * b.substep
+    for i in range(b.wheels):
+        along = b.spread[i, 0, 0] * px + b.spread[i, 0, 1] * py + b.spread[i, 0, 2] * spin
+        across = b.spread[i, 1, 0] * px + b.spread[i, 1, 1] * py + b.spread[i, 1, 2] * spin
+        if along * along + across * across > most * most:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def slide(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate):
+    """Returns the twist after a sub-step of Coulomb friction at wheels that turn for another twist.
+
+    Sequential impulses: each wheel in turn takes off its slip, its impulse so far clamped to the friction
+    circle, until nothing changes (Catto, "Iterative Dynamics with Temporal Coherence", 2005). One relaxation
+    factor along and across makes a sliding wheel's impulse point against its slip.
+    """
+    most = b.traction * b.substep
+    impulses = np.zeros((MAX_WHEELS, 2))
+    for _ in range(MAX_SWEEPS):
+        largest = 0.0
+        for i in range(b.wheels):
+            d = b.directions[i]
+            dx = vx - to_vx
+            dy = vy - to_vy
+            turn = yaw_rate - to_yaw_rate
+            along = impulses[i, 0] - b.relaxation[i] * (d[0, 0] * dx + d[0, 1] * dy + d[0, 2] * turn)
+            across = impulses[i, 1] - b.relaxation[i] * (d[1, 0] * dx + d[1, 1] * dy + d[1, 2] * turn)
+            size = math.sqrt(along * along + across * across)
+            if size > most:
+                along *= most / size
+                across *= most / size
+            along -= impulses[i, 0]
+            across -= impulses[i, 1]
+            impulses[i, 0] += along
+            impulses[i, 1] += across
+            vx += (d[0, 0] * along + d[1, 0] * across) / b.mass
+            vy += (d[0, 1] * along + d[1, 1] * across) / b.mass
+            yaw_rate += (d[0, 2] * along + d[1, 2] * across) / b.inertia
+            largest = max(largest, abs(along), abs(across))
+        if largest <= RELAXED * most:
+            break
+    if max(abs(vx - to_vx), abs(vy - to_vy), abs(yaw_rate - to_yaw_rate)) <= GRIPPED:
+        return to_vx, to_vy, to_yaw_rate
+    return vx, vy, yaw_rate
+
+
+@njit(cache=True, error_model="numpy")
+def roll(p, b, s, obstacles, i, count, noise, row):
+    """Moves a robot as the kinematic plant does, if its wheels hold all the way and nothing is in reach.
+
+    Returns whether it did.
+    """
+    if s.vx != s.wheel_vx or s.vy != s.wheel_vy or s.yaw_rate != s.wheel_yaw_rate:
+        return False
+    dvx = s.wheel_vx - s.command_vx
+    dvy = s.wheel_vy - s.command_vy
+    dyaw = s.wheel_yaw_rate - s.command_yaw_rate
+    mean_vx = s.command_vx + p.lag_mean * dvx
+    mean_vy = s.command_vy + p.lag_mean * dvy
+    mean_yaw_rate = s.command_yaw_rate + p.lag_mean * dyaw
+    if s.clearance <= p.dt * math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy):
+        return False
+    vx = s.wheel_vx
+    vy = s.wheel_vy
+    yaw_rate = s.wheel_yaw_rate
+    left = 1.0
+    for _ in range(SUBSTEPS):
+        turn = b.substep * (s.command_yaw_rate + b.lag_mean * left * dyaw)
+        left *= b.lag_decay
+        to_vx = s.command_vx + left * dvx
+        to_vy = s.command_vy + left * dvy
+        to_yaw_rate = s.command_yaw_rate + left * dyaw
+        if not grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn):
+            return False
+        vx = to_vx
+        vy = to_vy
+        yaw_rate = to_yaw_rate
+    s.wheel_vx = s.command_vx + p.lag_decay * dvx
+    s.wheel_vy = s.command_vy + p.lag_decay * dvy
+    s.wheel_yaw_rate = s.command_yaw_rate + p.lag_decay * dyaw
+    s.vx = s.wheel_vx
+    s.vy = s.wheel_vy
+    s.yaw_rate = s.wheel_yaw_rate
+    s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, mean_vx, mean_vy, mean_yaw_rate, p.dt)
+    s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    if not p.perfect_pose:
+        advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, noise, i, row)
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def turn_wheels(b, s, m):
+    """Turns the wheels on by a sub-step: the first-order lag, exactly."""
+    dvx = s.wheel_vx - s.command_vx
+    dvy = s.wheel_vy - s.command_vy
+    dyaw = s.wheel_yaw_rate - s.command_yaw_rate
+    m.mean_vx = s.command_vx + b.lag_mean * dvx
+    m.mean_vy = s.command_vy + b.lag_mean * dvy
+    m.mean_yaw_rate = s.command_yaw_rate + b.lag_mean * dyaw
+    # wheels without lag have jumped to the command before the sub-step
+    start = 1.0 if b.lag_mean > 0.0 else 0.0
+    m.from_vx = s.command_vx + start * dvx
+    m.from_vy = s.command_vy + start * dvy
+    m.from_yaw_rate = s.command_yaw_rate + start * dyaw
+    s.wheel_vx = s.command_vx + b.lag_decay * dvx
+    s.wheel_vy = s.command_vy + b.lag_decay * dvy
+    s.wheel_yaw_rate = s.command_yaw_rate + b.lag_decay * dyaw
+
+
+@njit(cache=True, error_model="numpy")
+def pull(b, s, m):
+    """Sets the twist to which the floor brings the body in a sub-step; returns the pose that it gets to.
+
+    A body that slips is displaced as by a constant acceleration. One whose wheels grip at the end follows
+    their exact arc, and on top of it what slip was left at the beginning and faded.
+    """
+    h = b.substep
+    slip_vx = s.vx - m.from_vx
+    slip_vy = s.vy - m.from_vy
+    slip_yaw_rate = s.yaw_rate - m.from_yaw_rate
+    rolling = slip_vx == 0.0 and slip_vy == 0.0 and slip_yaw_rate == 0.0
+    guess = h * (m.mean_yaw_rate if rolling else s.yaw_rate)
+    world_vx, world_vy = turned(s.vx, s.vy, s.heading)
+    slip_x, slip_y = turned(slip_vx, slip_vy, s.heading)
+    gripped = grips(b, s.vx, s.vy, s.yaw_rate, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate, guess)
+    vx = s.wheel_vx
+    vy = s.wheel_vy
+    yaw_rate = s.wheel_yaw_rate
+    if not gripped:
+        vx, vy = turned(s.vx, s.vy, -guess)
+        vx, vy, yaw_rate = slide(b, vx, vy, s.yaw_rate, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
+        gripped = vx == s.wheel_vx and vy == s.wheel_vy and yaw_rate == s.wheel_yaw_rate
+    turn = h * (m.mean_yaw_rate + 0.5 * (slip_yaw_rate + yaw_rate - s.wheel_yaw_rate))
+    if gripped:
+        x, y, heading = integrate_arc(s.x, s.y, s.heading, m.mean_vx, m.mean_vy, turn / h, h)
+        x += 0.5 * h * slip_x
+        y += 0.5 * h * slip_y
+    else:
+        # momentum keeps its direction in the world: undo the error of the guessed turn
+        vx, vy = turned(vx, vy, guess - turn)
+        heading = wrap_angle(s.heading + turn)
+        end_vx, end_vy = turned(vx, vy, heading)
+        x = s.x + 0.5 * h * (world_vx + end_vx)
+        y = s.y + 0.5 * h * (world_vy + end_vy)
+    s.vx = vx
+    s.vy = vy
+    s.yaw_rate = yaw_rate
+    return x, y, heading
+
+
+@njit(cache=True, error_model="numpy")
+def outward(obstacle, x, y):
+    """Returns the unit vector from the obstacle's nearest point to (x, y); zero inside the obstacle."""
+    dx = x - obstacle.x
+    dy = y - obstacle.y
+    along = obstacle.cos * dx + obstacle.sin * dy
+    across = obstacle.cos * dy - obstacle.sin * dx
+    along -= min(max(along, -obstacle.half_length), obstacle.half_length)
+    across -= min(max(across, -obstacle.half_width), obstacle.half_width)
+    size = math.sqrt(along * along + across * across)
+    if size == 0.0:
+        return 0.0, 0.0
+    return (
+        (obstacle.cos * along - obstacle.sin * across) / size,
+        (obstacle.sin * along + obstacle.cos * across) / size,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
+    """Returns the point (x, y) that a sub-step leads to, moved so that the hull gets no deeper into anything.
+
+    pymunk finds a contact only after the overlap: a hull at 1 m/s would be 1 cm inside. Here it is set back
+    along the surface normal to a depth of DEPTH, or to the depth that it already had. What moves is met where
+    it will be.
+    """
+    h = b.substep
+    for _ in range(4):
+        moved = False
+        for j in range(count):
+            shift_x = h * bodies[i, j].vx
+            shift_y = h * bodies[i, j].vy
+            depth = p.hull_radius - clearance_to(obstacles[i, j], x - shift_x, y - shift_y)
+            if depth <= DEPTH:
+                continue
+            excess = depth - max(DEPTH, p.hull_radius - clearance_to(obstacles[i, j], s.x, s.y))
+            if excess > 1e-9:
+                nx, ny = outward(obstacles[i, j], x - shift_x, y - shift_y)
+                x += excess * nx
+                y += excess * ny
+                moved = True
+        if not moved:
+            break
+    return x, y
+
+
+@njit(cache=True, error_model="numpy")
+def advance(p, b, s, m, obstacles, i, count, bodies, hull):
+    """Runs sub-steps until pymunk has to resolve one, put into `hull`; returns False at the period's end."""
+    while m.substep < SUBSTEPS:
+        m.substep += 1
+        turn_wheels(b, s, m)
+        x, y, heading = pull(b, s, m)
+        dx = x - s.x
+        dy = y - s.y
+        m.clearance -= math.sqrt(dx * dx + dy * dy)
+        touches = m.pushing == 1
+        if m.clearance <= 0.0 or touches:
+            x, y = keep_out(p, b, s, obstacles, i, count, bodies, x, y)
+            m.clearance = row_clearance(obstacles, i, count, x, y) - p.hull_radius
+            touches = touches or m.clearance < 0.0
+        s.x = x
+        s.y = y
+        s.heading = heading
+        if touches:
+            # pymunk moves a body first and resolves contacts then: let it arrive here
+            hull.vx, hull.vy = turned(s.vx, s.vy, heading)
+            hull.yaw_rate = s.yaw_rate
+            hull.x = x - b.substep * hull.vx
+            hull.y = y - b.substep * hull.vy
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def absorb(p, s, m, obstacles, i, count, bodies, hull):
+    """Takes over what pymunk made of a sub-step: the velocity after contacts, and the things pushed."""
+    vx, vy = turned(s.vx, s.vy, s.heading)
+    if hull.vx != vx or hull.vy != vy:
+        dvx, dvy = turned(hull.vx - vx, hull.vy - vy, -s.heading)
+        s.vx += dvx
+        s.vy += dvy
+    s.yaw_rate = hull.yaw_rate
+    s.x = hull.x
+    s.y = hull.y
+    m.pushing = 0
+    for j in range(count):
+        if obstacles[i, j].mass > 0.0:
+            body = bodies[i, j]
+            obstacles[i, j].x = body.x
+            obstacles[i, j].y = body.y
+            obstacles[i, j].sin, obstacles[i, j].cos = sin_cos(body.angle)
+            if max(abs(body.vx), abs(body.vy), abs(body.yaw_rate)) > AT_REST:
+                m.pushing = 1
+    m.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    if m.clearance < 0.0:
+        s.contact = 1
+
+
+@njit(cache=True, error_model="numpy")
+def finish(p, s, m, obstacles, i, count, noise, row):
+    """Ends the control period: exact clearance, odometry by the drive wheels or by the body's motion."""
+    s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    if p.perfect_pose:
+        return
+    vx = m.rolled_vx
+    vy = m.rolled_vy
+    yaw_rate = m.rolled_yaw_rate
+    if p.passive_encoders:
+        vx, vy, yaw_rate = twist_between_poses(
+            m.start_x, m.start_y, m.start_heading, s.x, s.y, s.heading, p.dt
+        )
+    advance_odometry(p, s, vx, vy, yaw_rate, noise, i, row)
+
+
+@njit(cache=True, error_model="numpy")
+def start_rows(params, base, states, obstacles, counts, noise, skip, progress, bodies, hulls, waiting):
+    """Begins a control period for all robots but those in `skip`; returns how many wait for pymunk."""
+    p = params[0]
+    b = base[0]
+    asked = 0
+    for i in range(states.shape[0]):
+        if skip[i]:
+            continue
+        s = states[i]
+        m = progress[i]
+        row = s.noise_row if noise.shape[1] > 1 else 0
+        if m.pushing == 0 and roll(p, b, s, obstacles, i, counts[i], noise, row):
+            continue
+        m.substep = 0
+        m.start_x = s.x
+        m.start_y = s.y
+        m.start_heading = s.heading
+        m.clearance = s.clearance
+        m.rolled_vx = s.command_vx + p.lag_mean * (s.wheel_vx - s.command_vx)
+        m.rolled_vy = s.command_vy + p.lag_mean * (s.wheel_vy - s.command_vy)
+        m.rolled_yaw_rate = s.command_yaw_rate + p.lag_mean * (s.wheel_yaw_rate - s.command_yaw_rate)
+        if advance(p, b, s, m, obstacles, i, counts[i], bodies, hulls[i]):
+            waiting[asked] = i
+            asked += 1
+        else:
+            finish(p, s, m, obstacles, i, counts[i], noise, row)
+    return asked
+
+
+@njit(cache=True, error_model="numpy")
+def resume_rows(params, base, states, obstacles, counts, noise, progress, bodies, hulls, waiting, asked):
+    """Goes on with the first `asked` rows of `waiting` after pymunk; returns how many wait again."""
+    p = params[0]
+    b = base[0]
+    again = 0
+    for k in range(asked):
+        i = waiting[k]
+        s = states[i]
+        m = progress[i]
+        absorb(p, s, m, obstacles, i, counts[i], bodies, hulls[i])
+        if advance(p, b, s, m, obstacles, i, counts[i], bodies, hulls[i]):
+            waiting[again] = i
+            again += 1
+        else:
+            row = s.noise_row if noise.shape[1] > 1 else 0
+            finish(p, s, m, obstacles, i, counts[i], noise, row)
+    return again
+
+
+class World:
+    """The pymunk space around one robot: its hull, what is fixed, and what can be pushed."""
+
+    def __init__(self, robot: Robot, obstacles: NDArray[np.void], substep: float) -> None:
+        self.space = pymunk.Space()
+        self.space.iterations = ITERATIONS
+        self.space.collision_slop = SLOP
+        self.space.collision_bias = OVERLAP_LEFT ** (1.0 / substep)  # the share left after a second
+        self.hull = pymunk.Body(robot.mass, robot.inertia)
+        self.pushable: list[tuple[int, pymunk.Body]] = []
+        shapes: list[pymunk.Shape] = [pymunk.Circle(self.hull, robot.hull_radius)]
+        for j, obstacle in enumerate(obstacles):
+            if obstacle["mass"] > 0.0:
+                body = self._loose_body(obstacle)
+                self.pushable.append((j, body))
+                shapes.append(_shape(body, obstacle, 0.0, 0.0, 1.0, 0.0))
+            else:
+                place = (obstacle[name].item() for name in ("x", "y", "cos", "sin"))
+                shapes.append(_shape(self.space.static_body, obstacle, *place))
+        for shape in shapes:
+            # pymunk multiplies the two
+            shape.friction = math.sqrt(HULL_FRICTION)
+        self.space.add(self.hull, *shapes)
+
+    def _loose_body(self, obstacle: NDArray[np.void]) -> pymunk.Body:
+        """Returns a body that the floor holds by Coulomb friction: joints of limited force, not stiff."""
+        mass = obstacle["mass"].item()
+        radius = obstacle["radius"].item()
+        length = 2.0 * (obstacle["half_length"].item() + radius)
+        width = 2.0 * (obstacle["half_width"].item() + radius)
+        round_one = obstacle["half_length"] == 0.0 and obstacle["half_width"] == 0.0
+        inertia = mass * (0.5 * radius**2 if round_one else (length**2 + width**2) / 12.0)
+        body = pymunk.Body(mass, inertia)
+        body.position = obstacle["x"].item(), obstacle["y"].item()
+        body.angle = math.atan2(obstacle["sin"], obstacle["cos"])
+        weight = FLOOR_FRICTION * mass * GRAVITY
+        hold = pymunk.PivotJoint(self.space.static_body, body, (body.position.x, body.position.y), (0.0, 0.0))
+        hold.max_force = weight
+        hold_turn = pymunk.GearJoint(self.space.static_body, body, 0.0, 1.0)
+        # the friction moment of a disc of the same area, pressed evenly on the floor
+        reach = radius if round_one else math.sqrt(length * width / math.pi)
+        hold_turn.max_force = weight * 2.0 / 3.0 * reach
+        for joint in (hold, hold_turn):
+            joint.max_bias = 0.0
+        self.space.add(body, hold, hold_turn)
+        return body
+
+    def step(self, dt: float, i: int, hulls: NDArray[np.void], bodies: NDArray[np.void]) -> None:
+        """Moves everything by dt and resolves contacts; reads and writes the BODY records of robot i."""
+        body = self.hull
+        x, y, _, vx, vy, body.angular_velocity = hulls[i].item()
+        body.position = x, y
+        body.velocity = vx, vy
+        self.space.step(dt)
+        hulls[i] = (*body.position, 0.0, *body.velocity, body.angular_velocity)
+        for j, loose in self.pushable:
+            bodies[i, j] = (*loose.position, loose.angle, *loose.velocity, loose.angular_velocity)
+
+
+def _shape(
+    body: pymunk.Body, obstacle: NDArray[np.void], x: float, y: float, cosine: float, sine: float
+) -> pymunk.Shape:
+    """Returns the pymunk shape of an obstacle in the body's frame: the very surface that rays meet."""
+    length, width, radius = (obstacle[name].item() for name in ("half_length", "half_width", "radius"))
+    if length == 0.0 and width == 0.0:
+        return pymunk.Circle(body, radius, (x, y))
+
+    def at(along: float, across: float) -> tuple[float, float]:
+        return x + cosine * along - sine * across, y + sine * along + cosine * across
+
+    if length == 0.0 or width == 0.0:
+        return pymunk.Segment(body, at(-length, -width), at(length, width), radius)
+    corners = [at(-length, -width), at(length, -width), at(length, width), at(-length, width)]
+    return pymunk.Poly(body, corners, radius=radius)
+
+
+class PymunkPlant:
+    """Drives a batch of robots, each in a pymunk space of its own, built when it first touches something.
+
+    While wheels that grip push with a force F, the body lags behind them by F * sub-step / mass: they pull
+    and contacts hold back one after the other.
+
+    Attributes:
+        worlds: the `World` of each robot; None where nothing has been touched since the reset.
+    """
+
+    def __init__(self, task: Task, num_envs: int) -> None:
+        self.task = task
+        self.base = base_record(task.robot, task.options)
+        self.substep = self.base["substep"].item()
+        self.worlds: list[World | None] = [None] * num_envs
+        self.progress = np.zeros(num_envs, PROGRESS)
+        self.bodies = np.zeros((num_envs, task.max_obstacles), BODY)
+        self.hulls = np.zeros(num_envs, BODY)
+        self.waiting = np.zeros(num_envs, np.int64)
+
+    def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
+        """Forgets what the robots in `rows` touched and pushed."""
+        del states, obstacles
+        self.progress[rows] = 0
+        self.bodies[rows] = 0
+        for i in rows.tolist():
+            self.worlds[i] = None
+
+    def drive(
+        self,
+        states: NDArray[np.void],
+        obstacles: NDArray[np.void],
+        noise: NDArray[np.float64],
+        skip: NDArray[np.bool_],
+    ) -> None:
+        """Moves every robot that is not in `skip` by one control period."""
+        counts = self.task.obstacle_counts(states)
+        # what every call takes, in this order
+        shared: tuple[Any, ...] = (self.task.params, self.base, states, obstacles, counts, noise)
+        asked = start_rows(*shared, skip, self.progress, self.bodies, self.hulls, self.waiting)
+        while asked:
+            for i in self.waiting[:asked].tolist():
+                world = self.worlds[i]
+                if world is None:
+                    # nothing has been pushed yet, so obstacles are where the reset put them
+                    world = self.worlds[i] = World(self.task.robot, obstacles[i, : counts[i]], self.substep)
+                world.step(self.substep, i, self.hulls, self.bodies)
+            asked = resume_rows(*shared, self.progress, self.bodies, self.hulls, self.waiting, asked)
