@@ -67,9 +67,7 @@ class Batch:
 
             self.plant = PymunkPlant(task, num_envs)
 
-    def reset(
-        self, rows: NDArray[np.int64], generators: Sequence[np.random.Generator], results: Results
-    ) -> None:
+    def reset(self, rows: NDArray[np.int64], generators: Sequence[np.random.Generator], results: Results) -> None:
         """Starts an episode for each robot in `rows`, drawn from its generator, and writes its results."""
         draws = np.empty((len(rows), 1 + self.task.draws))
         for j, i in enumerate(rows.tolist()):
@@ -140,6 +138,9 @@ class Batch:
         """
         choose("knows", knows, KNOWS)
         task = self.task
+        told = task.told(self.states, knows)
+        if knows == "map":
+            told |= {"obstacles": self.obstacles.copy(), "num_obstacles": task.obstacle_counts(self.states)}
         return Briefing(
             num_envs=self.num_envs,
             robot=task.robot,
@@ -148,12 +149,7 @@ class Batch:
             layout=task.layout,
             beam_angles=task.beam_angles,
             max_range=float(task.params["max_range"][0]),
-            **task.told(self.states, knows),
-            **(
-                {"obstacles": self.obstacles.copy(), "num_obstacles": task.obstacle_counts(self.states)}
-                if knows == "map"
-                else {}
-            ),
+            **told,
         )
 
     def scene(self, i: int, trail: NDArray[np.float64], marks: dict[str, tuple[float, float]]) -> Any:

@@ -8,7 +8,8 @@ query ends on the very surface that the distance query measures to.
 import math
 
 import numpy as np
-from numba import njit
+
+from wayfield.envs.compiled import compiled, inlined
 
 OBSTACLE = np.dtype(
     [
@@ -28,7 +29,7 @@ _HALF_PI_HIGH = 1.5707963267341256
 _HALF_PI_LOW = 6.077100506506192e-11
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def sin_cos(angle):
     """Returns (sin, cos) of an angle in radians, to 2.3e-16 for |angle| up to 1e5.
 
@@ -55,12 +56,12 @@ def sin_cos(angle):
     return -sine if (q & 2) == 2 else sine, -cosine if ((q + 1) & 2) == 2 else cosine
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def bearing(y, x):
     """Returns atan2(y, x) in [-pi, pi], to 3e-16; 0 for the zero vector.
 
     Our own for the same two reasons as `sin_cos`: the same bits on every machine, and no call that makes compiled code
-    put its registers away. Reduced to |t| <= tan(pi/8), then the rational minimax function of the Cephes library's atan.
+    put its registers away. Reduced to |t| <= tan(pi/8), then the rational minimax function of Cephes's atan.
     """
     ax = abs(x)
     ay = abs(y)
@@ -80,7 +81,7 @@ def bearing(y, x):
     return math.copysign(angle, y)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def wrap_angle(angle):
     """Returns the angle in (-pi, pi] that points the same way; an angle already there comes back unchanged."""
     if -math.pi < angle <= math.pi:
@@ -92,7 +93,7 @@ def wrap_angle(angle):
     return wrapped
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def clearance_to(obstacle, x, y):
     """Returns the signed distance (m) from the point (x, y) to the obstacle's surface, negative inside it."""
     dx = x - obstacle.x
@@ -103,7 +104,7 @@ def clearance_to(obstacle, x, y):
     return outside + min(max(along, across), 0.0) - obstacle.radius
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def clearance(obstacles, count, x, y):
     """Returns the signed distance (m) from (x, y) to the nearest of the first `count` obstacles; inf if none."""
     nearest = np.inf
@@ -112,7 +113,7 @@ def clearance(obstacles, count, x, y):
     return nearest
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def row_clearance(obstacles, i, count, x, y):
     """Returns `clearance` for row i of a batch of obstacles (b, m); a view of the row would cost more than the work."""
     nearest = np.inf
@@ -121,9 +122,9 @@ def row_clearance(obstacles, i, count, x, y):
     return nearest
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def nearest_surface(obstacle, x, y):
-    """Returns (distance, nx, ny): the signed distance (m) to the obstacle and the unit vector away from it at (x, y)."""
+    """Returns (distance, nx, ny): signed distance (m) to the obstacle and the unit vector away from it at (x, y)."""
     dx = x - obstacle.x
     dy = y - obstacle.y
     along = obstacle.cos * dx + obstacle.sin * dy
@@ -148,7 +149,7 @@ def nearest_surface(obstacle, x, y):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def ray_to_circle(cx, cy, radius, ux, uy):
     """Returns the distance (m) from the origin along the unit vector (ux, uy) to a circle at (cx, cy); inf if missed.
 
@@ -166,7 +167,7 @@ def ray_to_circle(cx, cy, radius, ux, uy):
     return max(along - half_chord, 0.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def ray_to_box(cx, cy, cosine, sine, half_length, half_width, ux, uy):
     """Returns the distance (m) from the origin along the unit vector (ux, uy) to a box or wall; inf if missed.
 

@@ -5,10 +5,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
@@ -68,12 +68,12 @@ COURSE = np.dtype(
 class Observation(NamedTuple):
     """What a goal seeker sees; b is any batch shape, t the number of twist components."""
 
-    pose: NDArray[np.float32]  # (b, 3) measured x, y (m), heading (rad), world frame
-    twist: NDArray[np.float32]  # (b, t) measured body twist, m/s and rad/s
-    goal: NDArray[np.float32]  # (b, 2) the waypoint or goal driven to, body frame, m
-    goal_heading_error: NDArray[np.float32]  # (b,) goal heading minus heading, rad
-    waypoints_left: NDArray[np.float32]  # (b,) before the goal
-    ranges: NDArray[np.float32]  # (b, beams) m, at most max_range
+    pose: NDArray[Any]  # (b, 3) measured x, y (m), heading (rad), world frame
+    twist: NDArray[Any]  # (b, t) measured body twist, m/s and rad/s
+    goal: NDArray[Any]  # (b, 2) the waypoint or goal driven to, body frame, m
+    goal_heading_error: NDArray[Any]  # (b,) goal heading minus heading, rad
+    waypoints_left: NDArray[Any]  # (b,) before the goal
+    ranges: NDArray[Any]  # (b, beams) m, at most max_range
 
     @staticmethod
     def layout(num_twist: int, num_beams: int, max_range: float) -> "Layout[Observation]":
@@ -106,7 +106,7 @@ FLAGS = ("success", "collision")
 DRAWS = 3  # random numbers of a reset, besides the choice of the scenario
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def track_goal(s, course, goals):
     """Passes the waypoints that are near enough and measures what is left of the way."""
     last = course.num_goals - 1
@@ -129,7 +129,7 @@ def track_goal(s, course, goals):
     s.goal_heading_error = wrap_angle(goals[s.scenario, last, 2] - s.heading)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out):
     """Writes the observation of one robot."""
     sensing.measure(p, s, noise, i, row)
@@ -166,7 +166,7 @@ def observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out):
     sensing.add_range_noise(p, beams.shape[0], noise, i, row, out, k + 5)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def judge(p, s, course, goals, beams, obstacles, spans, noise, i, row, out, numbers, flags):
     """Measures robot i against its goal and writes its observation, info and flags."""
     before = s.remaining_distance
@@ -193,7 +193,7 @@ def judge(p, s, course, goals, beams, obstacles, spans, noise, i, row, out, numb
     flags[2, i] = (success and p.end_on_success == 1) or (collision and p.end_on_contact == 1)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def report(p, s, reward, progress, turn_progress, numbers, i):
     """Writes column i of the numbers: INFO, then the reward."""
     numbers[0, i] = s.steps * p.dt
@@ -207,8 +207,10 @@ def report(p, s, reward, progress, turn_progress, numbers, i):
     numbers[8, i] = reward
 
 
-@njit(cache=True, error_model="numpy")
-def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, goals, fields, beams, out, numbers, flags):
+@compiled
+def step_rows(
+    phases, params, states, obstacles, actions, noise, skip, courses, goals, fields, beams, out, numbers, flags
+):
     """Runs the asked phases of a step for all robots but those in `skip`.
 
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
@@ -252,7 +254,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fields, beams, out, numbers, flags):
     """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS)."""
     p = params[0]
@@ -340,7 +342,9 @@ class GoalReaching(Task):
         solid = fields[scenario, : course["num_obstacles"]]
         reach = solid["radius"] + np.hypot(solid["half_length"], solid["half_width"])
         centres = np.column_stack([solid["x"], solid["y"]])
-        points = np.vstack([course["start"][None, :2], poses[:, :2], centres - reach[:, None], centres + reach[:, None]])
+        points = np.vstack(
+            [course["start"][None, :2], poses[:, :2], centres - reach[:, None], centres + reach[:, None]]
+        )
         margin = 2.0 * self.robot.hull_radius
         return {
             "goals": poses[state["waypoint"] :],
@@ -389,9 +393,7 @@ class OmniGoalObstacles(SingleEnv):
         render_mode: str | None = None,
     ) -> None:
         if not end_on_contact and dynamics == "kinematic":
-            raise ValueError(
-                'end_on_contact=False needs dynamics="pymunk": the kinematic plant has no forces to survive contact with'
-            )
+            raise ValueError('end_on_contact=False needs dynamics="pymunk": without forces no contact can be survived')
         super().__init__(
             GoalReaching(
                 scenario,

@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
 from wayfield.envs.sensing import advance_odometry
@@ -12,7 +11,7 @@ from wayfield.envs.sensing import advance_odometry
 SKIN = 1e-9  # m
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def command(p, s, actions, i):
     """Turns an action into the twist asked of the wheels: saturation by one factor, then acceleration limits."""
     vx = 0.0
@@ -46,9 +45,9 @@ def command(p, s, actions, i):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def drive(p, s, obstacles, i, count, noise, row):
-    """Moves the robot by one control period: first-order lag, then the exact arc, stopped where the hull would touch."""
+    """Moves the robot by one control period: first-order lag, then an exact arc that stops where the hull touches."""
     deviation_vx = s.wheel_vx - s.command_vx
     deviation_vy = s.wheel_vy - s.command_vy
     deviation_yaw_rate = s.wheel_yaw_rate - s.command_yaw_rate
@@ -67,7 +66,7 @@ def drive(p, s, obstacles, i, count, noise, row):
         advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, noise, i, row)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
     """Moves the pose along the arc of a constant twist, up to the first contact of the hull.
 
@@ -95,7 +94,7 @@ def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
         s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def shove(p, s, obstacles, i, count):
     """Displaces the pose when its time has come, up to the first contact."""
     if s.steps != p.shove_step:

@@ -8,9 +8,9 @@ rad/s.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 
 
@@ -41,7 +41,7 @@ def plain_sum_matrix(matrix: ArrayLike, wheel_radius: float) -> NDArray[np.float
     return wheel_radius * np.vstack([constraint[:, 0], constraint[:, 1], 1.0 / constraint[:, 2]])
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def saturation_factor(matrix, num_wheels, limit, vx, vy, yaw_rate):
     """Returns the one factor in (0, 1] by which a twist is scaled so that no wheel turns faster than `limit` (rad/s).
 
@@ -55,7 +55,7 @@ def saturation_factor(matrix, num_wheels, limit, vx, vy, yaw_rate):
     return 1.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def limit_acceleration(vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, acceleration, yaw_acceleration, dt):
     """Returns the twist nearest to the wanted one that can be set after dt.
 
@@ -78,7 +78,7 @@ def limit_acceleration(vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, acceleration
     return to_vx, to_vy, to_yaw_rate
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def integrate_arc(x, y, heading, vx, vy, yaw_rate, dt):
     """Returns the pose (m, m, rad in (-pi, pi]) after a constant body twist has acted for dt.
 
@@ -95,7 +95,7 @@ def integrate_arc(x, y, heading, vx, vy, yaw_rate, dt):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def sinc(angle):
     """Returns sin(angle) / angle, and 1 at zero."""
     z = angle * angle
@@ -107,7 +107,7 @@ def sinc(angle):
     return sin_cos(angle)[0] / angle
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def to_body_frame(x, y, sin_heading, cos_heading, px, py):
     """Returns the point (px, py) as seen from the pose: bT_w = [R^T, -R^T t; 0 1] applied to the point."""
     dx = px - x

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import gymnasium
 import numpy as np
@@ -57,7 +57,7 @@ class Layout(Generic[Fields]):
         for field in self.fields:
             values.append(observation[..., first : first + field.size].reshape(*observation.shape[:-1], *field.shape))
             first += field.size
-        return cast(Fields, self.kind(*values))
+        return self.kind(*values)
 
     def pack(self, fields: Fields) -> NDArray[np.float32]:
         """Returns the flat observation (..., size) of named fields; the inverse of `unpack`."""

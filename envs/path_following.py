@@ -5,10 +5,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
@@ -66,12 +66,12 @@ COURSE = np.dtype(
 class Observation(NamedTuple):
     """What a path follower sees; b is any batch shape, t the number of twist components."""
 
-    pose: NDArray[np.float32]  # (b, 3) measured x, y (m), heading (rad), world frame
-    twist: NDArray[np.float32]  # (b, t) measured body twist, m/s and rad/s
-    cross_track_error: NDArray[np.float32]  # (b,) m, + left of the path
-    heading_error: NDArray[np.float32]  # (b,) rad
-    arc_length: NDArray[np.float32]  # (b,) m, of the projection on the path
-    preview: NDArray[np.float32]  # (b, k, 2) points of the path ahead, body frame, m
+    pose: NDArray[Any]  # (b, 3) measured x, y (m), heading (rad), world frame
+    twist: NDArray[Any]  # (b, t) measured body twist, m/s and rad/s
+    cross_track_error: NDArray[Any]  # (b,) m, + left of the path
+    heading_error: NDArray[Any]  # (b,) rad
+    arc_length: NDArray[Any]  # (b,) m, of the projection on the path
+    preview: NDArray[Any]  # (b, k, 2) points of the path ahead, body frame, m
 
     @staticmethod
     def layout(num_twist: int, num_preview: int) -> "Layout[Observation]":
@@ -95,7 +95,7 @@ FLAGS = ("success", "left_corridor", "collision")
 DRAWS = 2  # random numbers of a reset, besides the choice of the scenario
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def project(vertices, run, window, x, y, heading, s, segment):
     """Returns (arc length, segment, cross-track error, heading error) of the projection onto the path ahead of s."""
     s, segment = nearest_ahead(vertices, run, x, y, s, segment, window)
@@ -110,7 +110,7 @@ def project(vertices, run, window, x, y, heading, s, segment):
     return s, segment, error, bearing(a.ux * sine - a.uy * cosine, a.ux * cosine + a.uy * sine)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def observe(p, s, vertices, run, noise, i, row, out):
     """Writes the observation of one robot."""
     sensing.measure(p, s, noise, i, row)
@@ -146,14 +146,14 @@ def observe(p, s, vertices, run, noise, i, row, out):
     sine, cosine = sin_cos(s.measured_heading)
     segment = s.measured_segment
     ahead = along_lap(vertices, run, s.measured_arc_length, segment)
-    for j in range(p.num_preview):
+    for _ in range(p.num_preview):
         ahead += p.preview_spacing
         px, py, ahead, segment = walk_to(vertices, run, ahead, segment)
         out[i, np.uint64(k)], out[i, np.uint64(k + 1)] = to_body_frame(s.measured_x, s.measured_y, sine, cosine, px, py)
         k += 2
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
     """Measures robot i against its path and writes its observation, info and flags."""
     before = s.arc_length
@@ -168,14 +168,14 @@ def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
     reward = progress / (p.max_speed * p.dt * (1.0 + ratio * ratio))
     if left:
         reward -= p.corridor_penalty
-    numbers[6, i] = reward
+    report(p, s, course, run, reward, progress, numbers, i)
     flags[0, i] = success and not left
     flags[1, i] = left
     flags[2, i] = s.contact != 0
     flags[3, i] = success or left
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def report(p, s, course, run, reward, progress, numbers, i):
     """Writes column i of the numbers: INFO, then the reward."""
     numbers[0, i] = s.steps * p.dt
@@ -187,7 +187,7 @@ def report(p, s, course, run, reward, progress, numbers, i):
     numbers[6, i] = reward
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, vertices, runs, out, numbers, flags):
     """Runs the asked phases of a step for all robots but those in `skip`.
 
@@ -211,14 +211,12 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
             kinematic_plant.drive(p, s, obstacles, i, 0, noise, row)
         if phases & JUDGE:
             s.steps += 1
-            judge(
-                p, s, courses[s.scenario], vertices, runs[s.scenario], noise, i, row, out, numbers, flags
-            )
+            judge(p, s, courses[s.scenario], vertices, runs[s.scenario], noise, i, row, out, numbers, flags)
             s.noise_row += 1
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, out, numbers, flags):
     """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS)."""
     p = params[0]
@@ -282,7 +280,6 @@ class PathFollowing(Task):
             | {"max_range": 0.0}
             | {"max_speed": self.robot.max_twist[0]},
         )
-
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""

@@ -9,8 +9,9 @@ import dataclasses
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from wayfield.envs.compiled import compiled, inlined
 
 VERTEX = np.dtype(
     [
@@ -119,13 +120,13 @@ class PathPool:
         return cls(np.concatenate(pieces), runs)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def vertex(vertices, run, i):
-    """Returns vertex i of a path; the unsigned index spares compiled code the test for negative ones, twice its cost."""
+    """Returns vertex i of a path; an unsigned index needs no test for negative ones, which costs as much."""
     return vertices[np.uint64(run.first + i)]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def segment_at(vertices, run, s):
     """Returns the index of the segment that holds arc length s (m, inside one lap), by bisection."""
     low = 0
@@ -149,7 +150,7 @@ def _segments_per_metre(s: NDArray[np.float64]) -> float:
 _BLOCK = 4
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def nearest_ahead(vertices, run, x, y, s, segment, window):
     """Returns (s, segment) of the path point nearest to (x, y) with arc length in [s, s + window].
 
@@ -206,7 +207,7 @@ def nearest_ahead(vertices, run, x, y, s, segment, window):
             return best_s, best_segment
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def along_lap(vertices, run, s, segment):
     """Returns the arc length (m) inside the lap whose segment holds s; s counts over the laps of a closed path."""
     if not run.closed or s < run.length:
@@ -220,7 +221,7 @@ def along_lap(vertices, run, s, segment):
     return s - lap
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def walk_to(vertices, run, s, segment):
     """Returns (x, y, s, segment) of the path at arc length s >= that of the segment, walking forward from there.
 

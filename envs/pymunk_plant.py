@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 import pymunk
-from numba import njit
 from numpy.typing import NDArray
+
+from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance_to, row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, sinc
 from wayfield.envs.records import MAX_WHEELS, lag_factors, record
@@ -95,9 +96,7 @@ def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
     along[:count, 0] = robot.wheel_matrix * robot.wheel_radius
     if not robot.holonomic:
         # a plain wheel holds across its drive direction too
-        for i, ((px, py), angle) in enumerate(
-            zip(robot.wheel_positions, robot.wheel_directions, strict=True)
-        ):
+        for i, ((px, py), angle) in enumerate(zip(robot.wheel_positions, robot.wheel_directions, strict=True)):
             c, s = math.cos(angle), math.sin(angle)
             along[i, 1] = -s, c, px * c + py * s
     feels = (along**2 / np.array([robot.mass, robot.mass, robot.inertia])).sum(axis=2).max(axis=1)
@@ -122,7 +121,7 @@ def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def twist_between_poses(x, y, heading, to_x, to_y, to_heading, dt):
     """Returns the constant body twist that leads from one pose to another in dt, by less than half a turn.
 
@@ -136,14 +135,14 @@ def twist_between_poses(x, y, heading, to_x, to_y, to_heading, dt):
     return c * dx + s * dy, c * dy - s * dx, turn / dt
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def turned(x, y, angle):
     """Returns the vector (x, y) turned by an angle."""
     s, c = sin_cos(angle)
     return c * x - s * y, s * x + c * y
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn):
     """Returns whether the wheels can bring the body from one twist to another within a sub-step.
 
@@ -162,7 +161,7 @@ def grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def slide(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate):
     """Returns the twist after a sub-step of Coulomb friction at wheels that turn for another twist.
 
@@ -200,7 +199,7 @@ def slide(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate):
     return vx, vy, yaw_rate
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def roll(p, b, s, obstacles, i, count, noise, row):
     """Moves a robot as the kinematic plant does, if its wheels hold all the way and nothing is in reach.
 
@@ -244,7 +243,7 @@ def roll(p, b, s, obstacles, i, count, noise, row):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def turn_wheels(b, s, m):
     """Turns the wheels on by a sub-step: the first-order lag, exactly."""
     dvx = s.wheel_vx - s.command_vx
@@ -263,7 +262,7 @@ def turn_wheels(b, s, m):
     s.wheel_yaw_rate = s.command_yaw_rate + b.lag_decay * dyaw
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def pull(b, s, m):
     """Sets the twist to which the floor brings the body in a sub-step; returns the pose that it gets to.
 
@@ -304,7 +303,7 @@ def pull(b, s, m):
     return x, y, heading
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def outward(obstacle, x, y):
     """Returns the unit vector from the obstacle's nearest point to (x, y); zero inside the obstacle."""
     dx = x - obstacle.x
@@ -322,7 +321,7 @@ def outward(obstacle, x, y):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
     """Returns the point (x, y) that a sub-step leads to, moved so that the hull gets no deeper into anything.
 
@@ -350,7 +349,7 @@ def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
     return x, y
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(p, b, s, m, obstacles, i, count, bodies, hull):
     """Runs sub-steps until pymunk has to resolve one, put into `hull`; returns False at the period's end."""
     while m.substep < SUBSTEPS:
@@ -378,7 +377,7 @@ def advance(p, b, s, m, obstacles, i, count, bodies, hull):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def absorb(p, s, m, obstacles, i, count, bodies, hull):
     """Takes over what pymunk made of a sub-step: the velocity after contacts, and the things pushed."""
     vx, vy = turned(s.vx, s.vy, s.heading)
@@ -403,7 +402,7 @@ def absorb(p, s, m, obstacles, i, count, bodies, hull):
         s.contact = 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def finish(p, s, m, obstacles, i, count, noise, row):
     """Ends the control period: exact clearance, odometry by the drive wheels or by the body's motion."""
     s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
@@ -413,13 +412,11 @@ def finish(p, s, m, obstacles, i, count, noise, row):
     vy = m.rolled_vy
     yaw_rate = m.rolled_yaw_rate
     if p.passive_encoders:
-        vx, vy, yaw_rate = twist_between_poses(
-            m.start_x, m.start_y, m.start_heading, s.x, s.y, s.heading, p.dt
-        )
+        vx, vy, yaw_rate = twist_between_poses(m.start_x, m.start_y, m.start_heading, s.x, s.y, s.heading, p.dt)
     advance_odometry(p, s, vx, vy, yaw_rate, noise, i, row)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def start_rows(params, base, states, obstacles, counts, noise, skip, progress, bodies, hulls, waiting):
     """Begins a control period for all robots but those in `skip`; returns how many wait for pymunk."""
     p = params[0]
@@ -449,7 +446,7 @@ def start_rows(params, base, states, obstacles, counts, noise, skip, progress, b
     return asked
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def resume_rows(params, base, states, obstacles, counts, noise, progress, bodies, hulls, waiting, asked):
     """Goes on with the first `asked` rows of `waiting` after pymunk; returns how many wait again."""
     p = params[0]

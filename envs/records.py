@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematics
+from wayfield.envs.compiled import compiled
 from wayfield.envs.robots import Actuators, Robot
 
 MAX_WHEELS = 4
@@ -98,7 +98,9 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
     """
     if source == "odometry_plain_sum":
         if not robot.holonomic:
-            raise ValueError(f"pose_source={source!r} belongs to documents B and C; robot {robot.name!r} has no such map")
+            raise ValueError(
+                f"pose_source={source!r} belongs to documents B and C; robot {robot.name!r} has no such map"
+            )
         return robot.wheel_matrix, kinematics.plain_sum_matrix(robot.wheel_matrix, robot.wheel_radius), False
     if not robot.passive_wheel_positions:
         if source == "odometry_uncorrected":
@@ -135,9 +137,7 @@ def robot_params(
     shove: tuple[float, float, float, float] | None,
 ) -> dict[str, Any]:
     """Returns the values of ROBOT_PARAMS (but for the beams, which a task sets)."""
-    encoders, odometry, passive = odometry_matrices(
-        robot, "odometry" if pose_source == "ground_truth" else pose_source
-    )
+    encoders, odometry, passive = odometry_matrices(robot, "odometry" if pose_source == "ground_truth" else pose_source)
     decay, mean = lag_factors(actuators.lag, dt)
     when, shove_x, shove_y, shove_heading = shove or (-dt, 0.0, 0.0, 0.0)
     return {
@@ -187,7 +187,7 @@ def _padded(matrix: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.f
     return padded
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def halt(s):
     """Puts a robot at rest at its pose, with its clocks at zero and its odometry right."""
     s.vx = 0.0

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
+
 from wayfield.envs.robots import Robot
 
 try:
@@ -57,9 +58,7 @@ class Scene:
     path: NDArray[np.float64] | None = None  # (n, 2) polyline; closed ones repeat the first point
     corridor: float = 0.0  # half width drawn around the path, 0 = none
     obstacles: NDArray[np.void] | None = None  # (m,) records of geometry.OBSTACLE
-    goals: NDArray[np.float64] | None = (
-        None  # (k, 3) remaining poses: waypoints, then the goal; NaN = any heading
-    )
+    goals: NDArray[np.float64] | None = None  # (k, 3) remaining poses: waypoints, then the goal; NaN = any heading
     goal_tolerance: float = 0.0  # radius around the goal, 0 = none
     ranges: NDArray[np.float64] | None = None  # (beams,)
     beam_angles: NDArray[np.float64] | None = None  # (beams,) in the body frame
@@ -147,9 +146,7 @@ class Canvas:
     def disc(self, colour: Colour, at: NDArray[np.float64], radius: float, width: float = 0.0) -> None:
         """Draws a disc, or a ring of the given width inside the radius."""
         centre = _dots(at)
-        pygame.draw.circle(
-            self.surface, colour, centre, _SUPERSAMPLING * radius, round(_SUPERSAMPLING * width)
-        )
+        pygame.draw.circle(self.surface, colour, centre, _SUPERSAMPLING * radius, round(_SUPERSAMPLING * width))
 
     def polygon(self, colour: Colour, corners: NDArray[np.float64], width: float = 0.0) -> None:
         """Draws a filled polygon, or its outline."""
@@ -158,9 +155,7 @@ class Canvas:
     def line(self, colour: Colour, points: NDArray[np.float64], width: float) -> None:
         """Draws a polyline (n, 2) that is thin enough to need no round joints."""
         if len(points) > 1:
-            pygame.draw.lines(
-                self.surface, colour, False, _dots(points), max(1, round(_SUPERSAMPLING * width))
-            )
+            pygame.draw.lines(self.surface, colour, False, _dots(points), max(1, round(_SUPERSAMPLING * width)))
 
     def band(self, colour: Colour, points: NDArray[np.float64], width: float) -> None:
         """Draws a polyline (n, 2) of any width, with round joints and ends."""
@@ -190,17 +185,13 @@ class Canvas:
         self.disc(_WHITE, at, radius + 1.5)
         self.disc(colour, at, radius)
 
-    def arrow(
-        self, colour: Colour, at: NDArray[np.float64], heading: float, length: float, width: float
-    ) -> None:
+    def arrow(self, colour: Colour, at: NDArray[np.float64], heading: float, length: float, width: float) -> None:
         """Draws an arrow from a point along a heading (rad, counter-clockwise as in the world)."""
         ahead = np.array([math.cos(heading), -math.sin(heading)])
         across = np.array([-ahead[1], ahead[0]])
         neck = at + (length - 3.5 * width) * ahead
         self.line(colour, np.stack([at, neck]), width)
-        self.polygon(
-            colour, np.stack([at + length * ahead, neck + 2 * width * across, neck - 2 * width * across])
-        )
+        self.polygon(colour, np.stack([at + length * ahead, neck + 2 * width * across, neck - 2 * width * across]))
 
 
 def _dots(points: NDArray[np.float64]) -> Any:
@@ -250,9 +241,7 @@ def _draw_floor(canvas: Canvas, view: View) -> None:
     left, top = view.world_from_pixels((0, strip)) / step
     right, bottom = view.world_from_pixels((view.width_px, view.height_px - strip)) / step
     for i in range(math.ceil(left), math.floor(right) + 1):
-        canvas.rectangle(
-            _GRID, view.pixels_from_world((i * step, 0))[0], strip, 1, view.height_px - 2 * strip
-        )
+        canvas.rectangle(_GRID, view.pixels_from_world((i * step, 0))[0], strip, 1, view.height_px - 2 * strip)
     for i in range(math.ceil(bottom), math.floor(top) + 1):
         canvas.rectangle(_GRID, 0, view.pixels_from_world((0, i * step))[1], view.width_px, 1)
 

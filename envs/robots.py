@@ -43,7 +43,7 @@ class Robot:
     @functools.cached_property
     def forward_matrix(self) -> NDArray[np.float64]:
         """Returns the (3, n) map from wheel speeds (rad/s) to twist: the pseudo-inverse of `wheel_matrix`."""
-        return np.linalg.pinv(self.wheel_matrix)
+        return np.asarray(np.linalg.pinv(self.wheel_matrix), np.float64)
 
     def wheel_speeds_from_twist(self, twist: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns wheel speeds (..., n) in rad/s from commandable twists (..., len(twist_axes))."""
@@ -56,7 +56,7 @@ class Robot:
     @functools.cached_property
     def max_twist(self) -> NDArray[np.float64]:
         """Returns the largest value of each commandable twist component alone at rated wheel speed, m/s and rad/s."""
-        return self.rated_wheel_speed / np.abs(self.wheel_matrix[:, self.twist_axes]).max(axis=0)
+        return np.asarray(self.rated_wheel_speed / np.abs(self.wheel_matrix[:, self.twist_axes]).max(axis=0))
 
 
 def _ring(radius: float, degrees: tuple[float, ...]) -> tuple[tuple[float, float], ...]:

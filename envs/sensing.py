@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import ray_to_box, ray_to_circle, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
@@ -21,13 +21,13 @@ def beam_angles(num_beams: int, field_of_view: float) -> NDArray[np.float64]:
     end.
     """
     if field_of_view >= 2.0 * math.pi:
-        return -math.pi + 2.0 * math.pi / num_beams * np.arange(num_beams)
+        return np.linspace(-math.pi, math.pi, num_beams, endpoint=False)
     if num_beams == 1:
         return np.zeros(1)
-    return -0.5 * field_of_view + field_of_view / (num_beams - 1) * np.arange(num_beams)
+    return np.linspace(-0.5 * field_of_view, 0.5 * field_of_view, num_beams)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def encoder_twist(p, vx, vy, yaw_rate, noise, i, row):
     """Returns the twist that odometry reads off the encoders when they roll for the given twist.
 
@@ -46,7 +46,7 @@ def encoder_twist(p, vx, vy, yaw_rate, noise, i, row):
     return read_vx, read_vy, read_yaw_rate
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def advance_odometry(p, s, vx, vy, yaw_rate, noise, i, row):
     """Integrates the mean twist (of the drive wheels, or of the body for passive wheels) over the step just made."""
     read_vx, read_vy, read_yaw_rate = encoder_twist(p, vx, vy, yaw_rate, noise, i, row)
@@ -55,7 +55,7 @@ def advance_odometry(p, s, vx, vy, yaw_rate, noise, i, row):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def measure(p, s, noise, i, row):
     """Sets the pose and twist that the robot believes."""
     if p.perfect_pose:
@@ -82,7 +82,7 @@ def measure(p, s, noise, i, row):
         )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def coarse_angle(y, x):
     """Returns atan2(y, x) to within 0.005 rad: enough to choose beams, and several times faster."""
     ax = abs(x)
@@ -100,7 +100,7 @@ def coarse_angle(y, x):
 _ANGLE_MARGIN = 0.012
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def circle_bearings(px, py, radius, max_range):
     """Returns (right, left): bearings between which a circle at (px, py) in the body frame lies.
 
@@ -116,7 +116,7 @@ def circle_bearings(px, py, radius, max_range):
     return middle - half, middle + half
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def box_bearings(px, py, cosine, sine, half_length, half_width, max_range):
     """Returns `circle_bearings` for a box or wall whose long axis points along (cosine, sine) in the body frame."""
     # the robot in the box's frame
@@ -151,7 +151,7 @@ def box_bearings(px, py, cosine, sine, half_length, half_width, max_range):
     return right - _ANGLE_MARGIN, left + _ANGLE_MARGIN
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step, max_range, spans, ranges, column):
     """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
 
@@ -168,8 +168,8 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
     for k in range(num_beams):
         ranges[i, np.uint64(column + k)] = max_range
     s, c = sin_cos(heading)
-    # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that guesses
-    # wrong should not have to wait for an angle to find out.
+    # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that
+    # guesses wrong should not have to wait for an angle to find out.
     for j in range(count):
         obstacle = obstacles[i, j]
         dx = obstacle.x - x
@@ -205,8 +205,8 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
         right = spans[j, 0] - first_beam
         left = spans[j, 1] - first_beam
         for turn in range(0 if wraps else -1, 1 if wraps else 2):
-            low = int(math.ceil((right + turn * 6.283185307179586) * inverse_step))
-            high = int(math.floor((left + turn * 6.283185307179586) * inverse_step))
+            low = math.ceil((right + turn * 6.283185307179586) * inverse_step)
+            high = math.floor((left + turn * 6.283185307179586) * inverse_step)
             if wraps:
                 high = min(high, low + num_beams - 1)
             else:
@@ -223,15 +223,13 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
                 if is_circle:
                     distance = ray_to_circle(px, py, obstacle.radius, ux, uy)
                 else:
-                    distance = ray_to_box(
-                        px, py, cosine, sine, obstacle.half_length, obstacle.half_width, ux, uy
-                    )
+                    distance = ray_to_box(px, py, cosine, sine, obstacle.half_length, obstacle.half_width, ux, uy)
                 place = np.uint64(column + beam)
                 if distance < ranges[i, place]:
                     ranges[i, place] = distance
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def add_range_noise(p, num_beams, noise, i, row, ranges, column):
     """Disturbs each range that hit something; a beam that meets nothing keeps max_range."""
     if p.range_noise > 0.0:

@@ -1,6 +1,6 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -14,10 +14,13 @@ Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
 
 
-class SingleEnv(gymnasium.Env[Array, Array]):
+class SingleEnv(gymnasium.Env[Any, Any]):
     """One robot of a task. Subclasses are the registered classes: keyword arguments and documentation."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": FPS}
+    metadata: dict[str, Any] = {  # noqa: RUF012  as gymnasium.Env declares it
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": FPS,
+    }
 
     def __init__(self, task: Task, render_mode: str | None) -> None:
         if render_mode is not None:

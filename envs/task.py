@@ -118,7 +118,7 @@ class Task(abc.ABC):
     robot: Robot
     layout: Layout[Any]
     params: NDArray[np.void]
-    world: tuple[NDArray[np.void], ...]
+    world: tuple[NDArray[Any], ...]
     beam_angles: NDArray[np.float64]
     max_obstacles: int
 

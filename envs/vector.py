@@ -18,7 +18,7 @@ from wayfield.envs.task import choose
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
 
 
-class NativeVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     """Many robots of one registered environment; row i, seeded seed + i, equals the single environment bit for bit.
 
     Args:
@@ -62,7 +62,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np
         self._ended = np.zeros(num_envs, np.bool_)
         self._renderers: list[Any] = []
 
-    @property
+    @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Returns the generators of the rows."""
         return tuple(self._generators)

@@ -5,11 +5,11 @@ import math
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
@@ -90,7 +90,7 @@ class Lookahead:
         return np.column_stack([self.k_lin * x, self.k_ang * (1.0 - mode) * e_h + self.k_ori * mode * e_o])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def reference_points(vertices, runs, path_index, poses, arc_lengths, lookahead_distance, window, disc_heading, errors):
     """Fills the (b, 5) errors of `Lookahead.errors`.
 

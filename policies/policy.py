@@ -46,10 +46,9 @@ class Pilot:
         base: SingleEnv | NativeVectorEnv = env.unwrapped
         kind = base.task.layout.kind
         if kind not in policy.observes:
-            raise TypeError(
-                f"{type(policy).__name__} reads {' or '.join(f'{o.__module__}.{o.__name__}' for o in policy.observes)}, "
-                f"but {type(base).__name__} gives {kind.__module__}.{kind.__name__}"
-            )
+            reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
+            gives = f"{kind.__module__}.{kind.__name__}"
+            raise TypeError(f"{type(policy).__name__} reads {reads}, but {type(base).__name__} gives {gives}")
         self.policy = policy
         self._env = base
         self._shape = base.action_space.shape

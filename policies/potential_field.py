@@ -5,11 +5,11 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import nearest_surface
 
 
@@ -23,13 +23,13 @@ class PotentialField:
         F_rep = sum over d <= tau of k_rep (x - x_o) / d^4
         l_c = |F_att| / (|F_rep| + 0.0001), a local minimum is declared when l_c <= tau_l
 
-    With `escape`, the repulsion turned by 90 degrees is added while a local minimum is declared: towards the goal's side
-    of the obstacle, to the left when all three are in line, and that side is kept until the obstacle is passed.
+    With `escape`, the repulsion turned by 90 degrees is added while a local minimum is declared: towards the goal's
+    side of the obstacle, to the left when all three are in line, and that side is kept until the obstacle is passed.
 
-    Obstacles and robot are points here. The force jumps by k_rep / tau^3 where the influence begins; as printed there is
-    no speed limit but the wheels'. With an obstacle on the straight way the field as printed never arrives: it bounces
-    (tau up to 1 m) or rests at a saddle. `stop_radius` 0.25 m and `max_speed` 0.3 m/s reproduce where the document's
-    real robots stopped. tau, tau_l are not printed. Holonomic robots only.
+    Obstacles and robot are points here. The force jumps by k_rep / tau^3 where the influence begins; as printed there
+    is no speed limit but the wheels'. With an obstacle on the straight way the field as printed never arrives: it
+    bounces (tau up to 1 m) or rests at a saddle. `stop_radius` 0.25 m and `max_speed` 0.3 m/s reproduce where the
+    document's real robots stopped. tau and tau_l are not printed. Holonomic robots only.
 
     Source: document C (four-omni-wheel robot).
     """
@@ -143,7 +143,7 @@ class CorrectedField:
         return np.column_stack([body_from_world(force, observation.pose), self.k * observation.goal_heading_error])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def corrected_forces(obstacles, counts, poses, to_goal, hull_radius, k, eta, rho_0, max_speed, sides, forces):
     """Fills the (b, 2) forces of `CorrectedField`, in the world frame, and keeps the sides up to date."""
     for i in range(poses.shape[0]):
@@ -204,10 +204,14 @@ def norm(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 def world_from_body(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the vectors (b, 2) turned from the body frames of the poses (b, 3) into the world frame."""
     sine, cosine = np.sin(pose[:, 2]), np.cos(pose[:, 2])
-    return np.column_stack([cosine * vectors[:, 0] - sine * vectors[:, 1], sine * vectors[:, 0] + cosine * vectors[:, 1]])
+    return np.column_stack(
+        [cosine * vectors[:, 0] - sine * vectors[:, 1], sine * vectors[:, 0] + cosine * vectors[:, 1]]
+    )
 
 
 def body_from_world(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the vectors (b, 2) turned from the world frame into the body frames of the poses (b, 3)."""
     sine, cosine = np.sin(pose[:, 2]), np.cos(pose[:, 2])
-    return np.column_stack([cosine * vectors[:, 0] + sine * vectors[:, 1], cosine * vectors[:, 1] - sine * vectors[:, 0]])
+    return np.column_stack(
+        [cosine * vectors[:, 0] + sine * vectors[:, 1], cosine * vectors[:, 1] - sine * vectors[:, 0]]
+    )

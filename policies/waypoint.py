@@ -57,9 +57,7 @@ class Waypoint:
         error = briefing.goals[rows, memory, :2] - position
         turn = np.where(memory == last, observation.goal_heading_error, 0.0)
         arrived = (
-            (memory == last)
-            & (np.hypot(*error.T) <= self.final_tolerance)
-            & (np.abs(turn) <= self.final_tolerance)
+            (memory == last) & (np.hypot(*error.T) <= self.final_tolerance) & (np.abs(turn) <= self.final_tolerance)
         )
         rate = np.where(arrived, 0.0, self.lam)
         sine, cosine = np.sin(observation.pose[:, 2]), np.cos(observation.pose[:, 2])

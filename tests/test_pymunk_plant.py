@@ -9,8 +9,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import wayfield  # noqa: F401  registers the environments
 from numpy.typing import NDArray
+
+import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.geometry import OBSTACLE, clearance
 from wayfield.envs.kinematics import integrate_arc
 from wayfield.envs.pymunk_plant import (
@@ -67,9 +68,7 @@ class Arena:
 
     def place(self, x: float, y: float, heading: float) -> None:
         self.state["x"], self.state["y"], self.state["heading"] = x, y, heading
-        self.state["clearance"] = (
-            clearance(self.obstacles, len(self.obstacles), x, y) - self.robot.hull_radius
-        )
+        self.state["clearance"] = clearance(self.obstacles, len(self.obstacles), x, y) - self.robot.hull_radius
 
     @property
     def pose(self) -> NDArray[np.float64]:
@@ -131,9 +130,7 @@ def momentum_twist(arena: Arena) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
-def test_agrees_with_the_kinematic_plant_while_wheels_grip(
-    tmp_path: Path, robot: str, actuators: str
-) -> None:
+def test_agrees_with_the_kinematic_plant_while_wheels_grip(tmp_path: Path, robot: str, actuators: str) -> None:
     arenas = [Arena(tmp_path, robot, dynamics=d, actuators=actuators) for d in ("kinematic", "pymunk")]
     twists = smooth_twists(robot, 400)
     for twist in twists:
@@ -457,9 +454,7 @@ def test_stays_out_of_what_is_fixed(tmp_path: Path, speed: float) -> None:
 
 
 def test_an_overlap_is_resolved_gently(tmp_path: Path) -> None:
-    arena = Arena(
-        tmp_path, "omni3", wall_at(1.0, -3.0, 1.0, 3.0), box_at(-0.6, 0.0, 0.4, mass=2.0), actuators="ideal"
-    )
+    arena = Arena(tmp_path, "omni3", wall_at(1.0, -3.0, 1.0, 3.0), box_at(-0.6, 0.0, 0.4, mass=2.0), actuators="ideal")
     arena.place(0.8, 0.0, 0.0)  # 10 cm inside the wall
     x = arena.state["x"].item()
     for _ in range(20):
@@ -471,9 +466,7 @@ def test_an_overlap_is_resolved_gently(tmp_path: Path) -> None:
 
 
 def test_a_shove_displaces_and_the_wall_stops_it(tmp_path: Path) -> None:
-    arena = Arena(
-        tmp_path, "omni3", wall_at(1.0, -3.0, 1.0, 3.0), actuators="lagged", shove=(0.5, 2.0, 0.0, 0.3)
-    )
+    arena = Arena(tmp_path, "omni3", wall_at(1.0, -3.0, 1.0, 3.0), actuators="lagged", shove=(0.5, 2.0, 0.0, 0.3))
     arena.drive(0.0, 0.0, 0.0, steps=11)
     assert arena.state["contact"] == 1
     assert arena.state["x"] == pytest.approx(0.7, abs=1e-3)
@@ -487,9 +480,7 @@ def test_a_shove_displaces_and_the_wall_stops_it(tmp_path: Path) -> None:
 
 def room_file(tmp_path: Path) -> str:
     file = tmp_path / "room.json"
-    file.write_text(
-        json.dumps({"goal": [0.9, 0.9, 0.0], "obstacles": ROOM, "start_offset": 0.1, "start_turn": 3.0})
-    )
+    file.write_text(json.dumps({"goal": [0.9, 0.9, 0.0], "obstacles": ROOM, "start_offset": 0.1, "start_turn": 3.0}))
     return str(file)
 
 
@@ -520,9 +511,7 @@ def test_rows_equal_single_environments_bit_for_bit(tmp_path: Path, noise: float
 
 
 def test_a_reset_forgets_what_was_pushed(tmp_path: Path) -> None:
-    env: Any = gymnasium.make(
-        GOAL_ID, scenario=room_file(tmp_path), dynamics="pymunk", end_on_contact=False
-    ).unwrapped
+    env: Any = gymnasium.make(GOAL_ID, scenario=room_file(tmp_path), dynamics="pymunk", end_on_contact=False).unwrapped
     runs = []
     for _ in range(2):
         env.reset(seed=3)

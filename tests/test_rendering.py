@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.robots import ROBOTS
 

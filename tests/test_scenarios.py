@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
+
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.paths import Path
 from wayfield.envs.robots import ROBOTS
@@ -66,9 +67,11 @@ def clearances(obstacles: NDArray[np.void], points: NDArray[np.float64]) -> NDAr
 def test_every_named_path_is_evenly_spaced(name: str) -> None:
     for scenario in path_scenarios(name):
         assert scenario.name.startswith(name)
-        assert steps(scenario.path) == pytest.approx(0.02, rel=0.02)
+        # the documents' tables are 0.02 m apart; a bank of random paths is coarser
+        spacing = 0.04 if name == "random_splines" else 0.02
+        assert steps(scenario.path) == pytest.approx(spacing, rel=0.02)
         # along the curve the spacing is one number; a chord across a bend is a little shorter
-        assert np.ptp(steps(scenario.path)) < 1e-4
+        assert np.ptp(steps(scenario.path)) < 5e-3 * spacing
         assert not scenario.path.points.flags.writeable
 
 
@@ -109,9 +112,7 @@ def test_figure_eights(name: str, laps: int) -> None:
     assert scenario.laps == laps
 
 
-@pytest.mark.parametrize(
-    ("name", "corners", "turn", "length"), [("right_angle", 4, 90, 15), ("zigzag", 5, 120, 12)]
-)
+@pytest.mark.parametrize(("name", "corners", "turn", "length"), [("right_angle", 4, 90, 15), ("zigzag", 5, 120, 12)])
 def test_polylines(name: str, corners: int, turn: float, length: float) -> None:
     (scenario,) = path_scenarios(name)
     a, b = np.diff(scenario.path.points, axis=0)[:-1], np.diff(scenario.path.points, axis=0)[1:]
@@ -451,9 +452,7 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
         (b"a" * 10_000, 1, "neither a row of numbers"),
     ],
 )
-def test_faulty_tables_name_file_and_line(
-    tmp_path: FilePath, content: bytes, line: int, message: str
-) -> None:
+def test_faulty_tables_name_file_and_line(tmp_path: FilePath, content: bytes, line: int, message: str) -> None:
     file = tmp_path / "table.csv"
     file.write_bytes(content)
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
@@ -478,11 +477,7 @@ def test_missing_files_and_folders(tmp_path: FilePath) -> None:
         goal_scenarios(str(folder), 0.3)
 
 
-@given(
-    st.lists(
-        st.tuples(*[st.floats(-1e6, 1e6, allow_subnormal=False)] * 2), min_size=2, max_size=30, unique=True
-    )
-)
+@given(st.lists(st.tuples(*[st.floats(-1e6, 1e6, allow_subnormal=False)] * 2), min_size=2, max_size=30, unique=True))
 def test_points_survive_the_way_through_a_file(
     tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, float]]
 ) -> None:

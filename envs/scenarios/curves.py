@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from wayfield.envs.paths import Path
 
 SPACING = 0.02  # m, the spacing of the path tables of the source documents

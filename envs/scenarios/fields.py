@@ -4,8 +4,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
@@ -99,7 +100,7 @@ def random_fields(
     raise ValueError(f"hull_radius is {hull_radius:g}; {name!r} has no {BANK_SIZE} fields with room for it")
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def has_room(obstacles: NDArray[np.void], x: float, y: float, needed: float) -> bool:
     """Returns whether (x, y) has `needed` (m) of clearance to obstacles (OBSTACLE records, shape (m,))."""
     for j in range(len(obstacles)):  # noqa: SIM110 - not every Numba compiles all() of a generator
@@ -108,10 +109,8 @@ def has_room(obstacles: NDArray[np.void], x: float, y: float, needed: float) -> 
     return True
 
 
-@njit(cache=True, error_model="numpy")
-def way_exists(
-    obstacles: NDArray[np.void], x0: float, y0: float, x1: float, y1: float, needed: float
-) -> bool:
+@compiled
+def way_exists(obstacles: NDArray[np.void], x0: float, y0: float, x1: float, y1: float, needed: float) -> bool:
     """Returns whether a grid of 0.1 m over the walled square joins two points (m) along clear nodes.
 
     Flood fill over the four neighbours, from the node nearest to (x0, y0) to the one nearest to (x1, y1). A

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
+
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
@@ -79,9 +80,7 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
     for field in ("waypoints", "obstacles"):
         if not isinstance(fields.get(field, []), list):
             raise _fault(file, f"{field} is {shown(fields[field])}; it must be a list")
-    obstacles = [
-        _obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))
-    ]
+    obstacles = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
     try:
         return GoalScenario(name, **fields, obstacles=obstacle_field(*obstacles))
     except ValueError as error:
@@ -118,9 +117,7 @@ def _obstacle(file: str, place: str, value: Any) -> np.void:
     kind = arguments.pop("kind", None)
     if not isinstance(kind, str) or kind not in _OBSTACLE_KINDS:
         near = suggestion(kind, _OBSTACLE_KINDS) if isinstance(kind, str) else ""
-        raise _fault(
-            file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}"
-        )
+        raise _fault(file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}")
     parameters = inspect.signature(_OBSTACLE_KINDS[kind]).parameters
     required = [name for name, parameter in parameters.items() if parameter.default is parameter.empty]
     _check_keys(file, f"{place}.", arguments, parameters, required)
@@ -137,9 +134,7 @@ def _check_keys(
     for key in fields:
         if key not in known:
             near = suggestion(key, known)
-            raise _fault(
-                file, f"field {place + key!r} is not known; the fields are {', '.join(known)}.{near}"
-            )
+            raise _fault(file, f"field {place + key!r} is not known; the fields are {', '.join(known)}.{near}")
     for key in required:
         if key not in fields:
             raise _fault(file, f"field {place + key!r} is missing")

@@ -65,13 +65,9 @@ GOAL_SCENARIOS: Mapping[str, Callable[[float], tuple[GoalScenario, ...]]] = {
     # Document C, scenario 2: two boxes in a row on the line to a goal 2.1 m away.
     "apf_2": _potential_field_run("apf_2", (1.5, 1.5), (0.5, 0.5), (1.0, 1.0)),
     # A box of 2 kg on the straight way, light enough to be pushed where the dynamics let it move.
-    "push_box": _one(
-        "push_box", goal=(4.0, 0.0, 0.0), obstacles=obstacle_field(box(2.0, 0.0, 0.4, 0.4, mass=2.0))
-    ),
+    "push_box": _one("push_box", goal=(4.0, 0.0, 0.0), obstacles=obstacle_field(box(2.0, 0.0, 0.4, 0.4, mass=2.0))),
     # A wall across the straight way: a robot that heads for the goal stays in contact with it.
-    "held_by_wall": _one(
-        "held_by_wall", goal=(3.0, 0.0, 0.0), obstacles=obstacle_field(wall(1.5, -1.5, 1.5, 1.5))
-    ),
+    "held_by_wall": _one("held_by_wall", goal=(3.0, 0.0, 0.0), obstacles=obstacle_field(wall(1.5, -1.5, 1.5, 1.5))),
     # 64 random pairs of start and goal, 3 to 6 m apart, no obstacles.
     "open_field": open_field,
     # 64 random fields of 12 circles in a walled square of 10 m.

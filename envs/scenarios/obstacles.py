@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.scenarios.validation import checked_number
 

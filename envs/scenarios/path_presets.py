@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
+
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.curves import (
     CubicSpline,
@@ -88,9 +89,7 @@ PATH_SCENARIOS: Mapping[str, Callable[[], tuple[PathScenario, ...]]] = {
     # Four periods of a sine, amplitude 1 m, wavelength 3 m: curvature up to 4.4 1/m.
     "s_curve_tight": _one("s_curve_tight", lambda: sine_path(12.0, 3.0)),
     # Four corners of 90 degrees, legs of 3 m.
-    "right_angle": _one(
-        "right_angle", lambda: polyline_path([(0, 0), (3, 0), (3, 3), (6, 3), (6, 0), (9, 0)])
-    ),
+    "right_angle": _one("right_angle", lambda: polyline_path([(0, 0), (3, 0), (3, 3), (6, 3), (6, 0), (9, 0)])),
     # Five corners of 120 degrees, legs of 2 m.
     "zigzag": _one("zigzag", lambda: polyline_path(_ZIGZAG_CORNERS)),
     # A lemniscate that crosses itself at the origin, for as long as the clock runs.

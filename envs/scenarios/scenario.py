@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayfield.envs.geometry import OBSTACLE, clearance_to
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.obstacles import described, obstacle_field
@@ -24,9 +25,7 @@ class PathScenario:
     name: str
     path: Path
     laps: int = 1  # laps asked on a closed path, 0 for no end but the clock; an open path has 1
-    start: tuple[float, float, float] | None = (
-        None  # x, y (m), heading (rad); None: the first point, along the path
-    )
+    start: tuple[float, float, float] | None = None  # x, y (m), heading (rad); None: the first point, along the path
     start_offset: float = 0.0  # m, the lateral start offset is drawn from [-start_offset, start_offset]
     start_turn: float = 0.0  # rad, the start heading is turned by a draw from [-start_turn, start_turn]
     corridor: float = 1.0  # m, the episode fails when |cross-track error| exceeds it
@@ -37,9 +36,7 @@ class PathScenario:
         if not isinstance(self.laps, int | np.integer) or isinstance(self.laps, bool) or self.laps < 0:
             raise ValueError(f"laps is {shown(self.laps)}; it must be a whole number of at least 0")
         if self.laps != 1 and not self.path.closed:
-            raise ValueError(
-                f"laps is {self.laps}; an open path has 1 lap, only a closed one can have another number"
-            )
+            raise ValueError(f"laps is {self.laps}; an open path has 1 lap, only a closed one can have another number")
         _settle(self, "laps", int(self.laps))
         _settle(self, "start_offset", checked_number("start_offset", self.start_offset, least=0.0))
         _settle(self, "start_turn", checked_number("start_turn", self.start_turn, least=0.0))
@@ -133,9 +130,7 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
     for j, record in enumerate(records):
         # NumPy would spread a plain number over all fields of a record
         if not isinstance(record, np.void) or record.dtype != OBSTACLE:
-            raise ValueError(
-                f"obstacles[{j}] is {shown(record)}; it must be an OBSTACLE record: circle, box or wall"
-            )
+            raise ValueError(f"obstacles[{j}] is {shown(record)}; it must be an OBSTACLE record: circle, box or wall")
     field = obstacle_field(*records)
     sizes = ("half_length", "half_width", "radius", "mass")
     for name in OBSTACLE.names or ():

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.validation import FARTHEST, shown
 
@@ -68,9 +69,7 @@ def path_from_table(file: str, scale: float = 1.0) -> Path:
     if len(points) < least:
         kind = "a closed path" if closed else "a path"
         line = _line_of(lines, layout, len(points) - 1)
-        raise _fault(
-            file, line, f"the table ends after {len(points)} distinct point(s); {kind} needs at least {least}"
-        )
+        raise _fault(file, line, f"the table ends after {len(points)} distinct point(s); {kind} needs at least {least}")
     return Path(points, closed)
 
 
@@ -118,9 +117,7 @@ def _layout(file: str, lines: list[str]) -> _Layout:
             continue
         columns = _xy_columns(names) or (0, 1)
         if names and len(fields) <= max(columns):
-            raise _fault(
-                file, i + 1, f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}"
-            )
+            raise _fault(file, i + 1, f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}")
         if not names and len(fields) not in (2, _COPPELIASIM_COLUMNS):
             raise _fault(
                 file,

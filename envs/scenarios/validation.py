@@ -49,9 +49,7 @@ def checked_numbers(field: str, values: Any, count: int, meaning: str) -> tuple[
     Raises:
         ValueError: if there are more or fewer, or one is no finite number.
     """
-    items = (
-        list(values) if isinstance(values, Iterable) and not isinstance(values, str | bytes | dict) else []
-    )
+    items = list(values) if isinstance(values, Iterable) and not isinstance(values, str | bytes | dict) else []
     if len(items) != count:
         raise ValueError(f"{field} is {shown(values)}; it must be {count} numbers ({meaning})")
     return tuple(checked_number(f"{field}[{i}]", item) for i, item in enumerate(items))

@@ -1,0 +1,33 @@
+"""How every kernel of the project is compiled."""
+
+import pathlib
+from typing import Any
+
+import numba
+
+# Numba looks for changes in the file of a cached function alone, but a kernel holds the code of all it calls: without
+# this a kernel could go on running what its neighbour files said before an update.
+_SOURCES = tuple(
+    (path.name, path.stat().st_mtime_ns, path.stat().st_size)
+    for path in sorted(pathlib.Path(__file__).parent.glob("*.py"))
+)
+
+
+def compiled(function: Any) -> Any:
+    """Compiles a scalar function of one robot, or a loop over robots, to machine code, and caches it on disk.
+
+    IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits.
+    """
+    return _cached(numba.njit(cache=True, error_model="numpy")(function))
+
+
+def inlined(function: Any) -> Any:
+    """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
+    return _cached(numba.njit(cache=True, error_model="numpy", inline="always")(function))
+
+
+def _cached(dispatcher: Any) -> Any:
+    """Returns the dispatcher with a disk cache that is void once any source file of this folder has changed."""
+    index = dispatcher._cache._cache_file
+    index._source_stamp = (index._source_stamp, _SOURCES)
+    return dispatcher
