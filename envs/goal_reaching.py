@@ -14,7 +14,7 @@ from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.scenarios import GoalScenario, goal_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, whole
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -270,6 +270,9 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fi
             obstacles[i, k] = fields[scenario, k]
         s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
         s.y = course.start[1] + course.start_offset * (2.0 * draws[j, 2] - 1.0)
+        if row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) <= p.hull_radius:
+            s.x = course.start[0]
+            s.y = course.start[1]
         s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 3] - 1.0))
         records.halt(s)
         s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
@@ -300,6 +303,10 @@ class GoalReaching(Task):
         max_range: float,
         **params: Any,
     ) -> None:
+        whole("num_beams", num_beams, 0)
+        positive("max_range", max_range)
+        if not 0.0 < field_of_view <= 2.0 * math.pi:
+            raise ValueError(f"field_of_view must be above 0 and at most 2 pi rad, got {field_of_view!r}")
         self.scenarios: tuple[GoalScenario, ...] = goal_scenarios(scenario, options.robot.hull_radius)
         self.options = options
         self.robot = options.robot
@@ -338,13 +345,15 @@ class GoalReaching(Task):
         courses, goals, fields, _ = self.world
         scenario = int(state["scenario"])
         course = courses[scenario]
-        poses = goals[scenario, : course["num_goals"]]
+        poses = goals[scenario, : course["num_goals"]].copy()
+        poses[:-1, 2] = np.nan  # a waypoint has no heading
         solid = fields[scenario, : course["num_obstacles"]]
-        reach = solid["radius"] + np.hypot(solid["half_length"], solid["half_width"])
+        length, width = solid["half_length"], solid["half_width"]
+        cosine, sine = np.abs(solid["cos"]), np.abs(solid["sin"])
+        reach = np.column_stack([cosine * length + sine * width, sine * length + cosine * width])
+        reach += solid["radius"][:, None]
         centres = np.column_stack([solid["x"], solid["y"]])
-        points = np.vstack(
-            [course["start"][None, :2], poses[:, :2], centres - reach[:, None], centres + reach[:, None]]
-        )
+        points = np.vstack([course["start"][None, :2], poses[:, :2], centres - reach, centres + reach])
         margin = 2.0 * self.robot.hull_radius
         return {
             "goals": poses[state["waypoint"] :],
@@ -373,7 +382,92 @@ class GoalReaching(Task):
 
 
 class OmniGoalObstacles(SingleEnv):
-    """TO BE WRITTEN"""
+    """An omni robot drives to a goal pose, or through waypoints, among obstacles.
+
+    ## Description
+
+    A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four (document
+    C: 0.03 m on 0.13 m) shall reach a goal pose among circles, boxes and walls, passing waypoints in their order where
+    the scenario has some. Control period 0.05 s. The hull is a disc: 0.3 m for omni3, 0.177 m for omni4.
+
+    ## Action space
+
+    `Box(3,)` float32 for `action_mode="twist"`, `Box(3,)` or `Box(4,)` for `"wheel_speeds"`. Values beyond the bounds
+    are allowed: the base scales all wheels by one factor, which keeps the direction of motion. Non-finite values, other
+    shapes and other types are errors.
+
+    | index | "twist" | omni3 | omni4 | "wheel_speeds" | omni3 | omni4 |
+    |---|---|---|---|---|---|---|
+    | 0 | v_x, m/s | 1.73 | 1.27 | wheel 1, rad/s | 20 | 30 |
+    | 1 | v_y, m/s | 1.5 | 1.27 | wheel 2, rad/s | 20 | 30 |
+    | 2 | yaw rate, rad/s | 5.0 | 6.92 | wheel 3, rad/s | 20 | 30 |
+    | 3 | | | | wheel 4, rad/s | | 30 |
+
+    ## Observation space
+
+    `Box(10 + n,)` float32, n = `num_beams`; `env.unwrapped.task.layout.unpack(observation)` gives the named fields.
+
+    | index | field | meaning | min | max | unit |
+    |---|---|---|---|---|---|
+    | 0, 1 | pose | measured x, y in the world frame | -inf | inf | m |
+    | 2 | pose | measured heading | -pi | pi | rad |
+    | 3, 4, 5 | twist | measured v_x, v_y, yaw rate | -inf | inf | m/s, rad/s |
+    | 6, 7 | goal | the waypoint or goal driven to, body frame | -inf | inf | m |
+    | 8 | goal_heading_error | goal heading minus heading, in (-pi, pi] | -pi | pi | rad |
+    | 9 | waypoints_left | before the goal | 0 | inf | |
+    | 10, ... | ranges | from right to left over `field_of_view`, a full circle from behind | 0 | max_range | m |
+
+    ## Rewards
+
+    With `progress` (decrease of `remaining_distance`), `turn_progress` (decrease of |goal_heading_error|), `success`
+    and `collision` of info:
+
+        reward = progress + 0.1 turn_progress - 0.01 + 5 success - 5 collision
+
+    ## Starting state
+
+    At rest at the scenario's start, displaced by uniform draws from +-`start_offset` in x and y (not where that would
+    touch an obstacle) and turned by one from +-`start_turn`. A random family such as "discs" draws one of 64 fields.
+
+    ## Episode end
+
+    Terminated in success when the waypoints are passed and the pose is within the scenario's tolerance of the goal in
+    position and heading; in failure when the hull touches an obstacle, in front of which the kinematic robot stops.
+    Truncated after 1200 steps (60 s). `end_on_success=False` runs on, to show station keeping; `end_on_contact=False`
+    (pymunk) survives contact.
+
+    ## Info
+
+    `time` (s), `goal_distance` (m), `goal_heading_error` (rad), `remaining_distance` (m, through the waypoints left),
+    `progress` (m), `turn_progress` (rad), `clearance` (m, hull to the nearest surface; inf without obstacles),
+    `waypoint` (index of the one driven to), and the flags `success`, `collision`; all of the true pose.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | scenario | "discs" | a name of `wayfield.envs.scenarios.GOAL_SCENARIOS`, or a .json file |
+    | robot | "omni3" | "omni3" or "omni4" |
+    | dynamics | "kinematic" | "kinematic", or "pymunk": mass, wheel slip, contacts, pushable obstacles |
+    | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |
+    | action_mode | "twist" | "twist" or "wheel_speeds" |
+    | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
+    | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected" (omni3), "odometry_plain_sum" |
+    | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
+    | num_beams, field_of_view, max_range | 32, 2 pi, 5.0 m | the range scan |
+    | end_on_success, end_on_contact | True, True | see Episode end |
+    | render_mode | None | "rgb_array" or "human" |
+
+    "odometry" reads omni3's two passive encoder wheels and IMU, and omni4's drive wheels; "odometry_uncorrected" leaves
+    out the rotation term of the passive wheels, "odometry_plain_sum" uses the forward map that documents B and C
+    print. In the tier "ideal" the wheels turn up to 200 rad/s, so that document B's unsaturated runs can be shown; in
+    the other tiers the bounds of the action space hold. The vector environment takes
+    `autoreset_mode="NextStep"|"SameStep"` besides.
+
+    ## Version history
+
+    * v0: first version.
+    """
 
     def __init__(
         self,

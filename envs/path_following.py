@@ -15,7 +15,7 @@ from wayfield.envs.observation import Field, Layout
 from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
 from wayfield.envs.scenarios import PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, whole
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -92,6 +92,7 @@ class Observation(NamedTuple):
 
 INFO = ("time", "arc_length", "progress", "cross_track_error", "heading_error", "completion")
 FLAGS = ("success", "left_corridor", "collision")
+LOOKAHEAD = 0.5  # m, of the marker that frames show
 DRAWS = 2  # random numbers of a reset, besides the choice of the scenario
 
 
@@ -260,6 +261,8 @@ class PathFollowing(Task):
         self.options = options
         self.robot = options.robot
         self.task_params = Params(**params)
+        whole("num_preview", self.task_params.num_preview, 0)
+        positive("preview_spacing", self.task_params.preview_spacing)
         pool = PathPool.of([each.path for each in self.scenarios])
         courses = np.zeros(len(self.scenarios), COURSE)
         for course, each, run in zip(courses, self.scenarios, pool.runs, strict=True):
@@ -288,11 +291,28 @@ class PathFollowing(Task):
         vertices = self.pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
         path = np.column_stack([vertices["x"], vertices["y"]])
         margin = scenario.corridor + self.robot.hull_radius
+        # the two markers that document A shows live: the point half a metre ahead, and the path point nearest to it
+        lookahead = (
+            float(state["x"] + LOOKAHEAD * math.cos(state["heading"])),
+            float(state["y"] + LOOKAHEAD * math.sin(state["heading"])),
+        )
+        s, segment = nearest_ahead(
+            self.pool.vertices,
+            run,
+            *lookahead,
+            float(state["arc_length"]),
+            int(state["segment"]),
+            self.task_params.window,
+        )
+        a = vertices[segment]
+        along = along_lap(self.pool.vertices, run, s, segment) - a["s"]
         return {
             "path": path,
             "corridor": scenario.corridor,
             "bounds": (*(path.min(axis=0) - margin).tolist(), *(path.max(axis=0) + margin).tolist()),
-            "start": self.world[0]["start"][int(state["scenario"])][:2].tolist(),
+            "start": tuple(self.world[0]["start"][int(state["scenario"])][:2].tolist()),
+            "lookahead": lookahead,
+            "reference": (float(a["x"] + along * a["ux"]), float(a["y"] + along * a["uy"])),
             "caption": (
                 f"t {state['steps'] * self.options.dt:5.2f} s   "
                 f"cross-track error {100 * state['cross_track_error']:+6.1f} cm"
@@ -311,7 +331,88 @@ class PathFollowing(Task):
 
 
 class DiffDrivePathFollowing(SingleEnv):
-    """TO BE WRITTEN"""
+    """A Pioneer P3DX follows a path.
+
+    ## Description
+
+    A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most 1.2 m/s) shall
+    stay on a polyline and get to its end, or round a closed one. Control period 0.05 s. Progress is measured by a
+    projection that only moves forward: the nearest point of the path within 1 m of arc length ahead of the last one, so
+    that a path may cross itself.
+
+    ## Action space
+
+    `Box(2,)` float32. Values beyond the bounds are allowed: the base scales all wheels by one factor, which keeps the
+    direction of motion. Non-finite values, other shapes and other types are errors.
+
+    | index | `action_mode="twist"` | bound | `action_mode="wheel_speeds"` | bound |
+    |---|---|---|---|---|
+    | 0 | forward speed v, m/s | 1.2 | right wheel, rad/s | 12.31 |
+    | 1 | yaw rate w, rad/s | 6.30 | left wheel, rad/s | 12.31 |
+
+    ## Observation space
+
+    `Box(8 + 2 k,)` float32, k = `num_preview`; `env.unwrapped.task.layout.unpack(observation)` gives the named fields.
+
+    | index | field | meaning | min | max | unit |
+    |---|---|---|---|---|---|
+    | 0, 1 | pose | measured x, y in the world frame | -inf | inf | m |
+    | 2 | pose | measured heading | -pi | pi | rad |
+    | 3, 4 | twist | measured forward speed and yaw rate | -inf | inf | m/s, rad/s |
+    | 5 | cross_track_error | distance to the path, + left of it | -inf | inf | m |
+    | 6 | heading_error | heading minus path tangent | -pi | pi | rad |
+    | 7 | arc_length | of the projection, counting over laps | 0 | inf | m |
+    | 8, ... | preview | k points (x, y) every `preview_spacing` ahead, body frame | -inf | inf | m |
+
+    All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as on a robot.
+
+    ## Rewards
+
+    With ds the `progress`, e the `cross_track_error` and `left_corridor` of info:
+
+        reward = ds / (v_max dt) / (1 + (e / 0.1 m)^2) - 10 left_corridor,    v_max = 1.2 m/s, dt = 0.05 s
+
+    The first term lies in [0, 1] while the robot drives along the path; it is halved 0.1 m beside it.
+
+    ## Starting state
+
+    At rest at the scenario's start (by default the path's first point, along it), displaced sideways by a uniform draw
+    from +-`start_offset` and turned by one from +-`start_turn` of the scenario. `random_splines` draws one of 64 paths.
+
+    ## Episode end
+
+    Terminated in success within 0.05 m of arc length of the path's end, or of the end of the last lap asked; in failure
+    when |e| exceeds the scenario's corridor. Truncated after 1200 steps (60 s). `circle` and other closed document runs
+    have no end but the clock.
+
+    ## Info
+
+    `time` (s), `arc_length` (m), `progress` (m, since the last step), `cross_track_error` (m), `heading_error` (rad),
+    `completion` (share of the path, or laps), and the flags `success`, `left_corridor`, `collision`; all of the true
+    pose.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | scenario | "random_splines" | a name of `wayfield.envs.scenarios.PATH_SCENARIOS`, or a .csv, .txt or .json file |
+    | robot | "p3dx" | the robot |
+    | dynamics | "kinematic" | "kinematic", or "pymunk": mass, wheel slip, contacts |
+    | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |
+    | action_mode | "twist" | "twist" or "wheel_speeds" |
+    | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 % |
+    | pose_source | "ground_truth" | or "odometry": the pose integrated from the encoders |
+    | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
+    | scale | 1.0 | multiplies the path's coordinates |
+    | num_preview, preview_spacing | 10, 0.1 m | the preview |
+    | render_mode | None | "rgb_array" or "human" |
+
+    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` besides.
+
+    ## Version history
+
+    * v0: first version.
+    """
 
     def __init__(
         self,

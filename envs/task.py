@@ -100,6 +100,18 @@ def choose(field: str, value: str, choices: Iterable[str]) -> None:
     raise ValueError(f"{field}={value!r} is unknown.{hint} Choose from {', '.join(map(repr, choices))}.")
 
 
+def whole(field: str, value: int, least: int) -> None:
+    """Raises ValueError, naming the field, unless the value is a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{field} must be a whole number >= {least}, got {value!r}")
+
+
+def positive(field: str, value: float) -> None:
+    """Raises ValueError, naming the field, unless the value is a finite number above 0."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 < value < math.inf:
+        raise ValueError(f"{field} must be a finite number > 0, got {value!r}")
+
+
 class Task(abc.ABC):
     """A task: its records, its compiled step over all robots, and the bank of scenarios it draws from.
 
