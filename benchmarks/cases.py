@@ -1,0 +1,39 @@
+"""What a benchmark case is: an environment, a policy, and the figures that were published for the two. Pure data."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
+GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"
+
+# One figure, or the lower and upper end of a published range.
+Figure = float | tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A policy in a scenario. Every policy of an experiment meets the same scenario, starts and disturbances."""
+
+    document: str  # the table it belongs to
+    experiment: str  # what the table calls the scenario
+    env_id: str
+    scenario: str
+    policy: str
+    gains: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # in place of the policy's defaults
+    env_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    max_episode_steps: int = 1200
+    episodes: int = 1  # unless the command line says otherwise
+    arrival_radius: float | None = None  # m, within which a waypoint or the goal counts as arrived at in the document
+    published: Mapping[str, Figure] = dataclasses.field(default_factory=dict)  # by metric, SI
+    filmed: bool = False  # whether it is one of those that a video shows
+
+    @property
+    def gains_text(self) -> str:
+        """Returns the gains that differ from the policy's defaults, such as "tau=0.5 max_speed=0.3"."""
+        return " ".join(f"{name}={value:g}" for name, value in self.gains.items())
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """Returns what tells the case from the others of its suite."""
+        return self.document, self.experiment, self.policy, self.gains_text

@@ -1,0 +1,188 @@
+"""The metrics: pure functions of a recorded trajectory. NaN where a metric does not apply.
+
+Cross-track and heading errors are weighted by the arc length that was driven along the path, so that a policy gains
+nothing by dawdling where it tracks well (Snider, CMU-RI-TR-09-08); `cross_track_rms_time` is the plain mean over the
+control periods, as the source documents print it.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.benchmarks.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+JUMP = 0.5  # m, by which a reference point must leap within one control period to count as jumping
+NEAR = 0.1  # m, clearance under which a robot counts as close to an obstacle
+
+
+# In the order of the results file. The arrivals at the waypoints and the goal, arrival_time_1, ..., come last.
+METRICS = (
+    *("success", "collision", "left_corridor", "timeout", "time", "path_length", "mean_speed"),
+    *("completion", "cross_track_rms", "cross_track_rms_time", "cross_track_mean", "cross_track_max"),
+    *("cross_track_p95", "steady_offset", "heading_error_rms", "reference_jumps"),
+    *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
+    *("final_x", "final_y", "final_x_error", "final_y_error", "final_position_error", "final_heading_error"),
+    *("effort", "saturated_share", "arrival_path_length", "arrival_heading_error"),
+)
+
+
+def measure(trajectory: Trajectory, arrival_radius: float | None = None) -> dict[str, float]:
+    """Returns every metric of an episode by name: SI, flags as 0 or 1, NaN where one does not apply.
+
+    Args:
+        arrival_radius: m, within which a waypoint or goal counts as arrived at; None leaves the arrivals out.
+    """
+    length = path_length(trajectory.poses)
+    return (
+        dict.fromkeys(METRICS, math.nan)
+        | outcome(trajectory)
+        | {"time": duration(trajectory), "path_length": length, "mean_speed": length / duration(trajectory)}
+        | tracking(trajectory)
+        | clearance(trajectory)
+        | final_pose(trajectory)
+        | {"effort": effort(trajectory), "saturated_share": _mean(trajectory.saturated[1:])}
+        | ({} if arrival_radius is None else arrivals(trajectory, arrival_radius))
+    )
+
+
+def outcome(trajectory: Trajectory) -> dict[str, float]:
+    """Returns the flags of the episode's end, of which exactly one is 1."""
+    collision = trajectory.collision
+    left = trajectory.left_corridor and not collision
+    success = trajectory.success and not collision and not left
+    timeout = not (collision or left or success)
+    return {
+        "success": float(success),
+        "collision": float(collision),
+        "left_corridor": float(left),
+        "timeout": float(timeout),
+    }
+
+
+def duration(trajectory: Trajectory) -> float:
+    """Returns the time from the start to the end, s."""
+    return float(trajectory.times[-1] - trajectory.times[0])
+
+
+def path_length(poses: Array) -> float:
+    """Returns the length of the driven polyline through poses (n, 3), m."""
+    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+
+def tracking(trajectory: Trajectory) -> dict[str, float]:
+    """Returns the metrics of path following; m and rad."""
+    if not len(trajectory.arc_lengths):
+        return {}
+    errors, along = trajectory.cross_track_errors, trajectory.arc_lengths
+    return {
+        "completion": trajectory.completion,
+        "cross_track_rms": math.sqrt(mean_over_arc_length(errors**2, along)),
+        "cross_track_rms_time": math.sqrt(_mean(errors[1:] ** 2)),
+        "cross_track_mean": mean_over_arc_length(np.abs(errors), along),
+        "cross_track_max": float(np.abs(errors).max()),
+        "cross_track_p95": quantile_over_arc_length(np.abs(errors), along, 0.95),
+        "steady_offset": steady_offset(errors, along),
+        "heading_error_rms": math.sqrt(mean_over_arc_length(trajectory.heading_errors**2, along)),
+        "reference_jumps": float(reference_jumps(trajectory.references[:, 4], trajectory.lap_length)),
+    }
+
+
+def mean_over_arc_length(values: Array, arc_lengths: Array) -> float:
+    """Returns the mean of values (n,) over the arc length (n,) that never falls; NaN when nothing was driven."""
+    advance = np.diff(arc_lengths)
+    total = advance.sum()
+    if not total > 0.0:
+        return math.nan
+    return float((advance * 0.5 * (values[1:] + values[:-1])).sum() / total)
+
+
+def quantile_over_arc_length(values: Array, arc_lengths: Array, share: float) -> float:
+    """Returns the least value that holds on at least `share` of the arc length; NaN when nothing was driven."""
+    advance = np.diff(arc_lengths)
+    if not advance.sum() > 0.0:
+        return math.nan
+    middle = 0.5 * (values[1:] + values[:-1])
+    order = np.argsort(middle, kind="stable")
+    covered = np.cumsum(advance[order])
+    return float(middle[order][np.searchsorted(covered, share * covered[-1])])
+
+
+def steady_offset(errors: Array, arc_lengths: Array) -> float:
+    """Returns the mean signed cross-track error over the last quarter of the driven arc length, m."""
+    last = arc_lengths >= arc_lengths[0] + 0.75 * (arc_lengths[-1] - arc_lengths[0])
+    return mean_over_arc_length(errors[last], arc_lengths[last])
+
+
+def reference_jumps(reference_arc_lengths: Array, lap_length: float = 0.0) -> int:
+    """Returns how often the reference point leapt by more than JUMP; a new lap of a closed path is no leap."""
+    leaps = np.diff(reference_arc_lengths)
+    if lap_length > 0.0:
+        leaps = (leaps + 0.5 * lap_length) % lap_length - 0.5 * lap_length
+    return int((np.abs(leaps) > JUMP).sum())
+
+
+def clearance(trajectory: Trajectory) -> dict[str, float]:
+    """Returns the clearances, m, and the distance at which the centre passed the centres of obstacles."""
+    if not len(trajectory.obstacles):
+        return {}
+    away = trajectory.poses[:, None, :2] - np.column_stack([trajectory.obstacles["x"], trajectory.obstacles["y"]])
+    return {
+        "min_clearance": float(trajectory.clearances.min()),
+        "mean_clearance": _mean(trajectory.clearances),
+        "near_share": _mean((trajectory.clearances < NEAR).astype(np.float64)),
+        "centre_distance": float(np.hypot(away[..., 0], away[..., 1]).min()),
+    }
+
+
+def final_pose(trajectory: Trajectory) -> dict[str, float]:
+    """Returns where the episode ended, and how far from the goal pose; errors are absolute."""
+    x, y, heading = trajectory.poses[-1].tolist()
+    place = {"final_x": x, "final_y": y}
+    if not len(trajectory.goals):
+        return place
+    goal_x, goal_y, goal_heading = trajectory.goals[-1].tolist()
+    return place | {
+        "final_x_error": abs(goal_x - x),
+        "final_y_error": abs(goal_y - y),
+        "final_position_error": math.hypot(goal_x - x, goal_y - y),
+        "final_heading_error": _turn(goal_heading - heading),
+    }
+
+
+def arrivals(trajectory: Trajectory, radius: float) -> dict[str, float]:
+    """Returns when each waypoint, in order, and then the goal was first nearer than `radius` (m); NaN when never.
+
+    With the last arrival come the path length and the absolute heading error there.
+    """
+    found = {f"arrival_time_{j + 1}": math.nan for j in range(len(trajectory.goals))}
+    k = 0
+    for j, (x, y, heading) in enumerate(trajectory.goals.tolist()):
+        distance = np.hypot(trajectory.poses[k:, 0] - x, trajectory.poses[k:, 1] - y)
+        inside = np.flatnonzero(distance < radius)
+        if not len(inside):
+            break
+        k += int(inside[0])
+        found[f"arrival_time_{j + 1}"] = float(trajectory.times[k] - trajectory.times[0])
+        if j == len(trajectory.goals) - 1:
+            found["arrival_path_length"] = path_length(trajectory.poses[: k + 1])
+            found["arrival_heading_error"] = _turn(heading - float(trajectory.poses[k, 2]))
+    return found
+
+
+def effort(trajectory: Trajectory) -> float:
+    """Returns the integral of the squared wheel speeds, rad^2/s."""
+    if not trajectory.wheel_speeds.size:
+        return math.nan
+    return float((trajectory.wheel_speeds[1:] ** 2).sum() * trajectory.dt)
+
+
+def _turn(angle: float) -> float:
+    """Returns the absolute value of an angle taken the short way round, rad."""
+    return abs(math.remainder(angle, 2.0 * math.pi))
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else math.nan

@@ -1,0 +1,43 @@
+"""The suite of a path of the user's own: every path-following policy on the path of a file."""
+
+import math
+import os
+from collections.abc import Iterable
+
+from wayfield import policies
+from wayfield.benchmarks.cases import PATH_FOLLOWING, Case
+from wayfield.envs.scenarios import path_scenarios
+from wayfield.envs.task import CONTROL_PERIOD
+
+POLICIES = ("lookahead_documented", "lookahead_retuned", "zero", "random")
+
+# The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
+_SPEED = 0.25  # m/s
+_SLACK = 20.0  # s
+
+
+def own_path(file: str, scale: float = 1.0, names: Iterable[str] = POLICIES) -> tuple[Case, ...]:
+    """Returns a case for each policy on the path of a file, with a clock that is long enough for its length.
+
+    Raises:
+        ValueError: if the file holds no path, or a policy is unknown.
+        OSError: if it cannot be opened.
+    """
+    for name in names:
+        policies.make(name)
+    file = os.path.abspath(file)  # a bare name could be that of a preset
+    (scenario,) = path_scenarios(file, scale)
+    seconds = max(scenario.laps, 1) * scenario.path.length / _SPEED + _SLACK
+    return tuple(
+        Case(
+            "path",
+            scenario.name,
+            PATH_FOLLOWING,
+            file,
+            name,
+            env_kwargs={"scale": scale},
+            max_episode_steps=math.ceil(seconds / CONTROL_PERIOD),
+            filmed=name == "lookahead_retuned",
+        )
+        for name in names
+    )

@@ -1,0 +1,149 @@
+"""The rollout loop: drives a case's environment with its policy and records every episode."""
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import wayfield.envs  # noqa: F401  registers the ids
+from wayfield import policies
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.path_following import PathFollowing
+from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.policy import Pilot, Policy
+
+
+def make_policy(case: Case, seed: int) -> Policy:
+    """Returns the case's policy; one that draws at random draws from the seed."""
+    gains = dict(case.gains)
+    if case.policy == "random":
+        gains["seed"] = seed
+    return policies.make(case.policy, **gains)
+
+
+def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int) -> NativeVectorEnv:
+    """Returns the case's environment, with a robot for each episode."""
+    env = gymnasium.make_vec(
+        case.env_id,
+        num_envs,
+        vectorization_mode="vector_entry_point",
+        scenario=case.scenario,
+        dynamics=dynamics,
+        actuators=actuators,
+        max_episode_steps=case.max_episode_steps,
+        **case.env_kwargs,
+    )
+    assert isinstance(env, NativeVectorEnv)
+    return env
+
+
+def roll_out(
+    case: Case, *, dynamics: str = "kinematic", actuators: str = "ideal", seed: int = 0, episodes: int = 1
+) -> list[Trajectory]:
+    """Returns one trajectory for each of the seeds `seed`, `seed + 1`, ...
+
+    Raises:
+        TypeError: if the policy cannot read the environment's observations.
+        ValueError: if the environment does not know an option.
+    """
+    env = make_vector(case, dynamics, actuators, episodes)
+    pilot = Pilot(make_policy(case, seed), env)
+    observations, _ = env.reset(seed=seed)
+    pilot.reset()
+    briefing = env.briefing("map")
+    # np.empty takes no memory until it is written to, so that a long clock costs nothing by itself
+    history = np.empty((case.max_episode_steps + 1, episodes), env.batch.states.dtype)
+    history[0] = env.batch.states
+    lengths = np.zeros(episodes, np.int64)
+    flags: list[dict[str, bool]] = [{} for _ in range(episodes)]
+    step = 0
+    while not lengths.all():
+        observations, _, terminated, truncated, info = env.step(pilot.act(observations))  # type: ignore[arg-type]
+        step += 1
+        history[step] = env.batch.states
+        # an ended robot is reset by the next step; it drives on unrecorded until the last one is done
+        for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
+            flags[i] = {name: bool(info[name][i]) for name in env.task.flag_names}
+            lengths[i] = step + 1
+    env.close()
+    return [
+        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i]) for i in range(episodes)
+    ]
+
+
+def _trajectory(
+    env: NativeVectorEnv,
+    briefing: Briefing,
+    policy: Policy,
+    i: int,
+    states: NDArray[Any],
+    flags: dict[str, bool],
+) -> Trajectory:
+    """Returns the trajectory of robot i from its states (n + 1,) and the flags of its last step."""
+
+    def columns(*names: str) -> NDArray[np.float64]:
+        return np.column_stack([states[name] for name in names])
+
+    wheel_twists = columns("wheel_vx", "wheel_vy", "wheel_yaw_rate")
+    assert briefing.obstacles is not None
+    assert briefing.num_obstacles is not None
+    driven = Trajectory(
+        times=states["steps"] * briefing.dt,
+        poses=columns("x", "y", "heading"),
+        twists=columns("vx", "vy", "yaw_rate"),
+        wheel_speeds=wheel_twists @ briefing.robot.wheel_matrix.T,
+        saturated=states["saturated"].astype(np.float64),
+        success=flags["success"],
+        collision=flags["collision"],
+    )
+    if isinstance(env.task, PathFollowing):
+        return _on_path(driven, env.task, briefing, policy, states, flags)
+    assert briefing.goals is not None
+    assert briefing.num_goals is not None
+    return dataclasses.replace(
+        driven,
+        clearances=states["clearance"].copy(),
+        goals=briefing.goals[i, : briefing.num_goals[i]],
+        obstacles=briefing.obstacles[i, : briefing.num_obstacles[i]],
+    )
+
+
+def _on_path(
+    driven: Trajectory,
+    task: PathFollowing,
+    briefing: Briefing,
+    policy: Policy,
+    states: NDArray[Any],
+    flags: dict[str, bool],
+) -> Trajectory:
+    """Returns the trajectory with what belongs to its path."""
+    scenario = int(states["scenario"][0])
+    run = task.pool.runs[scenario]
+    vertices = task.pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
+    last = vertices[-1]
+    end_pose = (last["x"], last["y"], math.atan2(last["uy"], last["ux"]))
+    lookahead = policy if isinstance(policy, Lookahead) else Lookahead()
+    along = dataclasses.replace(briefing, path_index=np.full(len(states), scenario))
+    laps = task.scenarios[scenario].laps
+    completion = float(states["arc_length"].max() / (run["length"] * max(laps, 1)))
+    # on laps without end the environment knows no success: a lap kept inside the corridor is one
+    success = flags["success"] if laps else completion >= 0.98 and not flags["left_corridor"]
+    return dataclasses.replace(
+        driven,
+        success=success,
+        left_corridor=flags["left_corridor"],
+        completion=completion,
+        arc_lengths=states["arc_length"].copy(),
+        cross_track_errors=states["cross_track_error"].copy(),
+        heading_errors=states["heading_error"].copy(),
+        references=lookahead.errors(driven.poses, states["arc_length"], along),
+        path=np.column_stack([vertices["x"], vertices["y"]]),
+        lap_length=float(run["length"]) if run["closed"] else 0.0,
+        goals=np.array([end_pose]) if laps else np.empty((0, 3)),
+    )

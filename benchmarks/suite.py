@@ -1,0 +1,85 @@
+"""From cases to rows: rolls out every case of a suite and measures its episodes."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.results import Row, text
+from wayfield.benchmarks.rollout import roll_out
+from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.benchmarks.workers import Map
+
+Episode = tuple[Row, Trajectory]
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """A case under the conditions of a run."""
+
+    suite: str
+    case: Case
+    dynamics: str
+    actuators: str
+    seed: int
+    episodes: int
+
+
+def run(settings: Sequence[Setting], workers: Map) -> tuple[list[Row], dict[str, Trajectory]]:
+    """Returns one row for each episode, and the trajectories by the key in the rows' column `trajectory`."""
+    order = _compiling_once(settings)
+    done = tracked(workers(episodes, [settings[i] for i in order]), len(settings), "cases")
+    of_setting = dict(zip(order, done, strict=True))
+    rows: list[Row] = []
+    trajectories: dict[str, Trajectory] = {}
+    for i in range(len(settings)):
+        for row, trajectory in of_setting[i]:
+            key = f"{len(rows):05d}"
+            trajectories[key] = trajectory
+            rows.append({"trajectory": key} | row)
+    return rows, trajectories
+
+
+def episodes(setting: Setting) -> list[Episode]:
+    """Returns the episodes of a setting, each as its row and its trajectory."""
+    case = setting.case
+    trajectories = roll_out(
+        case,
+        dynamics=setting.dynamics,
+        actuators=setting.actuators,
+        seed=setting.seed,
+        episodes=setting.episodes,
+    )
+    return [(_row(setting, i, trajectory), trajectory) for i, trajectory in enumerate(trajectories)]
+
+
+def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
+    case = setting.case
+    conditions = {
+        "suite": setting.suite,
+        "document": case.document,
+        "experiment": case.experiment,
+        "scenario": case.scenario,
+        "policy": case.policy,
+        "gains": case.gains_text,
+        "dynamics": setting.dynamics,
+        "actuators": setting.actuators,
+        "seed": str(setting.seed + episode),
+        "episode": str(episode),
+        "arrival_radius": "" if case.arrival_radius is None else text(case.arrival_radius),
+    }
+    return conditions | {name: text(value) for name, value in measure(trajectory, case.arrival_radius).items()}
+
+
+def _compiling_once(settings: Iterable[Setting]) -> list[int]:
+    """Returns the order in which workers shall take the settings: different environments side by side.
+
+    On the first run ever, each then compiles another environment instead of all of them the same one.
+    """
+    groups: dict[str, list[int]] = {}
+    for i, setting in enumerate(settings):
+        groups.setdefault(setting.case.env_id, []).append(i)
+    interleaved = itertools.chain.from_iterable(itertools.zip_longest(*groups.values()))
+    return [i for i in interleaved if i is not None]

@@ -1,0 +1,146 @@
+"""Environment steps per second, beside Gymnasium's CartPole in the same run: python -m wayfield.benchmarks.throughput
+
+One thread. The contenders take turns, round after round, so that a machine that slows down slows all of them; the
+median of the rounds counts. Actions are drawn beforehand, uniformly; resets are part of the work.
+"""
+
+import dataclasses
+import os
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+# before NumPy is loaded, which reads it once
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import click
+import gymnasium
+import numba
+import numpy as np
+import rich.console
+import rich.table
+
+import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.benchmarks.cases import GOAL_REACHING, PATH_FOLLOWING
+from wayfield.benchmarks.command_line import OneLineErrors
+from wayfield.benchmarks.progress import tracked
+
+CARTPOLE = "CartPole-v1"
+NUM_ENVS = 1024
+NUM_PYMUNK = 64  # its physics engine is called once a robot
+BLOCK = 16  # actions drawn beforehand, for each robot
+
+Steps = Callable[[], int]  # takes some steps and returns how many
+
+
+@dataclasses.dataclass(frozen=True)
+class Contender:
+    """What is timed: a name, how many robots step at once, and the steps; against CartPole with as many."""
+
+    name: str
+    robots: int
+    steps: Steps
+    cartpole: bool = False
+
+
+def vector_steps(env_id: str, num_envs: int, **kwargs: Any) -> Steps:
+    """Returns a function that steps a native vector environment BLOCK times; ended episodes reset themselves."""
+    envs = gymnasium.make_vec(env_id, num_envs, vectorization_mode="vector_entry_point", **kwargs)
+    envs.action_space.seed(0)
+    actions = [envs.action_space.sample() for _ in range(BLOCK)]
+    envs.reset(seed=0)
+
+    def steps() -> int:
+        for action in actions:
+            envs.step(action)
+        return BLOCK * num_envs
+
+    return steps
+
+
+def single_steps(env_id: str, **kwargs: Any) -> Steps:
+    """Returns a function that steps a single environment many times, without wrappers; resets it where one ends."""
+    env = gymnasium.make(env_id, **kwargs).unwrapped
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(BLOCK * BLOCK)]
+    env.reset(seed=0)
+
+    def steps() -> int:
+        for action in actions:
+            if env.step(action)[2]:
+                env.reset()
+        return len(actions)
+
+    return steps
+
+
+def contenders() -> list[Contender]:
+    """Returns all that are timed; each has taken its first, slow steps."""
+    goal: dict[str, Any] = {"scenario": "discs", "num_beams": 32}
+    pymunk: dict[str, Any] = {"dynamics": "pymunk"}
+    chosen = [
+        Contender("path following", NUM_ENVS, vector_steps(PATH_FOLLOWING, NUM_ENVS)),
+        Contender("goal reaching, 32 rays", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, **goal)),
+        Contender(CARTPOLE, NUM_ENVS, vector_steps(CARTPOLE, NUM_ENVS), cartpole=True),
+        Contender("path following", 1, single_steps(PATH_FOLLOWING)),
+        Contender("goal reaching, 32 rays", 1, single_steps(GOAL_REACHING, **goal)),
+        Contender(CARTPOLE, 1, single_steps(CARTPOLE), cartpole=True),
+        Contender("path following, pymunk", NUM_PYMUNK, vector_steps(PATH_FOLLOWING, NUM_PYMUNK, **pymunk)),
+        Contender(
+            "goal reaching, 32 rays, pymunk", NUM_PYMUNK, vector_steps(GOAL_REACHING, NUM_PYMUNK, **goal, **pymunk)
+        ),
+        Contender(CARTPOLE, NUM_PYMUNK, vector_steps(CARTPOLE, NUM_PYMUNK), cartpole=True),
+    ]
+    for contender in chosen:
+        contender.steps()
+    return chosen
+
+
+def rate(steps: Steps, seconds: float) -> float:
+    """Returns the steps per second over at least that time."""
+    count = 0
+    start = time.perf_counter()
+    while (elapsed := time.perf_counter() - start) < seconds or not count:
+        count += steps()
+    return count / elapsed
+
+
+def measured(rounds: int, seconds: float) -> list[tuple[Contender, float]]:
+    """Returns each contender with the median of its rates."""
+    chosen = contenders()
+    turns = [(i, contender) for _ in range(rounds) for i, contender in enumerate(chosen)]
+    rates: list[list[float]] = [[] for _ in chosen]
+    for i, contender in tracked(turns, len(turns), "turns"):
+        rates[i].append(rate(contender.steps, seconds))
+    return [(contender, statistics.median(each)) for contender, each in zip(chosen, rates, strict=True)]
+
+
+@click.command("throughput", cls=OneLineErrors)
+@click.option("--rounds", type=click.IntRange(min=1), default=5, show_default=True, help="Turns of each contender.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.0, min_open=True, max=60.0),
+    default=0.5,
+    show_default=True,
+    help="Of a turn.",
+)
+def main(rounds: int, seconds: float) -> None:
+    """Prints the environments' steps per second, beside those of CartPole."""
+    numba.set_num_threads(1)
+    results = measured(rounds, seconds)
+    cartpole = {contender.robots: value for contender, value in results if contender.cartpole}
+    table = rich.table.Table(
+        title=f"Environment steps per second, one thread, median of {rounds} rounds", title_justify="left"
+    )
+    for header in ("environment", "robots", "steps/s", "times CartPole"):
+        table.add_column(header, justify="left" if header == "environment" else "right")
+    for i, (contender, value) in enumerate(results):
+        ratio = value / cartpole[contender.robots]
+        table.add_row(contender.name, f"{contender.robots:,}", f"{value:,.0f}", f"{ratio:.2f}", end_section=i % 3 == 2)
+    rich.console.Console(width=100).print(table)
+    print(f"NumPy {np.__version__}, Numba {numba.__version__}, Gymnasium {gymnasium.__version__}")
+
+
+if __name__ == "__main__":
+    main()

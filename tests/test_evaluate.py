@@ -1,0 +1,238 @@
+"""The evaluate command: what it writes, that it repeats, and how it refuses."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from wayfield.benchmarks.documents import documents
+from wayfield.benchmarks.evaluate import main
+from wayfield.benchmarks.metrics import METRICS, measure
+from wayfield.benchmarks.results import number, read_rows, read_trajectories, staging
+from wayfield.benchmarks.rollout import roll_out
+
+CIRCUITS = Path(__file__).parents[2] / "shared" / "data" / "tum_racetracks"
+
+
+def evaluate(*arguments: object) -> Result:
+    """Runs the command in this process."""
+    return CliRunner().invoke(main, ["--workers", "1", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def lookahead(tmp_path_factory):
+    """The suite's cases of one policy, on the kinematic plant: (folder, result)."""
+    out = tmp_path_factory.mktemp("run") / "deep" / "results"
+    arguments = ("--policies", "lookahead_documented,waypoint,apf_corrected", "--dynamics", "kinematic")
+    return out, evaluate(*arguments, "--out", out), arguments
+
+
+def test_it_writes_every_file_and_says_where(lookahead):
+    out, result, _ = lookahead
+    assert result.exit_code == 0, result.output
+    names = {file.name for file in out.iterdir()}
+    figures = ("a_trajectories", "a_errors", "b_waypoints", "c_potential_field")
+    assert names == {
+        "episodes.csv",
+        "table.md",
+        "trajectories.npz",
+        *(f"document_{name}.{suffix}" for name in figures for suffix in ("svg", "png")),
+    }
+    assert str(out) in result.stdout.splitlines()[-1]
+    assert all((out / name).stat().st_size > 0 for name in names)
+    assert [file.name for file in out.parent.iterdir()] == ["results"]  # no staging folder is left
+
+
+def test_it_prints_a_table_for_each_document(lookahead):
+    out, result, _ = lookahead
+    for title in ("Document A", "Document B", "Document C"):
+        assert title in result.stdout
+        assert title in (out / "table.md").read_text()
+    assert "0.145 / 0.144" in result.stdout
+    assert "2.95 / 2.95" in result.stdout
+    assert "Traceback" not in result.output
+
+
+def test_rows_are_complete_and_agree_with_the_trajectories(lookahead):
+    out, _, _ = lookahead
+    rows = read_rows(out)
+    trajectories = read_trajectories(out)
+    wanted = [case for case in documents() if case.policy in ("lookahead_documented", "waypoint", "apf_corrected")]
+    assert len(rows) == len(trajectories) == len(wanted)
+    for row in rows:
+        assert set(METRICS) <= set(row)
+        assert sum(number(row, name) for name in ("success", "collision", "left_corridor", "timeout")) == 1
+        radius = number(row, "arrival_radius")
+        again = measure(trajectories[row["trajectory"]], None if math.isnan(radius) else radius)
+        for name, value in again.items():
+            assert number(row, name) == pytest.approx(value, nan_ok=True), name
+        assert (row["cross_track_rms"] == "") == (row["document"] != "A")
+
+
+def test_a_second_run_gives_the_same_rows(lookahead, tmp_path):
+    out, _, _ = lookahead
+    assert evaluate("--policies", "waypoint", "--dynamics", "kinematic", "--out", tmp_path).exit_code == 0
+    first = [row for row in read_rows(out) if row["policy"] == "waypoint"]
+    for a, b in zip(first, read_rows(tmp_path), strict=True):
+        assert {k: v for k, v in a.items() if k != "trajectory"} == {k: v for k, v in b.items() if k != "trajectory"}
+
+
+@pytest.mark.parametrize(
+    ("experiment", "policy", "tolerance"),
+    [
+        ("circle, R 0.5 m", "lookahead_documented", 0.01),
+        ("circle, R 1 m", "lookahead_documented", 0.01),
+        ("S-curve, 3 m", "lookahead_documented", 0.01),
+        ("figure of eight", "lookahead_documented", 0.01),
+        ("1: to a pose", "waypoint", 0.001),
+        ("2: waypoints", "waypoint", 0.02),
+    ],
+)
+def test_published_figures_are_reproduced(lookahead, experiment, policy, tolerance):
+    rows = read_rows(lookahead[0])
+    cases = [case for case in documents() if (case.experiment, case.policy) == (experiment, policy)]
+    assert cases
+    for case in cases:
+        (row,) = [row for row in rows if (row["experiment"], row["gains"]) == (experiment, case.gains_text)]
+        for name, figure in case.published.items():
+            assert number(row, name) == pytest.approx(figure, rel=tolerance), name
+
+
+def test_episodes_are_paired_by_seed():
+    (case,) = [case for case in documents() if case.scenario == "apf_1" and "stop_radius" in case.gains]
+    together = roll_out(case, seed=3, episodes=2)
+    assert not np.array_equal(together[0].poses, together[1].poses)
+    (alone,) = roll_out(case, seed=4)
+    np.testing.assert_array_equal(together[1].poses, alone.poses)
+
+
+def test_several_episodes_show_spread_and_interval(tmp_path):
+    result = evaluate("--policies", "zero", "--dynamics", "kinematic", "--episodes", 2, "--seed", 7, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "0/2 [0.00, 0.66]" in result.stdout
+    assert {row["seed"] for row in read_rows(tmp_path)} == {"7", "8"}
+
+
+@pytest.fixture
+def bend(tmp_path):
+    """A path file with one bend."""
+    file = tmp_path / "bend.csv"
+    file.write_text("x,y\n0,0\n2,0\n3,1\n")
+    return file
+
+
+def test_a_path_of_ones_own(bend, tmp_path):
+    out = tmp_path / "out"
+    result = evaluate("--path", bend, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert {file.name for file in out.iterdir()} == {
+        *("episodes.csv", "table.md", "trajectories.npz", "path_trajectories.svg", "path_trajectories.png"),
+        *("path_errors.svg", "path_errors.png"),
+    }
+    by_policy = {(row["policy"], row["dynamics"]): row for row in read_rows(out)}
+    assert len(by_policy) == 8
+    assert by_policy["lookahead_retuned", "kinematic"]["success"] == "1"
+    assert by_policy["zero", "kinematic"]["timeout"] == "1"
+
+
+def test_scale_takes_numbers_and_ratios(bend, tmp_path):
+    lengths = []
+    for scale in ("0.5", "1:2"):
+        out = tmp_path / scale.replace(":", "-")
+        arguments = ("--policies", "lookahead_retuned", "--dynamics", "kinematic", "--scale", scale)
+        assert evaluate("--path", bend, *arguments, "--out", out).exit_code == 0
+        (row,) = read_rows(out)
+        lengths.append(number(row, "path_length"))
+    assert lengths[0] == lengths[1] == pytest.approx(0.5 * (2.0 + math.sqrt(2.0)), rel=0.1)
+
+
+@pytest.mark.skipif(not CIRCUITS.exists(), reason=f"{CIRCUITS} is absent")
+def test_a_real_circuit(tmp_path):
+    file = CIRCUITS / "BrandsHatch.csv"
+    arguments = ("--policies", "lookahead_retuned", "--dynamics", "kinematic")
+    result = evaluate("--path", file, "--scale", "1:50", *arguments, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    (row,) = read_rows(tmp_path)
+    assert row["success"] == "1"
+    assert number(row, "cross_track_rms") < 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--policies", "lookahead_documentd"), "Did you mean 'lookahead_documented'?"),
+        (("--suite", "document"), "Did you mean 'documents'?"),
+        (("--dynamics", "pymonk"), "Did you mean 'pymunk'?"),
+        (("--actuators", "slo"), "Did you mean 'slow'?"),
+        (("--episodes", "0"), "0"),
+        (("--episodes", "-1"), "-1"),
+        (("--episodes", "nan"), "nan"),
+        (("--seed", "-1"), "-1"),
+        (("--seed", "1.5"), "1.5"),
+        (("--scale", "2"), "--path"),
+        (("--sweet", "documents"), "No such option '--sweet'"),
+        (("--out", ""), "--out"),
+        (("--path", "missing.csv"), "missing.csv"),
+        (("--path", "."), "."),
+        (("--path", "BEND", "--scale", "0"), "--scale"),
+        (("--path", "BEND", "--scale", "-1"), "--scale"),
+        (("--path", "BEND", "--scale", "nan"), "--scale"),
+        (("--path", "BEND", "--scale", "inf"), "--scale"),
+        (("--path", "BEND", "--scale", "1:0"), "--scale"),
+        (("--path", "BEND", "--scale", "big"), "--scale"),
+        (("--path", "BEND", "--policies", "waypoint"), "'waypoint' does not follow paths"),
+        (("--path", "BROKEN"), "broken.csv:3"),
+    ],
+)
+def test_wrong_input_is_answered_in_one_line(arguments, expected, bend, tmp_path):
+    broken = tmp_path / "broken.csv"
+    broken.write_text("x,y\n0,0\n1,north\n")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "episodes.csv").write_text("precious")
+    files = {"BEND": bend, "BROKEN": broken}
+    result = evaluate("--out", out, *(files.get(each, each) for each in arguments))
+    assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert expected in result.stderr
+    assert result.stdout == ""
+    assert [(file.name, file.read_text()) for file in out.iterdir()] == [("episodes.csv", "precious")]
+
+
+def test_an_impossible_folder_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr("wayfield.benchmarks.evaluate.run", lambda *_: pytest.fail("it ran"))
+    file = tmp_path / "file"
+    file.write_text("precious")
+    taken = tmp_path / "taken"
+    (taken / "episodes.csv").mkdir(parents=True)
+    for out in (file, file / "below", taken, "/proc/wayfield"):
+        result = evaluate("--out", out)
+        assert result.exit_code == 1, out
+        assert len(result.stderr.splitlines()) == 1
+        assert "--out" in result.stderr
+    assert file.read_text() == "precious"
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_what_was_there_survives_an_interruption(tmp_path, error):
+    (tmp_path / "episodes.csv").write_text("precious")
+
+    def interrupted():
+        with staging(tmp_path) as stage:
+            (stage / "episodes.csv").write_text("half")
+            (stage / "table.md").write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        interrupted()
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("episodes.csv", "precious")]
+
+
+def test_rows_are_plain_csv(lookahead):
+    with open(lookahead[0] / "episodes.csv", newline="") as file:
+        lines = list(csv.reader(file))
+    assert len({len(line) for line in lines}) == 1
+    assert "nan" not in {cell for line in lines for cell in line}
