@@ -61,10 +61,12 @@ class Batch:
         self._step_rows = machine_code(
             task.step_rows, 0, *self._inputs, results.observations, results.numbers, results.flags
         )
+        self._phases = COMMAND | DRIVE | JUDGE
         self.plant: Any = None
         if task.options.dynamics == "pymunk":
             from wayfield.envs.pymunk_plant import PymunkPlant
 
+            self._phases = COMMAND
             self.plant = PymunkPlant(task, num_envs)
 
     def reset(self, rows: NDArray[np.int64], generators: Sequence[np.random.Generator], results: Results) -> None:
@@ -99,19 +101,15 @@ class Batch:
             for i in np.flatnonzero(self.states["noise_row"] >= NOISE_BLOCK).tolist():
                 generators[i].standard_normal(out=self.noise[i])
                 self.states["noise_row"][i] = 0
-        if self.plant is None:
-            self._run(COMMAND | DRIVE | JUDGE, results)
-        else:
-            self._run(COMMAND, results)
-            self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
-            self._run(JUDGE, results)
-
-    def _run(self, phases: int, results: Results) -> None:
-        bad = self._step_rows(phases, *self._inputs, results.observations, results.numbers, results.flags)
+        outputs = (results.observations, results.numbers, results.flags)
+        bad = self._step_rows(self._phases, *self._inputs, *outputs)
         if bad >= 0:
             raise ValueError(
                 f"action {self.actions[bad].tolist()} of robot {bad} is not finite; every component must be a number"
             )
+        if self.plant is not None:
+            self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
+            self._step_rows(JUDGE, *self._inputs, *outputs)
 
     def checked(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         """Returns the actions as an array of the given shape.

@@ -23,7 +23,7 @@ def compiled(function: Any) -> Any:
 
 def inlined(function: Any) -> Any:
     """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
-    return _cached(numba.njit(cache=True, error_model="numpy", inline="always")(function))
+    return _cached(numba.njit(cache=True, error_model="numpy", forceinline=True)(function))
 
 
 def _cached(dispatcher: Any) -> Any:

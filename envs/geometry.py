@@ -178,6 +178,9 @@ def ray_to_box(cx, cy, cosine, sine, half_length, half_width, ux, uy):
     py = -(cosine * cy - sine * cx)
     vx = cosine * ux + sine * uy
     vy = cosine * uy - sine * ux
+    if half_width == 0.0 and vy != 0.0:
+        distance = -py / vy
+        return distance if distance >= 0.0 and abs(px + distance * vx) <= half_length else np.inf
     enter = 0.0
     leave = np.inf
     if vx == 0.0:

@@ -54,6 +54,7 @@ PARAMS = [
 COURSE = np.dtype(
     [
         ("finish", np.float64),  # m, arc length at the end of the last lap; inf when only the clock ends the run
+        ("per_metre", np.float64),  # 1/m, of the arc length to the finish, or of a lap where there is none
         ("corridor", np.float64),  # m
         ("start", np.float64, (3,)),
         ("start_offset", np.float64),
@@ -169,7 +170,7 @@ def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
     reward = progress / (p.max_speed * p.dt * (1.0 + ratio * ratio))
     if left:
         reward -= p.corridor_penalty
-    report(p, s, course, run, reward, progress, numbers, i)
+    report(p, s, course, reward, progress, numbers, i)
     flags[0, i] = success and not left
     flags[1, i] = left
     flags[2, i] = s.contact != 0
@@ -177,14 +178,14 @@ def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
 
 
 @inlined
-def report(p, s, course, run, reward, progress, numbers, i):
+def report(p, s, course, reward, progress, numbers, i):
     """Writes column i of the numbers: INFO, then the reward."""
     numbers[0, i] = s.steps * p.dt
     numbers[1, i] = s.arc_length
     numbers[2, i] = progress
     numbers[3, i] = s.cross_track_error
     numbers[4, i] = s.heading_error
-    numbers[5, i] = s.arc_length / (course.finish if math.isfinite(course.finish) else run.length)
+    numbers[5, i] = s.arc_length * course.per_metre
     numbers[6, i] = reward
 
 
@@ -242,7 +243,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices,
         s.measured_segment = s.segment
         observe(p, s, vertices, run, noise, i, 0, out)
         s.noise_row = 1
-        report(p, s, course, run, 0.0, 0.0, numbers, i)
+        report(p, s, course, 0.0, 0.0, numbers, i)
         flags[:, i] = False
 
 
@@ -267,6 +268,7 @@ class PathFollowing(Task):
         courses = np.zeros(len(self.scenarios), COURSE)
         for course, each, run in zip(courses, self.scenarios, pool.runs, strict=True):
             course["finish"] = each.laps * run["length"] if each.laps else np.inf
+            course["per_metre"] = 1.0 / (max(each.laps, 1) * run["length"])
             course["corridor"] = each.corridor
             course["start"] = each.path.start_pose if each.start is None else each.start
             course["start_offset"] = each.start_offset

@@ -107,10 +107,11 @@ def circle_bearings(px, py, radius, max_range):
     right > left when all of it is out of range.
     """
     squared = px * px + py * py
-    beyond = squared - radius * radius
     middle = coarse_angle(py, px)
-    half = coarse_angle(radius, math.sqrt(max(beyond, 0.0))) + _ANGLE_MARGIN
-    half = math.pi if beyond <= 0.0 else half
+    # q + (pi/2 - 1) q^3 is never below asin(q)
+    q = radius / math.sqrt(squared)
+    half = q * (1.0 + 0.5707963267948966 * q * q) + _ANGLE_MARGIN
+    half = math.pi if not q < 1.0 else half
     far = max_range + radius
     half = -1.0 if squared > far * far else half
     return middle - half, middle + half

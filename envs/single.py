@@ -4,6 +4,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy import empty, float32, ndarray
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
@@ -70,11 +71,11 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         """
         if not self._generators:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        if type(action) is not np.ndarray or action.dtype.kind != "f" or action.shape != self._shape:
+        if type(action) is not ndarray or action.dtype.kind != "f" or action.shape != self._shape:
             action = self.batch.checked(action, self._shape)
         self._action[:] = action
         results = self._results
-        results.observations = observations = np.empty(self._observation_shape, np.float32)
+        results.observations = observations = empty(self._observation_shape, float32)
         self.batch.step(self._generators, results)
         if self.render_mode is not None:
             self._note_position()
@@ -82,7 +83,8 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         reward = numbers.pop()
         flags = self._flags.tolist()
         terminated = flags.pop()
-        return observations[0], reward, terminated, False, dict(zip(self._names, numbers + flags, strict=True))
+        # zip without strict: the names were counted when the arrays were made, and this is a tenth of the step
+        return observations[0], reward, terminated, False, dict(zip(self._names, numbers + flags))  # noqa: B905
 
     def render(self) -> Any:
         """Returns an (h, w, 3) uint8 frame in "rgb_array" mode; "human" mode draws by itself."""

@@ -1,0 +1,776 @@
+"""Every environment id: Gymnasium's contract, the documented equations, bad input, and any scenario whatever."""
+
+import itertools
+import json
+import math
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+
+DT = 0.05
+PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
+GOAL_ID = "wayfield/OmniGoalObstacles-v0"
+ROBOTS_OF = {PATH_ID: ["p3dx"], GOAL_ID: ["omni3", "omni4"]}
+IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
+EVERY_KIND = [
+    (env_id, {"robot": robot, "dynamics": dynamics, "action_mode": action_mode})
+    for env_id in IDS
+    for robot in ROBOTS_OF[env_id]
+    for dynamics in ("kinematic", "pymunk")
+    for action_mode in ("twist", "wheel_speeds")
+]
+every_kind = pytest.mark.parametrize(
+    ("env_id", "options"), EVERY_KIND, ids=["-".join(options.values()) for _, options in EVERY_KIND]
+)
+every_id = pytest.mark.parametrize("env_id", IDS)
+
+
+def written(folder: Path, name: str = "scenario.json", **fields: Any) -> str:
+    file = folder / name
+    file.write_text(json.dumps(fields))
+    return str(file)
+
+
+def base(env_id: str, **kwargs: Any) -> Any:
+    """Returns a freshly reset environment without wrappers."""
+    env = gymnasium.make(env_id, **kwargs).unwrapped
+    env.reset(seed=0)
+    return env
+
+
+def actions_of(env: Any, count: int, seed: int = 0, scale: float = 1.0) -> NDArray[np.float32]:
+    most = env.action_space.high
+    draws = np.random.default_rng(seed).uniform(-scale, scale, (count, *most.shape))
+    return (draws * most).astype(np.float32)
+
+
+def rollout(env: Any, actions: NDArray[Any], seed: int = 3) -> list[Any]:
+    """Returns all that an environment says to a row of actions, starting anew where an episode ends."""
+    said = [env.reset(seed=seed)]
+    for action in actions:
+        result = env.step(action)
+        said.append(result)
+        if result[2] or result[3]:
+            said.append(env.reset())
+    return said
+
+
+def same(a: Any, b: Any) -> bool:
+    """Returns whether two rollouts are equal bit for bit."""
+    if isinstance(a, np.ndarray):
+        return bool(a.dtype == b.dtype and a.tobytes() == b.tobytes())
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return type(a) is type(b) and (a == b or (a != a and b != b))
+
+
+def run_alone(code: str, folder: Path) -> str:
+    """Returns what a fresh interpreter prints, started in another folder."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+# The contract.
+
+
+def test_the_ids_are_those_that_these_tests_know() -> None:
+    assert set(IDS) == set(ROBOTS_OF)
+
+
+@every_kind
+def test_checkers_of_gymnasium_and_stable_baselines_are_content(env_id: str, options: dict[str, str]) -> None:
+    with warnings.catch_warnings():
+        # both advise to normalise: actions are metres and radians here
+        warnings.simplefilter("ignore", UserWarning)
+        check_env(gymnasium.make(env_id, **options).unwrapped, skip_render_check=True)
+        check_env_of_sb3(gymnasium.make(env_id, **options))
+
+
+@every_kind
+def test_a_spec_survives_being_written_to_json(env_id: str, options: dict[str, str]) -> None:
+    env = gymnasium.make(env_id, **options, noise=1.0, shove=(0.5, 0.2, -0.1, 0.3), actuators="lagged")
+    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    actions = actions_of(env, 80)
+    assert same(rollout(env, actions), rollout(again, actions))
+
+
+@every_kind
+def test_a_seed_means_one_trajectory_and_two_resets_differ(env_id: str, options: dict[str, str]) -> None:
+    env = gymnasium.make(env_id, **options, noise=1.0)
+    actions = actions_of(env, 60)
+    first = rollout(env, actions)
+    assert same(first, rollout(env, actions))
+    assert not same(first[0], env.reset())
+    assert not same(first[0], env.reset(seed=4))
+
+
+@every_id
+def test_make_imports_the_package_by_itself(env_id: str, tmp_path: Path) -> None:
+    said = run_alone(
+        f"import gymnasium; env = gymnasium.make('wayfield:{env_id}'); print(env.reset(seed=5)[0].tolist())", tmp_path
+    )
+    assert json.loads(said) == gymnasium.make(env_id).reset(seed=5)[0].tolist()
+
+
+def test_the_import_is_light(tmp_path: Path) -> None:
+    heavy = "{'torch', 'matplotlib', 'pygame', 'numba', 'pymunk', 'stable_baselines3', 'scipy'}"
+    assert run_alone(f"import sys, wayfield; print(sorted({heavy} & set(sys.modules)))", tmp_path).strip() == "[]"
+
+
+@every_id
+def test_making_an_environment_does_not_import_drawing_or_learning(env_id: str, tmp_path: Path) -> None:
+    code = f"import sys, gymnasium, wayfield; gymnasium.make({env_id!r}).reset()\n"
+    code += "print(sorted({'torch', 'matplotlib', 'pygame', 'pymunk'} & set(sys.modules)))"
+    assert run_alone(code, tmp_path).strip() == "[]"
+
+
+@every_id
+def test_calls_out_of_order_are_refused(env_id: str) -> None:
+    env = gymnasium.make(env_id).unwrapped
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(env.action_space.high)
+    with pytest.raises(ValueError, match="options"):
+        env.reset(options={"start": 1})
+
+
+@every_kind
+def test_results_are_not_overwritten_by_later_steps(env_id: str, options: dict[str, str]) -> None:
+    env = base(env_id, **options)
+    first, _ = env.reset(seed=0)
+    results = [first, *(env.step(action)[0] for action in actions_of(env, 5))]
+    copies = [result.copy() for result in results]
+    env.reset(seed=9)
+    assert all(map(np.array_equal, results, copies))
+
+
+# Observations.
+
+
+@every_kind
+def test_fields_unpack_and_pack(env_id: str, options: dict[str, str]) -> None:
+    env = base(env_id, **options)
+    layout = env.task.layout
+    observations = np.stack([env.step(action)[0] for action in actions_of(env, 6)])
+    for shape in ((6,), (2, 3), (1, 6, 1)):
+        shaped = observations.reshape(*shape, -1)
+        fields = layout.unpack(shaped)
+        assert all(value.shape == (*shape, *field.shape) for value, field in zip(fields, layout.fields, strict=True))
+        assert layout.pack(fields).tobytes() == observations.tobytes()
+    single = layout.unpack(observations[0])
+    assert layout.pack(single).tobytes() == observations[0].tobytes()
+    assert type(single) is layout.kind
+    assert tuple(field.name for field in layout.fields) == layout.kind._fields
+    with pytest.raises(ValueError, match=str(layout.size)):
+        layout.unpack(observations[:, :-1])
+
+
+def in_body_frame(state: np.void, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s = math.cos(state["heading"]), math.sin(state["heading"])
+    return np.array((points - [state["x"], state["y"]]) @ [[c, -s], [s, c]])
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize(("num_preview", "spacing"), [(10, 0.1), (3, 0.7), (0, 0.1)])
+def test_what_a_path_follower_sees(tmp_path: Path, closed: bool, num_preview: int, spacing: float) -> None:
+    corners = np.array([[0.0, 0.0], [1.0, 0.2], [2.0, 1.5], [0.5, 2.0], [-1.0, 1.0]])
+    scenario = written(tmp_path, path=corners.tolist(), closed=closed, start=[0.1, 0.1, 0.4])
+    env = base(PATH_ID, scenario=scenario, num_preview=num_preview, preview_spacing=spacing)
+    turns = np.vstack([corners] + 3 * [corners]) if closed else corners
+    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(turns, axis=0).T))])
+    state = env.batch.states[0]
+    for action in actions_of(env, 60, seed=2):
+        observation, _, _, _, info = env.step(np.abs(action) * [1.0, 0.2])
+        seen = env.task.layout.unpack(observation)
+        assert seen.pose == pytest.approx([state["x"], state["y"], state["heading"]], abs=1e-5)
+        assert seen.twist == pytest.approx([state["vx"], state["yaw_rate"]], abs=1e-5)
+        for name in ("cross_track_error", "heading_error", "arc_length"):
+            assert getattr(seen, name) == pytest.approx(info[name], abs=1e-5)
+        ahead = info["arc_length"] + spacing * np.arange(1, num_preview + 1)
+        points = np.column_stack([np.interp(ahead, at, turns[:, k]) for k in range(2)])
+        np.testing.assert_allclose(seen.preview, in_body_frame(state, points), atol=1e-5)
+        foot = np.array([np.interp(info["arc_length"], at, turns[:, k]) for k in range(2)])
+        away = np.array([state["x"], state["y"]]) - foot
+        assert abs(info["cross_track_error"]) == pytest.approx(np.hypot(*away), abs=1e-9)
+
+
+def test_left_of_the_path_is_positive(tmp_path: Path) -> None:
+    line = written(tmp_path, path=[[0, 0], [0, 9]], start=[-0.2, 1.0, math.pi / 2 + 0.3])
+    _, info = gymnasium.make(PATH_ID, scenario=line).reset(seed=0)
+    assert info["cross_track_error"] == pytest.approx(0.2)
+    assert info["heading_error"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("robot", ["omni3", "omni4"])
+def test_what_a_goal_seeker_sees(tmp_path: Path, robot: str) -> None:
+    waypoints, goal = [[1.0, 0.5], [2.0, -0.5]], [3.0, 0.5, 2.0]
+    scenario = written(tmp_path, goal=goal, waypoints=waypoints, waypoint_radius=0.3)
+    env = base(GOAL_ID, scenario=scenario, robot=robot, num_beams=5)
+    state = env.batch.states[0]
+    for action in actions_of(env, 60, seed=2):
+        observation, _, _, _, info = env.step(action)
+        seen = env.task.layout.unpack(observation)
+        k = int(info["waypoint"])
+        targets = np.array([*waypoints, goal[:2]])
+        assert seen.goal == pytest.approx(in_body_frame(state, targets[k]), abs=1e-5)
+        assert seen.waypoints_left == 2 - k
+        turn = goal[2] - state["heading"]
+        assert seen.goal_heading_error == pytest.approx(math.atan2(math.sin(turn), math.cos(turn)), abs=1e-5)
+        assert (seen.ranges == 5.0).all()
+        here = np.array([state["x"], state["y"]])
+        assert info["goal_distance"] == pytest.approx(np.hypot(*(here - goal[:2])))
+        way = np.vstack([here, targets[k:]])
+        assert info["remaining_distance"] == pytest.approx(np.hypot(*np.diff(way, axis=0).T).sum())
+
+
+# Rewards and ends.
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("scenario", ["random_splines", "circle_r0.5", "right_angle"])
+def test_the_reward_of_path_following_follows_from_info(dynamics: str, noise: float, scenario: str) -> None:
+    env = gymnasium.make(PATH_ID, scenario=scenario, dynamics=dynamics, noise=noise)
+    ends = 0
+    for seed in range(3):
+        _, before = env.reset(seed=seed)
+        for action in actions_of(env, 200, seed):
+            _, reward, terminated, _, info = env.step(np.abs(action) if seed else action)
+            progress = info["arc_length"] - before["arc_length"]
+            assert info["progress"] == pytest.approx(progress, abs=1e-12)
+            assert progress >= 0.0
+            ratio = info["cross_track_error"] / 0.1
+            wanted = progress / (1.2 * DT) / (1.0 + ratio**2) - 10.0 * info["left_corridor"]
+            assert reward == pytest.approx(wanted, abs=1e-9)
+            assert info["time"] == pytest.approx(before["time"] + DT)
+            assert terminated == (info["success"] or info["left_corridor"])
+            assert not (info["success"] and info["left_corridor"])
+            before = info
+            if terminated:
+                ends += 1
+                break
+    # a corridor of half a metre is soon left at random
+    assert ends > 0 or scenario != "random_splines"
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize(
+    ("scenario", "robot"), [("open_field", "omni4"), ("discs", "omni3"), ("mixed", "omni4"), ("omni3_waypoints", "omni3")]
+)
+def test_the_reward_of_goal_reaching_follows_from_info(dynamics: str, scenario: str, robot: str) -> None:
+    env = gymnasium.make(GOAL_ID, scenario=scenario, robot=robot, dynamics=dynamics)
+    for seed in range(4):
+        observation, before = env.reset(seed=seed)
+        for action in actions_of(env, 250, seed):
+            # half of what it takes to get there, half of it at random
+            towards = env.unwrapped.task.layout.unpack(observation)
+            drive = np.array([*(0.8 * towards.goal), towards.goal_heading_error], np.float32)
+            observation, reward, terminated, _, info = env.step(drive + 0.3 * action)
+            progress = before["remaining_distance"] - info["remaining_distance"]
+            turned = abs(before["goal_heading_error"]) - abs(info["goal_heading_error"])
+            assert info["progress"] == pytest.approx(progress, abs=1e-12)
+            assert info["turn_progress"] == pytest.approx(turned, abs=1e-12)
+            wanted = progress + 0.1 * turned - 0.01 + 5.0 * info["success"] - 5.0 * info["collision"]
+            assert reward == pytest.approx(wanted, abs=1e-9)
+            assert terminated == (info["success"] or info["collision"])
+            before = info
+            if terminated:
+                break
+    assert terminated or scenario == "omni3_waypoints"
+
+
+def test_success_at_the_end_of_a_path(tmp_path: Path) -> None:
+    env = base(PATH_ID, scenario=written(tmp_path, path=[[0, 0], [1, 0]]))
+    for k in range(1, 100):
+        _, _, terminated, _, info = env.step(np.array([0.4, 0.0], np.float32))
+        assert info["arc_length"] == pytest.approx(min(0.02 * k, 1.0), abs=1e-6)
+        assert info["completion"] == pytest.approx(info["arc_length"])
+        if terminated:
+            break
+    assert info["success"]
+    assert 0.95 <= info["arc_length"] < 0.98
+
+
+@pytest.mark.parametrize("corridor", [0.3, 0.8])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_leaving_the_corridor_fails(tmp_path: Path, corridor: float, side: float) -> None:
+    heading = side * math.pi / 2.0
+    line = written(tmp_path, path=[[-1, 0], [9, 0]], corridor=corridor, start=[0, 0, heading])
+    env = base(PATH_ID, scenario=line)
+    for _ in range(100):
+        _, reward, terminated, _, info = env.step(np.array([1.0, 0.0], np.float32))
+        if terminated:
+            break
+    assert info["left_corridor"]
+    assert not info["success"]
+    assert reward == pytest.approx(-10.0)
+    assert corridor < side * info["cross_track_error"] <= corridor + 0.05
+
+
+@pytest.mark.parametrize("laps", [1, 2, 3])
+def test_laps_are_counted(tmp_path: Path, laps: int) -> None:
+    square = [[0, 0], [2, 0], [2, 2], [0, 2]]
+    env = base(PATH_ID, scenario=written(tmp_path, path=square, closed=True, laps=laps))
+    state = env.batch.states[0]
+    at, corners = np.arange(5) * 2.0, np.array([*square, square[0]], float)
+    ended = None
+    for s in np.arange(0.0, 8.0 * laps + 0.2, 0.1):
+        x, y = (np.interp(s % 8.0, at, corners[:, k]) for k in range(2))
+        state["x"], state["y"] = x, y
+        _, _, terminated, _, info = env.step(np.zeros(2, np.float32))
+        assert info["arc_length"] == pytest.approx(s, abs=1e-9)
+        assert info["completion"] == pytest.approx(s / (8.0 * laps))
+        if terminated:
+            ended = s
+            break
+    assert ended == pytest.approx(8.0 * laps, abs=0.051)
+    assert info["success"]
+
+
+def test_a_self_crossing_does_not_mislead_the_projection() -> None:
+    env = base(PATH_ID, scenario="figure_eight")
+    state, vertices = env.batch.states[0], env.task.pool.vertices
+    lap = vertices["s"][-1]
+    for s in np.arange(0.0, 2.5 * lap, 0.11):
+        x, y = (np.interp(s % lap, vertices["s"], vertices[name]) for name in ("x", "y"))
+        k = np.searchsorted(vertices["s"], s % lap, side="right") - 1
+        state["x"], state["y"] = x, y
+        state["heading"] = math.atan2(vertices["uy"][k], vertices["ux"][k])
+        _, _, terminated, _, info = env.step(np.zeros(2, np.float32))
+        assert not terminated
+        assert info["arc_length"] == pytest.approx(s, abs=1e-6)
+        assert abs(info["cross_track_error"]) < 1e-9
+        assert abs(info["heading_error"]) < 1e-6
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize(("robot", "speed"), [("omni3", 1.0), ("omni4", 0.4), ("omni3", 14.0)])
+def test_driving_into_a_wall_is_a_collision(tmp_path: Path, dynamics: str, robot: str, speed: float) -> None:
+    ahead = {"kind": "wall", "x1": 2.0, "y1": -9.0, "x2": 2.0, "y2": 9.0}
+    env = base(GOAL_ID, scenario=written(tmp_path, goal=[5, 0, 0], obstacles=[ahead]), robot=robot, dynamics=dynamics)
+    for k in range(200):
+        _, reward, terminated, _, info = env.step(np.array([speed, 0.0, 0.0]))
+        assert info["clearance"] > -1e-4
+        if terminated:
+            break
+    assert info["collision"]
+    assert not info["success"]
+    assert reward < -4.0
+    assert info["clearance"] == pytest.approx(0.0, abs=1e-4)
+    if speed <= 1.0 and dynamics == "kinematic":
+        assert (k + 1) * DT == pytest.approx((2.0 - ROBOTS[robot].hull_radius) / speed, abs=DT)
+        assert info["clearance"] >= 0.0
+
+
+@every_kind
+def test_the_clock_truncates(env_id: str, options: dict[str, str]) -> None:
+    scenario = {PATH_ID: "circle", GOAL_ID: "apf_1"}[env_id]
+    assert gymnasium.spec(env_id).max_episode_steps == 1200
+    env = gymnasium.make(env_id, scenario=scenario, **options, max_episode_steps=7)
+    env.reset(seed=0)
+    for k in range(7):
+        _, _, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, np.float32))
+        assert not terminated
+        assert truncated == (k == 6)
+        assert info["time"] == pytest.approx((k + 1) * DT)
+
+
+def test_waypoints_are_passed_in_their_order(tmp_path: Path) -> None:
+    places = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    scenario = written(
+        tmp_path, goal=[0, 1, 0], waypoints=[[1, 0], [1, 1]], waypoint_radius=0.2, heading_tolerance=3.2
+    )
+    for order, passed, success in (((0, 3), 0, False), ((0, 2, 3), 0, False), ((0, 1, 3), 1, False), ((0, 1, 2, 3), 2, True)):
+        env = base(GOAL_ID, scenario=scenario)
+        state = env.batch.states[0]
+        for k in order:
+            state["x"], state["y"] = places[k]
+            _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
+        assert info["waypoint"] == passed
+        assert (info["success"], terminated) == (success, success)
+
+
+@pytest.mark.parametrize(("position", "heading", "success"), [(0.049, 0.0, True), (0.051, 0.0, False), (0.0, 0.21, False)])
+def test_success_is_a_matter_of_both_tolerances(
+    tmp_path: Path, position: float, heading: float, success: bool
+) -> None:
+    scenario = written(tmp_path, goal=[1, 0, 3.1], position_tolerance=0.05, heading_tolerance=0.2)
+    for sign in (1.0, -1.0):
+        env = base(GOAL_ID, scenario=scenario)
+        state = env.batch.states[0]
+        state["x"], state["heading"] = 1.0 + sign * position, math.remainder(3.1 + sign * heading, 2.0 * math.pi)
+        _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
+        assert (info["success"], terminated) == (success, success)
+
+
+def test_station_keeping_runs_on_after_success(tmp_path: Path) -> None:
+    scenario = written(tmp_path, goal=[0, 0, 0])
+    env = gymnasium.make(GOAL_ID, scenario=scenario, end_on_success=False, max_episode_steps=9)
+    env.reset(seed=0)
+    for k in range(9):
+        _, _, terminated, truncated, info = env.step(np.zeros(3, np.float32))
+        assert info["success"]
+        assert (terminated, truncated) == (False, k == 8)
+
+
+# Motion.
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_both_action_modes_mean_the_same_motion(robot: str, dynamics: str) -> None:
+    env_id = PATH_ID if robot == "p3dx" else GOAL_ID
+    scenario = {PATH_ID: "straight", GOAL_ID: "open_field"}[env_id]
+    options: dict[str, Any] = {"robot": robot, "dynamics": dynamics, "scenario": scenario, "actuators": "lagged"}
+    twist, wheels = (base(env_id, **options, action_mode=mode) for mode in ("twist", "wheel_speeds"))
+    for action in actions_of(twist, 60).astype(np.float64):
+        twist.step(action)
+        wheels.step(ROBOTS[robot].wheel_speeds_from_twist(action))
+    for name in ("x", "y", "heading", "vx", "vy", "yaw_rate"):
+        assert twist.batch.states[name] == pytest.approx(wheels.batch.states[name], abs=1e-9)
+
+
+@pytest.mark.parametrize("actuators", ACTUATORS)
+@pytest.mark.parametrize("speed", [0.3, 0.9])
+def test_step_response_of_the_actuators(tmp_path: Path, actuators: str, speed: float) -> None:
+    line = written(tmp_path, path=[[0, 0], [99, 0]])
+    env = base(PATH_ID, scenario=line, actuators=actuators)
+    tier = ACTUATORS[actuators]
+    command = vx = x = 0.0
+    state = env.batch.states[0]
+    for _ in range(80):
+        env.step(np.array([speed, 0.0]))
+        command = min(speed, command + tier.acceleration * DT)
+        # a first-order lag on a command that is held: v(t) = c + (v0 - c) exp(-t / lag)
+        decay = math.exp(-DT / tier.lag) if tier.lag else 0.0
+        x += command * DT + (vx - command) * tier.lag * (1.0 - decay)
+        vx = command + (vx - command) * decay
+        assert state["vx"] == pytest.approx(vx, abs=1e-12)
+        assert state["x"] == pytest.approx(x, abs=1e-12)
+    assert vx == pytest.approx(speed, abs=1e-3)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("actuators", ["ideal", "lagged"])
+def test_wheels_saturate_by_one_factor(tmp_path: Path, robot: str, actuators: str) -> None:
+    env_id = PATH_ID if robot == "p3dx" else GOAL_ID
+    scenario = {PATH_ID: "straight", GOAL_ID: "omni3_goal"}[env_id]
+    env = base(env_id, scenario=scenario, robot=robot, actuators=actuators)
+    each, axes = ROBOTS[robot], list(ROBOTS[robot].twist_axes)
+    limit = each.peak_wheel_speed if actuators == "ideal" else each.rated_wheel_speed
+    for direction in np.random.default_rng(1).normal(size=(20, len(axes))):
+        asked = 1e3 * direction
+        for _ in range(1 if actuators == "ideal" else 200):
+            env.step(asked)
+        state = env.batch.states[0]
+        driven = np.array([state["command_vx"], state["command_vy"], state["command_yaw_rate"]])
+        assert np.abs(each.wheel_matrix @ driven).max() == pytest.approx(limit)
+        np.testing.assert_allclose(driven[axes] / np.linalg.norm(driven), asked / np.linalg.norm(asked), atol=1e-9)
+        assert state["saturated"] == 1
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize("pose_source", ["ground_truth", "odometry"])
+@every_id
+def test_a_shove_displaces_the_pose_once(env_id: str, dynamics: str, pose_source: str) -> None:
+    scenario = {PATH_ID: "straight", GOAL_ID: "omni3_goal"}[env_id]
+    options: dict[str, Any] = {"scenario": scenario, "dynamics": dynamics, "pose_source": pose_source}
+    env = base(env_id, **options, shove=(0.2, 0.3, -0.4, 0.5))
+    state = env.batch.states[0]
+    for k in range(9):
+        env.step(np.zeros(env.action_space.shape, np.float32))
+        wanted = (0.3, -0.4, 0.5) if k >= 4 else (0.0, 0.0, 0.0)
+        assert (state["x"], state["y"], state["heading"]) == pytest.approx(wanted, abs=1e-9)
+        assert (state["vx"], state["vy"], state["yaw_rate"]) == (0.0, 0.0, 0.0)
+        # encoders do not see it, but for passive wheels on the floor of the physics engine
+        if pose_source == "odometry" and dynamics == "kinematic":
+            assert (state["measured_x"], state["measured_y"], state["measured_heading"]) == (0.0, 0.0, 0.0)
+
+
+def test_a_shove_ends_at_an_obstacle(tmp_path: Path) -> None:
+    ahead = {"kind": "wall", "x1": 1.0, "y1": -9.0, "x2": 1.0, "y2": 9.0}
+    scenario = written(tmp_path, goal=[-5, 0, 0], obstacles=[ahead])
+    env = base(GOAL_ID, scenario=scenario, shove=(0.1, 3.0, 0.0, 0.0))
+    for k in range(3):
+        _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
+        assert terminated == info["collision"] == (k == 2)
+    assert 0.0 <= info["clearance"] < 1e-6
+
+
+def test_starts_are_scattered_but_never_over_an_obstacle(tmp_path: Path) -> None:
+    ahead = {"kind": "box", "x": 0.0, "y": 0.9, "length": 3.0, "width": 1.0}
+    scenario = written(tmp_path, goal=[5, -5, 0], obstacles=[ahead], start_offset=0.4, start_turn=0.5)
+    env: Any = gymnasium.make_vec(GOAL_ID, 200, scenario=scenario)
+    _, info = env.reset(seed=0)
+    states = env.batch.states
+    assert (info["clearance"] > 0.0).all()
+    for name, most in (("x", 0.4), ("y", 0.4), ("heading", 0.5)):
+        assert np.abs(states[name]).max() <= most
+        assert states[name].min() < -0.3 * most
+    assert not states["heading"].max() < 0.3 * 0.5
+
+
+# Bad input.
+
+BAD_ACTIONS = [
+    (math.nan, ValueError),
+    (math.inf, ValueError),
+    (-math.inf, ValueError),
+    ("short", ValueError),
+    ("deep", ValueError),
+    ("ragged", (ValueError, TypeError)),
+    (None, TypeError),
+    ("forward", TypeError),
+    (True, TypeError),
+    (1j, TypeError),
+]
+
+
+def spoiled(kind: Any, like: NDArray[np.float32]) -> Any:
+    """Returns an action that is no action, of the size of a good one where it can be."""
+    match kind:
+        case None | "forward":
+            return kind
+        case "short":
+            return like[..., :-1]
+        case "deep":
+            return like[None]
+        case "ragged":
+            return [[0.0, 1.0], [0.0]]
+        case bool():
+            return np.ones(like.shape, bool)
+    bad = like.astype(complex if isinstance(kind, complex) else np.float64)
+    bad.flat[-1] = kind
+    return bad
+
+
+@every_kind
+@pytest.mark.parametrize(("kind", "error"), BAD_ACTIONS, ids=[str(kind) for kind, _ in BAD_ACTIONS])
+def test_a_bad_action_is_refused_and_changes_nothing(
+    env_id: str, options: dict[str, str], kind: Any, error: Any
+) -> None:
+    # 63 steps: the next one draws new noise
+    disturbed, calm = (base(env_id, **options, noise=1.0, shove=(3.2, 0.1, 0.0, 0.0)) for _ in range(2))
+    actions = 0.2 * actions_of(calm, 66)
+    for action in actions[:63]:
+        disturbed.step(action)
+        calm.step(action)
+    # all but which of its random numbers comes next: new ones may have been drawn
+    fields = [name for name in disturbed.batch.states.dtype.names if name != "noise_row"]
+    before = disturbed.batch.states.copy()
+    with pytest.raises(error):
+        disturbed.step(spoiled(kind, actions[0]))
+    assert disturbed.batch.states[fields].tolist() == before[fields].tolist()
+    for action in actions[63:]:
+        assert same(disturbed.step(action), calm.step(action))
+
+
+@every_id
+def test_lists_and_whole_numbers_are_actions(env_id: str) -> None:
+    results = []
+    for action in ([1.0, 0.0, 0.0], np.array([1, 0, 0]), np.array([1, 0, 0], np.float64), (1, 0, 0)):
+        env = base(env_id)
+        results.append(env.step(action[: env.action_space.shape[0]]))
+    assert all(same(results[0], other) for other in results[1:])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"dynamics": "pymnk"}, "dynamics='pymnk' is unknown. Did you mean 'pymunk'?"),
+        ({"dynamics": None}, "dynamics=None is unknown. Choose from 'kinematic', 'pymunk'"),
+        ({"actuators": "laged"}, "actuators='laged' is unknown. Did you mean 'lagged'?"),
+        ({"action_mode": "wheels_speed"}, "action_mode='wheels_speed' is unknown. Did you mean 'wheel_speeds'?"),
+        ({"pose_source": "odometri"}, "pose_source='odometri' is unknown. Did you mean 'odometry'?"),
+        ({"render_mode": "rgb_aray"}, "render_mode='rgb_aray' is unknown. Did you mean 'rgb_array'?"),
+        ({"robot": "omni5"}, "robot='omni5' is unknown."),
+        ({"noise": -0.1}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got -0.1"),
+        ({"noise": math.nan}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got nan"),
+        ({"noise": "low"}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got 'low'"),
+        ({"noise": True}, "noise must be a finite number"),
+        ({"shove": (1.0, 2.0)}, "shove must be (time >= 0, dx, dy, turn), four finite numbers, got (1.0, 2.0)"),
+        ({"shove": (-1.0, 0.0, 0.0, 0.0)}, "shove must be (time >= 0"),
+        ({"shove": (1.0, math.inf, 0.0, 0.0)}, "shove must be (time >= 0"),
+    ],
+)
+@every_id
+def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # Gymnasium warns of the render mode, then asks us
+        with pytest.raises(ValueError) as caught:  # noqa: PT011  the message is compared in full
+            gymnasium.make(env_id, **options)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "options", "message"),
+    [
+        (PATH_ID, {"scenario": "figure_ate"}, "'figure_ate'. Did you mean 'figure_eight'?"),
+        (PATH_ID, {"scenario": "discs"}, "unknown path scenario 'discs'"),
+        (GOAL_ID, {"scenario": "disks"}, "'disks'. Did you mean 'discs'?"),
+        (PATH_ID, {"scale": 0.0}, "scale is 0.0; it must be a finite number above 0"),
+        (PATH_ID, {"robot": "omni3"}, "robot='omni3' is unknown."),
+        (PATH_ID, {"num_preview": -1}, "num_preview must be a whole number >= 0, got -1"),
+        (PATH_ID, {"num_preview": 2.5}, "num_preview must be a whole number >= 0, got 2.5"),
+        (PATH_ID, {"preview_spacing": 0.0}, "preview_spacing must be a finite number > 0, got 0.0"),
+        (PATH_ID, {"pose_source": "odometry_uncorrected"}, "pose_source='odometry_uncorrected' needs passive"),
+        (PATH_ID, {"pose_source": "odometry_plain_sum"}, "pose_source='odometry_plain_sum' belongs to"),
+        (GOAL_ID, {"robot": "omni4", "pose_source": "odometry_uncorrected"}, "needs passive encoder wheels"),
+        (GOAL_ID, {"robot": "p3dx"}, "robot='p3dx' is unknown."),
+        (GOAL_ID, {"end_on_contact": False}, 'end_on_contact=False needs dynamics="pymunk"'),
+        (GOAL_ID, {"num_beams": -1}, "num_beams must be a whole number >= 0, got -1"),
+        (GOAL_ID, {"max_range": -2.0}, "max_range must be a finite number > 0, got -2.0"),
+        (GOAL_ID, {"field_of_view": 7.0}, "field_of_view must be above 0 and at most 2 pi rad, got 7.0"),
+    ],
+)
+def test_options_that_do_not_fit_are_named(env_id: str, options: dict[str, Any], message: str) -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011  the message is compared in full
+            make(env_id, **options)
+        assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(("x", "place"), [(0.2, "start"), (5.1, "goal")])
+def test_obstacles_over_start_or_goal_are_refused(tmp_path: Path, x: float, place: str) -> None:
+    over = {"kind": "circle", "x": x, "y": 0.0, "radius": 0.1}
+    with pytest.raises(ValueError, match=f"is over the {place}"):
+        gymnasium.make(GOAL_ID, scenario=written(tmp_path, goal=[5, 0, 0], obstacles=[over]))
+
+
+# Any scenario whatever.
+
+PLACES = st.floats(-3.0, 3.0).map(lambda value: round(value, 4))
+ANGLES = st.floats(-7.0, 7.0)
+SIZES = st.floats(0.01, 1.5)
+OBSTACLES = st.one_of(
+    st.fixed_dictionaries(
+        {"kind": st.just("circle"), "x": PLACES, "y": PLACES, "radius": SIZES}, optional={"mass": st.floats(0.1, 30.0)}
+    ),
+    st.fixed_dictionaries(
+        {"kind": st.just("box"), "x": PLACES, "y": PLACES, "length": SIZES, "width": SIZES},
+        optional={"heading": ANGLES, "mass": st.floats(0.1, 30.0)},
+    ),
+    st.fixed_dictionaries({"kind": st.just("wall"), "x1": PLACES, "y1": PLACES, "x2": st.floats(3.5, 5.0), "y2": PLACES}),
+)
+GOAL_SCENARIOS = st.fixed_dictionaries(
+    # goal and start mostly outside of where obstacles stand
+    {"goal": st.tuples(PLACES, st.floats(-5.0, -3.0), ANGLES), "start": st.tuples(st.floats(-6.0, -3.0), PLACES, ANGLES)},
+    optional={
+        "obstacles": st.lists(OBSTACLES, min_size=1, max_size=6),
+        "waypoints": st.lists(st.tuples(PLACES, PLACES), max_size=3),
+        "start_offset": st.floats(0.0, 1.0),
+        "start_turn": st.floats(0.0, 7.0),
+        "waypoint_radius": st.floats(0.01, 2.0),
+        "position_tolerance": st.floats(0.01, 1.0),
+        "heading_tolerance": st.floats(0.01, 4.0),
+    },
+)
+PATH_SCENARIOS = st.fixed_dictionaries(
+    {"path": st.lists(st.tuples(PLACES, PLACES), min_size=3, max_size=20, unique=True)},
+    optional={
+        "closed": st.booleans(),
+        "start_offset": st.floats(0.0, 1.0),
+        "start_turn": st.floats(0.0, 7.0),
+        "corridor": st.floats(1.0, 5.0),
+    },
+)
+OPTIONS = st.fixed_dictionaries(
+    {
+        "dynamics": st.sampled_from(["kinematic", "pymunk"]),
+        "actuators": st.sampled_from(sorted(ACTUATORS)),
+        "action_mode": st.sampled_from(["twist", "wheel_speeds"]),
+        "noise": st.sampled_from([0.0, 1.0, 10.0]),
+        "pose_source": st.sampled_from(["ground_truth", "odometry"]),
+        "shove": st.one_of(st.none(), st.tuples(st.floats(0.0, 1.0), PLACES, PLACES, ANGLES)),
+    }
+)
+# within what the wheels can do, far beyond it, and standing still
+SCALES = st.lists(st.sampled_from([0.0, 0.3, 1.0, 5.0, 1e6, 1e38]), min_size=3, max_size=6)
+
+
+def survives(env: Any, scales: list[float], seed: int) -> bool:
+    """Drives each way for a while, on after the end of an episode too; returns whether anything was touched."""
+    observation, info = env.reset(seed=seed)
+    assert env.observation_space.contains(observation)
+    touched = False
+    for scale, action in zip(scales, actions_of(env, len(scales), seed), strict=True):
+        for _ in range(8):
+            observation, reward, _, _, info = env.step(np.float32(min(scale, 1e37)) * action)
+            assert env.observation_space.contains(observation), observation
+            assert np.isfinite(observation).all()
+            assert math.isfinite(reward)
+            assert not any(math.isnan(value) for value in info.values())
+            if "clearance" in info and env.task.options.dynamics == "kinematic":
+                assert info["clearance"] >= 0.0
+            touched = touched or info["collision"]
+    return touched
+
+
+@settings(max_examples=250)
+@given(st.data(), GOAL_SCENARIOS, OPTIONS, SCALES, st.integers(0, 9))
+def test_any_goal_scenario_is_refused_or_survived(
+    tmp_path_factory: pytest.TempPathFactory,
+    data: st.DataObject,
+    scenario: dict[str, Any],
+    options: dict[str, Any],
+    scales: list[float],
+    seed: int,
+) -> None:
+    options = options | {
+        "robot": data.draw(st.sampled_from(["omni3", "omni4"])),
+        "num_beams": data.draw(st.sampled_from([0, 1, 7, 32])),
+        "max_range": data.draw(st.floats(0.1, 20.0)),
+        "end_on_contact": options["dynamics"] == "kinematic",
+    }
+    file = written(tmp_path_factory.getbasetemp(), "any_goal.json", **scenario)
+    try:
+        env = gymnasium.make(GOAL_ID, scenario=file, **options)
+    except ValueError as error:
+        assert "is over the" in str(error)
+        event("refused")
+        return
+    event("touched something" if survives(env.unwrapped, scales, seed) else "touched nothing")
+
+
+@settings(max_examples=250)
+@given(PATH_SCENARIOS, OPTIONS, SCALES, st.integers(0, 9), st.floats(0.1, 4.0))
+def test_any_path_scenario_is_survived(
+    tmp_path_factory: pytest.TempPathFactory,
+    scenario: dict[str, Any],
+    options: dict[str, Any],
+    scales: list[float],
+    seed: int,
+    scale: float,
+) -> None:
+    file = written(tmp_path_factory.getbasetemp(), "any_path.json", **scenario)
+    survives(gymnasium.make(PATH_ID, scenario=file, scale=scale, **options).unwrapped, scales, seed)
+
+
+def test_no_element_of_an_observation_is_constant() -> None:
+    for env_id, kwargs in itertools.product(IDS, ({}, {"noise": 1.0})):
+        env = gymnasium.make(env_id, **kwargs)
+        seen = []
+        for seed in range(30):
+            seen.append(env.reset(seed=seed)[0])
+            seen += [env.step(action)[0] for action in actions_of(env, 5, seed)]
+        constant = np.ptp(np.array(seen), axis=0) == 0.0
+        names = [field.name for field in env.unwrapped.task.layout.fields for _ in range(field.size)]
+        # the default scenarios have no waypoints
+        assert {names[k] for k in np.flatnonzero(constant)} <= {"waypoints_left"}
