@@ -108,7 +108,7 @@ def _kept(experiment: str, policy: str, gains: Mapping[str, float]) -> Case:
         "omni3_goal",
         policy,
         gains,
-        {"end_on_success": False, "shove": (8.0, 1.0, -1.0, 1.0)},
+        {"end_on_success": False, "shove": (8.0, 1.0, -1.0, 0.5)},
         max_episode_steps=320,
         arrival_radius=0.25,
         filmed=policy == "waypoint",

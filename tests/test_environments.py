@@ -514,6 +514,31 @@ def test_a_shove_ends_at_an_obstacle(tmp_path: Path) -> None:
     assert 0.0 <= info["clearance"] < 1e-6
 
 
+@pytest.mark.parametrize("robot", ["omni3", "omni4"])
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_a_kinematic_hull_gets_into_nothing(robot: str, scale: float) -> None:
+    env: Any = gymnasium.make_vec(GOAL_ID, 64, scenario="mixed", robot=robot, num_beams=1)
+    env.reset(seed=0)
+    hull = ROBOTS[robot].hull_radius
+    collisions = 0
+    for k in range(200):
+        if k % 20 == 0:
+            actions = scale * actions_of(env, 1, seed=k)[0]
+        _, _, _, _, info = env.step(actions)
+        collisions += info["collision"].sum()
+        states, o = env.batch.states, env.batch.obstacles
+        assert (info["clearance"] >= 0.0).all()
+        # not the formula under test: the nearest point of each turned rectangle
+        dx, dy = states["x"][:, None] - o["x"], states["y"][:, None] - o["y"]
+        along, across = o["cos"] * dx + o["sin"] * dy, o["cos"] * dy - o["sin"] * dx
+        out = [v - np.clip(v, -h, h) for v, h in ((along, o["half_length"]), (across, o["half_width"]))]
+        gap = np.hypot(*out) - o["radius"] - hull
+        np.testing.assert_allclose(gap.min(axis=1), states["clearance"], atol=1e-12)
+        # not through the thin walls of the square either, at 15 m/s
+        assert (np.maximum(abs(states["x"]), abs(states["y"])) <= 5.0 - hull).all()
+    assert collisions > 50
+
+
 def test_starts_are_scattered_but_never_over_an_obstacle(tmp_path: Path) -> None:
     ahead = {"kind": "box", "x": 0.0, "y": 0.9, "length": 3.0, "width": 1.0}
     scenario = written(tmp_path, goal=[5, -5, 0], obstacles=[ahead], start_offset=0.4, start_turn=0.5)

@@ -1,0 +1,286 @@
+"""Every policy behind the one door: what it is told, what it remembers, alone and in a batch."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield import policies
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import KNOWS
+from wayfield.policies import POLICIES, Pilot
+
+PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
+GOAL_ID = "wayfield/OmniGoalObstacles-v0"
+ID_OF = {path_following.Observation: PATH_ID, goal_reaching.Observation: GOAL_ID}
+EVERY_PAIR = [(name, ID_OF[kind]) for name in POLICIES for kind in policies.make(name).observes]
+every_policy = pytest.mark.parametrize("name", POLICIES)
+every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:13]}" for a, b in EVERY_PAIR])
+
+
+# By name.
+
+
+@every_policy
+def test_a_policy_is_a_frozen_dataclass_that_says_what_it_is(name: str) -> None:
+    policy = policies.make(name)
+    assert dataclasses.is_dataclass(policy)
+    field = next((field.name for field in dataclasses.fields(policy)), "gain")  # type: ignore[arg-type]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(policy, field, 1.0)
+    assert policy.knows in KNOWS
+    assert set(policy.observes) <= set(ID_OF)
+    assert policies.make(name) == policy
+    assert all(field.default is not dataclasses.MISSING for field in dataclasses.fields(policy))  # type: ignore[arg-type]
+    # not the signature that dataclasses write where there is no docstring
+    assert not (type(policy).__doc__ or "").startswith((type(policy).__name__ + "(", "Policy("))
+
+
+@every_policy
+def test_gains_go_in_by_name_and_others_are_refused(name: str) -> None:
+    with pytest.raises(TypeError, match="no_such_gain"):
+        policies.make(name, no_such_gain=1.0)
+
+
+def test_an_unknown_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(ValueError, match="policy 'apf_escpae' is unknown. Did you mean 'apf_escape'?"):
+        policies.make("apf_escpae")
+    with pytest.raises(ValueError, match="Choose from 'zero', 'random'"):
+        policies.make("")
+
+
+POSITIVE = {
+    "lookahead_documented": ("lookahead_distance", "mode_distance", "window"),
+    "lookahead_retuned": ("lookahead_distance", "mode_distance", "window"),
+    "waypoint": ("lam", "switching_radius"),
+    "apf_documented": ("k_att", "k_rep", "tau", "tau_l", "max_speed"),
+    "apf_escape": ("k_att", "k_rep", "tau", "tau_l", "max_speed"),
+    "apf_corrected": ("k", "eta", "rho_0", "max_speed"),
+}
+
+
+@pytest.mark.parametrize(("name", "gain"), [(name, gain) for name, gains in POSITIVE.items() for gain in gains])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_gains_out_of_range_are_refused(name: str, gain: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{gain} must be above 0.*{value}"):
+        policies.make(name, **{gain: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "gain", "value"),
+    [
+        ("lookahead_documented", "search", "windows"),
+        ("waypoint", "final_tolerance", -0.1),
+        ("waypoint", "final_tolerance", math.nan),
+        ("apf_documented", "stop_radius", -0.1),
+    ],
+)
+def test_other_bad_gains_are_refused(name: str, gain: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=gain):
+        policies.make(name, **{gain: value})
+
+
+# At the wheel.
+
+
+@every_pair
+@pytest.mark.parametrize("action_mode", ["twist", "wheel_speeds"])
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: str, dynamics: str) -> None:
+    options: dict[str, Any] = {"action_mode": action_mode, "dynamics": dynamics, "actuators": "lagged"}
+    many: Any = gymnasium.make_vec(env_id, 3, **options)
+    singles = [gymnasium.make(env_id, **options) for _ in range(3)]
+    seen, _ = many.reset(seed=8)
+    each = [env.reset(seed=8 + i)[0] for i, env in enumerate(singles)]
+    pilot = Pilot(policies.make(name), many)
+    pilot.reset()
+    # robot i of a batch draws its own random numbers
+    pilots = [Pilot(policies.make(name, **({"seed": 0} if name == "random" else {})), env) for env in singles]
+    for each_pilot in pilots:
+        each_pilot.reset()
+    for _ in range(25):
+        actions = pilot.act(seen)
+        assert actions.shape == many.action_space.shape
+        assert np.isfinite(actions).all()
+        assert actions.dtype == np.float64
+        for i, env in enumerate(singles):
+            if name == "random" and i > 0:
+                continue
+            action = pilots[i].act(each[i])
+            assert action.shape == env.action_space.shape
+            assert action.tobytes() == actions[i].tobytes()
+            each[i], _, terminated, _, _ = env.step(action)
+            assert not terminated
+        seen, _, terminated, _, _ = many.step(actions)
+    assert not terminated[0]
+
+
+@every_pair
+def test_acting_twice_is_acting_the_same(name: str, env_id: str) -> None:
+    env: Any = gymnasium.make_vec(env_id, 4)
+    actions = []
+    for _ in range(2):
+        seen, _ = env.reset(seed=3)
+        pilot = Pilot(policies.make(name), env)
+        pilot.reset()
+        run = []
+        for _ in range(30):
+            run.append(pilot.act(seen))
+            seen, *_ = env.step(run[-1])
+        actions.append(np.array(run))
+    assert actions[0].tobytes() == actions[1].tobytes()
+
+
+@every_pair
+def test_memory_lies_in_reset_alone(name: str, env_id: str) -> None:
+    """One policy object at two wheels at once: neither notices the other."""
+    env: Any = gymnasium.make(env_id)
+    policy = policies.make(name)
+    runs = []
+    for disturbed in (False, True):
+        other: Any = gymnasium.make(env_id)
+        pilot, stranger = Pilot(policy, env), Pilot(policy, other)
+        seen, _ = env.reset(seed=3)
+        elsewhere, _ = other.reset(seed=4)
+        pilot.reset()
+        stranger.reset()
+        run = []
+        for _ in range(40):
+            run.append(pilot.act(seen))
+            seen, *_ = env.step(run[-1])
+            if disturbed:
+                elsewhere, *_ = other.step(stranger.act(elsewhere))
+        runs.append(np.array(run))
+    assert runs[0].tobytes() == runs[1].tobytes()
+    assert np.shape(policy.reset(pilot.briefing))[0] == 1
+
+
+@every_policy
+def test_rows_are_reset_one_by_one(name: str) -> None:
+    env_id = ID_OF[policies.make(name).observes[-1]]
+    env: Any = gymnasium.make_vec(env_id, 3)
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(policies.make(name), env)
+    pilot.reset()
+    fresh = [str(pilot.memory[i]) for i in range(3)]
+    for _ in range(10):
+        seen, *_ = env.step(pilot.act(seen))
+    if pilot.memory.dtype != object and pilot.memory.size:
+        pilot.memory[:] = 1
+        pilot.reset(np.array([True, False, True]))
+        assert pilot.memory.tolist() == [0, 1, 0]
+    assert len(fresh) == 3
+
+
+@pytest.mark.parametrize(("name", "env_id"), [("lookahead_documented", GOAL_ID), ("waypoint", PATH_ID), ("apf_corrected", PATH_ID)])
+def test_a_policy_for_another_task_is_refused(name: str, env_id: str) -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(TypeError, match=f"{type(policies.make(name)).__name__} reads .*Observation.* gives"):
+            Pilot(policies.make(name), make(env_id))
+
+
+# What they are told.
+
+
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@pytest.mark.parametrize("knows", KNOWS)
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, make: Any) -> None:
+    env = make(env_id).unwrapped
+    env.reset(seed=0)
+    told = env.briefing(knows)
+    course = {
+        PATH_ID: (told.paths, told.path_index),
+        GOAL_ID: (told.goals, told.num_goals),
+    }
+    other = {PATH_ID: GOAL_ID, GOAL_ID: PATH_ID}[env_id]
+    assert all(part is None for part in course[other])
+    assert all((part is None) == (knows == "sensors") for part in course[env_id])
+    assert (told.obstacles is None) == (told.num_obstacles is None) == (knows != "map")
+    with pytest.raises(ValueError, match="knows='everything' is unknown"):
+        env.briefing("everything")
+
+
+def test_a_briefing_tells_of_the_episode(tmp_path: Path) -> None:
+    file = tmp_path / "course.json"
+    disc = {"kind": "circle", "x": 1.0, "y": 2.0, "radius": 0.3}
+    file.write_text(json.dumps({"goal": [3, 4, 1.5], "waypoints": [[1, 0], [2, 0]], "obstacles": [disc]}))
+    env: Any = gymnasium.make_vec(GOAL_ID, 2, scenario=str(file))
+    env.reset(seed=0)
+    told = env.briefing("map")
+    assert told.num_envs == 2
+    assert told.num_goals.tolist() == [3, 3]
+    assert told.goals[:, :, :2].tolist() == [[[1.0, 0.0], [2.0, 0.0], [3.0, 4.0]]] * 2
+    assert told.goals[:, 2, 2].tolist() == [1.5, 1.5]
+    assert told.num_obstacles.tolist() == [1, 1]
+    assert told.obstacles["radius"].tolist() == [[0.3], [0.3]]
+    # a copy: nobody moves an obstacle by writing on it
+    told.obstacles["x"] = 0.0
+    assert (env.batch.obstacles["x"] == 1.0).all()
+
+
+def test_each_row_is_told_of_its_own_path() -> None:
+    env: Any = gymnasium.make_vec(PATH_ID, 6)
+    seen, _ = env.reset(seed=0)
+    told = env.briefing("path")
+    assert len(set(told.path_index.tolist())) > 1
+    for i, k in enumerate(told.path_index):
+        first = told.paths.vertices[told.paths.runs["first"][k]]
+        # starts are scattered by 0.1 m
+        assert math.hypot(seen[i, 0] - first["x"], seen[i, 1] - first["y"]) <= 0.11
+
+
+# What they do.
+
+
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+def test_zero_stands_still_and_random_uses_all_that_the_robot_can(env_id: str) -> None:
+    env: Any = gymnasium.make_vec(env_id, 50)
+    seen, _ = env.reset(seed=0)
+    still, lively = Pilot(policies.make("zero"), env), Pilot(policies.make("random"), env)
+    still.reset()
+    lively.reset()
+    assert not still.act(seen).any()
+    drawn = np.array([lively.act(seen) for _ in range(40)])
+    most = env.single_action_space.high
+    assert (np.abs(drawn) <= most * (1.0 + 1e-6)).all()
+    np.testing.assert_allclose(drawn.std(axis=(0, 1)), most / math.sqrt(3.0), rtol=0.05)
+    assert abs(np.corrcoef(drawn[:, 0, 0], drawn[:, 1, 0])[0, 1]) < 0.7
+    other = Pilot(policies.make("random", seed=1), env)
+    other.reset()
+    assert not np.array_equal(other.act(seen), drawn[0])
+
+
+@pytest.mark.parametrize("name", ["lookahead_documented", "lookahead_retuned"])
+def test_path_followers_finish_random_paths(name: str) -> None:
+    env: Any = gymnasium.make_vec(PATH_ID, 32)
+    assert finished(env, name) == 32
+
+
+@pytest.mark.parametrize("robot", ["omni3", "omni4"])
+@pytest.mark.parametrize("name", ["waypoint", "apf_documented", "apf_escape", "apf_corrected"])
+def test_goal_seekers_reach_goals_in_the_open(name: str, robot: str) -> None:
+    env: Any = gymnasium.make_vec(GOAL_ID, 32, scenario="open_field", robot=robot, num_beams=0)
+    assert finished(env, name) == 32
+
+
+def finished(env: Any, name: str) -> int:
+    """Returns how many robots of a vector end their first episode in success."""
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(policies.make(name), env)
+    pilot.reset()
+    ended = np.zeros(env.num_envs, bool)
+    succeeded = 0
+    for _ in range(1200):
+        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+        succeeded += int((info["success"] & ~ended).sum())
+        ended |= terminated | truncated
+        if ended.all():
+            break
+    return succeeded
