@@ -174,12 +174,16 @@ def test_fields_unpack_and_pack(env_id: str, options: dict[str, str]) -> None:
         fields = layout.unpack(shaped)
         assert all(value.shape == (*shape, *field.shape) for value, field in zip(fields, layout.fields, strict=True))
         assert layout.pack(fields).tobytes() == observations.tobytes()
-    single = layout.unpack(observations[0])
-    assert layout.pack(single).tobytes() == observations[0].tobytes()
-    assert type(single) is layout.kind
+    assert type(fields) is layout.kind
     assert tuple(field.name for field in layout.fields) == layout.kind._fields
     with pytest.raises(ValueError, match=str(layout.size)):
         layout.unpack(observations[:, :-1])
+
+
+def fields_of(env: Any, observation: NDArray[np.float32]) -> Any:
+    """Returns the named fields of one observation."""
+    layout = env.unwrapped.task.layout
+    return layout.kind(*(value[0] for value in layout.unpack(observation[None])))
 
 
 def in_body_frame(state: np.void, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -198,7 +202,7 @@ def test_what_a_path_follower_sees(tmp_path: Path, closed: bool, num_preview: in
     state = env.batch.states[0]
     for action in actions_of(env, 60, seed=2):
         observation, _, _, _, info = env.step(np.abs(action) * [1.0, 0.2])
-        seen = env.task.layout.unpack(observation)
+        seen = fields_of(env, observation)
         assert seen.pose == pytest.approx([state["x"], state["y"], state["heading"]], abs=1e-5)
         assert seen.twist == pytest.approx([state["vx"], state["yaw_rate"]], abs=1e-5)
         for name in ("cross_track_error", "heading_error", "arc_length"):
@@ -226,7 +230,7 @@ def test_what_a_goal_seeker_sees(tmp_path: Path, robot: str) -> None:
     state = env.batch.states[0]
     for action in actions_of(env, 60, seed=2):
         observation, _, _, _, info = env.step(action)
-        seen = env.task.layout.unpack(observation)
+        seen = fields_of(env, observation)
         k = int(info["waypoint"])
         targets = np.array([*waypoints, goal[:2]])
         assert seen.goal == pytest.approx(in_body_frame(state, targets[k]), abs=1e-5)
@@ -272,7 +276,8 @@ def test_the_reward_of_path_following_follows_from_info(dynamics: str, noise: fl
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
 @pytest.mark.parametrize(
-    ("scenario", "robot"), [("open_field", "omni4"), ("discs", "omni3"), ("mixed", "omni4"), ("omni3_waypoints", "omni3")]
+    ("scenario", "robot"),
+    [("open_field", "omni4"), ("discs", "omni3"), ("mixed", "omni4"), ("omni3_waypoints", "omni3")],
 )
 def test_the_reward_of_goal_reaching_follows_from_info(dynamics: str, scenario: str, robot: str) -> None:
     env = gymnasium.make(GOAL_ID, scenario=scenario, robot=robot, dynamics=dynamics)
@@ -280,7 +285,7 @@ def test_the_reward_of_goal_reaching_follows_from_info(dynamics: str, scenario: 
         observation, before = env.reset(seed=seed)
         for action in actions_of(env, 250, seed):
             # half of what it takes to get there, half of it at random
-            towards = env.unwrapped.task.layout.unpack(observation)
+            towards = fields_of(env, observation)
             drive = np.array([*(0.8 * towards.goal), towards.goal_heading_error], np.float32)
             observation, reward, terminated, _, info = env.step(drive + 0.3 * action)
             progress = before["remaining_distance"] - info["remaining_distance"]
@@ -365,7 +370,7 @@ def test_a_self_crossing_does_not_mislead_the_projection() -> None:
 def test_driving_into_a_wall_is_a_collision(tmp_path: Path, dynamics: str, robot: str, speed: float) -> None:
     ahead = {"kind": "wall", "x1": 2.0, "y1": -9.0, "x2": 2.0, "y2": 9.0}
     env = base(GOAL_ID, scenario=written(tmp_path, goal=[5, 0, 0], obstacles=[ahead]), robot=robot, dynamics=dynamics)
-    for k in range(200):
+    for _ in range(200):
         _, reward, terminated, _, info = env.step(np.array([speed, 0.0, 0.0]))
         assert info["clearance"] > -1e-4
         if terminated:
@@ -375,7 +380,7 @@ def test_driving_into_a_wall_is_a_collision(tmp_path: Path, dynamics: str, robot
     assert reward < -4.0
     assert info["clearance"] == pytest.approx(0.0, abs=1e-4)
     if speed <= 1.0 and dynamics == "kinematic":
-        assert (k + 1) * DT == pytest.approx((2.0 - ROBOTS[robot].hull_radius) / speed, abs=DT)
+        assert info["time"] == pytest.approx((2.0 - ROBOTS[robot].hull_radius) / speed, abs=DT)
         assert info["clearance"] >= 0.0
 
 
@@ -394,10 +399,13 @@ def test_the_clock_truncates(env_id: str, options: dict[str, str]) -> None:
 
 def test_waypoints_are_passed_in_their_order(tmp_path: Path) -> None:
     places = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
-    scenario = written(
-        tmp_path, goal=[0, 1, 0], waypoints=[[1, 0], [1, 1]], waypoint_radius=0.2, heading_tolerance=3.2
-    )
-    for order, passed, success in (((0, 3), 0, False), ((0, 2, 3), 0, False), ((0, 1, 3), 1, False), ((0, 1, 2, 3), 2, True)):
+    scenario = written(tmp_path, goal=[0, 1, 0], waypoints=[[1, 0], [1, 1]], waypoint_radius=0.2, heading_tolerance=3.2)
+    for order, passed, success in (
+        ((0, 3), 0, False),
+        ((0, 2, 3), 0, False),
+        ((0, 1, 3), 1, False),
+        ((0, 1, 2, 3), 2, True),
+    ):
         env = base(GOAL_ID, scenario=scenario)
         state = env.batch.states[0]
         for k in order:
@@ -407,10 +415,10 @@ def test_waypoints_are_passed_in_their_order(tmp_path: Path) -> None:
         assert (info["success"], terminated) == (success, success)
 
 
-@pytest.mark.parametrize(("position", "heading", "success"), [(0.049, 0.0, True), (0.051, 0.0, False), (0.0, 0.21, False)])
-def test_success_is_a_matter_of_both_tolerances(
-    tmp_path: Path, position: float, heading: float, success: bool
-) -> None:
+@pytest.mark.parametrize(
+    ("position", "heading", "success"), [(0.049, 0.0, True), (0.051, 0.0, False), (0.0, 0.21, False)]
+)
+def test_success_is_a_matter_of_both_tolerances(tmp_path: Path, position: float, heading: float, success: bool) -> None:
     scenario = written(tmp_path, goal=[1, 0, 3.1], position_tolerance=0.05, heading_tolerance=0.2)
     for sign in (1.0, -1.0):
         env = base(GOAL_ID, scenario=scenario)
@@ -549,7 +557,7 @@ def test_starts_are_scattered_but_never_over_an_obstacle(tmp_path: Path) -> None
     for name, most in (("x", 0.4), ("y", 0.4), ("heading", 0.5)):
         assert np.abs(states[name]).max() <= most
         assert states[name].min() < -0.3 * most
-    assert not states["heading"].max() < 0.3 * 0.5
+    assert states["heading"].max() > 0.3 * 0.5
 
 
 # Bad input.
@@ -692,11 +700,16 @@ OBSTACLES = st.one_of(
         {"kind": st.just("box"), "x": PLACES, "y": PLACES, "length": SIZES, "width": SIZES},
         optional={"heading": ANGLES, "mass": st.floats(0.1, 30.0)},
     ),
-    st.fixed_dictionaries({"kind": st.just("wall"), "x1": PLACES, "y1": PLACES, "x2": st.floats(3.5, 5.0), "y2": PLACES}),
+    st.fixed_dictionaries(
+        {"kind": st.just("wall"), "x1": PLACES, "y1": PLACES, "x2": st.floats(3.5, 5.0), "y2": PLACES}
+    ),
 )
 GOAL_SCENARIOS = st.fixed_dictionaries(
     # goal and start mostly outside of where obstacles stand
-    {"goal": st.tuples(PLACES, st.floats(-5.0, -3.0), ANGLES), "start": st.tuples(st.floats(-6.0, -3.0), PLACES, ANGLES)},
+    {
+        "goal": st.tuples(PLACES, st.floats(-5.0, -3.0), ANGLES),
+        "start": st.tuples(st.floats(-6.0, -3.0), PLACES, ANGLES),
+    },
     optional={
         "obstacles": st.lists(OBSTACLES, min_size=1, max_size=6),
         "waypoints": st.lists(st.tuples(PLACES, PLACES), max_size=3),
@@ -768,7 +781,8 @@ def test_any_goal_scenario_is_refused_or_survived(
     try:
         env = gymnasium.make(GOAL_ID, scenario=file, **options)
     except ValueError as error:
-        assert "is over the" in str(error)
+        if "is over the" not in str(error):
+            raise
         event("refused")
         return
     event("touched something" if survives(env.unwrapped, scales, seed) else "touched nothing")

@@ -12,6 +12,7 @@ from wayfield.envs.paths import Path, PathPool, along_lap, nearest_ahead, segmen
 
 COORDINATES = st.floats(-4.0, 4.0).map(lambda value: round(value, 3))
 FRACTIONS = st.floats(0.0, 1.0)
+WINDOWS = st.one_of(st.floats(0.0, 60.0), st.just(math.inf))
 
 
 @st.composite
@@ -51,7 +52,9 @@ def point_at(path: Path, s: float) -> NDArray[np.float64]:
     return np.array([np.interp(s, arc_lengths, points[:, k]) for k in range(2)])
 
 
-@given(paths(), COORDINATES, COORDINATES, FRACTIONS, st.integers(0, 2), st.one_of(st.floats(0.0, 60.0), st.just(math.inf)))
+@given(
+    paths(), COORDINATES, COORDINATES, FRACTIONS, st.integers(0, 2), st.one_of(st.floats(0.0, 60.0), st.just(math.inf))
+)
 def test_the_windowed_search_finds_the_nearest_point(
     path: Path, x: float, y: float, fraction: float, lap: int, window: float
 ) -> None:

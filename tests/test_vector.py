@@ -34,6 +34,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "goal-pymunk": (GOAL_ID, {"dynamics": "pymunk", "noise": 1.0, "actuators": "lagged"}),
     "goal-pymunk-pushing": (GOAL_ID, {"dynamics": "pymunk", "scenario": "push_box", "end_on_contact": False}),
 }
+# where nothing but the clock, or a goal that random motion does not find, ends an episode
+UNBOUNDED = {"path-shove", "goal-waypoints", "goal-open", "goal-pymunk-pushing"}
 every_case = pytest.mark.parametrize("case", CASES)
 every_mode = pytest.mark.parametrize("autoreset_mode", ["NextStep", "SameStep"])
 
@@ -89,7 +91,7 @@ def differences(a: Any, b: Any, place: str = "") -> list[str]:
 @every_mode
 @pytest.mark.parametrize("clock", [37, 200])
 def test_rows_equal_single_environments(case: str, autoreset_mode: str, clock: int) -> None:
-    num_envs, steps = 3, 500
+    num_envs, steps = 3, 800
     ours, theirs = native(case, num_envs, autoreset_mode, clock), sync(case, num_envs, autoreset_mode, clock)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
@@ -101,8 +103,9 @@ def test_rows_equal_single_environments(case: str, autoreset_mode: str, clock: i
         for name, x, y in zip(("observations", "rewards", "terminated", "truncated", "infos"), a, b, strict=True):
             assert not differences(x, y, f"step {k} {name}")
         ends += a[2].sum(), a[3].sum()
-    assert ends[1] > 0 or clock == 200
-    if "waypoints" not in case and "shove" not in case and "pushing" not in case:
+    if clock == 37:
+        assert ends[1] > 0
+    elif case not in UNBOUNDED:
         assert ends[0] > 0
 
 
@@ -251,7 +254,7 @@ def test_arguments_are_checked() -> None:
     for env_id in (PATH_ID, GOAL_ID):
         with pytest.raises(ValueError, match="num_envs must be at least 1, got 0"):
             gymnasium.make_vec(env_id, 0)
-        with pytest.raises(ValueError, match="autoreset_mode='Samestep' is unknown. Did you mean 'SameStep'"):
+        with pytest.raises(ValueError, match=r"autoreset_mode='Samestep' is unknown\. Did you mean 'SameStep'"):
             gymnasium.make_vec(env_id, 2, autoreset_mode="Samestep")
         with pytest.raises(ValueError, match="human"):
             gymnasium.make_vec(env_id, 2, render_mode="human")
