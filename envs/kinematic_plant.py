@@ -46,17 +46,20 @@ def command(p, s, actions, i):
 
 
 @inlined
+def lagging_twist(s, share):
+    """Returns the commanded twist plus a share of what the wheels still deviate from it."""
+    return (
+        s.command_vx + share * (s.wheel_vx - s.command_vx),
+        s.command_vy + share * (s.wheel_vy - s.command_vy),
+        s.command_yaw_rate + share * (s.wheel_yaw_rate - s.command_yaw_rate),
+    )
+
+
+@inlined
 def drive(p, s, obstacles, i, count, noise, row):
     """Moves the robot by one control period: first-order lag, then an exact arc that stops where the hull touches."""
-    deviation_vx = s.wheel_vx - s.command_vx
-    deviation_vy = s.wheel_vy - s.command_vy
-    deviation_yaw_rate = s.wheel_yaw_rate - s.command_yaw_rate
-    mean_vx = s.command_vx + p.lag_mean * deviation_vx
-    mean_vy = s.command_vy + p.lag_mean * deviation_vy
-    mean_yaw_rate = s.command_yaw_rate + p.lag_mean * deviation_yaw_rate
-    s.wheel_vx = s.command_vx + p.lag_decay * deviation_vx
-    s.wheel_vy = s.command_vy + p.lag_decay * deviation_vy
-    s.wheel_yaw_rate = s.command_yaw_rate + p.lag_decay * deviation_yaw_rate
+    mean_vx, mean_vy, mean_yaw_rate = lagging_twist(s, p.lag_mean)
+    s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
     s.vx = s.wheel_vx
     s.vy = s.wheel_vy
     s.yaw_rate = s.wheel_yaw_rate

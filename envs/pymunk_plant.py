@@ -15,7 +15,8 @@ import pymunk
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import clearance_to, row_clearance, sin_cos, wrap_angle
+from wayfield.envs.geometry import clearance_to, nearest_surface, row_clearance, sin_cos, wrap_angle
+from wayfield.envs.kinematic_plant import lagging_twist
 from wayfield.envs.kinematics import integrate_arc, sinc
 from wayfield.envs.records import MAX_WHEELS, lag_factors, record
 from wayfield.envs.robots import Robot
@@ -210,9 +211,7 @@ def roll(p, b, s, obstacles, i, count, noise, row):
     dvx = s.wheel_vx - s.command_vx
     dvy = s.wheel_vy - s.command_vy
     dyaw = s.wheel_yaw_rate - s.command_yaw_rate
-    mean_vx = s.command_vx + p.lag_mean * dvx
-    mean_vy = s.command_vy + p.lag_mean * dvy
-    mean_yaw_rate = s.command_yaw_rate + p.lag_mean * dyaw
+    mean_vx, mean_vy, mean_yaw_rate = lagging_twist(s, p.lag_mean)
     if s.clearance <= p.dt * math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy):
         return False
     vx = s.wheel_vx
@@ -230,9 +229,7 @@ def roll(p, b, s, obstacles, i, count, noise, row):
         vx = to_vx
         vy = to_vy
         yaw_rate = to_yaw_rate
-    s.wheel_vx = s.command_vx + p.lag_decay * dvx
-    s.wheel_vy = s.command_vy + p.lag_decay * dvy
-    s.wheel_yaw_rate = s.command_yaw_rate + p.lag_decay * dyaw
+    s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
     s.vx = s.wheel_vx
     s.vy = s.wheel_vy
     s.yaw_rate = s.wheel_yaw_rate
@@ -246,20 +243,10 @@ def roll(p, b, s, obstacles, i, count, noise, row):
 @compiled
 def turn_wheels(b, s, m):
     """Turns the wheels on by a sub-step: the first-order lag, exactly."""
-    dvx = s.wheel_vx - s.command_vx
-    dvy = s.wheel_vy - s.command_vy
-    dyaw = s.wheel_yaw_rate - s.command_yaw_rate
-    m.mean_vx = s.command_vx + b.lag_mean * dvx
-    m.mean_vy = s.command_vy + b.lag_mean * dvy
-    m.mean_yaw_rate = s.command_yaw_rate + b.lag_mean * dyaw
+    m.mean_vx, m.mean_vy, m.mean_yaw_rate = lagging_twist(s, b.lag_mean)
     # wheels without lag have jumped to the command before the sub-step
-    start = 1.0 if b.lag_mean > 0.0 else 0.0
-    m.from_vx = s.command_vx + start * dvx
-    m.from_vy = s.command_vy + start * dvy
-    m.from_yaw_rate = s.command_yaw_rate + start * dyaw
-    s.wheel_vx = s.command_vx + b.lag_decay * dvx
-    s.wheel_vy = s.command_vy + b.lag_decay * dvy
-    s.wheel_yaw_rate = s.command_yaw_rate + b.lag_decay * dyaw
+    m.from_vx, m.from_vy, m.from_yaw_rate = lagging_twist(s, 1.0 if b.lag_mean > 0.0 else 0.0)
+    s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, b.lag_decay)
 
 
 @compiled
@@ -304,24 +291,6 @@ def pull(b, s, m):
 
 
 @compiled
-def outward(obstacle, x, y):
-    """Returns the unit vector from the obstacle's nearest point to (x, y); zero inside the obstacle."""
-    dx = x - obstacle.x
-    dy = y - obstacle.y
-    along = obstacle.cos * dx + obstacle.sin * dy
-    across = obstacle.cos * dy - obstacle.sin * dx
-    along -= min(max(along, -obstacle.half_length), obstacle.half_length)
-    across -= min(max(across, -obstacle.half_width), obstacle.half_width)
-    size = math.sqrt(along * along + across * across)
-    if size == 0.0:
-        return 0.0, 0.0
-    return (
-        (obstacle.cos * along - obstacle.sin * across) / size,
-        (obstacle.sin * along + obstacle.cos * across) / size,
-    )
-
-
-@compiled
 def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
     """Returns the point (x, y) that a sub-step leads to, moved so that the hull gets no deeper into anything.
 
@@ -340,7 +309,7 @@ def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
                 continue
             excess = depth - max(DEPTH, p.hull_radius - clearance_to(obstacles[i, j], s.x, s.y))
             if excess > 1e-9:
-                nx, ny = outward(obstacles[i, j], x - shift_x, y - shift_y)
+                _, nx, ny = nearest_surface(obstacles[i, j], x - shift_x, y - shift_y)
                 x += excess * nx
                 y += excess * ny
                 moved = True
@@ -435,9 +404,7 @@ def start_rows(params, base, states, obstacles, counts, noise, skip, progress, b
         m.start_y = s.y
         m.start_heading = s.heading
         m.clearance = s.clearance
-        m.rolled_vx = s.command_vx + p.lag_mean * (s.wheel_vx - s.command_vx)
-        m.rolled_vy = s.command_vy + p.lag_mean * (s.wheel_vy - s.command_vy)
-        m.rolled_yaw_rate = s.command_yaw_rate + p.lag_mean * (s.wheel_yaw_rate - s.command_yaw_rate)
+        m.rolled_vx, m.rolled_vy, m.rolled_yaw_rate = lagging_twist(s, p.lag_mean)
         if advance(p, b, s, m, obstacles, i, counts[i], bodies, hulls[i]):
             waiting[asked] = i
             asked += 1
