@@ -1,7 +1,7 @@
 """Angles, and the union of circles, boxes and walls that rays, contacts and the physics engine share.
 
-One record describes every shape: a box with half extents, turned by an angle and inflated by a radius. A circle has
-half extents of zero, a wall has a half width of zero. One signed distance therefore serves every kind, and the ray
+One record describes every shape: half extents, an angle, and a radius. A circle has half extents of zero, a wall has a
+half width of zero, boxes and walls have a radius of zero. One signed distance therefore serves every kind, and the ray
 query ends on the very surface that the distance query measures to.
 """
 

@@ -9,6 +9,7 @@ from wayfield.envs.sensing import advance_odometry
 
 # A hull stops this far from a surface when the sweep finds contact, so that rounding never puts it inside.
 SKIN = 1e-9  # m
+STRIDE = 2e-4  # m, the least that a sweep goes at once
 
 
 @inlined
@@ -30,6 +31,12 @@ def command(p, s, actions, i):
             vx += p.forward_matrix[0, k] * actions[i, k]
             vy += p.forward_matrix[1, k] * actions[i, k]
             yaw_rate += p.forward_matrix[2, k] * actions[i, k]
+    # beyond any wheel, and below where squares overflow
+    largest = max(abs(vx), abs(vy), abs(yaw_rate))
+    if largest > 1e9:
+        vx *= 1e9 / largest
+        vy *= 1e9 / largest
+        yaw_rate *= 1e9 / largest
     factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, vx, vy, yaw_rate)
     s.saturated = factor < 1.0
     s.command_vx, s.command_vy, s.command_yaw_rate = limit_acceleration(
@@ -73,28 +80,40 @@ def drive(p, s, obstacles, i, count, noise, row):
 def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
     """Moves the pose along the arc of a constant twist, up to the first contact of the hull.
 
-    Conservative advancement: the hull can go as far as its clearance without touching anything, wherever that leads.
-    A fast robot can therefore not jump through a thin wall.
+    Conservative advancement: the hull can go as far as its clearance without touching anything, wherever that leads, so
+    that a fast robot cannot jump through a thin wall. Close to a surface it goes on in strides; once one ends
+    in contact, bisection finds the pose just before it.
     """
     travel = p.dt * math.sqrt(vx * vx + vy * vy)
-    if s.clearance > travel:
+    if s.clearance >= travel:
         s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, vx, vy, yaw_rate, p.dt)
         s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
         return
     x = s.x
     y = s.y
     heading = s.heading
-    gone = 0.0
-    while gone < 1.0:
-        if s.clearance <= 2.0 * SKIN:
+    gone = 0.0  # share of the step that is known to be free
+    blocked = 1.0  # share at which the hull is known to touch, once it does
+    while (blocked - gone) * travel > SKIN:
+        if s.contact:
+            ahead = 0.5 * (gone + blocked)
+        else:
+            ahead = min(gone + max(s.clearance - SKIN, STRIDE) / travel, 1.0)
+        to_x, to_y, to_heading = integrate_arc(x, y, heading, vx, vy, yaw_rate, p.dt * ahead)
+        clear = row_clearance(obstacles, i, count, to_x, to_y) - p.hull_radius
+        if clear < SKIN and clear < s.clearance:
             s.contact = 1
-            s.vx = 0.0
-            s.vy = 0.0
-            s.yaw_rate = 0.0
-            return
-        gone = min(gone + (s.clearance - SKIN) / travel, 1.0)
-        s.x, s.y, s.heading = integrate_arc(x, y, heading, vx, vy, yaw_rate, p.dt * gone)
-        s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+            blocked = ahead
+        else:
+            gone = ahead
+            s.x = to_x
+            s.y = to_y
+            s.heading = to_heading
+            s.clearance = clear
+    if s.contact:
+        s.vx = 0.0
+        s.vy = 0.0
+        s.yaw_rate = 0.0
 
 
 @inlined

@@ -55,7 +55,7 @@ class Layout(Generic[Fields]):
         values = []
         first = 0
         for field in self.fields:
-            values.append(observation[..., first : first + field.size].reshape(*observation.shape[:-1], *field.shape))
+            values.append(observation[..., first : first + field.size].reshape((*observation.shape[:-1], *field.shape)))
             first += field.size
         return self.kind(*values)
 
@@ -65,5 +65,5 @@ class Layout(Generic[Fields]):
         for field, value in zip(self.fields, fields, strict=True):
             array = np.asarray(value, dtype=np.float32)
             batch = array.shape[: array.ndim - len(field.shape)]
-            pieces.append(array.reshape(*batch, field.size))
+            pieces.append(array.reshape((*batch, field.size)))
         return np.concatenate(pieces, axis=-1)

@@ -87,7 +87,7 @@ def coarse_angle(y, x):
     """Returns atan2(y, x) to within 0.005 rad: enough to choose beams, and several times faster."""
     ax = abs(x)
     ay = abs(y)
-    q = min(ax, ay) / max(ax, ay)
+    q = min(ax, ay) / max(ax, ay, 1e-300)
     angle = q * (0.7853981633974483 + 0.273 * (1.0 - q))
     if ay > ax:
         angle = 1.5707963267948966 - angle
@@ -191,7 +191,7 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
             )
     inverse_step = 1.0 / beam_step
     # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
-    wraps = num_beams * beam_step > 6.28318
+    wraps = abs(num_beams * beam_step - 6.283185307179586) < 1e-9
     for j in range(count):
         if spans[j, 0] > spans[j, 1]:
             continue

@@ -178,6 +178,8 @@ def test_fields_unpack_and_pack(env_id: str, options: dict[str, str]) -> None:
     assert tuple(field.name for field in layout.fields) == layout.kind._fields
     with pytest.raises(ValueError, match=str(layout.size)):
         layout.unpack(observations[:, :-1])
+    single = layout.unpack(observations[0])
+    assert layout.pack(single).tobytes() == observations[0].tobytes()
 
 
 def fields_of(env: Any, observation: NDArray[np.float32]) -> Any:
@@ -813,3 +815,27 @@ def test_no_element_of_an_observation_is_constant() -> None:
         names = [field.name for field in env.unwrapped.task.layout.fields for _ in range(field.size)]
         # the default scenarios have no waypoints
         assert {names[k] for k in np.flatnonzero(constant)} <= {"waypoints_left"}
+
+
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@pytest.mark.parametrize("scenario", [3, None, ["s_curve"]])
+def test_a_scenario_of_another_type_is_refused(env_id: str, scenario: object) -> None:
+    with pytest.raises(ValueError, match="scenario must be a name or a file"):
+        gymnasium.make(env_id, scenario=scenario)
+
+
+def test_a_robot_in_touch_with_a_wall_can_drive_away_and_along_it(tmp_path: Path) -> None:
+    below = {"kind": "wall", "x1": -9.0, "y1": -0.5, "x2": 9.0, "y2": -0.5}
+    scenario = written(tmp_path, start=[0, -0.2, 0], goal=[5, 3, 0], obstacles=[below])
+    for action, free in (([0.0, 0.5, 0.0], True), ([0.0, 0.0, 1.0], True), ([0.3, -0.5, 0.0], False)):
+        env = base(GOAL_ID, scenario=scenario, robot="omni3")
+        *_, info = env.step(np.array(action))
+        assert info["collision"] is not free
+        assert info["clearance"] >= 0.0
+
+
+def test_a_finite_action_beyond_all_bounds_saturates() -> None:
+    env = base(GOAL_ID, scenario="open_field", robot="omni3", actuators="lagged")
+    env.step(np.array([1e308, 0.0, 0.0]))
+    # what the acceleration limit lets through in one step, whatever was asked
+    assert env.batch.states["command_vx"][0] == pytest.approx(1.0 * 0.05)

@@ -26,7 +26,7 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
         OSError: if the file cannot be opened.
     """
     scale = checked_number("scale", scale, above=0.0)
-    if name in PATH_SCENARIOS:
+    if isinstance(name, str) and name in PATH_SCENARIOS:
         return _named_path_scenarios(name, scale)
     if not _means_file(name):
         raise _unknown("path", name, PATH_SCENARIOS)
@@ -45,7 +45,7 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
         OSError: if the file cannot be opened.
     """
     hull_radius = checked_number("hull_radius", hull_radius, above=0.0)
-    if name in GOAL_SCENARIOS:
+    if isinstance(name, str) and name in GOAL_SCENARIOS:
         return _named_goal_scenarios(name, hull_radius)
     if not _means_file(name):
         raise _unknown("goal", name, GOAL_SCENARIOS)
@@ -74,7 +74,13 @@ def _named_goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, 
 
 
 def _means_file(name: str) -> bool:
-    """Returns whether a name that is not registered is meant as a file."""
+    """Returns whether a name that is not registered is meant as a file.
+
+    Raises:
+        ValueError: if it is neither text nor a path.
+    """
+    if not isinstance(name, str | os.PathLike):
+        raise ValueError(f"scenario must be a name or a file, got {name!r}")
     return os.path.splitext(name)[1].lower() in _FILE_SUFFIXES or os.path.exists(name)
 
 
