@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records, sensing
 from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
@@ -108,8 +108,7 @@ def project(vertices, run, window, x, y, heading, s, segment):
     dx = x - px
     dy = y - py
     error = math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx)
-    sine, cosine = sin_cos(heading)
-    return s, segment, error, bearing(a.ux * sine - a.uy * cosine, a.ux * cosine + a.uy * sine)
+    return s, segment, error, wrap_angle(heading - a.heading)
 
 
 @inlined

@@ -20,6 +20,7 @@ VERTEX = np.dtype(
         ("s", np.float64),  # arc length from the start of the path, m
         ("ux", np.float64),  # unit tangent of the segment that leaves the vertex (of the one that enters the last)
         ("uy", np.float64),
+        ("heading", np.float64),  # of the tangent, rad
     ]
 )
 
@@ -86,6 +87,7 @@ class Path:
         vertices["x"], vertices["y"] = ring.T
         vertices["s"] = np.concatenate([[0.0], np.cumsum(lengths)])
         vertices["ux"], vertices["uy"] = np.vstack([tangents, tangents[-1:]]).T
+        vertices["heading"] = np.arctan2(vertices["uy"], vertices["ux"])
         return vertices
 
     @property

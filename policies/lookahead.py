@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import sin_cos, wrap_angle
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
 
@@ -116,9 +116,9 @@ def reference_points(vertices, runs, path_index, poses, arc_lengths, lookahead_d
         tangent = vertex(vertices, run, segment)
         along = along_lap(vertices, run, s, segment) - tangent.s
         x, y = to_body_frame(x, y, sine, cosine, tangent.x + along * tangent.ux, tangent.y + along * tangent.uy)
-        reference_heading = math.atan2(tangent.uy, tangent.ux) if math.isnan(disc_heading) else disc_heading
+        reference_heading = tangent.heading if math.isnan(disc_heading) else disc_heading
         errors[i, 0] = x
         errors[i, 1] = y
-        errors[i, 2] = math.atan2(y, x)
+        errors[i, 2] = bearing(y, x)
         errors[i, 3] = wrap_angle(reference_heading - heading)
         errors[i, 4] = s
