@@ -1,6 +1,11 @@
 """Compares the classical controllers with the published figures, and with one another: python evaluate.py --help"""
 
-from wayfield.benchmarks.evaluate import main
+import sys
+
+try:
+    from wayfield.benchmarks.evaluate import main
+except ModuleNotFoundError as error:
+    sys.exit(f'evaluate: {error.name} is missing; pip install -c constraints.txt -e ".[all]"')
 
 if __name__ == "__main__":
     main()

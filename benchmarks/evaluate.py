@@ -5,6 +5,7 @@ import importlib.util
 import os
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from wayfield.envs.robots import ACTUATORS
 
 SUITES: dict[str, Callable[[], tuple[Case, ...]]] = {"documents": documents}
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
+_NOTE_WIDTH = 120  # of the notes under the tables, in characters
 
 
 @click.command(
@@ -156,7 +158,20 @@ def _report(folder: Path, cases: Iterable[Case], share: Map) -> list[Table]:
 
 
 def _print(shown: Iterable[Table]) -> None:
-    """Prints the tables, as wide as they need to be where stdout is no terminal."""
-    console = rich.console.Console(width=None if sys.stdout.isatty() else 1000)
+    """Prints the tables: as wide as they need to be, or with the columns that the terminal has room for."""
+    paper = rich.console.Console(width=1000)
+    console = rich.console.Console() if sys.stdout.isatty() else paper
     for table in shown:
-        console.print(table.terminal())
+        whole = table.terminal()
+        columns = len(table.header)
+        while columns > 4 and paper.measure(whole).maximum > console.width:
+            columns -= 1
+            whole = table.terminal(columns)
+        with console.capture() as capture:
+            console.print(whole)
+        for line in capture.get().splitlines():
+            print(line.rstrip())
+        note = table.note
+        if columns < len(table.header):
+            note += f" Left out for want of width: {', '.join(table.header[columns:])}; all columns are in table.md."
+        print(textwrap.fill(note, min(console.width, _NOTE_WIDTH)) + "\n")

@@ -19,7 +19,6 @@ from wayfield.benchmarks.results import Row, number
 
 _DEGREES = 180.0 / math.pi
 _CELL_WIDTH = 26  # of a terminal's cells, in characters
-_NOTE_WIDTH = 120
 _WHOLE_WORDS: Mapping[str, Any] = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
 _OUTCOMES = ("success", "collision", "left_corridor", "timeout")
 
@@ -48,20 +47,18 @@ class Table:
         cells = tabulate(self.rows, self.header, tablefmt="github", disable_numparse=True)
         return f"## {self.title}\n\n{cells}\n\n{self.note}\n"
 
-    def terminal(self) -> rich.table.Table:
-        """Returns the table for a rich console; a rule stands between experiments."""
+    def terminal(self, columns: int | None = None) -> rich.table.Table:
+        """Returns the table, or its first columns, for a rich console; a rule stands between experiments."""
         table = rich.table.Table(
             title=self.title,
-            caption="\n".join(textwrap.wrap(self.note, _NOTE_WIDTH)),
             title_justify="left",
-            caption_justify="left",
             box=rich.box.SIMPLE_HEAD,
             pad_edge=False,
         )
-        for name in self.header:
+        for name in self.header[:columns]:
             table.add_column(name.replace(" (", "\n("), overflow="fold")
         for row, following in itertools.zip_longest(self.rows, self.rows[1:]):
-            cells = ["\n".join(textwrap.wrap(cell, _CELL_WIDTH, **_WHOLE_WORDS)) for cell in row]
+            cells = ["\n".join(textwrap.wrap(cell, _CELL_WIDTH, **_WHOLE_WORDS)) for cell in row[:columns]]
             table.add_row(*cells, end_section=following is not None and following[0] != row[0])
         return table
 

@@ -19,10 +19,10 @@ LONGEST = 800  # steps of a film
 
 
 def film(folder: Path, cases: Iterable[Case], dynamics: str, actuators: str, seed: int) -> None:
-    """Writes an mp4 of the first episode of each case that is to be filmed."""
-    for case in cases:
-        if case.filmed:
-            _film(folder, case, dynamics, actuators, seed)
+    """Writes an mp4 of the first episode of each case that is to be filmed, of the first case if none is."""
+    cases = list(cases)
+    for case in [case for case in cases if case.filmed] or cases[:1]:
+        _film(folder, case, dynamics, actuators, seed)
 
 
 def _film(folder: Path, case: Case, dynamics: str, actuators: str, seed: int) -> None:

@@ -69,6 +69,19 @@ class Batch:
             self._phases = COMMAND
             self.plant = PymunkPlant(task, num_envs)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Batch":
+        """Returns a batch in the same state, on the same task.
+
+        Raises:
+            TypeError: with the pymunk plant, whose contacts cannot be copied.
+        """
+        if self.plant is not None:
+            raise TypeError('dynamics="pymunk" cannot be copied; the kinematic plant can')
+        twin = Batch(self.task, self.num_envs)
+        for name in ("states", "obstacles", "actions", "skip", "noise"):
+            getattr(twin, name)[...] = getattr(self, name)
+        return twin
+
     def reset(self, rows: NDArray[np.int64], generators: Sequence[np.random.Generator], results: Results) -> None:
         """Starts an episode for each robot in `rows`, drawn from its generator, and writes its results."""
         draws = np.empty((len(rows), 1 + self.task.draws))
@@ -98,7 +111,8 @@ class Batch:
             ValueError: if an action is not finite; nothing has moved then.
         """
         if self.noisy:
-            for i in np.flatnonzero(self.states["noise_row"] >= NOISE_BLOCK).tolist():
+            # not for a robot that is about to be reset: its reset draws a block of its own
+            for i in np.flatnonzero((self.states["noise_row"] >= NOISE_BLOCK) & ~self.skip).tolist():
                 generators[i].standard_normal(out=self.noise[i])
                 self.states["noise_row"][i] = 0
         outputs = (results.observations, results.numbers, results.flags)

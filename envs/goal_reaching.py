@@ -14,7 +14,7 @@ from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.scenarios import GoalScenario, goal_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, whole
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, truth, whole
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -305,7 +305,8 @@ class GoalReaching(Task):
     ) -> None:
         whole("num_beams", num_beams, 0)
         positive("max_range", max_range)
-        if not 0.0 < field_of_view <= 2.0 * math.pi:
+        positive("field_of_view", field_of_view)
+        if field_of_view > 2.0 * math.pi:
             raise ValueError(f"field_of_view must be above 0 and at most 2 pi rad, got {field_of_view!r}")
         self.scenarios: tuple[GoalScenario, ...] = goal_scenarios(scenario, options.robot.hull_radius)
         self.options = options
@@ -433,8 +434,8 @@ class OmniGoalObstacles(SingleEnv):
 
     Terminated in success when the waypoints are passed and the pose is within the scenario's tolerance of the goal in
     position and heading; in failure when the hull touches an obstacle, in front of which the kinematic robot stops.
-    Truncated after 1200 steps (60 s). `end_on_success=False` runs on, to show station keeping; `end_on_contact=False`
-    (pymunk) survives contact.
+    Truncated after 1200 steps (60 s). `end_on_success=False` runs on, to show station keeping, and pays the success
+    reward at every step within tolerance; `end_on_contact=False` (pymunk) survives contact.
 
     ## Info
 
@@ -453,7 +454,7 @@ class OmniGoalObstacles(SingleEnv):
     | action_mode | "twist" | "twist" or "wheel_speeds" |
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
     | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected" (omni3), "odometry_plain_sum" |
-    | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
+    | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame, up to contact |
     | num_beams, field_of_view, max_range | 32, 2 pi, 5.0 m | the range scan |
     | end_on_success, end_on_contact | True, True | see Episode end |
     | render_mode | None | "rgb_array" or "human" |
@@ -486,6 +487,8 @@ class OmniGoalObstacles(SingleEnv):
         end_on_contact: bool = True,
         render_mode: str | None = None,
     ) -> None:
+        truth("end_on_success", end_on_success)
+        truth("end_on_contact", end_on_contact)
         if not end_on_contact and dynamics == "kinematic":
             raise ValueError('end_on_contact=False needs dynamics="pymunk": without forces no contact can be survived')
         super().__init__(

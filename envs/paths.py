@@ -148,6 +148,10 @@ def _segments_per_metre(s: NDArray[np.float64]) -> float:
     return float((len(s) - 1) / s[-1]) if np.abs(s - even).max() < even[1] else 0.0
 
 
+# From this window on the search looks how far it can leap, and leaps when it is worth a bisection.
+WIDE = 8.0  # m
+LEAP = 1.0  # m
+
 # Segments that the nearest-point search takes or leaves together.
 _BLOCK = 4
 
@@ -171,6 +175,7 @@ def nearest_ahead(vertices, run, x, y, s, segment, window):
     if run.closed:
         window = min(window, run.length)
     end = s + window
+    wide = window > WIDE
     best_squared = np.inf
     best = np.inf
     best_s = s
@@ -199,6 +204,13 @@ def nearest_ahead(vertices, run, x, y, s, segment, window):
                     best_s = start + t
                     best_segment = k
             best = math.sqrt(best_squared)
+        elif wide:
+            # a long search goes on where the path can be near again at the earliest
+            clear = middle.s + math.sqrt(dx * dx + dy * dy) - best
+            if clear >= run.length:
+                last = run.segments
+            elif clear > vertex(vertices, run, last).s + LEAP:
+                last = segment_at(vertices, run, clear)
         i = last
         if i == run.segments:
             if not run.closed:

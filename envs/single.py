@@ -1,5 +1,6 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
+import copy
 from typing import Any
 
 import gymnasium
@@ -35,16 +36,32 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         self.marks: dict[str, tuple[float, float]] = {}
         self._shape = self.batch.action_shape
         self._observation_shape = (1, task.layout.size)
-        self._results = Results(task, 1)
-        # views made once: making one takes as long as a tenth of a step
-        self._action = self.batch.actions[0]
-        self._numbers = self._results.numbers[:, 0]
-        self._flags = self._results.flags[:, 0]
+        self._wire()
         self._names = (*task.info_names, *task.flag_names)
         self._first = np.zeros(1, np.int64)
         self._generators: list[np.random.Generator] = []
         self._trail: list[tuple[float, float]] = []
         self._renderer: Any = None
+
+    def _wire(self) -> None:
+        """Makes the arrays that a step writes, and views into them: making one takes a tenth of a step."""
+        self._results = Results(self.task, 1)
+        self._action = self.batch.actions[0]
+        self._numbers = self._results.numbers[:, 0]
+        self._flags = self._results.flags[:, 0]
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "SingleEnv":
+        """Returns an environment in the same state, with a generator in the same state, for planning ahead."""
+        twin = type(self).__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin.batch = copy.deepcopy(self.batch, memo)
+        twin._np_random = copy.deepcopy(self._np_random, memo)
+        twin._generators = [twin.np_random] if self._generators else []
+        twin._trail = list(self._trail)
+        twin.marks = dict(self.marks)
+        twin._renderer = None
+        twin._wire()
+        return twin
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Starts an episode; see gymnasium.Env.reset. No options are known."""

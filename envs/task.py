@@ -64,7 +64,10 @@ class Options:
         if isinstance(noise, bool) or not isinstance(noise, int | float) or not 0.0 <= noise < math.inf:
             raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {noise!r}")
         if shove is not None:
-            values = np.asarray(shove, dtype=np.float64)
+            try:
+                values = np.asarray(shove, dtype=np.float64)
+            except (TypeError, ValueError):
+                values = np.empty(0)
             if values.shape != (4,) or not np.isfinite(values).all() or values[0] < 0.0:
                 raise ValueError(f"shove must be (time >= 0, dx, dy, turn), four finite numbers, got {shove!r}")
             shove = (float(values[0]), float(values[1]), float(values[2]), float(values[3]))
@@ -110,6 +113,12 @@ def positive(field: str, value: float) -> None:
     """Raises ValueError, naming the field, unless the value is a finite number above 0."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 < value < math.inf:
         raise ValueError(f"{field} must be a finite number > 0, got {value!r}")
+
+
+def truth(field: str, value: bool) -> None:
+    """Raises ValueError, naming the field, unless the value is True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{field} must be True or False, got {value!r}")
 
 
 class Task(abc.ABC):

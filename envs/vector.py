@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import choose
+from wayfield.envs.task import choose, whole
 
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
 
@@ -37,8 +37,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         **kwargs: Any,
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        whole("num_envs", num_envs, 1)
         if isinstance(autoreset_mode, AutoresetMode):
             autoreset_mode = autoreset_mode.value
         choose("autoreset_mode", autoreset_mode, AUTORESET_MODES)
@@ -57,6 +56,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(env.action_space, num_envs)
         self.batch = Batch(env.task, num_envs)
         self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
         self._shape = (num_envs, *self.batch.action_shape)
         self._all = np.ones(num_envs, np.bool_)
         self._ended = np.zeros(num_envs, np.bool_)
@@ -67,6 +67,11 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """Returns the generators of the rows."""
         return tuple(self._generators)
 
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Returns the seeds of the rows."""
+        return tuple(self._seeds)
+
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
@@ -75,16 +80,18 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ValueError(f"options={options!r}: this environment knows none; use the keyword arguments of make_vec")
         if isinstance(seed, int | np.integer):
             seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
-        else:
+        elif seed is None or isinstance(seed, list | tuple):
             seeds = [None] * self.num_envs if seed is None else list(seed)
+        else:
+            raise ValueError(f"seed must be an int, a list of {self.num_envs} ints, or None, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
         if not self._generators:
-            self._generators = [seeding.np_random(each)[0] for each in seeds]
+            self._generators, self._seeds = map(list, zip(*map(seeding.np_random, seeds), strict=True))
         else:
             for i, each in enumerate(seeds):
                 if each is not None:
-                    self._generators[i] = seeding.np_random(each)[0]
+                    self._generators[i], self._seeds[i] = seeding.np_random(each)
         results = Results(self.task, self.num_envs)
         self.batch.reset(np.arange(self.num_envs), self._generators, results)
         self._ended = np.zeros(self.num_envs, np.bool_)

@@ -41,7 +41,7 @@ def make(name: str, **gains: Any) -> Policy:
         ValueError: if there is no policy of that name, or a gain is out of range.
         TypeError: if the policy has no such gain.
     """
-    if name not in POLICIES:
+    if not isinstance(name, str) or name not in POLICIES:
         near = difflib.get_close_matches(str(name), POLICIES, 1)
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise ValueError(f"policy {name!r} is unknown.{hint} Choose from {', '.join(map(repr, POLICIES))}.")

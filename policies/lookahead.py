@@ -13,6 +13,7 @@ from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.policies.policy import check_gain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,9 +47,12 @@ class Lookahead:
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
 
     def __post_init__(self) -> None:
+        for name in ("k_lin", "k_ang", "k_ori"):
+            check_gain(self, name)
         for name in ("lookahead_distance", "mode_distance", "window"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be above 0 m, got {getattr(self, name)!r}")
+            check_gain(self, name, above=0.0)
+        if self.reference_heading is not None:
+            check_gain(self, "reference_heading")
         if self.search not in ("whole", "window"):
             raise ValueError(f'search must be "whole" or "window", got {self.search!r}')
 

@@ -1,5 +1,6 @@
 """The one door that every policy stands behind, and the pilot that drives an environment with a policy."""
 
+import math
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -32,6 +33,22 @@ class Policy(Protocol):
         """Returns body twists (b, t) in m/s and rad/s, t the robot's twist axes, for observations of shape (b, ...)."""
 
 
+def check_gain(
+    policy: Policy, name: str, *, above: float = -math.inf, least: float = -math.inf, finite: bool = True
+) -> None:
+    """Raises ValueError, naming the gain, its value and its range, unless it is a number in that range."""
+    value = getattr(policy, name)
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool) and not math.isnan(value)
+    if number and value > above and value >= least and (math.isfinite(value) or not finite):
+        return
+    wanted = "a finite number" if finite else "a number"
+    if above > -math.inf:
+        wanted += f" > {above:g}"
+    elif least > -math.inf:
+        wanted += f" >= {least:g}"
+    raise ValueError(f"{type(policy).__name__}: {name} must be {wanted}, got {value!r}")
+
+
 class Pilot:
     """Drives an environment, single or native vector, with a policy.
 
@@ -43,7 +60,11 @@ class Pilot:
     """
 
     def __init__(self, policy: Policy, env: Any) -> None:
-        base: SingleEnv | NativeVectorEnv = env.unwrapped
+        base = env.unwrapped
+        if not isinstance(base, SingleEnv | NativeVectorEnv):
+            raise TypeError(
+                f"Pilot drives environments of wayfield, single or native vector, not {type(base).__name__}"
+            )
         kind = base.task.layout.kind
         if kind not in policy.observes:
             reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
@@ -52,12 +73,14 @@ class Pilot:
         self.policy = policy
         self._env = base
         self._shape = base.action_space.shape
+        self._started = False
         self.briefing: Briefing
         self.memory: NDArray[Any]
 
     def reset(self, rows: NDArray[Any] | None = None) -> None:
         """Tells the policy of the episodes that have just begun, in all rows or in the given ones."""
         self.briefing = self._env.briefing(self.policy.knows)
+        self._started = True
         memory = self.policy.reset(self.briefing)
         if rows is None:
             self.memory = memory
@@ -65,7 +88,13 @@ class Pilot:
             self.memory[rows] = memory[rows]
 
     def act(self, observation: NDArray[Any]) -> Array:
-        """Returns the action for the observation, with the environment's own shapes."""
+        """Returns the action for the observation, with the environment's own shapes.
+
+        Raises:
+            RuntimeError: before the first `reset`.
+        """
+        if not self._started:
+            raise RuntimeError("call the pilot's reset after the environment's, before act")
         fields = self.briefing.layout.unpack(np.atleast_2d(observation).astype(np.float64))
         twists = self.policy.act(fields, self.briefing, self.memory)
         if self.briefing.action_mode == "wheel_speeds":

@@ -11,6 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import nearest_surface
+from wayfield.policies.policy import check_gain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,11 +47,10 @@ class PotentialField:
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
 
     def __post_init__(self) -> None:
-        for name in ("k_att", "k_rep", "tau", "tau_l", "max_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)!r}")
-        if not self.stop_radius >= 0.0:
-            raise ValueError(f"stop_radius must be at least 0 m, got {self.stop_radius!r}")
+        for name in ("k_att", "k_rep", "tau", "tau_l"):
+            check_gain(self, name, above=0.0)
+        check_gain(self, "max_speed", above=0.0, finite=False)
+        check_gain(self, "stop_radius", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side on which each robot passes an obstacle, (b,): +1 left, -1 right, 0 undecided."""
@@ -114,8 +114,7 @@ class CorrectedField:
 
     def __post_init__(self) -> None:
         for name in ("k", "eta", "rho_0", "max_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)!r}")
+            check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side on which each robot passes an obstacle, (b,): +1 left, -1 right, 0 undecided."""

@@ -12,7 +12,10 @@ from wayfield.envs.briefing import Briefing
 
 @dataclasses.dataclass(frozen=True)
 class Random:
-    """Draws each twist component uniformly from what the robot can do, anew at every step."""
+    """Draws each twist component uniformly from what the robot can do, anew at every step.
+
+    `seed` and the robot's row fix the draws: every episode has the same ones unless the seed is another.
+    """
 
     seed: int = 0
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.policies.policy import check_gain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,11 +34,9 @@ class Waypoint:
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
 
     def __post_init__(self) -> None:
-        for name in ("lam", "switching_radius"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)!r}")
-        if not self.final_tolerance >= 0.0:
-            raise ValueError(f"final_tolerance must be at least 0 m, got {self.final_tolerance!r}")
+        check_gain(self, "lam", above=0.0)
+        check_gain(self, "switching_radius", above=0.0)
+        check_gain(self, "final_tolerance", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the index of the waypoint that each robot drives to, (b,)."""

@@ -1,5 +1,6 @@
 """Every environment id: Gymnasium's contract, the documented equations, bad input, and any scenario whatever."""
 
+import copy
 import itertools
 import json
 import math
@@ -839,3 +840,17 @@ def test_a_finite_action_beyond_all_bounds_saturates() -> None:
     env.step(np.array([1e308, 0.0, 0.0]))
     # what the acceleration limit lets through in one step, whatever was asked
     assert env.batch.states["command_vx"][0] == pytest.approx(1.0 * 0.05)
+
+
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+def test_a_copy_goes_on_alike_and_on_its_own(env_id: str) -> None:
+    env = base(env_id, noise=1.0)
+    actions = actions_of(env, 60)
+    for action in actions[:30]:
+        env.step(action)
+    twin = copy.deepcopy(env)
+    ahead = [twin.step(action) for action in actions[30:]]
+    for action, (observation, *rest) in zip(actions[30:], ahead, strict=True):
+        own, *others = env.step(action)
+        assert own.tobytes() == observation.tobytes()
+        assert others == rest

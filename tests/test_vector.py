@@ -265,3 +265,15 @@ def test_arguments_are_checked() -> None:
             env.reset(options={"start": 1})
         with pytest.raises(ValueError, match="seed must be an int or 2 of them, got 3"):
             env.reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@pytest.mark.parametrize("clock", [62, 63, 64, 127])
+def test_an_episode_may_end_with_its_block_of_noise(env_id: str, clock: int) -> None:
+    native = gymnasium.make_vec(env_id, num_envs=2, noise=1.0, max_episode_steps=clock)
+    sync = gymnasium.make_vec(env_id, num_envs=2, vectorization_mode="sync", noise=1.0, max_episode_steps=clock)
+    native.reset(seed=0)
+    sync.reset(seed=0)
+    still = np.zeros(native.action_space.shape, np.float32)
+    for _ in range(2 * clock + 5):
+        assert native.step(still)[0].tobytes() == sync.step(still)[0].tobytes()
