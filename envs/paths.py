@@ -157,7 +157,7 @@ _BLOCK = 4
 
 
 @inlined
-def nearest_ahead(vertices, run, x, y, s, segment, window):
+def nearest_ahead(vertices, run, x, y, s, segment, window, bound=np.inf):
     """Returns (s, segment) of the path point nearest to (x, y) with arc length in [s, s + window].
 
     Exact on the polyline, and the first of equally near points. The distance to the path changes by at most one metre
@@ -170,14 +170,15 @@ def nearest_ahead(vertices, run, x, y, s, segment, window):
         s: start of the window, m; counts over the laps of a closed path.
         segment: index of the segment that holds `s`.
         window: m; on a closed path at most one lap is searched.
+        bound: m, a distance that the nearest point is known to be under; it shortens a long search.
     """
     lap = s - along_lap(vertices, run, s, segment)
     if run.closed:
         window = min(window, run.length)
     end = s + window
     wide = window > WIDE
-    best_squared = np.inf
-    best = np.inf
+    best_squared = bound * bound
+    best = bound
     best_s = s
     best_segment = segment
     i = segment

@@ -104,15 +104,19 @@ def reference_points(vertices, runs, path_index, poses, arc_lengths, lookahead_d
         run = runs[path_index[i]]
         x, y, heading = poses[i]
         sine, cosine = sin_cos(heading)
-        s = 0.0
-        segment = 0
-        if math.isfinite(window):
-            s = arc_lengths[i]
-            lap = math.floor(s / run.length) * run.length if run.closed else 0.0
-            segment = segment_at(vertices, run, s - lap)
-        s, segment = nearest_ahead(
-            vertices, run, x + lookahead_distance * cosine, y + lookahead_distance * sine, s, segment, window
-        )
+        ahead_x = x + lookahead_distance * cosine
+        ahead_y = y + lookahead_distance * sine
+        s = arc_lengths[i]
+        lap = math.floor(s / run.length) * run.length if run.closed else 0.0
+        segment = segment_at(vertices, run, s - lap)
+        span = 4.0 * lookahead_distance if math.isinf(window) else window
+        s, segment = nearest_ahead(vertices, run, ahead_x, ahead_y, s, segment, span)
+        if math.isinf(window):
+            # the nearest point of the whole path, which cannot be farther away than what was just found
+            a = vertex(vertices, run, segment)
+            along = along_lap(vertices, run, s, segment) - a.s
+            bound = math.hypot(ahead_x - a.x - along * a.ux, ahead_y - a.y - along * a.uy)
+            s, segment = nearest_ahead(vertices, run, ahead_x, ahead_y, 0.0, 0, np.inf, bound * (1.0 + 1e-9) + 1e-9)
         # at a corner the path goes on along the segment that leaves it: the one that enters would hold the robot there
         beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
         if beyond < 1e-9 and segment + 1 < run.segments:
