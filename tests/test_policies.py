@@ -66,9 +66,9 @@ POSITIVE = {
 
 
 @pytest.mark.parametrize(("name", "gain"), [(name, gain) for name, gains in POSITIVE.items() for gain in gains])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_gains_out_of_range_are_refused(name: str, gain: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{gain} must be above 0.*{value}"):
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, "a", None, True])
+def test_gains_out_of_range_are_refused(name: str, gain: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=rf"{gain} must be a (finite )?number > 0, got {value!r}"):
         policies.make(name, **{gain: value})
 
 
@@ -76,6 +76,9 @@ def test_gains_out_of_range_are_refused(name: str, gain: str, value: float) -> N
     ("name", "gain", "value"),
     [
         ("lookahead_documented", "search", "windows"),
+        ("lookahead_documented", "k_ang", math.nan),
+        ("lookahead_documented", "reference_heading", math.inf),
+        ("waypoint", "lam", math.inf),
         ("waypoint", "final_tolerance", -0.1),
         ("waypoint", "final_tolerance", math.nan),
         ("apf_documented", "stop_radius", -0.1),

@@ -252,7 +252,7 @@ def test_the_action_of_a_row_that_is_being_reset_does_not_matter() -> None:
 
 def test_arguments_are_checked() -> None:
     for env_id in (PATH_ID, GOAL_ID):
-        with pytest.raises(ValueError, match="num_envs must be at least 1, got 0"):
+        with pytest.raises(ValueError, match="num_envs must be a whole number >= 1, got 0"):
             gymnasium.make_vec(env_id, 0)
         with pytest.raises(ValueError, match=r"autoreset_mode='Samestep' is unknown\. Did you mean 'SameStep'"):
             gymnasium.make_vec(env_id, 2, autoreset_mode="Samestep")
