@@ -17,3 +17,19 @@ gymnasium.register(
     vector_entry_point="wayfield.envs.goal_reaching:OmniGoalObstaclesVector",
     max_episode_steps=1200,
 )
+
+# Task and robot are orthogonal: an omni robot follows a path ...
+gymnasium.register(
+    id="wayfield/OmniPathFollowing-v0",
+    entry_point="wayfield.envs.path_following:OmniPathFollowing",
+    vector_entry_point="wayfield.envs.path_following:OmniPathFollowingVector",
+    max_episode_steps=1200,
+)
+
+# ... and a Pioneer P3DX drives to a goal among obstacles.
+gymnasium.register(
+    id="wayfield/DiffDriveGoalObstacles-v0",
+    entry_point="wayfield.envs.goal_reaching:DiffDriveGoalObstacles",
+    vector_entry_point="wayfield.envs.goal_reaching:DiffDriveGoalObstaclesVector",
+    max_episode_steps=1200,
+)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.briefing import KNOWS, Briefing
 from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.patrols import PATROL
 from wayfield.envs.sensing import BEAM_NOISE_COLUMN, scan_ranges
 from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Task, choose
 
@@ -153,9 +154,11 @@ class Batch:
         told = task.told(self.states, knows)
         if knows == "map":
             told |= {"obstacles": self.obstacles.copy(), "num_obstacles": task.obstacle_counts(self.states)}
+            told.setdefault("patrols", np.zeros(self.obstacles.shape, PATROL))
         return Briefing(
             num_envs=self.num_envs,
             robot=task.robot,
+            actuators=task.options.actuators,
             dt=task.options.dt,
             action_mode=task.options.action_mode,
             layout=task.layout,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.observation import Layout
 from wayfield.envs.paths import PathPool
-from wayfield.envs.robots import Robot
+from wayfield.envs.robots import Actuators, Robot
 
 KNOWS = ("sensors", "path", "goal", "map")
 
@@ -23,6 +23,7 @@ class Briefing:
 
     num_envs: int
     robot: Robot
+    actuators: Actuators  # nominal, as on the data sheet
     dt: float  # s
     action_mode: str
     layout: Layout[Any]  # of the flat observation
@@ -34,3 +35,4 @@ class Briefing:
     num_goals: NDArray[np.int64] | None = None  # (b,)
     obstacles: NDArray[np.void] | None = None  # (b, m) OBSTACLE records
     num_obstacles: NDArray[np.int64] | None = None  # (b,)
+    patrols: NDArray[np.void] | None = None  # (b, m) PATROL records of the obstacles; leg_time 0 where one stands

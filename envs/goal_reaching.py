@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -470,10 +470,12 @@ class OmniGoalObstacles(SingleEnv):
     * v0: first version.
     """
 
+    robots: ClassVar[tuple[str, ...]] = ("omni3", "omni4")  # the first is the default
+
     def __init__(
         self,
         scenario: str = "discs",
-        robot: str = "omni3",
+        robot: str | None = None,
         dynamics: str = "kinematic",
         actuators: str = "ideal",
         action_mode: str = "twist",
@@ -494,7 +496,16 @@ class OmniGoalObstacles(SingleEnv):
         super().__init__(
             GoalReaching(
                 scenario,
-                Options.of(robot, ("omni3", "omni4"), dynamics, actuators, action_mode, noise, pose_source, shove),
+                Options.of(
+                    robot or self.robots[0],
+                    self.robots,
+                    dynamics,
+                    actuators,
+                    action_mode,
+                    noise,
+                    pose_source,
+                    shove,
+                ),
                 num_beams,
                 field_of_view,
                 max_range,
@@ -510,3 +521,37 @@ class OmniGoalObstaclesVector(NativeVectorEnv):
 
     def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
         super().__init__(OmniGoalObstacles, num_envs, **kwargs)
+
+
+class DiffDriveGoalObstacles(OmniGoalObstacles):
+    """A Pioneer P3DX drives to a goal pose, or through waypoints, among obstacles.
+
+    The task, observation fields, rewards, episode ends, info and arguments are those of `OmniGoalObstacles`, but for
+    the robot: a differential drive (document A) with a hull of 0.25 m, which cannot go sideways.
+
+    ## Action space
+
+    `Box(2,)` float32.
+
+    | index | `action_mode="twist"` | bound | `action_mode="wheel_speeds"` | bound |
+    |---|---|---|---|---|
+    | 0 | forward speed v, m/s | 1.2 | right wheel, rad/s | 12.31 |
+    | 1 | yaw rate w, rad/s | 6.30 | left wheel, rad/s | 12.31 |
+
+    ## Observation space
+
+    `Box(9 + n,)` float32: the field `twist` is forward speed and yaw rate.
+
+    ## Version history
+
+    * v0: first version.
+    """
+
+    robots = ("p3dx",)
+
+
+class DiffDriveGoalObstaclesVector(NativeVectorEnv):
+    """Many `DiffDriveGoalObstacles` robots stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(DiffDriveGoalObstacles, num_envs, **kwargs)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -415,10 +415,12 @@ class DiffDrivePathFollowing(SingleEnv):
     * v0: first version.
     """
 
+    robots: ClassVar[tuple[str, ...]] = ("p3dx",)  # the first is the default
+
     def __init__(
         self,
         scenario: str = "random_splines",
-        robot: str = "p3dx",
+        robot: str | None = None,
         dynamics: str = "kinematic",
         actuators: str = "ideal",
         action_mode: str = "twist",
@@ -433,7 +435,9 @@ class DiffDrivePathFollowing(SingleEnv):
         super().__init__(
             PathFollowing(
                 scenario,
-                Options.of(robot, ("p3dx",), dynamics, actuators, action_mode, noise, pose_source, shove),
+                Options.of(
+                    robot or self.robots[0], self.robots, dynamics, actuators, action_mode, noise, pose_source, shove
+                ),
                 scale,
                 num_preview=num_preview,
                 preview_spacing=preview_spacing,
@@ -447,3 +451,43 @@ class DiffDrivePathFollowingVector(NativeVectorEnv):
 
     def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
         super().__init__(DiffDrivePathFollowing, num_envs, **kwargs)
+
+
+class OmniPathFollowing(DiffDrivePathFollowing):
+    """An omni robot follows a path.
+
+    The task, observation fields, rewards, episode ends, info and arguments are those of `DiffDrivePathFollowing`, but
+    for the robot: three omni wheels (document B, `robot="omni3"`, the default) or four (document C, `"omni4"`).
+
+    ## Action space
+
+    `Box(3,)` float32 for `action_mode="twist"`, `Box(3,)` or `Box(4,)` for `"wheel_speeds"`.
+
+    | index | "twist" | omni3 | omni4 | "wheel_speeds" | omni3 | omni4 |
+    |---|---|---|---|---|---|---|
+    | 0 | v_x, m/s | 1.73 | 1.27 | wheel 1, rad/s | 20 | 30 |
+    | 1 | v_y, m/s | 1.5 | 1.27 | wheel 2, rad/s | 20 | 30 |
+    | 2 | yaw rate, rad/s | 5.0 | 6.92 | wheel 3, rad/s | 20 | 30 |
+    | 3 | | | | wheel 4, rad/s | | 30 |
+
+    ## Observation space
+
+    `Box(9 + 2 k,)` float32: the field `twist` is v_x, v_y and yaw rate.
+
+    ## Rewards
+
+    v_max is the bound of v_x.
+
+    ## Version history
+
+    * v0: first version.
+    """
+
+    robots = ("omni3", "omni4")
+
+
+class OmniPathFollowingVector(NativeVectorEnv):
+    """Many `OmniPathFollowing` robots stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(OmniPathFollowing, num_envs, **kwargs)
