@@ -6,6 +6,8 @@ from typing import Any
 
 PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"
+OMNI_PATH_FOLLOWING = "wayfield/OmniPathFollowing-v0"
+DIFF_DRIVE_GOAL_REACHING = "wayfield/DiffDriveGoalObstacles-v0"
 
 # One figure, or the lower and upper end of a published range.
 Figure = float | tuple[float, float]
@@ -15,7 +17,7 @@ Figure = float | tuple[float, float]
 class Case:
     """A policy in a scenario. Every policy of an experiment meets the same scenario, starts and disturbances."""
 
-    document: str  # the table it belongs to
+    document: str  # the table it belongs to: a document, or a contest
     experiment: str  # what the table calls the scenario
     env_id: str
     scenario: str
@@ -27,11 +29,16 @@ class Case:
     arrival_radius: float | None = None  # m, within which a waypoint or the goal counts as arrived at in the document
     published: Mapping[str, Figure] = dataclasses.field(default_factory=dict)  # by metric, SI
     filmed: bool = False  # whether it is one of those that a video shows
+    gains_name: str = "default"  # where the gains come from
+    speed: float | None = None  # m/s, of a point of the speed-accuracy front
+    every_scenario: bool = False  # episode i takes scenario i of the bank, instead of one that is drawn
 
     @property
     def gains_text(self) -> str:
         """Returns the gains that differ from the policy's defaults, such as "tau=0.5 max_speed=0.3"."""
-        return " ".join(f"{name}={value:g}" for name, value in self.gains.items())
+        return " ".join(
+            f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in self.gains.items()
+        )
 
     @property
     def key(self) -> tuple[str, str, str, str]:

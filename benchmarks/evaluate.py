@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import click
@@ -15,6 +15,8 @@ import rich.console
 import wayfield.policies
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.command_line import Choice, Names, OneLineErrors, Scale
+from wayfield.benchmarks.contest_report import ContestOptions, contest_report
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_path import POLICIES as PATH_POLICIES
 from wayfield.benchmarks.own_path import own_path
@@ -23,31 +25,47 @@ from wayfield.benchmarks.results import TABLE, read_rows, staging, write_rows, w
 from wayfield.benchmarks.suite import Setting, run
 from wayfield.benchmarks.tables import Table, tables
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs.robots import ACTUATORS
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.scenarios import splits
 
-SUITES: dict[str, Callable[[], tuple[Case, ...]]] = {"documents": documents}
+DOCUMENTS = "documents"
+DISTURBANCE_SUITE = "disturbances"
+SUITES = (DOCUMENTS, *CONTESTS, DISTURBANCE_SUITE)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
+GAINS = {"default": ("default",), "tuned": ("tuned",), "both": ("default", "tuned")}
+FAMILIES = tuple(name for task in splits.FAMILIES.values() for name in task)
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 
 
 @click.command(
     "evaluate", cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
 )
-@click.option("--suite", type=Choice("--suite", SUITES), default="documents", show_default=True, help="What to run.")
+@click.option("--suite", type=Choice("--suite", SUITES), default=DOCUMENTS, show_default=True, help="What to run.")
 @click.option(
     "--policies",
-    type=Names("--policies", wayfield.policies.POLICIES),
+    type=Names("--policies", (*wayfield.policies.POLICIES, "all")),
     help="Only these policies.  [default: all that the suite names]",
 )
-@click.option("--dynamics", type=Choice("--dynamics", DYNAMICS), default="both", show_default=True, help="The plants.")
 @click.option(
-    "--actuators", type=Choice("--actuators", ACTUATORS), default="ideal", show_default=True, help="The actuator tier."
+    "--dynamics", type=Choice("--dynamics", DYNAMICS), help="The plants.  [default: both; kinematic in contests]"
 )
+@click.option(
+    "--actuators",
+    type=Choice("--actuators", ACTUATORS),
+    help="The actuator tier.  [default: ideal; lagged in contests]",
+)
+@click.option("--robot", type=Choice("--robot", ROBOTS), help="The robot of a contest.  [default: p3dx]")
+@click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: both]")
+@click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
     "--path", "path", metavar="FILE", help="Follow the path of a .csv, .txt or .json file instead of a suite."
 )
 @click.option("--scale", type=Scale(), help="Multiplies the path's coordinates: 0.02 or 1:50.  [default: 1]")
-@click.option("--episodes", type=click.IntRange(min=1), help="Episodes of each case, with the seeds S, S + 1, ...")
+@click.option(
+    "--episodes",
+    type=click.IntRange(min=1),
+    help="Episodes of each case, with the seeds S, S + 1, ...; in contests the first scenarios of each family.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S", help="The first seed.")
 @click.option("--out", metavar="DIR", help="Folder of the results.  [default: results/<suite>]")
 @click.option("--video", is_flag=True, help="Film a few representative cases as well.")
@@ -60,8 +78,11 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 def main(
     suite: str,
     policies: tuple[str, ...] | None,
-    dynamics: str,
-    actuators: str,
+    dynamics: str | None,
+    actuators: str | None,
+    robot: str | None,
+    gains: str | None,
+    families: tuple[str, ...] | None,
     path: str | None,
     scale: float | None,
     episodes: int | None,
@@ -70,10 +91,13 @@ def main(
     video: bool,
     count: int | None,
 ) -> None:
-    """Runs the documented experiments and prints our figures beside the published ones.
+    """Runs a suite and prints its tables: the experiments of the three documents beside what they published
+    (documents), or the policies against each other on frozen test scenarios (path-following, goal-obstacles), and
+    under growing disturbances (disturbances).
 
     Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
-    (episodes.csv), the trajectories (trajectories.npz), the tables (table.md) and the figures (.svg, .png).
+    (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
+    is interrupted goes on where it was when the same command is given again.
     """
     _need("matplotlib", "evaluate")
     if video:
@@ -83,7 +107,34 @@ def main(
         raise click.UsageError("--out is empty; it must name a folder")
     if scale is not None and path is None:
         raise click.UsageError("--scale belongs to --path FILE")
-    cases = _cases_of_path(path, scale or 1.0, policies) if path is not None else _cases_of_suite(suite, policies)
+    if policies is not None and "all" in policies:
+        policies = None
+    count = count or min(os.cpu_count() or 1, 4)
+    if path is None and suite != DOCUMENTS:
+        if video:
+            raise click.UsageError(f"--video belongs to --suite {DOCUMENTS}")
+        folder = Path("results") / suite if out is None else Path(out)
+        options = ContestOptions(
+            suite,
+            tuple(CONTESTS) if suite == DISTURBANCE_SUITE else (suite,),
+            policies,
+            (*DYNAMICS[dynamics or "kinematic"],),
+            actuators or "lagged",
+            robot or "p3dx",
+            GAINS[gains or "both"],
+            families,
+            episodes,
+            seed,
+        )
+        with _ended_by_signals():
+            _print(contest_report(options, folder, count))
+        click.echo(f"Results are in {folder}{os.sep}")
+        return
+    for option, value in (("--robot", robot), ("--gains", gains), ("--families", families)):
+        if value is not None:
+            raise click.UsageError(f"{option} belongs to the contests: --suite {', '.join(SUITES[1:])}")
+    dynamics, actuators = dynamics or "both", actuators or "ideal"
+    cases = _cases_of_path(path, scale or 1.0, policies) if path is not None else _cases_of_documents(policies)
     name = suite if path is None else "path"
     folder = Path("results") / name if out is None else Path(out)
     settings = [
@@ -92,13 +143,12 @@ def main(
         for plant in DYNAMICS[dynamics]
     ]
     with contextlib.ExitStack() as stack:
-        # so that the staging folder is cleared away when the process is asked to end
-        stack.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, lambda *_: sys.exit(143)))
+        stack.enter_context(_ended_by_signals())
         try:
             stage = stack.enter_context(staging(folder))
         except OSError as error:
             raise click.ClickException(f"--out {str(folder)!r} cannot be written: {error}") from None
-        share = stack.enter_context(workers(count or min(os.cpu_count() or 1, 4)))
+        share = stack.enter_context(workers(count))
         rows, trajectories = run(settings, share)
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
@@ -111,20 +161,30 @@ def main(
     click.echo(f"Results are in {folder}{os.sep}")
 
 
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Makes the process end in order, with its staging folders cleared away, when it is asked to end."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _need(module: str, extra: str) -> None:
     """Refuses to start when an optional dependency is missing, rather than fail at the end."""
     if importlib.util.find_spec(module) is None:
         raise click.ClickException(f'{module} is missing: pip install "wayfield[{extra}]"')
 
 
-def _cases_of_suite(suite: str, policies: tuple[str, ...] | None) -> tuple[Case, ...]:
-    """Returns the suite's cases of the wanted policies."""
-    cases = SUITES[suite]()
+def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
+    """Returns the documents' cases of the wanted policies."""
+    cases = documents()
     if policies is None:
         return cases
     for name in policies:
         if all(case.policy != name for case in cases):
-            raise click.UsageError(f"--policies {name!r} has no case in suite {suite!r}")
+            raise click.UsageError(f"--policies {name!r} has no case in suite {DOCUMENTS!r}")
     return tuple(case for case in cases if case.policy in policies)
 
 

@@ -31,10 +31,10 @@ COLOURS = {
 }
 _FLOOR = ("zero", "random")
 _STYLES = ("-", "--", ":", "-.")
-_PATH = "#9AA2AC"
+PATH_COLOUR = "#9AA2AC"
 _SOLID = "#606A75"
 
-_RC: Any = {
+RC: Any = {
     "font.size": 9,
     "axes.titlesize": 10,
     "axes.grid": True,
@@ -64,7 +64,7 @@ def draw(wanted: tuple[Path, str, str]) -> None:
     for row in rows:
         experiments.setdefault(row["experiment"], []).append((row, trajectories[row["trajectory"]]))
     stem = f"path_{name}" if document == "path" else f"document_{document.lower()}_{name}"
-    with plt.rc_context(_RC):
+    with plt.rc_context(RC):
         figure = FIGURES[document][name](experiments)
         figure.savefig(folder / f"{stem}.svg", metadata={"Date": None})
         figure.savefig(folder / f"{stem}.png", dpi=130)
@@ -82,10 +82,10 @@ def driven_paths(experiments: Experiments) -> Figure:
     for axis in axes.flat[len(experiments) :]:
         axis.set_visible(False)
     for axis, (experiment, group) in zip(axes.flat, experiments.items(), strict=False):
-        axis.plot(*group[0][1].path.T, color=_PATH, linewidth=3.5, alpha=0.6, label="path")
+        axis.plot(*group[0][1].path.T, color=PATH_COLOUR, linewidth=3.5, alpha=0.6, label="path")
         for row, trajectory in group:
             _driven(axis, trajectory, COLOURS[row["policy"]], "-", _label(row))
-        _floor_plan(axis, experiment)
+        floor_plan(axis, experiment)
     _legend(figure, axes)
     return figure
 
@@ -123,11 +123,11 @@ def waypoints(experiments: Experiments) -> Figure:
         len(experiments), 3, figsize=(13.0, 3.9 * len(experiments)), layout="constrained", squeeze=False
     )
     for (plan, norm, parts), (experiment, group) in zip(axes, experiments.items(), strict=True):
-        _obstacles(plan, group[0][1].obstacles)
+        obstacle_patches(plan, group[0][1].obstacles)
         goals = group[0][1].goals
         if len(goals) > 1:
             plan.plot(*goals[:-1, :2].T, "o", color=_SOLID, markersize=6, fillstyle="none", label="waypoint")
-        _goal(plan, goals[-1])
+        goal_mark(plan, goals[-1])
         for (row, trajectory), style in zip(group, _STYLES, strict=False):
             colour = COLOURS[row["policy"]]
             _driven(plan, trajectory, colour, style, _label(row))
@@ -141,7 +141,7 @@ def waypoints(experiments: Experiments) -> Figure:
                 (turn, "heading (rad)", "#CC79A7"),
             ):
                 parts.plot(trajectory.times, values, style, color=tint, label=part if style == "-" else None)
-        _floor_plan(plan, experiment)
+        floor_plan(plan, experiment)
         norm.set_ylabel("distance to the goal (m)")
         parts.set_ylabel("error: goal minus pose")
         for axis in (norm, parts):
@@ -159,8 +159,8 @@ def potential_field(experiments: Experiments) -> Figure:
         len(experiments), 2, figsize=(12.0, 4.4 * len(experiments) + 0.9), layout="constrained", squeeze=False
     )
     for (plan, distance), (experiment, group) in zip(axes, experiments.items(), strict=True):
-        _obstacles(plan, group[0][1].obstacles)
-        _goal(plan, group[0][1].goals[-1])
+        obstacle_patches(plan, group[0][1].obstacles)
+        goal_mark(plan, group[0][1].goals[-1])
         count: dict[str, int] = {}
         for row, trajectory in group:
             style = _STYLES[count.setdefault(row["policy"], 0) % len(_STYLES)]
@@ -169,7 +169,7 @@ def potential_field(experiments: Experiments) -> Figure:
             _driven(plan, trajectory, colour, style, _label(row))
             error = trajectory.goals[-1, :2] - trajectory.poses[:, :2]
             distance.plot(trajectory.times, np.hypot(*error.T), style, color=colour, label=_label(row))
-        _floor_plan(plan, experiment)
+        floor_plan(plan, experiment)
         distance.set_xlabel("time (s)")
         distance.set_ylabel("distance to the goal (m)")
         distance.set_xlim(left=0.0)
@@ -198,11 +198,12 @@ def _driven(axis: Any, trajectory: Trajectory, colour: str, style: str, label: s
     axis.plot(x[-1], y[-1], "s", color=colour, markersize=5, markeredgecolor="black", markeredgewidth=0.6, zorder=5)
 
 
-def _goal(axis: Any, goal: np.ndarray) -> None:
+def goal_mark(axis: Any, goal: np.ndarray) -> None:
+    """Marks a goal with a star."""
     axis.plot(*goal[:2], "*", color="#F0E442", markeredgecolor="black", markeredgewidth=0.6, markersize=13, zorder=4)
 
 
-def _obstacles(axis: Any, obstacles: np.ndarray) -> None:
+def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
     """Draws circles, boxes and walls."""
     for each in obstacles:
         centre = (float(each["x"]), float(each["y"]))
@@ -215,7 +216,8 @@ def _obstacles(axis: Any, obstacles: np.ndarray) -> None:
         axis.add_patch(Polygon(corners, color=_SOLID, alpha=0.55, linewidth=0 if each["half_width"] else 2))
 
 
-def _floor_plan(axis: Any, title: str) -> None:
+def floor_plan(axis: Any, title: str) -> None:
+    """Gives both axes one scale, names and a title."""
     axis.set_title(title, loc="left")
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x (m)")

@@ -25,7 +25,8 @@ METRICS = (
     *("cross_track_p95", "steady_offset", "heading_error_rms", "reference_jumps"),
     *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
     *("final_x", "final_y", "final_x_error", "final_y_error", "final_position_error", "final_heading_error"),
-    *("effort", "saturated_share", "arrival_path_length", "arrival_heading_error"),
+    *("effort", "saturated_share", "ldlj", "squared_jerk", "faults", "spl", "sct", "barn_score"),
+    *("arrival_path_length", "arrival_heading_error"),
 )
 
 
@@ -44,6 +45,9 @@ def measure(trajectory: Trajectory, arrival_radius: float | None = None) -> dict
         | clearance(trajectory)
         | final_pose(trajectory)
         | {"effort": effort(trajectory), "saturated_share": _mean(trajectory.saturated[1:])}
+        | smoothness(trajectory)
+        | against_the_best(trajectory)
+        | {"faults": float(trajectory.faults)}
         | ({} if arrival_radius is None else arrivals(trajectory, arrival_radius))
     )
 
@@ -177,6 +181,54 @@ def effort(trajectory: Trajectory) -> float:
     if not trajectory.wheel_speeds.size:
         return math.nan
     return float((trajectory.wheel_speeds[1:] ** 2).sum() * trajectory.dt)
+
+
+def smoothness(trajectory: Trajectory) -> dict[str, float]:
+    """Returns the log dimensionless jerk of the velocity, higher is smoother, and the integrated squared jerk, m^2/s^5.
+
+    LDLJ = -ln(T^3 / v_peak^2 * integral of |d^2 v / dt^2|^2 dt), with v the planar velocity in the world frame
+    (Balasubramanian et al., J. NeuroEng. Rehabil. 12:112, 2015). It does not depend on the duration, the jerk does.
+    """
+    if len(trajectory.twists) < 4:
+        return {}
+    heading, (vx, vy, _) = trajectory.poses[:, 2], trajectory.twists.T
+    velocity = np.column_stack(
+        [np.cos(heading) * vx - np.sin(heading) * vy, np.sin(heading) * vx + np.cos(heading) * vy]
+    )
+    jerk = np.diff(velocity, 2, axis=0) / trajectory.dt**2
+    squared_jerk = float((jerk**2).sum() * trajectory.dt)
+    peak = float((velocity**2).sum(axis=1).max())
+    if not squared_jerk > 0.0 or not peak > 0.0:
+        return {"squared_jerk": squared_jerk}
+    return {"ldlj": -math.log(duration(trajectory) ** 3 / peak * squared_jerk), "squared_jerk": squared_jerk}
+
+
+def against_the_best(trajectory: Trajectory) -> dict[str, float]:
+    """Returns SPL, SCT and the BARN score: the success, weighted with how near to the best way and time it came.
+
+    SPL = S l / max(p, l) (Anderson et al., arXiv 1807.06757); SCT = S t_ref / max(t, t_ref) with t_ref from
+    `fastest_time` (Yokoyama et al., arXiv 2103.08022); BARN = S OT / clip(t, 2 OT, 8 OT) with OT = l / v_max, as in the
+    challenges from 2023 on.
+    """
+    if math.isnan(trajectory.shortest):
+        return {}
+    success = outcome(trajectory)["success"]
+    time, length = duration(trajectory), trajectory.shortest
+    best = fastest_time(length, trajectory.max_speed, trajectory.acceleration)
+    optimal = length / trajectory.max_speed
+    return {
+        "spl": success * length / max(path_length(trajectory.poses), length),
+        "sct": success * best / max(time, best),
+        "barn_score": success * optimal / min(max(time, 2.0 * optimal), 8.0 * optimal),
+    }
+
+
+def fastest_time(length: float, max_speed: float, acceleration: float) -> float:
+    """Returns the least time (s) for a way of `length` (m), from rest, under bounds of speed and acceleration."""
+    ramp = 0.5 * max_speed**2 / acceleration  # m, until the bound of speed is reached
+    if length < ramp:
+        return math.sqrt(2.0 * length / acceleration)
+    return max_speed / acceleration + (length - ramp) / max_speed
 
 
 def _turn(angle: float) -> float:

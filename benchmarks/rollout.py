@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield import policies
 from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.path_following import PathFollowing
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.policy import Pilot, Policy
+
+# What policies count in their memory under these names: a QP that was not solved, a planner that found no way.
+FAULTS = ("qp_failures", "no_path")
 
 
 def make_policy(case: Case, seed: int) -> Policy:
@@ -48,13 +52,16 @@ def roll_out(
 ) -> list[Trajectory]:
     """Returns one trajectory for each of the seeds `seed`, `seed + 1`, ...
 
+    A case of every scenario has one episode for each of the first `episodes` scenarios of its bank.
+
     Raises:
         TypeError: if the policy cannot read the environment's observations.
         ValueError: if the environment does not know an option.
     """
     env = make_vector(case, dynamics, actuators, episodes)
     pilot = Pilot(make_policy(case, seed), env)
-    observations, _ = env.reset(seed=seed)
+    chosen = {"scenario": list(range(episodes))} if case.every_scenario else None
+    observations, _ = env.reset(seed=seed, options=chosen)
     pilot.reset()
     briefing = env.briefing("map")
     # np.empty takes no memory until it is written to, so that a long clock costs nothing by itself
@@ -62,6 +69,7 @@ def roll_out(
     history[0] = env.batch.states
     lengths = np.zeros(episodes, np.int64)
     flags: list[dict[str, bool]] = [{} for _ in range(episodes)]
+    faults = np.zeros(episodes, np.int64)
     step = 0
     while not lengths.all():
         observations, _, terminated, truncated, info = env.step(pilot.act(observations))  # type: ignore[arg-type]
@@ -71,10 +79,18 @@ def roll_out(
         for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
             flags[i] = {name: bool(info[name][i]) for name in env.task.flag_names}
             lengths[i] = step + 1
+            faults[i] = _faults(pilot.memory, i)
     env.close()
-    return [
-        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i]) for i in range(episodes)
+    driven = [
+        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case.every_scenario)
+        for i in range(episodes)
     ]
+    return [dataclasses.replace(each, faults=int(count)) for each, count in zip(driven, faults, strict=True)]
+
+
+def _faults(memory: NDArray[Any], i: int) -> int:
+    """Returns how often robot i's policy had to fall back on something else, which it counts in its memory."""
+    return sum(int(memory[name][i]) for name in FAULTS if name in (memory.dtype.names or ()))
 
 
 def _trajectory(
@@ -84,8 +100,13 @@ def _trajectory(
     i: int,
     states: NDArray[Any],
     flags: dict[str, bool],
+    compared: bool,
 ) -> Trajectory:
-    """Returns the trajectory of robot i from its states (n + 1,) and the flags of its last step."""
+    """Returns the trajectory of robot i from its states (n + 1,) and the flags of its last step.
+
+    Args:
+        compared: whether the shortest way to the goal is looked for.
+    """
 
     def columns(*names: str) -> NDArray[np.float64]:
         return np.column_stack([states[name] for name in names])
@@ -106,8 +127,12 @@ def _trajectory(
         return _on_path(driven, env.task, briefing, policy, states, flags)
     assert briefing.goals is not None
     assert briefing.num_goals is not None
+    scenario = env.task.scenarios[int(states["scenario"][0])]
     return dataclasses.replace(
         driven,
+        shortest=shortest_way(scenario, briefing.robot.hull_radius) if compared else math.nan,
+        max_speed=float(briefing.robot.max_twist[0]),
+        acceleration=briefing.actuators.acceleration,
         clearances=states["clearance"].copy(),
         goals=briefing.goals[i, : briefing.num_goals[i]],
         obstacles=briefing.obstacles[i, : briefing.num_obstacles[i]],

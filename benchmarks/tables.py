@@ -1,6 +1,8 @@
 """The tables: one per document, our figures beside the published ones, from the rows of the results file alone."""
 
+import csv
 import dataclasses
+import io
 import itertools
 import math
 import statistics
@@ -46,6 +48,19 @@ class Table:
         """Returns the table as a Markdown section."""
         cells = tabulate(self.rows, self.header, tablefmt="github", disable_numparse=True)
         return f"## {self.title}\n\n{cells}\n\n{self.note}\n"
+
+    def latex(self) -> str:
+        """Returns the table as a LaTeX tabular for the package booktabs, with title and note as comments."""
+        cells = tabulate(self.rows, self.header, tablefmt="latex_booktabs", disable_numparse=True)
+        return "\n".join([f"% {self.title}", cells, *(f"% {line}" for line in textwrap.wrap(self.note, 110))]) + "\n"
+
+    def csv(self) -> str:
+        """Returns the table's cells as CSV."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.header)
+        writer.writerows(self.rows)
+        return text.getvalue()
 
     def terminal(self, columns: int | None = None) -> rich.table.Table:
         """Returns the table, or its first columns, for a rich console; a rule stands between experiments."""

@@ -1,6 +1,7 @@
 """What is kept of an episode: enough to compute every metric and draw every figure without the environment."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,11 @@ class Trajectory:
     success: bool = False
     collision: bool = False
     left_corridor: bool = False
+    faults: int = 0  # how often the policy had to fall back: QPs that were not solved, planners without a way
+    # what the driven way is compared with; NaN where there is nothing to compare
+    shortest: float = math.nan  # of the ways to the goal's tolerance that are free for the hull
+    max_speed: float = math.nan  # of the base
+    acceleration: float = math.inf  # of the base
 
     @property
     def dt(self) -> float:

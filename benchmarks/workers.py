@@ -20,6 +20,11 @@ def workers(count: int) -> Iterator[Map]:
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_ignore_interrupt)
     try:
         yield pool.map
+    except BaseException:
+        # what is under way may take a minute: nobody who interrupts wants to wait for it
+        for child in multiprocessing.active_children():
+            child.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

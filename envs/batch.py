@@ -54,9 +54,15 @@ class Batch:
         self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE)
         self.actions = np.zeros((num_envs, *self.action_shape))
         self.skip = np.zeros(num_envs, np.bool_)
-        self.noisy = task.options.noise > 0.0
+        disturbance = task.options.disturbance
+        drops = disturbance.range_dropout > 0.0
+        noises = ("position_noise", "encoder_noise", "range_noise")
+        self.noisy = drops or any(task.params[name][0] > 0.0 for name in noises)
         rows = NOISE_BLOCK if self.noisy else 1
-        self.noise = np.zeros((num_envs, rows, BEAM_NOISE_COLUMN + task.num_beams))
+        self.noise = np.zeros((num_envs, rows, BEAM_NOISE_COLUMN + task.num_beams * (1 + drops)))
+        # a drawn shove takes a time and a direction
+        self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
+        self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
         self._inputs = (task.params, self.states, self.obstacles, self.actions, self.noise, self.skip, *task.world)
         results = Results(task, num_envs)
         self._step_rows = machine_code(
@@ -79,17 +85,51 @@ class Batch:
         if self.plant is not None:
             raise TypeError('dynamics="pymunk" cannot be copied; the kinematic plant can')
         twin = Batch(self.task, self.num_envs)
-        for name in ("states", "obstacles", "actions", "skip", "noise"):
+        for name in ("states", "obstacles", "actions", "skip", "noise", "asked"):
             getattr(twin, name)[...] = getattr(self, name)
         return twin
 
-    def reset(self, rows: NDArray[np.int64], generators: Sequence[np.random.Generator], results: Results) -> None:
-        """Starts an episode for each robot in `rows`, drawn from its generator, and writes its results."""
-        draws = np.empty((len(rows), 1 + self.task.draws))
+    def chosen_scenarios(self, options: dict[str, Any] | None) -> NDArray[np.int64] | None:
+        """Returns the scenario (num_envs,) that the options of a reset choose for each robot; None when they do not.
+
+        Raises:
+            ValueError: if a key is unknown, or the value is no index of the bank for every robot.
+        """
+        if not options:
+            return None
+        for key in options:
+            choose("options key", key, ("scenario",))
+        last = len(self.task.scenarios) - 1
+        value = options["scenario"]
+        try:
+            chosen = np.asarray(value)
+        except ValueError:
+            chosen = np.empty(0)
+        indices = chosen.dtype.kind in "iu" and chosen.shape in ((), (self.num_envs,))
+        if not indices or chosen.min() < 0 or chosen.max() > last:
+            kinds = "an int" if self.num_envs == 1 else f"an int or {self.num_envs} ints"
+            raise ValueError(f"options['scenario'] must be {kinds} from 0 to {last}, got {value!r}")
+        return np.broadcast_to(chosen.astype(np.int64), (self.num_envs,))
+
+    def reset(
+        self,
+        rows: NDArray[np.int64],
+        generators: Sequence[np.random.Generator],
+        results: Results,
+        scenarios: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Starts an episode for each robot in `rows`, drawn from its generator, and writes its results.
+
+        `scenarios` (num_envs,) takes the place of the draw of the scenario; all else is drawn as without it.
+        """
+        self.asked[:, rows] = 0.0
+        draws = np.empty((len(rows), self.draws))
         for j, i in enumerate(rows.tolist()):
             generators[i].random(out=draws[j])
             if self.noisy:
                 generators[i].standard_normal(out=self.noise[i])
+        if scenarios is not None:
+            draws[:, 0] = (scenarios[rows] + 0.5) / len(self.task.scenarios)
         self.task.reset_rows(
             self.task.params,
             self.states,
@@ -111,6 +151,8 @@ class Batch:
         Raises:
             ValueError: if an action is not finite; nothing has moved then.
         """
+        if len(self.asked):
+            self._delay_actions()
         if self.noisy:
             # not for a robot that is about to be reset: its reset draws a block of its own
             for i in np.flatnonzero((self.states["noise_row"] >= NOISE_BLOCK) & ~self.skip).tolist():
@@ -119,12 +161,26 @@ class Batch:
         outputs = (results.observations, results.numbers, results.flags)
         bad = self._step_rows(self._phases, *self._inputs, *outputs)
         if bad >= 0:
-            raise ValueError(
-                f"action {self.actions[bad].tolist()} of robot {bad} is not finite; every component must be a number"
-            )
+            raise self._not_finite(bad)
         if self.plant is not None:
             self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
             self._step_rows(JUDGE, *self._inputs, *outputs)
+
+    def _delay_actions(self) -> None:
+        """Puts in place of the actions just asked those asked some steps ago."""
+        finite = self.skip | np.isfinite(self.actions).all(axis=1)
+        if not finite.all():
+            raise self._not_finite(int(finite.argmin()))
+        late = self.asked[0].copy()
+        self.asked[:-1] = self.asked[1:]
+        self.asked[-1] = self.actions
+        self.actions[:] = late
+
+    def _not_finite(self, i: int) -> ValueError:
+        """Returns the error of a robot whose action is not finite."""
+        return ValueError(
+            f"action {self.actions[i].tolist()} of robot {i} is not finite; every component must be a number"
+        )
 
     def checked(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         """Returns the actions as an array of the given shape.

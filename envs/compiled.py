@@ -1,16 +1,16 @@
 """How every kernel of the project is compiled."""
 
+import functools
 import pathlib
 from typing import Any
 
 import numba
 
-# Numba looks for changes in the file of a cached function alone, but a kernel holds the code of all it calls: without
-# this a kernel could go on running what its neighbour files said before an update.
-_SOURCES = tuple(
-    (path.name, path.stat().st_mtime_ns, path.stat().st_size)
-    for path in sorted(pathlib.Path(__file__).parent.glob("*.py"))
-)
+
+@functools.cache
+def _sources(folder: pathlib.Path) -> tuple[tuple[str, int, int], ...]:
+    """Returns what tells whether a source file of the folder has changed."""
+    return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in sorted(folder.glob("*.py")))
 
 
 def compiled(function: Any) -> Any:
@@ -27,7 +27,12 @@ def inlined(function: Any) -> Any:
 
 
 def _cached(dispatcher: Any) -> Any:
-    """Returns the dispatcher with a disk cache that is void once any source file of this folder has changed."""
+    """Returns the dispatcher with a disk cache that is void once a source file has changed, of this folder or its own.
+
+    Numba looks for changes in the file of a cached function alone, but a kernel holds the code of all it calls: without
+    this a kernel could go on running what its neighbour files said before an update.
+    """
     index = dispatcher._cache._cache_file
-    index._source_stamp = (index._source_stamp, _SOURCES)
+    folders = {pathlib.Path(__file__).parent, pathlib.Path(dispatcher.py_func.__code__.co_filename).parent}
+    index._source_stamp = (index._source_stamp, *map(_sources, sorted(folders)))
     return dispatcher

@@ -12,6 +12,7 @@ from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
+from wayfield.envs.patrols import PATROL, patrol
 from wayfield.envs.scenarios import GoalScenario, goal_scenarios
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, truth, whole
@@ -164,6 +165,7 @@ def observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out):
         k + 5,
     )
     sensing.add_range_noise(p, beams.shape[0], noise, i, row, out, k + 5)
+    sensing.drop_beams(p, beams.shape[0], noise, i, row, out, k + 5)
 
 
 @inlined
@@ -209,7 +211,7 @@ def report(p, s, reward, progress, turn_progress, numbers, i):
 
 @compiled
 def step_rows(
-    phases, params, states, obstacles, actions, noise, skip, courses, goals, fields, beams, out, numbers, flags
+    phases, params, states, obstacles, actions, noise, skip, courses, goals, fields, patrols, beams, out, numbers, flags
 ):
     """Runs the asked phases of a step for all robots but those in `skip`.
 
@@ -230,7 +232,17 @@ def step_rows(
         if phases & COMMAND:
             s.contact = 0
             kinematic_plant.command(p, s, actions, i)
-            kinematic_plant.shove(p, s, obstacles, i, s.num_obstacles)
+            if patrols.shape[1] > 0:
+                patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+                s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+                if phases & DRIVE and s.clearance < 0.0:
+                    # run into where it stands; in a plant with forces it is pushed
+                    s.contact = 1
+                    s.vx = 0.0
+                    s.vy = 0.0
+                    s.yaw_rate = 0.0
+            if not s.contact:
+                kinematic_plant.shove(p, s, obstacles, i, s.num_obstacles)
         if phases & DRIVE and not s.contact:
             kinematic_plant.drive(p, s, obstacles, i, s.num_obstacles, noise, row)
         if phases & JUDGE:
@@ -255,8 +267,10 @@ def step_rows(
 
 
 @compiled
-def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fields, beams, out, numbers, flags):
-    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS)."""
+def reset_rows(
+    params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, beams, out, numbers, flags
+):
+    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS) or 2 more."""
     p = params[0]
     spans = np.empty((obstacles.shape[1], 2))
     for j in range(rows.shape[0]):
@@ -268,6 +282,8 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fi
         s.num_obstacles = course.num_obstacles
         for k in range(course.num_obstacles):
             obstacles[i, k] = fields[scenario, k]
+        if patrols.shape[1] > 0:
+            patrol(patrols, scenario, obstacles, i, course.num_obstacles, 0.0)
         s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
         s.y = course.start[1] + course.start_offset * (2.0 * draws[j, 2] - 1.0)
         if row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) <= p.hull_radius:
@@ -275,6 +291,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, goals, fi
             s.y = course.start[1]
         s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 3] - 1.0))
         records.halt(s)
+        records.draw_shove(p, s, draws, j)
         s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
         s.waypoint = 0
         track_goal(s, course, goals)
@@ -318,6 +335,7 @@ class GoalReaching(Task):
         courses = np.zeros(len(self.scenarios), COURSE)
         goals = np.zeros((len(self.scenarios), most_goals, 3))
         fields = np.zeros((len(self.scenarios), self.max_obstacles), OBSTACLE)
+        patrols = np.zeros(fields.shape, PATROL)
         for i, each in enumerate(self.scenarios):
             for name in COURSE.names or ():
                 courses[name][i] = getattr(each, name, 0)
@@ -327,8 +345,11 @@ class GoalReaching(Task):
                 goals[i, : len(each.waypoints), :2] = each.waypoints
             goals[i, len(each.waypoints)] = each.goal
             fields[i, : len(each.obstacles)] = each.obstacles
+            patrols[i, : len(each.patrols)] = each.patrols
+        # no columns, and no work, in a bank where nothing moves
+        self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
         beams = np.column_stack([np.cos(self.beam_angles), np.sin(self.beam_angles)])
-        self.world = (courses, goals, fields, beams)
+        self.world = (courses, goals, fields, self.patrols, beams)
         self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range)
         self.params = records.record(
             PARAMS,
@@ -343,7 +364,7 @@ class GoalReaching(Task):
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
-        courses, goals, fields, _ = self.world
+        courses, goals, fields, patrols, _ = self.world
         scenario = int(state["scenario"])
         course = courses[scenario]
         poses = goals[scenario, : course["num_goals"]].copy()
@@ -355,6 +376,13 @@ class GoalReaching(Task):
         reach += solid["radius"][:, None]
         centres = np.column_stack([solid["x"], solid["y"]])
         points = np.vstack([course["start"][None, :2], poses[:, :2], centres - reach, centres + reach])
+        if patrols.shape[1]:
+            # both ends of every patrol, so that nothing moves out of the frame
+            ways = patrols[scenario, : course["num_obstacles"]]
+            moving = ways["leg_time"] > 0.0
+            leg = ways["leg_time"][:, None] * np.column_stack([ways["vx"], ways["vy"]])
+            near = np.column_stack([ways["x"], ways["y"]])
+            points = np.vstack([points, *((end + r)[moving] for end in (near, near + leg) for r in (-reach, reach))])
         margin = 2.0 * self.robot.hull_radius
         return {
             "goals": poses[state["waypoint"] :],
@@ -377,9 +405,12 @@ class GoalReaching(Task):
         """Returns the task's part of the briefing: waypoints and goal, and the obstacles for a policy with a map."""
         if knows == "sensors":
             return {}
-        courses, goals, _, _ = self.world
+        courses, goals, *_ = self.world
         scenario = states["scenario"]
-        return {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
+        told = {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
+        if knows == "map" and self.patrols.shape[1]:
+            told["patrols"] = self.patrols[scenario]
+        return told
 
 
 class OmniGoalObstacles(SingleEnv):
@@ -389,7 +420,8 @@ class OmniGoalObstacles(SingleEnv):
 
     A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four (document
     C: 0.03 m on 0.13 m) shall reach a goal pose among circles, boxes and walls, passing waypoints in their order where
-    the scenario has some. Control period 0.05 s. The hull is a disc: 0.3 m for omni3, 0.177 m for omni4.
+    the scenario has some. Control period 0.05 s. The hull is a disc: 0.3 m for omni3, 0.177 m for omni4. Obstacles with
+    a patrol move by themselves: in each step first to where they are at its end, then the robot drives.
 
     ## Action space
 
@@ -428,12 +460,14 @@ class OmniGoalObstacles(SingleEnv):
     ## Starting state
 
     At rest at the scenario's start, displaced by uniform draws from +-`start_offset` in x and y (not where that would
-    touch an obstacle) and turned by one from +-`start_turn`. A random family such as "discs" draws one of 64 fields.
+    touch an obstacle) and turned by one from +-`start_turn`. A random family such as "discs" draws one of 64 fields;
+    `reset(options={"scenario": k})` starts the k-th instead, and draws all else as without it.
 
     ## Episode end
 
     Terminated in success when the waypoints are passed and the pose is within the scenario's tolerance of the goal in
-    position and heading; in failure when the hull touches an obstacle, in front of which the kinematic robot stops.
+    position and heading; in failure when the hull touches an obstacle, in front of which the kinematic robot stops, or
+    when a moving obstacle runs into the hull, which makes `clearance` negative.
     Truncated after 1200 steps (60 s). `end_on_success=False` runs on, to show station keeping, and pays the success
     reward at every step within tolerance; `end_on_contact=False` (pymunk) survives contact.
 
@@ -455,6 +489,7 @@ class OmniGoalObstacles(SingleEnv):
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
     | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected" (omni3), "odometry_plain_sum" |
     | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame, up to contact |
+    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: `wayfield.envs.disturbances` |
     | num_beams, field_of_view, max_range | 32, 2 pi, 5.0 m | the range scan |
     | end_on_success, end_on_contact | True, True | see Episode end |
     | render_mode | None | "rgb_array" or "human" |
@@ -482,6 +517,7 @@ class OmniGoalObstacles(SingleEnv):
         noise: float = 0.0,
         pose_source: str = "ground_truth",
         shove: tuple[float, float, float, float] | None = None,
+        disturbance: str = "none",
         num_beams: int = 32,
         field_of_view: float = 2.0 * math.pi,
         max_range: float = 5.0,
@@ -497,7 +533,7 @@ class OmniGoalObstacles(SingleEnv):
             GoalReaching(
                 scenario,
                 Options.of(
-                    robot or self.robots[0],
+                    self.robots[0] if robot is None else robot,
                     self.robots,
                     dynamics,
                     actuators,
@@ -505,6 +541,7 @@ class OmniGoalObstacles(SingleEnv):
                     noise,
                     pose_source,
                     shove,
+                    disturbance,
                 ),
                 num_beams,
                 field_of_view,

@@ -63,16 +63,33 @@ def lagging_twist(s, share):
 
 
 @inlined
+def body_twist(p, vx, vy, yaw_rate):
+    """Returns the twist of the body whose wheels turn for the given one: see `disturbances.Disturbance`."""
+    if not p.distorted:
+        return vx, vy, yaw_rate
+    m = p.distortion
+    body_vx = m[0, 0] * vx + m[0, 1] * vy + m[0, 2] * yaw_rate
+    body_vy = m[1, 0] * vx + m[1, 1] * vy + m[1, 2] * yaw_rate
+    body_yaw_rate = m[2, 0] * vx + m[2, 1] * vy + m[2, 2] * yaw_rate
+    # against the centripetal acceleration w x v
+    drift = p.side_slip * body_yaw_rate
+    return body_vx + drift * body_vy, body_vy - drift * body_vx, body_yaw_rate
+
+
+@inlined
 def drive(p, s, obstacles, i, count, noise, row):
     """Moves the robot by one control period: first-order lag, then an exact arc that stops where the hull touches."""
     mean_vx, mean_vy, mean_yaw_rate = lagging_twist(s, p.lag_mean)
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
-    s.vx = s.wheel_vx
-    s.vy = s.wheel_vy
-    s.yaw_rate = s.wheel_yaw_rate
+    body_vx, body_vy, body_yaw_rate = body_twist(p, mean_vx, mean_vy, mean_yaw_rate)
+    s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
     s.contact = 0
-    sweep(p, s, obstacles, i, count, mean_vx, mean_vy, mean_yaw_rate)
+    sweep(p, s, obstacles, i, count, body_vx, body_vy, body_yaw_rate)
     if not p.perfect_pose:
+        if p.passive_encoders:
+            mean_vx = body_vx
+            mean_vy = body_vy
+            mean_yaw_rate = body_yaw_rate
         advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, noise, i, row)
 
 
@@ -118,12 +135,21 @@ def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
 
 @inlined
 def shove(p, s, obstacles, i, count):
-    """Displaces the pose when its time has come, up to the first contact."""
-    if s.steps != p.shove_step:
+    """Displaces the pose when the time of the given shove or of the drawn one has come, up to the first contact."""
+    given = s.steps == p.shove_step
+    drawn = s.steps == s.shove_step
+    if not (given or drawn):
         return
+    dx = p.shove_x if given else 0.0
+    dy = p.shove_y if given else 0.0
+    turn = p.shove_heading if given else 0.0
+    if drawn:
+        sine, cosine = sin_cos(s.shove_direction)
+        dx += p.drawn_shove * cosine
+        dy += p.drawn_shove * sine
     sine, cosine = sin_cos(s.heading)
-    vx = (cosine * p.shove_x + sine * p.shove_y) / p.dt
-    vy = (cosine * p.shove_y - sine * p.shove_x) / p.dt
+    vx = (cosine * dx + sine * dy) / p.dt
+    vy = (cosine * dy - sine * dx) / p.dt
     # the displacement is no motion of the wheels: twist and odometry do not see it
     body_vx = s.vx
     body_vy = s.vy
@@ -133,4 +159,4 @@ def shove(p, s, obstacles, i, count):
         s.vx = body_vx
         s.vy = body_vy
         s.yaw_rate = body_yaw_rate
-    s.heading = wrap_angle(s.heading + p.shove_heading)
+    s.heading = wrap_angle(s.heading + turn)

@@ -13,6 +13,7 @@ from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
+from wayfield.envs.patrols import PATROL
 from wayfield.envs.scenarios import PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, whole
@@ -219,7 +220,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
 
 @compiled
 def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, out, numbers, flags):
-    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS)."""
+    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS) or 2 more."""
     p = params[0]
     for j in range(rows.shape[0]):
         i = rows[j]
@@ -234,6 +235,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices,
         s.y = course.start[1] + cosine * aside
         s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 2] - 1.0))
         records.halt(s)
+        records.draw_shove(p, s, draws, j)
         s.clearance = np.inf
         s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
             vertices, run, p.window, s.x, s.y, s.heading, 0.0, 0
@@ -277,6 +279,7 @@ class PathFollowing(Task):
         self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview)
         self.beam_angles = np.empty(0)
         self.max_obstacles = 0
+        self.patrols = np.zeros((len(self.scenarios), 0), PATROL)
         self.params = records.record(
             PARAMS,
             options.robot_params()
@@ -378,7 +381,8 @@ class DiffDrivePathFollowing(SingleEnv):
     ## Starting state
 
     At rest at the scenario's start (by default the path's first point, along it), displaced sideways by a uniform draw
-    from +-`start_offset` and turned by one from +-`start_turn` of the scenario. `random_splines` draws one of 64 paths.
+    from +-`start_offset` and turned by one from +-`start_turn` of the scenario. `random_splines` draws one of 64 paths;
+    `reset(options={"scenario": k})` starts the k-th instead, and draws all else as without it.
 
     ## Episode end
 
@@ -404,6 +408,7 @@ class DiffDrivePathFollowing(SingleEnv):
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 % |
     | pose_source | "ground_truth" | or "odometry": the pose integrated from the encoders |
     | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
+    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: `wayfield.envs.disturbances` |
     | scale | 1.0 | multiplies the path's coordinates |
     | num_preview, preview_spacing | 10, 0.1 m | the preview |
     | render_mode | None | "rgb_array" or "human" |
@@ -427,6 +432,7 @@ class DiffDrivePathFollowing(SingleEnv):
         noise: float = 0.0,
         pose_source: str = "ground_truth",
         shove: tuple[float, float, float, float] | None = None,
+        disturbance: str = "none",
         scale: float = 1.0,
         num_preview: int = 10,
         preview_spacing: float = 0.1,
@@ -436,7 +442,15 @@ class DiffDrivePathFollowing(SingleEnv):
             PathFollowing(
                 scenario,
                 Options.of(
-                    robot or self.robots[0], self.robots, dynamics, actuators, action_mode, noise, pose_source, shove
+                    self.robots[0] if robot is None else robot,
+                    self.robots,
+                    dynamics,
+                    actuators,
+                    action_mode,
+                    noise,
+                    pose_source,
+                    shove,
+                    disturbance,
                 ),
                 scale,
                 num_preview=num_preview,
@@ -457,7 +471,8 @@ class OmniPathFollowing(DiffDrivePathFollowing):
     """An omni robot follows a path.
 
     The task, observation fields, rewards, episode ends, info and arguments are those of `DiffDrivePathFollowing`, but
-    for the robot: three omni wheels (document B, `robot="omni3"`, the default) or four (document C, `"omni4"`).
+    for the robot: three omni wheels (document B, `robot="omni3"`, the default) or four (document C, `"omni4"`), with
+    the pose sources "odometry_uncorrected" (omni3) and "odometry_plain_sum" besides.
 
     ## Action space
 

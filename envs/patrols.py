@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
 
 PATROL = np.dtype(
     [
@@ -34,3 +34,16 @@ def patrol_at(patrol, time):
         way * patrol.vx,
         way * patrol.vy,
     )
+
+
+@inlined
+def patrol(patrols, scenario, obstacles, i, count, time):
+    """Puts the moving ones of the first `count` obstacles of row i where they are `time` seconds into the episode.
+
+    Args:
+        patrols: (scenarios, m) PATROL records, parallel to the obstacles.
+        obstacles: (b, m) OBSTACLE records.
+    """
+    for j in range(count):
+        if patrols[scenario, j].leg_time > 0.0:
+            obstacles[i, j].x, obstacles[i, j].y, _, _ = patrol_at(patrols[scenario, j], time)

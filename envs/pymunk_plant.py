@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance_to, nearest_surface, row_clearance, sin_cos, wrap_angle
-from wayfield.envs.kinematic_plant import lagging_twist
+from wayfield.envs.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.kinematics import integrate_arc, sinc
+from wayfield.envs.patrols import patrol, patrol_at
 from wayfield.envs.records import MAX_WHEELS, lag_factors, record
 from wayfield.envs.robots import Robot
 from wayfield.envs.sensing import advance_odometry
@@ -68,13 +69,17 @@ BASE = [
 PROGRESS = np.dtype(
     [
         ("substep", np.int64),  # how many are over
-        ("from_vx", np.float64),  # twist that the wheels turn for at the beginning of the sub-step
+        # twists of a body that the wheels take along: at the beginning of the sub-step
+        ("from_vx", np.float64),
         ("from_vy", np.float64),
         ("from_yaw_rate", np.float64),
-        ("mean_vx", np.float64),  # and on average over it
+        ("mean_vx", np.float64),  # on average over it
         ("mean_vy", np.float64),
         ("mean_yaw_rate", np.float64),
-        ("rolled_vx", np.float64),  # and on average over the period
+        ("to_vx", np.float64),  # at its end
+        ("to_vy", np.float64),
+        ("to_yaw_rate", np.float64),
+        ("rolled_vx", np.float64),  # twist that the wheels turn for on average over the period
         ("rolled_vy", np.float64),
         ("rolled_yaw_rate", np.float64),
         ("start_x", np.float64),  # pose at the beginning of the period
@@ -206,47 +211,55 @@ def roll(p, b, s, obstacles, i, count, noise, row):
 
     Returns whether it did.
     """
-    if s.vx != s.wheel_vx or s.vy != s.wheel_vy or s.yaw_rate != s.wheel_yaw_rate:
+    vx, vy, yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
+    if s.vx != vx or s.vy != vy or s.yaw_rate != yaw_rate:
         return False
     dvx = s.wheel_vx - s.command_vx
     dvy = s.wheel_vy - s.command_vy
     dyaw = s.wheel_yaw_rate - s.command_yaw_rate
-    mean_vx, mean_vy, mean_yaw_rate = lagging_twist(s, p.lag_mean)
+    rolled_vx, rolled_vy, rolled_yaw_rate = lagging_twist(s, p.lag_mean)
+    mean_vx, mean_vy, mean_yaw_rate = body_twist(p, rolled_vx, rolled_vy, rolled_yaw_rate)
     if s.clearance <= p.dt * math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy):
         return False
-    vx = s.wheel_vx
-    vy = s.wheel_vy
-    yaw_rate = s.wheel_yaw_rate
     left = 1.0
     for _ in range(SUBSTEPS):
-        turn = b.substep * (s.command_yaw_rate + b.lag_mean * left * dyaw)
+        part = b.lag_mean * left
+        _, _, turn = body_twist(
+            p, s.command_vx + part * dvx, s.command_vy + part * dvy, s.command_yaw_rate + part * dyaw
+        )
+        turn *= b.substep
         left *= b.lag_decay
-        to_vx = s.command_vx + left * dvx
-        to_vy = s.command_vy + left * dvy
-        to_yaw_rate = s.command_yaw_rate + left * dyaw
+        to_vx, to_vy, to_yaw_rate = body_twist(
+            p, s.command_vx + left * dvx, s.command_vy + left * dvy, s.command_yaw_rate + left * dyaw
+        )
         if not grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn):
             return False
         vx = to_vx
         vy = to_vy
         yaw_rate = to_yaw_rate
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
-    s.vx = s.wheel_vx
-    s.vy = s.wheel_vy
-    s.yaw_rate = s.wheel_yaw_rate
+    s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
     s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, mean_vx, mean_vy, mean_yaw_rate, p.dt)
     s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    if p.passive_encoders:
+        rolled_vx = mean_vx
+        rolled_vy = mean_vy
+        rolled_yaw_rate = mean_yaw_rate
     if not p.perfect_pose:
-        advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, noise, i, row)
+        advance_odometry(p, s, rolled_vx, rolled_vy, rolled_yaw_rate, noise, i, row)
     return True
 
 
 @compiled
-def turn_wheels(b, s, m):
+def turn_wheels(p, b, s, m):
     """Turns the wheels on by a sub-step: the first-order lag, exactly."""
-    m.mean_vx, m.mean_vy, m.mean_yaw_rate = lagging_twist(s, b.lag_mean)
+    vx, vy, yaw_rate = lagging_twist(s, b.lag_mean)
+    m.mean_vx, m.mean_vy, m.mean_yaw_rate = body_twist(p, vx, vy, yaw_rate)
     # wheels without lag have jumped to the command before the sub-step
-    m.from_vx, m.from_vy, m.from_yaw_rate = lagging_twist(s, 1.0 if b.lag_mean > 0.0 else 0.0)
+    vx, vy, yaw_rate = lagging_twist(s, 1.0 if b.lag_mean > 0.0 else 0.0)
+    m.from_vx, m.from_vy, m.from_yaw_rate = body_twist(p, vx, vy, yaw_rate)
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, b.lag_decay)
+    m.to_vx, m.to_vy, m.to_yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
 
 
 @compiled
@@ -264,15 +277,15 @@ def pull(b, s, m):
     guess = h * (m.mean_yaw_rate if rolling else s.yaw_rate)
     world_vx, world_vy = turned(s.vx, s.vy, s.heading)
     slip_x, slip_y = turned(slip_vx, slip_vy, s.heading)
-    gripped = grips(b, s.vx, s.vy, s.yaw_rate, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate, guess)
-    vx = s.wheel_vx
-    vy = s.wheel_vy
-    yaw_rate = s.wheel_yaw_rate
+    gripped = grips(b, s.vx, s.vy, s.yaw_rate, m.to_vx, m.to_vy, m.to_yaw_rate, guess)
+    vx = m.to_vx
+    vy = m.to_vy
+    yaw_rate = m.to_yaw_rate
     if not gripped:
         vx, vy = turned(s.vx, s.vy, -guess)
-        vx, vy, yaw_rate = slide(b, vx, vy, s.yaw_rate, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
-        gripped = vx == s.wheel_vx and vy == s.wheel_vy and yaw_rate == s.wheel_yaw_rate
-    turn = h * (m.mean_yaw_rate + 0.5 * (slip_yaw_rate + yaw_rate - s.wheel_yaw_rate))
+        vx, vy, yaw_rate = slide(b, vx, vy, s.yaw_rate, m.to_vx, m.to_vy, m.to_yaw_rate)
+        gripped = vx == m.to_vx and vy == m.to_vy and yaw_rate == m.to_yaw_rate
+    turn = h * (m.mean_yaw_rate + 0.5 * (slip_yaw_rate + yaw_rate - m.to_yaw_rate))
     if gripped:
         x, y, heading = integrate_arc(s.x, s.y, s.heading, m.mean_vx, m.mean_vy, turn / h, h)
         x += 0.5 * h * slip_x
@@ -319,18 +332,36 @@ def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
 
 
 @compiled
-def advance(p, b, s, m, obstacles, i, count, bodies, hull):
+def aim(p, b, s, m, patrols, obstacles, i, count, bodies):
+    """Puts what moves by a script where it is at the sub-step's beginning, with the velocity that it has in it."""
+    h = b.substep
+    begin = s.steps * p.dt + (m.substep - 1) * h
+    for j in range(count):
+        if patrols[s.scenario, j].leg_time > 0.0:
+            obstacles[i, j].x, obstacles[i, j].y, _, _ = patrol_at(patrols[s.scenario, j], begin)
+            x, y, _, _ = patrol_at(patrols[s.scenario, j], begin + h)
+            bodies[i, j].vx = (x - obstacles[i, j].x) / h
+            bodies[i, j].vy = (y - obstacles[i, j].y) / h
+
+
+@compiled
+def advance(p, b, s, m, obstacles, patrols, i, count, bodies, hull):
     """Runs sub-steps until pymunk has to resolve one, put into `hull`; returns False at the period's end."""
+    moving = patrols.shape[1] > 0
     while m.substep < SUBSTEPS:
         m.substep += 1
-        turn_wheels(b, s, m)
+        if moving:
+            aim(p, b, s, m, patrols, obstacles, i, count, bodies)
+        turn_wheels(p, b, s, m)
         x, y, heading = pull(b, s, m)
         dx = x - s.x
         dy = y - s.y
         m.clearance -= math.sqrt(dx * dx + dy * dy)
         touches = m.pushing == 1
-        if m.clearance <= 0.0 or touches:
+        if m.clearance <= 0.0 or touches or moving:
             x, y = keep_out(p, b, s, obstacles, i, count, bodies, x, y)
+            if moving:
+                patrol(patrols, s.scenario, obstacles, i, count, s.steps * p.dt + m.substep * b.substep)
             m.clearance = row_clearance(obstacles, i, count, x, y) - p.hull_radius
             touches = touches or m.clearance < 0.0
         s.x = x
@@ -372,8 +403,10 @@ def absorb(p, s, m, obstacles, i, count, bodies, hull):
 
 
 @compiled
-def finish(p, s, m, obstacles, i, count, noise, row):
+def finish(p, s, m, obstacles, patrols, i, count, noise, row):
     """Ends the control period: exact clearance, odometry by the drive wheels or by the body's motion."""
+    if patrols.shape[1] > 0:
+        patrol(patrols, s.scenario, obstacles, i, count, (s.steps + 1) * p.dt)
     s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
     if p.perfect_pose:
         return
@@ -386,7 +419,7 @@ def finish(p, s, m, obstacles, i, count, noise, row):
 
 
 @compiled
-def start_rows(params, base, states, obstacles, counts, noise, skip, progress, bodies, hulls, waiting):
+def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, progress, bodies, hulls, waiting):
     """Begins a control period for all robots but those in `skip`; returns how many wait for pymunk."""
     p = params[0]
     b = base[0]
@@ -405,16 +438,16 @@ def start_rows(params, base, states, obstacles, counts, noise, skip, progress, b
         m.start_heading = s.heading
         m.clearance = s.clearance
         m.rolled_vx, m.rolled_vy, m.rolled_yaw_rate = lagging_twist(s, p.lag_mean)
-        if advance(p, b, s, m, obstacles, i, counts[i], bodies, hulls[i]):
+        if advance(p, b, s, m, obstacles, patrols, i, counts[i], bodies, hulls[i]):
             waiting[asked] = i
             asked += 1
         else:
-            finish(p, s, m, obstacles, i, counts[i], noise, row)
+            finish(p, s, m, obstacles, patrols, i, counts[i], noise, row)
     return asked
 
 
 @compiled
-def resume_rows(params, base, states, obstacles, counts, noise, progress, bodies, hulls, waiting, asked):
+def resume_rows(params, base, states, obstacles, patrols, counts, noise, progress, bodies, hulls, waiting, asked):
     """Goes on with the first `asked` rows of `waiting` after pymunk; returns how many wait again."""
     p = params[0]
     b = base[0]
@@ -424,28 +457,40 @@ def resume_rows(params, base, states, obstacles, counts, noise, progress, bodies
         s = states[i]
         m = progress[i]
         absorb(p, s, m, obstacles, i, counts[i], bodies, hulls[i])
-        if advance(p, b, s, m, obstacles, i, counts[i], bodies, hulls[i]):
+        if advance(p, b, s, m, obstacles, patrols, i, counts[i], bodies, hulls[i]):
             waiting[again] = i
             again += 1
         else:
             row = s.noise_row if noise.shape[1] > 1 else 0
-            finish(p, s, m, obstacles, i, counts[i], noise, row)
+            finish(p, s, m, obstacles, patrols, i, counts[i], noise, row)
     return again
 
 
 class World:
-    """The pymunk space around one robot: its hull, what is fixed, and what can be pushed."""
+    """The pymunk space around one robot: its hull, what is fixed, what can be pushed, and what moves by a script.
 
-    def __init__(self, robot: Robot, obstacles: NDArray[np.void], substep: float) -> None:
+    `moving` tells which obstacles the script moves; none if it is shorter than they are.
+    """
+
+    def __init__(
+        self, robot: Robot, obstacles: NDArray[np.void], substep: float, moving: NDArray[np.bool_] | None = None
+    ) -> None:
         self.space = pymunk.Space()
         self.space.iterations = ITERATIONS
         self.space.collision_slop = SLOP
         self.space.collision_bias = OVERLAP_LEFT ** (1.0 / substep)  # the share left after a second
         self.hull = pymunk.Body(robot.mass, robot.inertia)
         self.pushable: list[tuple[int, pymunk.Body]] = []
+        self.moving: list[tuple[int, pymunk.Body]] = []
         shapes: list[pymunk.Shape] = [pymunk.Circle(self.hull, robot.hull_radius)]
         for j, obstacle in enumerate(obstacles):
-            if obstacle["mass"] > 0.0:
+            if moving is not None and moving[j]:
+                body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+                body.angle = math.atan2(obstacle["sin"], obstacle["cos"])
+                self.space.add(body)
+                self.moving.append((j, body))
+                shapes.append(_shape(body, obstacle, 0.0, 0.0, 1.0, 0.0))
+            elif obstacle["mass"] > 0.0:
                 body = self._loose_body(obstacle)
                 self.pushable.append((j, body))
                 shapes.append(_shape(body, obstacle, 0.0, 0.0, 1.0, 0.0))
@@ -480,8 +525,15 @@ class World:
         self.space.add(body, hold, hold_turn)
         return body
 
-    def step(self, dt: float, i: int, hulls: NDArray[np.void], bodies: NDArray[np.void]) -> None:
+    def step(
+        self, dt: float, i: int, hulls: NDArray[np.void], bodies: NDArray[np.void], obstacles: NDArray[np.void]
+    ) -> None:
         """Moves everything by dt and resolves contacts; reads and writes the BODY records of robot i."""
+        for j, scripted in self.moving:
+            vx, vy = bodies["vx"][i, j].item(), bodies["vy"][i, j].item()
+            # like the hull: let it arrive where it is to be
+            scripted.position = obstacles["x"][i, j].item() - dt * vx, obstacles["y"][i, j].item() - dt * vy
+            scripted.velocity = vx, vy
         body = self.hull
         x, y, _, vx, vy, body.angular_velocity = hulls[i].item()
         body.position = x, y
@@ -547,13 +599,21 @@ class PymunkPlant:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
         # what every call takes, in this order
-        shared: tuple[Any, ...] = (self.task.params, self.base, states, obstacles, counts, noise)
+        shared: tuple[Any, ...] = (self.task.params, self.base, states, obstacles, self.task.patrols, counts, noise)
         asked = start_rows(*shared, skip, self.progress, self.bodies, self.hulls, self.waiting)
         while asked:
             for i in self.waiting[:asked].tolist():
                 world = self.worlds[i]
                 if world is None:
                     # nothing has been pushed yet, so obstacles are where the reset put them
-                    world = self.worlds[i] = World(self.task.robot, obstacles[i, : counts[i]], self.substep)
-                world.step(self.substep, i, self.hulls, self.bodies)
+                    world = self.worlds[i] = World(
+                        self.task.robot, obstacles[i, : counts[i]], self.substep, self._moving(states[i])
+                    )
+                world.step(self.substep, i, self.hulls, self.bodies, obstacles)
             asked = resume_rows(*shared, self.progress, self.bodies, self.hulls, self.waiting, asked)
+
+    def _moving(self, state: NDArray[np.void]) -> NDArray[np.bool_] | None:
+        """Returns which obstacles around a robot a script moves; None where nothing does."""
+        patrols = self.task.patrols
+        moving: NDArray[np.bool_] = patrols[state["scenario"]]["leg_time"] > 0.0
+        return moving if patrols.shape[1] else None

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematics
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.disturbances import SHOVE_FROM, SHOVE_UNTIL, Disturbance
 from wayfield.envs.robots import Actuators, Robot
 
 MAX_WHEELS = 4
@@ -45,6 +46,8 @@ ROBOT_STATE = [
     ("steps", np.int64),  # since the reset
     ("scenario", np.int64),  # index in the bank of scenarios
     ("noise_row", np.int64),  # next unused row of the robot's block of noise
+    ("shove_step", np.int64),  # step of the drawn shove; -1: never
+    ("shove_direction", np.float64),  # rad, world frame
 ]
 
 ROBOT_PARAMS = [
@@ -71,6 +74,11 @@ ROBOT_PARAMS = [
     ("encoder_noise", np.float64),  # relative
     ("range_noise", np.float64),  # m
     ("max_range", np.float64),  # m
+    ("dropout_below", np.float64),  # standard normal number below which a beam reads max_range; -inf: none
+    ("distorted", np.int64),  # 1: the body moves otherwise than the wheels turn for
+    ("distortion", np.float64, (3, 3)),  # from the wheels' twist to the body's
+    ("side_slip", np.float64),  # s
+    ("drawn_shove", np.float64),  # m, displacement at a drawn time in a drawn direction; 0: none
     ("shove_step", np.int64),  # step in which the pose is displaced; -1: never
     ("shove_x", np.float64),  # m, world frame
     ("shove_y", np.float64),
@@ -135,11 +143,14 @@ def robot_params(
     pose_source: str,
     noise: float,
     shove: tuple[float, float, float, float] | None,
+    disturbance: Disturbance,
 ) -> dict[str, Any]:
     """Returns the values of ROBOT_PARAMS (but for the beams, which a task sets)."""
     encoders, odometry, passive = odometry_matrices(robot, "odometry" if pose_source == "ground_truth" else pose_source)
     decay, mean = lag_factors(actuators.lag, dt)
     when, shove_x, shove_y, shove_heading = shove or (-dt, 0.0, 0.0, 0.0)
+    pose_noise, encoder_noise = noise + disturbance.pose_noise, noise + disturbance.encoder_noise
+    right = pose_noise == encoder_noise == 0.0 and not disturbance.distorts
     return {
         "dt": dt,
         "num_wheels": len(robot.wheel_matrix),
@@ -153,16 +164,21 @@ def robot_params(
         "lag_decay": decay,
         "lag_mean": mean,
         "hull_radius": robot.hull_radius,
-        "perfect_pose": pose_source == "ground_truth" and noise == 0.0,
+        "perfect_pose": pose_source == "ground_truth" and right,
         "pose_from_odometry": pose_source != "ground_truth",
         "passive_encoders": passive,
         "num_encoders": len(encoders),
         "encoder_matrix": _padded(encoders, (MAX_WHEELS, 3)),
         "odometry_matrix": _padded(odometry, (3, MAX_WHEELS)),
-        "position_noise": POSITION_NOISE * noise,
-        "heading_noise": HEADING_NOISE * noise,
-        "encoder_noise": ENCODER_NOISE * noise,
-        "range_noise": RANGE_NOISE * noise,
+        "position_noise": POSITION_NOISE * pose_noise,
+        "heading_noise": HEADING_NOISE * pose_noise,
+        "encoder_noise": ENCODER_NOISE * encoder_noise,
+        "range_noise": RANGE_NOISE * (noise + disturbance.range_noise),
+        "dropout_below": disturbance.dropout_below,
+        "distorted": disturbance.distorts,
+        "distortion": disturbance.distortion(robot),
+        "side_slip": disturbance.side_slip,
+        "drawn_shove": disturbance.shove,
         "shove_step": round(when / dt),
         "shove_x": shove_x,
         "shove_y": shove_y,
@@ -205,3 +221,13 @@ def halt(s):
     s.contact = 0
     s.saturated = 0
     s.steps = 0
+
+
+@inlined
+def draw_shove(p, s, draws, j):
+    """Sets the shove of an episode: its time and its direction from the last two uniform numbers of row j."""
+    s.shove_step = -1
+    if p.drawn_shove > 0.0:
+        last = draws.shape[1] - 1
+        s.shove_step = int((SHOVE_FROM + (SHOVE_UNTIL - SHOVE_FROM) * draws[j, last - 1]) / p.dt)
+        s.shove_direction = 2.0 * math.pi * draws[j, last]

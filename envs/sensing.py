@@ -9,7 +9,7 @@ from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import ray_to_box, ray_to_circle, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
-# Columns of a row of noise: x, y, heading, four encoders, then one a beam.
+# Columns of a row of noise: x, y, heading, four encoders, then one a beam, and where beams drop out one more a beam.
 POSE_NOISE_COLUMNS = 3
 BEAM_NOISE_COLUMN = 7
 
@@ -239,3 +239,12 @@ def add_range_noise(p, num_beams, noise, i, row, ranges, column):
             if distance < p.max_range:
                 distance += p.range_noise * noise[i, row, BEAM_NOISE_COLUMN + k]
                 ranges[i, column + k] = min(max(distance, 0.0), p.max_range)
+
+
+@inlined
+def drop_beams(p, num_beams, noise, i, row, ranges, column):
+    """Empties each beam with the probability of a dropout: it reads max_range."""
+    if p.dropout_below > -np.inf:
+        for k in range(num_beams):
+            if noise[i, row, BEAM_NOISE_COLUMN + num_beams + k] < p.dropout_below:
+                ranges[i, column + k] = p.max_range

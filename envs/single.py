@@ -64,14 +64,16 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         return twin
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Starts an episode; see gymnasium.Env.reset. No options are known."""
+        """Starts an episode; see gymnasium.Env.reset.
+
+        `options={"scenario": k}` starts the scenario with index k of the bank instead of a drawn one.
+        """
+        scenarios = self.batch.chosen_scenarios(options)
         super().reset(seed=seed)
-        if options:
-            raise ValueError(f"options={options!r}: this environment knows none; use the keyword arguments of make")
         self._generators = [self.np_random]
         results = self._results
         results.observations = np.empty_like(results.observations)
-        self.batch.reset(self._first, self._generators, results)
+        self.batch.reset(self._first, self._generators, results, scenarios)
         self.marks = {}
         self._trail = []
         if self.render_mode is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import records
+from wayfield.envs.disturbances import DISTURBANCES, Disturbance
 from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators, Robot
 
@@ -33,6 +34,7 @@ class Options:
     noise: float
     pose_source: str
     shove: tuple[float, float, float, float] | None
+    disturbance: Disturbance
     dt: float = CONTROL_PERIOD
 
     @classmethod
@@ -46,6 +48,7 @@ class Options:
         noise: float,
         pose_source: str,
         shove: tuple[float, float, float, float] | None,
+        disturbance: str,
     ) -> "Options":
         """Returns the options of the given names.
 
@@ -61,6 +64,7 @@ class Options:
         choose("actuators", actuators, tuple(ACTUATORS))
         choose("action_mode", action_mode, ("twist", "wheel_speeds"))
         choose("pose_source", pose_source, records.POSE_SOURCES)
+        choose("disturbance", disturbance, DISTURBANCES)
         if isinstance(noise, bool) or not isinstance(noise, int | float) or not 0.0 <= noise < math.inf:
             raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {noise!r}")
         if shove is not None:
@@ -71,7 +75,16 @@ class Options:
             if values.shape != (4,) or not np.isfinite(values).all() or values[0] < 0.0:
                 raise ValueError(f"shove must be (time >= 0, dx, dy, turn), four finite numbers, got {shove!r}")
             shove = (float(values[0]), float(values[1]), float(values[2]), float(values[3]))
-        return cls(ROBOTS[robot], dynamics, ACTUATORS[actuators], action_mode, float(noise), pose_source, shove)
+        return cls(
+            ROBOTS[robot],
+            dynamics,
+            ACTUATORS[actuators],
+            action_mode,
+            float(noise),
+            pose_source,
+            shove,
+            DISTURBANCES[disturbance],
+        )
 
     def robot_params(self) -> dict[str, Any]:
         """Returns the values of records.ROBOT_PARAMS, but for the beams."""
@@ -83,6 +96,7 @@ class Options:
             pose_source=self.pose_source,
             noise=self.noise,
             shove=self.shove,
+            disturbance=self.disturbance,
         )
 
     @property
@@ -142,6 +156,7 @@ class Task(abc.ABC):
     world: tuple[NDArray[Any], ...]
     beam_angles: NDArray[np.float64]
     max_obstacles: int
+    patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
 
     @property
     def num_beams(self) -> int:

@@ -75,9 +75,12 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Starts an episode in every row; row i is seeded seed + i. See gymnasium.vector.VectorEnv.reset."""
-        if options:
-            raise ValueError(f"options={options!r}: this environment knows none; use the keyword arguments of make_vec")
+        """Starts an episode in every row; row i is seeded seed + i. See gymnasium.vector.VectorEnv.reset.
+
+        `options={"scenario": k}` starts the scenario with index k of the bank, or k[i] in row i, instead of drawn ones;
+        later resets of ended episodes draw again.
+        """
+        scenarios = self.batch.chosen_scenarios(options)
         if isinstance(seed, int | np.integer):
             seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
         elif seed is None or isinstance(seed, list | tuple):
@@ -93,7 +96,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
                 if each is not None:
                     self._generators[i], self._seeds[i] = seeding.np_random(each)
         results = Results(self.task, self.num_envs)
-        self.batch.reset(np.arange(self.num_envs), self._generators, results)
+        self.batch.reset(np.arange(self.num_envs), self._generators, results, scenarios)
         self._ended = np.zeros(self.num_envs, np.bool_)
         return results.observations, self._info(results)
 

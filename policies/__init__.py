@@ -5,14 +5,27 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from wayfield.policies.astar_tracker import AstarTracker
+from wayfield.policies.dwa import Dwa
 from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.lqr import Lqr
+from wayfield.policies.mpc import Mpc
+from wayfield.policies.mppi import Mppi
+from wayfield.policies.orca import Orca
 from wayfield.policies.policy import Pilot, Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
+from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.random import Random
+from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
+from wayfield.policies.scan_planner import ScanPlanner
+from wayfield.policies.smooth_pose import SmoothPose
+from wayfield.policies.stanley import Stanley
+from wayfield.policies.tuned import tuned_gains
+from wayfield.policies.vfh_plus import VfhPlus
 from wayfield.policies.waypoint import Waypoint
 from wayfield.policies.zero import Zero
 
-__all__ = ["POLICIES", "Pilot", "Policy", "make"]
+__all__ = ["POLICIES", "Pilot", "Policy", "make", "tuned_gains"]
 
 POLICIES: dict[str, Callable[..., Policy]] = {
     # stands still: the floor
@@ -31,6 +44,30 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "apf_escape": partial(PotentialField, escape=True),
     # the potential field put right: surfaces, FIRAS and Ge-Cui repulsion, capped attraction
     "apf_corrected": CorrectedField,
+    # the arc to a point of the path ahead (Coulter)
+    "pure_pursuit": PurePursuit,
+    # pure pursuit that slows down for bends and for what the base can reach (Macenski et al.)
+    "regulated_pure_pursuit": RegulatedPurePursuit,
+    # steering on a virtual front axle (Hoffmann et al.)
+    "stanley": Stanley,
+    # linear-quadratic regulator in path coordinates, with feed-forward and speed profile
+    "lqr": Lqr,
+    # model predictive control, real-time iteration on OSQP
+    "mpc": Mpc,
+    # the smooth pose law (Park and Kuipers): to a pose, or along a path
+    "smooth_pose": SmoothPose,
+    # dynamic window approach (Fox, Burgard and Thrun)
+    "dwa": Dwa,
+    # vector field histogram + (Ulrich and Borenstein)
+    "vfh_plus": VfhPlus,
+    # model predictive path integral control (Williams et al.)
+    "mppi": Mppi,
+    # optimal reciprocal collision avoidance (van den Berg et al.), with full responsibility
+    "orca": Orca,
+    # plans on a map of its own scans, as if what it has not seen were free
+    "scan_planner": ScanPlanner,
+    # Theta* on the whole map, then a tracker: the privileged upper reference
+    "astar_tracker": AstarTracker,
 }
 
 

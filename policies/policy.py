@@ -49,6 +49,23 @@ def check_gain(
     raise ValueError(f"{type(policy).__name__}: {name} must be {wanted}, got {value!r}")
 
 
+def check_holonomic(policy: Policy, briefing: Briefing) -> None:
+    """Raises ValueError, naming policy and robot, unless the robot can drive sideways."""
+    if not briefing.robot.holonomic:
+        raise ValueError(
+            f"{type(policy).__name__} drives omni robots only; robot {briefing.robot.name!r} cannot go sideways"
+        )
+
+
+def check_scan(policy: Policy, ranges: Array, briefing: Briefing) -> None:
+    """Raises ValueError, naming the policy and both numbers, unless a scan (b, n) has a range for each beam."""
+    beams = len(briefing.beam_angles)
+    if not beams:
+        raise ValueError(f"{type(policy).__name__} needs a range scan; num_beams is 0 and must be at least 1")
+    if ranges.shape[-1] != beams:
+        raise ValueError(f"{type(policy).__name__}: ranges has {ranges.shape[-1]} values, the scan has {beams} beams")
+
+
 class Pilot:
     """Drives an environment, single or native vector, with a policy.
 

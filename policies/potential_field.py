@@ -12,6 +12,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import nearest_surface
 from wayfield.policies.policy import check_gain
+from wayfield.policies.steering import velocity_twists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +31,8 @@ class PotentialField:
     Obstacles and robot are points here. The force jumps by k_rep / tau^3 where the influence begins; as printed there
     is no speed limit but the wheels'. With an obstacle on the straight way the field as printed never arrives: it
     bounces (tau up to 1 m) or rests at a saddle. `stop_radius` 0.25 m and `max_speed` 0.3 m/s reproduce where the
-    document's real robots stopped. tau and tau_l are not printed. Holonomic robots only.
+    document's real robots stopped. tau and tau_l are not printed. A differential drive, which the document does not
+    have, turns towards the force and drives forward with what of it lies ahead.
 
     Source: document C (four-omni-wheel robot).
     """
@@ -42,6 +44,7 @@ class PotentialField:
     escape: bool = False
     max_speed: float = math.inf  # m/s
     stop_radius: float = 0.0  # m, from the goal
+    turn_gain: float = 2.0  # 1/s, with which a differential drive turns towards the force
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -50,6 +53,7 @@ class PotentialField:
         for name in ("k_att", "k_rep", "tau", "tau_l"):
             check_gain(self, name, above=0.0)
         check_gain(self, "max_speed", above=0.0, finite=False)
+        check_gain(self, "turn_gain", above=0.0)
         check_gain(self, "stop_radius", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
@@ -59,7 +63,7 @@ class PotentialField:
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, 3): m/s, m/s, rad/s."""
+        """Returns the twists (b, t): m/s and rad/s."""
         assert briefing.obstacles is not None
         to_goal = world_from_body(observation.goal, observation.pose)
         away = observation.pose[:, None, :2] - np.stack([briefing.obstacles["x"], briefing.obstacles["y"]], axis=-1)
@@ -80,9 +84,13 @@ class PotentialField:
             turned = memory[:, None] * np.column_stack([repulsion[:, 1], -repulsion[:, 0]])
             force += np.where(trapped[:, None], turned, 0.0)
         force *= np.minimum(1.0, self.max_speed / np.maximum(norm(force), 1e-12))[:, None]
-        turn = self.k_att * observation.goal_heading_error
-        resting = norm(to_goal) <= self.stop_radius
-        return np.where(resting[:, None], 0.0, np.column_stack([body_from_world(force, observation.pose), turn]))
+        twists = velocity_twists(
+            briefing.robot,
+            body_from_world(force, observation.pose),
+            observation.goal_heading_error,
+            self.k_att if briefing.robot.holonomic else self.turn_gain,
+        )
+        return np.where((norm(to_goal) <= self.stop_radius)[:, None], 0.0, twists)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +107,8 @@ class CorrectedField:
     goal that lies close to an obstacle. While the first part of F_rep opposes the way to the goal it is turned by 90
     degrees instead, towards the goal's side of the obstacle, which leaves no point where the forces cancel; the side is
     kept until the obstacle is passed. The sum is cut to max_speed. Traps deeper than the field sees, such as a U around
-    the goal, still hold it. Holonomic robots only.
+    the goal, still hold it. An omni base drives the force as a velocity; a differential drive turns towards it and
+    drives forward with what of it lies ahead.
 
     Source: Khatib, IJRR 5(1), 1986, eq. 18; Ge and Cui, IEEE T-RA 16(5), 2000, eqs. 7-10.
     """
@@ -108,12 +117,13 @@ class CorrectedField:
     eta: float = 0.02  # m^2/s
     rho_0: float = 0.6  # m, range of the repulsion
     max_speed: float = 0.3  # m/s
+    turn_gain: float = 2.0  # 1/s, with which a differential drive turns towards the force
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
 
     def __post_init__(self) -> None:
-        for name in ("k", "eta", "rho_0", "max_speed"):
+        for name in ("k", "eta", "rho_0", "max_speed", "turn_gain"):
             check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
@@ -123,7 +133,7 @@ class CorrectedField:
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, 3): m/s, m/s, rad/s."""
+        """Returns the twists (b, t): m/s and rad/s."""
         to_goal = world_from_body(observation.goal, observation.pose)
         force = np.empty_like(to_goal)
         corrected_forces(
@@ -139,7 +149,12 @@ class CorrectedField:
             memory,
             force,
         )
-        return np.column_stack([body_from_world(force, observation.pose), self.k * observation.goal_heading_error])
+        return velocity_twists(
+            briefing.robot,
+            body_from_world(force, observation.pose),
+            observation.goal_heading_error,
+            self.k if briefing.robot.holonomic else self.turn_gain,
+        )
 
 
 @compiled

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_holonomic
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,12 @@ class Waypoint:
         check_gain(self, "final_tolerance", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the index of the waypoint that each robot drives to, (b,)."""
+        """Returns the index of the waypoint that each robot drives to, (b,).
+
+        Raises:
+            ValueError: if the robot is no omni robot.
+        """
+        check_holonomic(self, briefing)
         return np.zeros(briefing.num_envs, np.int64)
 
     def act(

@@ -18,10 +18,13 @@ from wayfield.policies import POLICIES, Pilot
 
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
-ID_OF = {path_following.Observation: PATH_ID, goal_reaching.Observation: GOAL_ID}
-EVERY_PAIR = [(name, ID_OF[kind]) for name in POLICIES for kind in policies.make(name).observes]
+OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
+DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
+IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
+IDS_OF = {path_following.Observation: (PATH_ID, OMNI_PATH_ID), goal_reaching.Observation: (GOAL_ID, DIFF_GOAL_ID)}
+EVERY_PAIR = [(name, env_id) for name in POLICIES for kind in policies.make(name).observes for env_id in IDS_OF[kind]]
 every_policy = pytest.mark.parametrize("name", POLICIES)
-every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:13]}" for a, b in EVERY_PAIR])
+every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:-3]}" for a, b in EVERY_PAIR])
 
 
 # By name.
@@ -35,7 +38,7 @@ def test_a_policy_is_a_frozen_dataclass_that_says_what_it_is(name: str) -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(policy, field, 1.0)
     assert policy.knows in KNOWS
-    assert set(policy.observes) <= set(ID_OF)
+    assert set(policy.observes) <= set(IDS_OF)
     assert policies.make(name) == policy
     assert all(field.default is not dataclasses.MISSING for field in dataclasses.fields(policy))  # type: ignore[arg-type]
     # not the signature that dataclasses write where there is no docstring
@@ -166,7 +169,7 @@ def test_memory_lies_in_reset_alone(name: str, env_id: str) -> None:
 
 @every_policy
 def test_rows_are_reset_one_by_one(name: str) -> None:
-    env_id = ID_OF[policies.make(name).observes[-1]]
+    env_id = IDS_OF[policies.make(name).observes[-1]][0]
     env: Any = gymnasium.make_vec(env_id, 3)
     seen, _ = env.reset(seed=0)
     pilot = Pilot(policies.make(name), env)
@@ -198,21 +201,19 @@ def test_a_policy_for_another_task_is_refused(name: str, env_id: str) -> None:
 # What they are told.
 
 
-@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("knows", KNOWS)
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, make: Any) -> None:
     env = make(env_id).unwrapped
     env.reset(seed=0)
     told = env.briefing(knows)
-    course = {
-        PATH_ID: (told.paths, told.path_index),
-        GOAL_ID: (told.goals, told.num_goals),
-    }
-    other = {PATH_ID: GOAL_ID, GOAL_ID: PATH_ID}[env_id]
-    assert all(part is None for part in course[other])
-    assert all((part is None) == (knows == "sensors") for part in course[env_id])
-    assert (told.obstacles is None) == (told.num_obstacles is None) == (knows != "map")
+    path, goal = (told.paths, told.path_index), (told.goals, told.num_goals)
+    own, other = (path, goal) if env_id in IDS_OF[path_following.Observation] else (goal, path)
+    assert all(part is None for part in other)
+    assert all((part is None) == (knows == "sensors") for part in own)
+    for part in (told.obstacles, told.num_obstacles, told.patrols):
+        assert (part is None) == (knows != "map")
     with pytest.raises(ValueError, match="knows='everything' is unknown"):
         env.briefing("everything")
 
@@ -249,7 +250,7 @@ def test_each_row_is_told_of_its_own_path() -> None:
 # What they do.
 
 
-@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@pytest.mark.parametrize("env_id", IDS)
 def test_zero_stands_still_and_random_uses_all_that_the_robot_can(env_id: str) -> None:
     env: Any = gymnasium.make_vec(env_id, 50)
     seen, _ = env.reset(seed=0)

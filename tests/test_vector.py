@@ -16,6 +16,10 @@ import wayfield  # noqa: F401  registers the environments
 
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
+OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
+DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
+IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
+every_id = pytest.mark.parametrize("env_id", IDS)
 
 # Short clocks and a full tilt at whatever stands in the way: both kinds of end come often.
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -32,6 +36,12 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "goal-waypoints": (GOAL_ID, {"scenario": "omni3_waypoints", "end_on_success": False, "num_beams": 0}),
     "goal-open": (GOAL_ID, {"scenario": "open_field", "robot": "omni4", "field_of_view": 3.0}),
     "goal-pymunk": (GOAL_ID, {"dynamics": "pymunk", "noise": 1.0, "actuators": "lagged"}),
+    "omni-path": (OMNI_PATH_ID, {"noise": 1.0}),
+    "omni-path-omni4-odometry": (OMNI_PATH_ID, {"robot": "omni4", "pose_source": "odometry", "actuators": "slow"}),
+    "omni-path-pymunk": (OMNI_PATH_ID, {"dynamics": "pymunk", "pose_source": "odometry_uncorrected"}),
+    "diff-goal": (DIFF_GOAL_ID, {"noise": 1.0}),
+    "diff-goal-wheels-severe": (DIFF_GOAL_ID, {"action_mode": "wheel_speeds", "disturbance": "severe"}),
+    "diff-goal-pymunk": (DIFF_GOAL_ID, {"dynamics": "pymunk", "actuators": "lagged", "pose_source": "odometry"}),
     "goal-pymunk-pushing": (GOAL_ID, {"dynamics": "pymunk", "scenario": "push_box", "end_on_contact": False}),
 }
 # where nothing but the clock, or a goal that random motion does not find, ends an episode
@@ -151,6 +161,29 @@ def test_seeds_by_row(autoreset_mode: str) -> None:
     assert env.reset()[0][0].tobytes() == single.reset()[0].tobytes()
 
 
+@every_id
+def test_an_option_of_reset_chooses_the_scenario_of_each_row(env_id: str) -> None:
+    env: Any = gymnasium.make_vec(env_id, 3, noise=1.0, max_episode_steps=4)
+    single: Any = gymnasium.make(env_id, noise=1.0, max_episode_steps=4)
+    for chosen in ([5, 0, 63], np.array([7, 8, 9]), (1, 1, 2), 4, np.int32(6)):
+        first, _ = env.reset(seed=3, options={"scenario": chosen})
+        rows = np.broadcast_to(chosen, 3).tolist()
+        assert env.batch.states["scenario"].tolist() == rows
+        for i, k in enumerate(rows):
+            assert first[i].tobytes() == single.reset(seed=3 + i, options={"scenario": k})[0].tobytes()
+    # what follows is drawn again, as without the option
+    following = []
+    for options in ({"scenario": 4}, None, {}):
+        env.reset(seed=3, options=options)
+        for _ in range(5):
+            env.step(np.zeros(env.action_space.shape, np.float32))
+        following.append(env.batch.states["scenario"].tolist())
+    assert following[0] == following[1] == following[2] != [4, 4, 4]
+    for bad in ([1, 2], [1, 2, 64], [0, 0, -1], [1.0, 2.0, 3.0], 64, True, None, "a"):
+        with pytest.raises(ValueError, match=r"options\['scenario'\] must be an int or 3 ints from 0 to 63, got"):
+            env.reset(options={"scenario": bad})
+
+
 def test_next_step_resets_move_nothing(tmp_path: Path) -> None:
     file = tmp_path / "wall.json"
     ahead = {"kind": "wall", "x1": 1.0, "y1": -9.0, "x2": 1.0, "y2": 9.0}
@@ -218,7 +251,7 @@ def test_asynchronous_workers_that_are_spawned_say_the_same() -> None:
 # What is refused.
 
 
-@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@every_id
 @pytest.mark.parametrize(("spoil", "error"), [(math.nan, ValueError), (math.inf, ValueError), ("text", TypeError)])
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
 def test_one_bad_row_moves_no_robot(env_id: str, spoil: Any, error: type[Exception], dynamics: str) -> None:
@@ -251,7 +284,7 @@ def test_the_action_of_a_row_that_is_being_reset_does_not_matter() -> None:
 
 
 def test_arguments_are_checked() -> None:
-    for env_id in (PATH_ID, GOAL_ID):
+    for env_id in IDS:
         with pytest.raises(ValueError, match="num_envs must be a whole number >= 1, got 0"):
             gymnasium.make_vec(env_id, 0)
         with pytest.raises(ValueError, match=r"autoreset_mode='Samestep' is unknown\. Did you mean 'SameStep'"):
@@ -267,7 +300,7 @@ def test_arguments_are_checked() -> None:
             env.reset(seed=[1, 2, 3])
 
 
-@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
+@every_id
 @pytest.mark.parametrize("clock", [62, 63, 64, 127])
 def test_an_episode_may_end_with_its_block_of_noise(env_id: str, clock: int) -> None:
     native = gymnasium.make_vec(env_id, num_envs=2, noise=1.0, max_episode_steps=clock)

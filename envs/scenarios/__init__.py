@@ -1,27 +1,34 @@
 """Scenarios: the courses of the source documents, random families, and the user's own files.
 
-`path_scenarios` and `goal_scenarios` return the bank of scenarios that an environment draws from at each
-reset. The modules: `scenario` (what a scenario is), `obstacles` and `curves` (what it is built from),
-`path_presets`, `goal_presets` and `fields` (the names), `tables` and `files` (the user's files), `bank` (all
-of them by name).
+`path_scenarios` and `goal_scenarios` return the bank of scenarios that an environment draws from at each reset; `split`
+returns a frozen split of a family. The modules: `scenario` (what a scenario is), `obstacles` and `curves` (what it is
+built from), `path_presets`, `goal_presets` and `fields` (the names), `path_families` and `goal_families` (from a seed,
+with `draws` and `tracing`), `splits` (frozen seeds; `freeze` writes them, with the searches of `ways`), `tables` and
+`files` (the user's files), `bank` (all of them by name).
 """
 
 from wayfield.envs.scenarios.bank import goal_scenarios, path_scenarios
 from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
-from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
+from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
+from wayfield.envs.scenarios.splits import FAMILIES, SPLITS, TIERS, split
 
 __all__ = [
+    "FAMILIES",
     "GOAL_SCENARIOS",
     "PATH_SCENARIOS",
+    "SPLITS",
+    "TIERS",
     "GoalScenario",
     "PathScenario",
     "box",
     "check_clear",
     "circle",
     "goal_scenarios",
+    "moving_circle",
     "obstacle_field",
     "path_scenarios",
+    "split",
     "wall",
 ]

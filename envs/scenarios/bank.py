@@ -1,13 +1,16 @@
-"""The banks of scenarios that the environments draw from, by name or from the user's file."""
+"""The banks of scenarios that the environments draw from: by name, from a frozen split, or from the user's file."""
 
 import functools
 import os
 from collections.abc import Iterable
+from typing import Any
 
 from wayfield.envs.scenarios.files import goal_scenario_from_file, path_scenario_from_file
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
 from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
+from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.scenarios.validation import checked_number, suggestion
 
@@ -18,7 +21,9 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
     """Returns the path-following scenarios of a name: one, or the many of a random family.
 
     Args:
-        name: a name of PATH_SCENARIOS, or a .csv, .txt or .json file; see `path_scenario_from_file`.
+        name: a name of PATH_SCENARIOS; a family of FAMILIES["path_following"] or "all", as it is for its training
+            split or with "/train", "/validation" or "/test" behind it; or a .csv, .txt or .json file; see
+            `path_scenario_from_file`.
         scale: multiplies the positions of paths and starts, not the corridor or the start offsets.
 
     Raises:
@@ -28,8 +33,10 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
     scale = checked_number("scale", scale, above=0.0)
     if isinstance(name, str) and name in PATH_SCENARIOS:
         return _named_path_scenarios(name, scale)
+    if (frozen := _frozen_split("path_following", name)) is not None:
+        return frozen if scale == 1.0 else tuple(scenario.scaled(scale) for scenario in frozen)
     if not _means_file(name):
-        raise _unknown("path", name, PATH_SCENARIOS)
+        raise _unknown("path", name, (*PATH_SCENARIOS, *families("path_following")))
     return (path_scenario_from_file(os.fspath(name), scale),)
 
 
@@ -37,7 +44,8 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
     """Returns the goal-reaching scenarios of a name: one, or the many of a random family.
 
     Args:
-        name: a name of GOAL_SCENARIOS, or a .json file; see `goal_scenario_from_file`.
+        name: a name of GOAL_SCENARIOS; a family of FAMILIES["goal_reaching"] or "all", as it is for its training split
+            or with "/train", "/validation" or "/test" behind it; or a .json file; see `goal_scenario_from_file`.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -47,8 +55,14 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
     hull_radius = checked_number("hull_radius", hull_radius, above=0.0)
     if isinstance(name, str) and name in GOAL_SCENARIOS:
         return _named_goal_scenarios(name, hull_radius)
+    if (frozen := _frozen_split("goal_reaching", name)) is not None:
+        if hull_radius > LARGEST_HULL:
+            raise ValueError(
+                f"hull_radius is {hull_radius:g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
+            )
+        return frozen
     if not _means_file(name):
-        raise _unknown("goal", name, GOAL_SCENARIOS)
+        raise _unknown("goal", name, (*GOAL_SCENARIOS, *families("goal_reaching")))
     scenario = goal_scenario_from_file(os.fspath(name))
     try:
         check_clear(scenario, hull_radius)
@@ -73,6 +87,23 @@ def _named_goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, 
     return bank
 
 
+def _frozen_split(task: str, name: str) -> tuple[Any, ...] | None:
+    """Returns the scenarios of a split's name, "family" or "family/split"; None when it names no family.
+
+    Raises:
+        ValueError: if the family has no such split, or the split is damaged.
+    """
+    if not isinstance(name, str):
+        return None
+    family, slash, part = name.partition("/")
+    if family not in families(task) or _has_suffix(part):
+        return None
+    if slash and part not in SPLITS:
+        near = suggestion(part, SPLITS)
+        raise ValueError(f"{family!r} has no split {part!r}; the splits are {', '.join(SPLITS)}.{near}")
+    return split(task, family, part or "train")
+
+
 def _means_file(name: str) -> bool:
     """Returns whether a name that is not registered is meant as a file.
 
@@ -81,11 +112,17 @@ def _means_file(name: str) -> bool:
     """
     if not isinstance(name, str | os.PathLike):
         raise ValueError(f"scenario must be a name or a file, got {name!r}")
-    return os.path.splitext(name)[1].lower() in _FILE_SUFFIXES or os.path.exists(name)
+    return _has_suffix(name) or os.path.exists(name)
+
+
+def _has_suffix(name: str) -> bool:
+    return os.path.splitext(name)[1].lower() in _FILE_SUFFIXES
 
 
 def _unknown(task: str, name: str, known: Iterable[str]) -> ValueError:
+    family, _, part = os.fspath(name).partition("/")
+    near = suggestion(family, known).replace("'?", f"/{part}'?") if part in SPLITS else suggestion(name, known)
     return ValueError(
-        f"unknown {task} scenario {name!r}.{suggestion(name, known)} The names are {', '.join(known)}; "
-        f"a file is named by its path and ends in {', '.join(_FILE_SUFFIXES)}."
+        f"unknown {task} scenario {name!r}.{near} The names are {', '.join(known)}; families end in /train, "
+        f"/validation or /test if wanted; a file is named by its path and ends in {', '.join(_FILE_SUFFIXES)}."
     )

@@ -9,7 +9,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from wayfield.envs.paths import Path
-from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
+from wayfield.envs.patrols import PATROL
+from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table, read_text
 from wayfield.envs.scenarios.validation import FARTHEST, checked_numbers, shown, suggestion
@@ -64,7 +65,8 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
 
     It holds one object: "goal" [x, y, heading], and as wanted "start" [x, y, heading], "waypoints" [[x, y],
     ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and the arguments of the
-    constructor of that name), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and
+    constructor of that name; a circle may have a "patrol", an object with the further arguments of
+    `moving_circle`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and
     "waypoint_radius", with the meaning and defaults of `GoalScenario`.
 
     Raises:
@@ -80,9 +82,10 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
     for field in ("waypoints", "obstacles"):
         if not isinstance(fields.get(field, []), list):
             raise _fault(file, f"{field} is {shown(fields[field])}; it must be a list")
-    obstacles = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
+    records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
+    patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
-        return GoalScenario(name, **fields, obstacles=obstacle_field(*obstacles))
+        return GoalScenario(name, **fields, obstacles=obstacle_field(*(each for each, _ in records)), patrols=patrols)
     except ValueError as error:
         raise _fault(file, error) from None
 
@@ -109,8 +112,8 @@ def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:
     return Path([(x * scale, y * scale) for x, y in pairs] or np.empty((0, 2)), bool(closed))
 
 
-def _obstacle(file: str, place: str, value: Any) -> np.void:
-    """Returns the record of one entry of a goal scenario's obstacles."""
+def _obstacle(file: str, place: str, value: Any) -> tuple[np.void, np.void]:
+    """Returns the OBSTACLE and the PATROL record of one entry of a goal scenario's obstacles."""
     if not isinstance(value, dict):
         raise _fault(file, f"{place} is {shown(value)}; it must be an object with a kind")
     arguments = dict(value)
@@ -118,13 +121,27 @@ def _obstacle(file: str, place: str, value: Any) -> np.void:
     if not isinstance(kind, str) or kind not in _OBSTACLE_KINDS:
         near = suggestion(kind, _OBSTACLE_KINDS) if isinstance(kind, str) else ""
         raise _fault(file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}")
-    parameters = inspect.signature(_OBSTACLE_KINDS[kind]).parameters
-    required = [name for name, parameter in parameters.items() if parameter.default is parameter.empty]
-    _check_keys(file, f"{place}.", arguments, parameters, required)
+    patrol = arguments.pop("patrol", None) if kind == "circle" else None
+    _check_arguments(file, f"{place}.", arguments, _OBSTACLE_KINDS[kind])
     try:
-        return _OBSTACLE_KINDS[kind](**arguments)
+        if patrol is None:
+            return _OBSTACLE_KINDS[kind](**arguments), np.zeros(1, PATROL)[0]
+        if not isinstance(patrol, dict):
+            raise ValueError(f"patrol is {shown(patrol)}; it must be an object")
+        if arguments.pop("mass", 0.0) != 0.0:
+            raise ValueError("a circle with a patrol cannot have a mass")
+        of_patrol = [name for name in inspect.signature(moving_circle).parameters if name not in arguments]
+        _check_keys(file, f"{place}.patrol.", patrol, of_patrol, of_patrol[:-1])
+        return moving_circle(**arguments, **patrol)
     except ValueError as error:
-        raise _fault(file, f"{place}: {error}") from None
+        raise _fault(file, error if str(error).startswith(f"{file}:") else f"{place}: {error}") from None
+
+
+def _check_arguments(file: str, place: str, fields: dict[str, Any], make: Callable[..., np.void]) -> None:
+    """Refuses an object that does not hold what a constructor takes."""
+    parameters = inspect.signature(make).parameters
+    required = [name for name, parameter in parameters.items() if parameter.default is parameter.empty]
+    _check_keys(file, place, fields, parameters, required)
 
 
 def _check_keys(

@@ -1,11 +1,15 @@
-"""Circles, boxes and walls as OBSTACLE records. A mass of 0 fixes an obstacle to the floor."""
+"""Circles, boxes and walls as OBSTACLE records, and how a circle moves as a PATROL record.
+
+A mass of 0 fixes an obstacle to the floor, or to its patrol.
+"""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.geometry import OBSTACLE, sin_cos
+from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.scenarios.validation import checked_number
 
 
@@ -41,11 +45,11 @@ def box(x: float, y: float, length: float, width: float, heading: float = 0.0, m
     Raises:
         ValueError: if a value is not finite or out of its range; the message names field and value.
     """
-    heading = checked_number("box heading", heading)
+    sine, cosine = sin_cos(checked_number("box heading", heading))
     return _record(
         checked_number("box x", x),
         checked_number("box y", y),
-        direction=(math.cos(heading), math.sin(heading)),
+        direction=(cosine, sine),
         half_length=checked_number("box length", length, above=0.0) / 2,
         half_width=checked_number("box width", width, above=0.0) / 2,
         mass=checked_number("box mass", mass, least=0.0),
@@ -74,6 +78,34 @@ def wall(x1: float, y1: float, x2: float, y2: float) -> np.void:
         direction=((x2 - x1) / length, (y2 - y1) / length),
         half_length=length / 2,
     )
+
+
+def moving_circle(
+    x: float, y: float, radius: float, vx: float, vy: float, leg_time: float, phase: float = 0.0
+) -> tuple[np.void, np.void]:
+    """Returns the OBSTACLE and the PATROL record of a disc that goes to and fro on a line, whatever it meets.
+
+    Args:
+        x, y: centre where the first leg begins, m.
+        radius: m, above 0.
+        vx, vy: velocity on the first leg, m/s; the next is the way back.
+        leg_time: s, of one leg, above 0.
+        phase: s, how far into the patrol the disc is when the episode starts.
+
+    Raises:
+        ValueError: if a value is not finite or out of its range; the message names field and value.
+    """
+    values = (
+        checked_number("circle x", x),
+        checked_number("circle y", y),
+        checked_number("patrol vx", vx),
+        checked_number("patrol vy", vy),
+        checked_number("patrol leg_time", leg_time, above=0.0),
+        checked_number("patrol phase", phase, least=0.0),
+    )
+    patrol: np.void = np.array([values], PATROL)[0]
+    x, y, _, _ = patrol_at(patrol, 0.0)
+    return circle(x, y, radius), patrol
 
 
 def obstacle_field(*obstacles: np.void) -> NDArray[np.void]:

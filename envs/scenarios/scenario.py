@@ -1,6 +1,7 @@
-"""What an episode is about: the path or the goal, where the robot starts, what stands in the way."""
+"""What an episode is about: the path or the goal, where the robot starts, what stands or moves in the way."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.geometry import OBSTACLE, clearance_to
 from wayfield.envs.paths import Path
+from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.scenarios.obstacles import described, obstacle_field
 from wayfield.envs.scenarios.validation import FARTHEST, checked_number, checked_numbers, shown
 
@@ -29,6 +31,9 @@ class PathScenario:
     start_offset: float = 0.0  # m, the lateral start offset is drawn from [-start_offset, start_offset]
     start_turn: float = 0.0  # rad, the start heading is turned by a draw from [-start_turn, start_turn]
     corridor: float = 1.0  # m, the episode fails when |cross-track error| exceeds it
+    family: str = ""  # the family of a frozen split that it belongs to
+    tier: str = ""  # "easy", "medium" or "hard" within the task
+    quantity: float = math.nan  # what the tier is read from: the sharpness of the path, 1/m
 
     def __post_init__(self) -> None:
         if not (np.abs(self.path.points) <= FARTHEST).all():
@@ -52,10 +57,13 @@ class PathScenario:
             )
 
     def scaled(self, scale: float) -> "PathScenario":
-        """Returns the scenario with the positions of path and start multiplied; offsets and corridor stay."""
+        """Returns the scenario with the positions of path and start multiplied; offsets and corridor stay.
+
+        It has no tier: a larger path has wider bends.
+        """
         path = Path(self.path.points * scale, self.path.closed)
         start = self.start and (self.start[0] * scale, self.start[1] * scale, self.start[2])
-        return dataclasses.replace(self, path=path, start=start)
+        return dataclasses.replace(self, path=path, start=start, tier="", quantity=math.nan)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,6 +85,11 @@ class GoalScenario:
     position_tolerance: float = 0.1  # m
     heading_tolerance: float = 0.1  # rad; pi accepts every heading
     waypoint_radius: float = 0.5  # m, a waypoint counts as passed within it
+    # PATROL records, shape (m,), read-only: how each obstacle moves; leg_time 0 where it stands. None: all stand
+    patrols: NDArray[np.void] = dataclasses.field(default_factory=lambda: np.empty(0, PATROL))
+    family: str = ""  # the family of a frozen split that it belongs to
+    tier: str = ""  # "easy", "medium" or "hard" within the task
+    quantity: float = math.nan  # what the tier is read from: the room on the way, m
 
     def __post_init__(self) -> None:
         _settle(self, "goal", checked_numbers("goal", self.goal, 3, "x, y, heading"))
@@ -84,6 +97,7 @@ class GoalScenario:
         waypoints = [checked_numbers(f"waypoints[{i}]", p, 2, "x, y") for i, p in enumerate(self.waypoints)]
         _settle(self, "waypoints", tuple(waypoints))
         _settle(self, "obstacles", _checked_obstacles(self.obstacles))
+        _settle(self, "patrols", _checked_patrols(self.patrols, self.obstacles))
         for field in ("start_offset", "start_turn"):
             _settle(self, field, checked_number(field, getattr(self, field), least=0.0))
         for field in ("position_tolerance", "heading_tolerance", "waypoint_radius"):
@@ -141,6 +155,35 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
                 + (" and at least 0" if name in sizes else "")
             )
     return field
+
+
+def _checked_patrols(patrols: Any, obstacles: NDArray[np.void]) -> NDArray[np.void]:
+    """Returns a read-only copy of PATROL records, one an obstacle; none at all mean that every obstacle stands.
+
+    Raises:
+        ValueError: if a record is not finite, is another obstacle's, or moves what cannot move.
+    """
+    if getattr(patrols, "dtype", None) != PATROL or patrols.ndim != 1 or len(patrols) not in (0, len(obstacles)):
+        raise ValueError(f"patrols is {shown(patrols)}; it must be an array of PATROL records, one an obstacle")
+    records = patrols.copy() if len(patrols) else np.zeros(len(obstacles), PATROL)
+    for name in PATROL.names or ():
+        bad = np.flatnonzero(~np.isfinite(records[name]) | ((records[name] < 0.0) & (name == "leg_time")))
+        if len(bad):
+            raise ValueError(
+                f"patrols[{bad[0]}].{name} is {records[name][bad[0]]}; it must be finite"
+                + (" and at least 0" if name == "leg_time" else "")
+            )
+    for j in np.flatnonzero(records["leg_time"]):
+        obstacle = obstacles[j]
+        if obstacle["half_length"] > 0.0 or obstacle["half_width"] > 0.0 or obstacle["mass"] > 0.0:
+            raise ValueError(f"obstacles[{j}] ({described(obstacle)}) has a patrol; only a circle of mass 0 moves")
+        x, y, _, _ = patrol_at(records[j], 0.0)
+        if max(abs(x - obstacle["x"]), abs(y - obstacle["y"])) > 1e-9:
+            raise ValueError(
+                f"obstacles[{j}] ({described(obstacle)}) is not where its patrol begins, at ({x:g}, {y:g})"
+            )
+    records.setflags(write=False)
+    return records
 
 
 def _distance_to(path: Path, x: float, y: float) -> float:

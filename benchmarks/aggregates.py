@@ -1,0 +1,64 @@
+"""Aggregates over episodes: the interquartile mean, its bootstrap interval, and how often one policy beats another.
+
+The definitions are those of Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice"
+(NeurIPS 2021), where a stratum is here a family of scenarios.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RESAMPLES = 2_000
+
+
+def iqm(values: Array) -> Array:
+    """Returns the interquartile mean over the last axis: the mean without the lowest and the highest quarter."""
+    return np.asarray(scipy.stats.trim_mean(values, 0.25, axis=-1))
+
+
+def mean(values: Array) -> Array:
+    """Returns the mean over the last axis."""
+    return np.asarray(np.mean(values, axis=-1))
+
+
+def interval(
+    values: Sequence[float], strata: Sequence[str], statistic: Callable[[Array], Array], seed: int = 0
+) -> tuple[float, float]:
+    """Returns the 95 % stratified-bootstrap percentile interval of a statistic of the values.
+
+    Args:
+        values: one number an episode, finite.
+        strata: the stratum of each; every resample draws as many from each stratum as there are.
+        statistic: reduces the last axis, such as `iqm`.
+        seed: of the resampling.
+
+    Raises:
+        ValueError: if there are no values, or not as many strata.
+    """
+    array, names = np.asarray(values, np.float64), np.asarray(strata)
+    if not len(array) or len(array) != len(names):
+        raise ValueError(f"an interval needs as many values as strata and at least one, got {len(array)}, {len(names)}")
+    rng = np.random.default_rng(seed)
+    drawn = [
+        rng.choice(array[names == name], (RESAMPLES, int((names == name).sum())), axis=-1) for name in np.unique(names)
+    ]
+    low, high = np.percentile(statistic(np.concatenate(drawn, axis=-1)), [2.5, 97.5])
+    return float(low), float(high)
+
+
+def better(success_a: Array, cost_a: Array, success_b: Array, cost_b: Array) -> Array:
+    """Returns for each pair of episodes 1 where A did better, 0 where B did, 0.5 where neither.
+
+    Success comes first; between two successes the lower cost wins; two failures are a draw.
+
+    Args:
+        success_a, success_b: (n,) 0 or 1, in the same scenarios.
+        cost_a, cost_b: (n,) such as the time or the error; lower is better.
+    """
+    by_cost = np.where(cost_a < cost_b, 1.0, np.where(cost_a > cost_b, 0.0, 0.5))
+    both = np.where((success_a == 1.0) & (success_b == 1.0), by_cost, 0.5)
+    return np.where(success_a > success_b, 1.0, np.where(success_a < success_b, 0.0, both))

@@ -1,0 +1,130 @@
+"""The contests: policies against each other on frozen test scenarios, in the order of their tables. Pure data.
+
+Every policy meets the same scenarios, starts and disturbances. Gains called "default" are those of the policy's file,
+"tuned" those that were found on the validation split (see `tune`).
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from wayfield import policies
+from wayfield.benchmarks.cases import (
+    DIFF_DRIVE_GOAL_REACHING,
+    GOAL_REACHING,
+    OMNI_PATH_FOLLOWING,
+    PATH_FOLLOWING,
+    Case,
+)
+from wayfield.envs.scenarios import splits
+from wayfield.policies.lookahead import Lookahead
+
+PATH_POLICIES = (
+    *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "smooth_pose"),
+    *("stanley", "lqr", "mpc"),
+)
+GOAL_POLICIES = (
+    *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "orca", "scan_planner", "astar_tracker"),
+)
+TRANSFER_SPLIT = "validation"  # on which gains are tuned: the generalisation gap is the score here minus that on test
+
+
+@dataclasses.dataclass(frozen=True)
+class Contest:
+    """A task's contest: who takes part, where, and what counts."""
+
+    name: str
+    title: str
+    task: str  # of the splits
+    env_ids: Mapping[str, str]  # by robot; the first is the default
+    policies: tuple[str, ...]
+    env_kwargs: Mapping[str, Any]
+    max_episode_steps: int
+    cost: str  # the metric by which two successes are compared; lower is better
+
+    def cases(
+        self,
+        robot: str,
+        family: str,
+        split: str,
+        names: Sequence[str],
+        gains_names: Sequence[str] = ("default", "tuned"),
+        disturbance: str = "none",
+        speed: float | None = None,
+    ) -> Iterator[Case]:
+        """Yields a case for each policy and each set of its gains, on all scenarios of a family's split.
+
+        Args:
+            disturbance: a level of the ladder.
+            speed: m/s, a cruising speed in place of the policy's own.
+        """
+        for name in names:
+            for gains_name in gains_names:
+                if gains_name == "tuned" and not policies.tuned_gains(name, self.name):
+                    continue
+                gains = policies.tuned_gains(name, self.name) if gains_name == "tuned" else {}
+                conditions = {"robot": robot} | ({} if disturbance == "none" else {"disturbance": disturbance})
+                if speed is not None:
+                    gains |= cruising(name, gains, speed)
+                yield Case(
+                    self.name,
+                    family,
+                    self.env_ids[robot],
+                    f"{family}/{split}",
+                    name,
+                    gains,
+                    {**self.env_kwargs, **conditions},
+                    self.max_episode_steps,
+                    gains_name=gains_name,
+                    speed=speed,
+                    every_scenario=True,
+                )
+
+
+CONTESTS = {
+    contest.name: contest
+    for contest in (
+        Contest(
+            "path-following",
+            "Path following",
+            "path_following",
+            {"p3dx": PATH_FOLLOWING, "omni3": OMNI_PATH_FOLLOWING, "omni4": OMNI_PATH_FOLLOWING},
+            PATH_POLICIES,
+            {},
+            2400,
+            "cross_track_rms",
+        ),
+        Contest(
+            "goal-obstacles",
+            "Goal reaching among obstacles",
+            "goal_reaching",
+            {"p3dx": DIFF_DRIVE_GOAL_REACHING, "omni3": GOAL_REACHING, "omni4": GOAL_REACHING},
+            GOAL_POLICIES,
+            {"num_beams": 72, "max_range": 5.0},
+            1200,
+            "time",
+        ),
+    )
+}
+
+SPEEDS = (0.3, 0.45, 0.6, 0.75, 0.9, 1.05)  # m/s, of the speed-accuracy front
+FRONT_SCENARIOS = 2  # of each family, at each speed
+LADDER_SCENARIOS = 2  # of each family, at each level
+LADDER = ("none", "light", "moderate", "strong", "severe")
+
+
+def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, float]:
+    """Returns the gains that make a policy cruise at a speed (m/s)."""
+    policy: Any = policies.make(name, **gains)
+    if isinstance(policy, Lookahead):
+        # the law settles at v = k_lin L; the retuned gain stays pure pursuit's equivalent
+        k_lin = speed / policy.lookahead_distance
+        return {"k_lin": k_lin} if name == "lookahead_documented" else {"k_lin": k_lin, "k_ang": 2.0 * k_lin}
+    return {"speed" if hasattr(policy, "speed") else "max_speed": speed}
+
+
+def families(contest: Contest, dynamics: str) -> tuple[str, ...]:
+    """Returns the families of a contest's task; those with pushable obstacles need the pymunk plant."""
+    return tuple(
+        family for family in splits.FAMILIES[contest.task] if dynamics == "pymunk" or family not in splits._NEEDS_PYMUNK
+    )

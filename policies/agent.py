@@ -1,0 +1,264 @@
+"""Trained agents: a folder of weights and a card, and the policy that drives with it."""
+
+import dataclasses
+import json
+import math
+import os
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import wayfield.envs  # noqa: F401  registers the ids that cards name
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
+from wayfield.policies.features import Actions, Features, GoalFeatures, Numbers, PathFeatures, Perception
+from wayfield.policies.policy import check_gain
+
+FORMAT = 1  # of the card
+FEATURES: Mapping[str, type[Any]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}
+CARD, WEIGHTS = "card.json", "weights.safetensors"
+
+
+@dataclasses.dataclass(frozen=True)
+class Network:
+    """A multilayer perceptron with tanh between its layers: the mean of the policy that was trained."""
+
+    sizes: NDArray[np.int64]  # (n,) inputs, hidden layers, outputs
+    numbers: Numbers  # layer after layer: weights (inputs, outputs) row by row, then biases
+
+    @classmethod
+    def of(cls, layers: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> "Network":
+        """Returns the network of weights (outputs, inputs) and biases (outputs,), as torch keeps them."""
+        sizes = [layers[0][0].shape[1], *(weight.shape[0] for weight, _ in layers)]
+        pieces = [np.concatenate([weight.T.ravel(), bias]) for weight, bias in layers]
+        return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32))
+
+    def __call__(self, inputs: Numbers) -> Numbers:
+        """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""
+        outputs = np.empty((len(inputs), int(self.sizes[-1])), np.float32)
+        forward(inputs, self.sizes, self.numbers, np.empty((2, int(self.sizes.max())), np.float32), outputs)
+        return outputs
+
+
+@compiled
+def forward(inputs, sizes, numbers, scratch, outputs):
+    """Fills the outputs, row by row: a matrix product would round a row differently in another batch."""
+    for i in range(inputs.shape[0]):
+        for k in range(sizes[0]):
+            scratch[0, k] = inputs[i, k]
+        first = 0
+        for layer in range(sizes.shape[0] - 1):
+            come, go = sizes[layer], sizes[layer + 1]
+            source, target = scratch[layer % 2], scratch[(layer + 1) % 2]
+            for j in range(go):
+                target[j] = numbers[first + come * go + j]
+            for k in range(come):
+                value = source[k]
+                start = first + k * go
+                for j in range(go):
+                    target[j] += value * numbers[start + j]
+            first += (come + 1) * go
+            if layer < sizes.shape[0] - 2:
+                for j in range(go):
+                    target[j] = math.tanh(target[j])
+        for j in range(outputs.shape[1]):
+            outputs[i, j] = scratch[(sizes.shape[0] - 1) % 2, j]
+
+
+@dataclasses.dataclass(frozen=True)
+class Agent:
+    """Drives with a network trained by reinforcement: a = clip(network(features), -1, 1), then `Actions.twists`.
+
+    Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
+    what it saw before where the card asks for several frames. Drives the robot and the scan or preview that its card
+    names, and refuses others.
+    """
+
+    network: Network
+    features: Features
+    actions: Actions
+    card: Mapping[str, Any]
+    speed: float = 0.6  # m/s, the most that it drives
+
+    knows: ClassVar[str] = "sensors"
+
+    def __post_init__(self) -> None:
+        check_gain(self, "speed", above=0.0)
+
+    @property
+    def observes(self) -> tuple[type, ...]:
+        """Returns the observation type of the agent's task."""
+        return (self.features.observation,)
+
+    @property
+    def num_parameters(self) -> int:
+        """Returns how many numbers the network has."""
+        return len(self.network.numbers)
+
+    def perception(self, briefing: Briefing) -> Perception:
+        """Returns how the agent sees under a briefing."""
+        return Perception(self.features, self.actions, len(briefing.robot.twist_axes))
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns an empty memory.
+
+        Raises:
+            ValueError: if robot, control period or scan are not those of the card.
+        """
+        name = self.card.get("name", "an agent")
+        if briefing.robot.name not in self.card["robots"]:
+            raise ValueError(f"{name} drives {', '.join(self.card['robots'])}, not {briefing.robot.name}")
+        if briefing.dt != self.card["dt"]:
+            raise ValueError(f"{name} decides every {self.card['dt']:g} s, not every {briefing.dt:g} s")
+        if isinstance(self.features, GoalFeatures):
+            asked = self.features.num_beams, self.features.max_range
+            given = len(briefing.beam_angles), briefing.max_range
+            if asked != given or abs(briefing.beam_angles[0] + math.pi) > 1e-9:
+                raise ValueError(
+                    f"{name} needs num_beams={asked[0]} over the full circle and max_range={asked[1]:g} m, "
+                    f"got {given[0]} and {given[1]:g} m"
+                )
+        return self.perception(briefing).fresh(briefing.num_envs)
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        perception = self.perception(briefing)
+        speeds = np.full(len(memory), self.speed)
+        inputs, angles = perception.inputs(observation, speeds, memory)
+        actions = np.clip(self.network(inputs), -1.0, 1.0)
+        perception.remember(inputs, actions, memory)
+        return self.actions.twists(actions, speeds, angles, briefing.robot)
+
+
+def save_agent(folder: str | os.PathLike[str], layers: Sequence[tuple[NDArray[Any], NDArray[Any]]], card: Any) -> None:
+    """Writes an agent's folder: weights (outputs, inputs) and biases of its layers, and its card. Whole or not at all."""
+    from safetensors.numpy import save
+
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    tensors = {}
+    for k, (weight, bias) in enumerate(layers):
+        tensors[f"layer_{k}.weight"] = np.ascontiguousarray(weight, np.float32)
+        tensors[f"layer_{k}.bias"] = np.ascontiguousarray(bias, np.float32)
+    write_whole(folder / WEIGHTS, save(tensors))
+    write_whole(folder / CARD, (json.dumps(card, indent=2) + "\n").encode())
+
+
+def write_whole(file: pathlib.Path, content: bytes) -> None:
+    """Writes a file so that at any moment the old or the new content is there, whole."""
+    part = file.with_name(file.name + ".part")
+    try:
+        with open(part, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
+    """Returns the agent of a folder; `speed` (m/s) may take the place of the one it was trained for.
+
+    Only numbers and text are read: no code of the folder runs.
+
+    Raises:
+        ValueError: if a file is missing, damaged or of another kind, or the card is for an environment that this
+            wayfield does not have; the message names the file.
+    """
+    folder = pathlib.Path(folder)
+    card = read_card(folder / CARD)
+    file = folder / WEIGHTS
+    tensors = read_tensors(file)
+    hidden = card["network"]["hidden"]
+    features, actions = card_features(card), Actions(**card["actions"])
+    perception = Perception(features, actions, card["network"]["num_twist"])
+    sizes = [perception.num_inputs, *hidden, actions.size]
+    layers = []
+    for k, (come, go) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+        for part, shape in (("weight", (go, come)), ("bias", (go,))):
+            tensor = tensors.pop(f"layer_{k}.{part}", None)
+            if tensor is None:
+                raise ValueError(f"{file} has no layer_{k}.{part}; it does not belong to {CARD}")
+            if tensor.shape != shape or tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+                raise ValueError(
+                    f"{file}: layer_{k}.{part} must be finite float32 of shape {shape} by {CARD}, got "
+                    f"{tensor.dtype} of shape {tensor.shape}"
+                )
+            layers.append(tensor)
+    if tensors:
+        raise ValueError(f"{file} also holds {', '.join(sorted(tensors))}; it does not belong to {CARD}")
+    network = Network.of(list(zip(layers[::2], layers[1::2], strict=True)))
+    return Agent(network, features, actions, card, **({"speed": card["speed"]} | gains))
+
+
+def card_features(card: Mapping[str, Any]) -> Features:
+    """Returns the features that a card describes."""
+    known = dict(card["features"])
+    features: Features = FEATURES[card["task"]](**known)
+    return features
+
+
+_CARD_KINDS = {
+    "env_id": str, "robots": list, "task": str, "dt": float, "speed": float, "features": dict, "actions": dict,
+    "network": dict,
+}  # fmt: skip
+
+
+def read_card(file: pathlib.Path) -> dict[str, Any]:
+    """Returns an agent's card, checked.
+
+    Raises:
+        ValueError: naming the file and what is wrong with it.
+    """
+    try:
+        card = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{file} cannot be read: {error.strerror}; an agent is a folder with {CARD}") from None
+    except ValueError as error:
+        raise ValueError(f"{file} is no JSON: {error}") from None
+    if not isinstance(card, dict) or "format" not in card:
+        raise ValueError(f"{file} is not the card of an agent: it has no format")
+    if card["format"] != FORMAT:
+        raise ValueError(f"{file} has format {card['format']!r}; this wayfield reads format {FORMAT}")
+    for key, kind in _CARD_KINDS.items():
+        if not isinstance(card.get(key), kind):
+            raise ValueError(f"{file}: {key} must be a {kind.__name__}, got {card.get(key)!r}")
+    if card["env_id"] not in gymnasium.registry:
+        ours = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
+        raise ValueError(f"{file} is for {card['env_id']}, which this wayfield does not have; it has {', '.join(ours)}")
+    if card["task"] not in FEATURES:
+        raise ValueError(f"{file}: task {card['task']!r} is none of {', '.join(FEATURES)}")
+    for key, kind in (("features", FEATURES[card["task"]]), ("actions", Actions)):
+        names = {field.name for field in dataclasses.fields(kind)}
+        if set(card[key]) != names:
+            odd = ", ".join(sorted(set(card[key]) ^ names))
+            raise ValueError(f"{file}: {key} must have exactly {', '.join(sorted(names))}; not so: {odd}")
+    network = card["network"]
+    hidden = network.get("hidden")
+    if not isinstance(hidden, list) or not all(type(n) is int and n > 0 for n in hidden):
+        raise ValueError(f"{file}: network.hidden must be a list of whole numbers > 0, got {hidden!r}")
+    if type(network.get("num_twist")) is not int or network.get("activation") != "tanh":
+        raise ValueError(f"{file}: network needs num_twist and the activation tanh, got {network!r}")
+    return card
+
+
+def read_tensors(file: pathlib.Path) -> dict[str, NDArray[Any]]:
+    """Returns the arrays of a safetensors file.
+
+    Raises:
+        ValueError: naming the file, if it is missing or damaged.
+    """
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    try:
+        return dict(load(file.read_bytes()))
+    except OSError as error:
+        raise ValueError(f"{file} cannot be read: {error.strerror}") from None
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{file} is damaged or no safetensors file: {error}") from None

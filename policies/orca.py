@@ -1,0 +1,402 @@
+"""Optimal reciprocal collision avoidance, with the whole duty of avoiding on the robot's side."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import nearest_surface, sin_cos
+from wayfield.envs.patrols import PATROL, patrol_at
+from wayfield.policies.policy import check_gain
+from wayfield.policies.steering import velocity_twists
+
+
+@dataclasses.dataclass(frozen=True)
+class Orca:
+    """Drives the velocity nearest to the wanted one that keeps clear of every obstacle for a time ahead.
+
+    With p the way to a disc's centre, R the sum of the radii, v_o its velocity, and the velocity obstacle
+
+        VO = {v: |p - (v - v_o) t| < R for some t in (0, horizon]}
+
+    the half-plane of a disc is n . v >= b, tangent to VO at the boundary point nearest to the robot's velocity: the
+    robot takes all of the change, since the others do not react. Walls and boxes, standing or moving, allow
+
+        n . (v - v_o) >= -(D - R) / wall_horizon
+
+    with D the distance to the nearest point of the surface and n the direction away from it, which is the half-plane of
+    a standing obstacle tangent nearest to standstill. A convex obstacle lies behind the tangent at its nearest point:
+    what keeps these half-planes for the time ahead keeps clear, and standstill keeps those of all that stands. The
+    velocity driven solves
+
+        min |v - u|  subject to  n_j . v >= b_j,  |v| <= max_speed,   u = max_speed or k |e| towards the goal
+
+    by incremental linear programming in the order of the obstacles, what stands first. When no velocity keeps every
+    half-plane, those of what moves are moved outwards by the least common violation, by linear programming in three
+    dimensions; those of what stands are never given up, since standstill keeps them. What moves and is nearer than R is
+    left at (R - D) / recovery. The wanted velocity u is turned by `perturbation`, to a side that `seed` fixes, lest the
+    robot stop in front of a disc on its line.
+
+    A differential drive cannot take up a velocity at once. It turns towards it at turn_gain times the angle in between,
+    which leads it off the way of a holonomic robot by |v| f(angle) / turn_gain; R is enlarged by `tracking_error`, and
+    speed is held down to where the bound is not above that (Alonso-Mora et al., who bound a different tracking law).
+    Until it has turned it drives where it looks, at no more than (D - R) / wall_horizon towards what stands, R not
+    enlarged.
+
+    It is told the map and the motion of all that moves, and takes of it what is within `sensing_radius`: perception is
+    perfect, where scans would have to be clustered and tracked. The law is local: dead ends hold it, and so do two
+    discs too near each other. Both kinds of robot; within `arrival_radius` of the goal a differential drive turns to
+    the goal heading, unless it has to give way.
+
+    Source: van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, ISRR 2009 (STAR 70, 2011);
+    Alonso-Mora, Breitenmoser, Rufli, Beardsley and Siegwart, DARS 2010 (STAR 83, 2013).
+    """
+
+    horizon: float = 2.0  # s, in which no disc is met
+    wall_horizon: float = 0.5  # s, in which no wall or box is met
+    recovery: float = 0.5  # s, in which what moves and is too near is left
+    sensing_radius: float = 5.0  # m
+    margin: float = 0.05  # m, kept between hull and obstacles
+    max_speed: float = 0.6  # m/s
+    k: float = 1.0  # 1/s, speed per metre from the goal
+    perturbation: float = 0.1  # rad, of the wanted velocity
+    tracking_error: float = 0.05  # m, of a differential drive
+    turn_gain: float = 3.0  # 1/s
+    max_yaw_rate: float = 0.5  # rad/s, of an omni base's turn to the goal heading, which bends its velocity by the lag
+    arrival_radius: float = 0.05  # m
+    seed: int = 0
+
+    knows: ClassVar[str] = "map"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        for name in (
+            "horizon",
+            "wall_horizon",
+            "recovery",
+            "sensing_radius",
+            "max_speed",
+            "k",
+            "turn_gain",
+            "max_yaw_rate",
+        ):
+            check_gain(self, name, above=0.0)
+        for name in ("margin", "perturbation", "tracking_error", "arrival_radius"):
+            check_gain(self, name, least=0.0)
+        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
+            raise ValueError(f"{type(self).__name__}: seed must be a whole number >= 0, got {self.seed!r}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the number of decisions of each robot, (b,): its clock, by which it knows where things move to."""
+        return np.zeros(briefing.num_envs)
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t): m/s and rad/s."""
+        robot = briefing.robot
+        obstacles = briefing.obstacles
+        assert obstacles is not None
+        patrols = briefing.patrols
+        if patrols is None:
+            patrols = np.zeros(obstacles.shape, PATROL)
+        velocity = np.empty((len(memory), 2))
+        forward = np.empty(len(memory))
+        measured = np.zeros((len(memory), 2))
+        measured[:, : len(robot.twist_axes) - 1] = observation.twist[:, :-1]
+        side = 1.0 if np.random.default_rng(self.seed).random() < 0.5 else -1.0
+        find_velocities(
+            obstacles,
+            briefing.num_obstacles,
+            patrols,
+            # one kernel for every batch: slices of a single row would be compiled anew
+            np.ascontiguousarray(observation.pose),
+            measured,
+            np.ascontiguousarray(observation.goal),
+            memory * briefing.dt,
+            robot.hull_radius + self.margin,
+            0.0 if robot.holonomic else self.tracking_error,
+            self.horizon,
+            self.wall_horizon,
+            self.recovery,
+            self.sensing_radius,
+            self.max_speed,
+            self.k,
+            side * self.perturbation,
+            velocity,
+            forward,
+        )
+        memory += 1.0
+        distance = np.hypot(observation.goal[:, 0], observation.goal[:, 1])
+        arrived = (distance <= self.arrival_radius) & (observation.waypoints_left < 0.5)
+        # unless something drives it away
+        arrived &= np.hypot(velocity[:, 0], velocity[:, 1]) <= self.k * self.arrival_radius
+        if not robot.holonomic:
+            # what the bound on the tracking error leaves of the speed at this angle
+            angle = np.abs(np.arctan2(velocity[:, 1], velocity[:, 0]))
+            drift = np.hypot(velocity[:, 0], velocity[:, 1]) * tracking_drift(angle) / self.turn_gain
+            velocity *= np.minimum(1.0, self.tracking_error / np.maximum(drift, 1e-12))[:, None]
+        most = self.max_yaw_rate / self.turn_gain
+        twists = velocity_twists(robot, velocity, np.clip(observation.goal_heading_error, -most, most), self.turn_gain)
+        if not robot.holonomic:
+            twists[:, 0] = np.minimum(twists[:, 0], forward)
+            twists[arrived, 0] = 0.0
+            twists[arrived, -1] = self.turn_gain * observation.goal_heading_error[arrived]
+        return twists
+
+
+def tracking_drift(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns by how many metres, at a speed of 1 m/s and a turn gain of 1/s, the tracking law leaves the asked way.
+
+    While the angle e decays exponentially the robot drives cos e of the speed: the drift is the integral of
+    (1 - cos^2 e, cos e sin e) de / e from 0 to the angle, to 3 % for angles up to a quarter turn, above which the robot
+    turns on the spot and lags by the whole way.
+    """
+    e = np.minimum(angle, 0.5 * math.pi)
+    along = 0.5 * e**2 * (1.0 - e**2 / 6.0 + e**4 / 67.5)
+    across = e * (1.0 - 2.0 * e**2 / 9.0 + 2.0 * e**4 / 75.0)
+    return np.asarray(np.hypot(along + np.log(np.maximum(angle / (0.5 * math.pi), 1.0)), across))
+
+
+@compiled
+def find_velocities(
+    obstacles,
+    counts,
+    patrols,
+    poses,
+    measured,
+    goals,
+    times,
+    room,
+    tracking_error,
+    horizon,
+    wall_horizon,
+    recovery,
+    sensing_radius,
+    max_speed,
+    k,
+    perturbation,
+    velocities,
+    forward,
+):
+    """Fills the (b, 2) velocities of `Orca`, body frame, m/s, and the (b,) speeds at which the way ahead is free."""
+    radius = room + tracking_error
+    lines = np.empty((obstacles.shape[1], 3))
+    scratch = np.empty((obstacles.shape[1], 3))
+    for i in range(poses.shape[0]):
+        x, y = poses[i, 0], poses[i, 1]
+        sine, cosine = sin_cos(poses[i, 2])
+        vx = cosine * measured[i, 0] - sine * measured[i, 1]
+        vy = sine * measured[i, 0] + cosine * measured[i, 1]
+        # what stands comes first: standstill keeps those half-planes, and they are never given up
+        total = 0
+        hard = 0
+        forward[i] = max_speed
+        for kind in range(2):
+            for j in range(counts[i]):
+                obstacle = obstacles[i, j]
+                is_disc = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
+                moves = patrols[i, j].leg_time > 0.0
+                if moves != (kind == 1):
+                    continue
+                # seen from where the obstacle is now, the robot is moved instead
+                ox = 0.0
+                oy = 0.0
+                o_vx = 0.0
+                o_vy = 0.0
+                if moves:
+                    now_x, now_y, o_vx, o_vy = patrol_at(patrols[i, j], times[i])
+                    ox = now_x - obstacle.x
+                    oy = now_y - obstacle.y
+                distance, near_x, near_y = nearest_surface(obstacle, x - ox, y - oy)
+                nx = near_x
+                ny = near_y
+                if distance > sensing_radius:
+                    continue
+                if is_disc:
+                    nx, ny, b = disc_half_plane(
+                        obstacle.x + ox - x,
+                        obstacle.y + oy - y,
+                        obstacle.radius + radius,
+                        vx - o_vx,
+                        vy - o_vy,
+                        horizon,
+                        recovery,
+                    )
+                else:
+                    b = (radius - distance) / (wall_horizon if distance > radius else recovery)
+                if not moves:
+                    b = min(b, 0.0)
+                    ahead = -(near_x * cosine + near_y * sine)
+                    if ahead > 0.0:
+                        forward[i] = min(forward[i], max(distance - room, 0.0) / (wall_horizon * ahead))
+                lines[total, 0] = nx
+                lines[total, 1] = ny
+                lines[total, 2] = b + nx * o_vx + ny * o_vy
+                total += 1
+            if kind == 0:
+                hard = total
+        goal_distance = math.sqrt(goals[i, 0] ** 2 + goals[i, 1] ** 2)
+        speed = min(k, max_speed / max(goal_distance, 1e-12))
+        turn_s, turn_c = sin_cos(perturbation * min(goal_distance, 1.0))
+        gx = speed * (turn_c * goals[i, 0] - turn_s * goals[i, 1])
+        gy = speed * (turn_s * goals[i, 0] + turn_c * goals[i, 1])
+        ux, uy = best_velocity(lines, total, hard, max_speed, cosine * gx - sine * gy, sine * gx + cosine * gy, scratch)
+        velocities[i, 0] = cosine * ux + sine * uy
+        velocities[i, 1] = cosine * uy - sine * ux
+
+
+@compiled
+def disc_half_plane(px, py, reach, vx, vy, horizon, recovery):
+    """Returns (nx, ny, b): the relative velocities n . v >= b that a disc leaves, its centre at p = (px, py).
+
+    The velocity obstacle is the cone from the origin that touches the disc of radius `reach`, cut off by the disc at
+    p / horizon of radius reach / horizon. Its boundary nearest to (vx, vy) is on that disc while the velocity, seen
+    from there, points backwards to between the points where the cone touches it; else on the leg of its side.
+    """
+    squared = px * px + py * py
+    distance = math.sqrt(squared)
+    if distance <= reach:
+        if distance < 1e-9:
+            return 1.0, 0.0, reach / recovery
+        return -px / distance, -py / distance, (reach - distance) / recovery
+    wx = vx - px / horizon
+    wy = vy - py / horizon
+    size = math.sqrt(wx * wx + wy * wy)
+    if -(wx * px + wy * py) >= reach * size and size > 1e-9:
+        nx = wx / size
+        ny = wy / size
+        return nx, ny, (nx * px + ny * py + reach) / horizon
+    # outward normal of a leg: the direction to the centre, turned by a right angle and the cone's half angle
+    sine = reach / distance
+    cosine = math.sqrt(max(squared - reach * reach, 0.0)) / distance
+    side = 1.0 if px * vy - py * vx >= 0.0 else -1.0
+    nx = (-sine * px - side * cosine * py) / distance
+    ny = (side * cosine * px - sine * py) / distance
+    return nx, ny, 0.0
+
+
+# Linear programs over half-planes nx vx + ny vy >= b, rows of `lines`, within the disc |v| <= limit.
+
+
+@compiled
+def best_velocity(lines, count, hard, limit, ux, uy, scratch):
+    """Returns the velocity nearest to (ux, uy) that keeps the lines, or violates those from `hard` on the least.
+
+    Standstill has to keep the lines before `hard`.
+    """
+    vx, vy, failed = nearest_velocity(lines, count, limit, ux, uy)
+    if failed < count:
+        if failed < hard:
+            # nothing but standstill is left, and rounding hid that
+            vx = 0.0
+            vy = 0.0
+        vx, vy = least_violation(lines, count, hard, limit, failed, vx, vy, scratch)
+    return vx, vy
+
+
+@compiled
+def nearest_velocity(lines, count, limit, ux, uy):
+    """Returns (vx, vy, failed): the velocity nearest to (ux, uy), and the first line that cannot be kept, or count."""
+    size = math.sqrt(ux * ux + uy * uy)
+    shorten = limit / size if size > limit else 1.0
+    vx = shorten * ux
+    vy = shorten * uy
+    for j in range(count):
+        if lines[j, 0] * vx + lines[j, 1] * vy >= lines[j, 2] - 1e-12:
+            continue
+        low, high = free_stretch(lines, j, limit)
+        if low > high:
+            return vx, vy, j
+        along = min(max(lines[j, 0] * uy - lines[j, 1] * ux, low), high)
+        vx, vy = on_line(lines, j, along)
+    return vx, vy, count
+
+
+@compiled
+def farthest_velocity(lines, count, limit, dx, dy):
+    """Returns (vx, vy, failed) as `nearest_velocity` does, for the velocity farthest along the unit vector (dx, dy)."""
+    vx = limit * dx
+    vy = limit * dy
+    for j in range(count):
+        if lines[j, 0] * vx + lines[j, 1] * vy >= lines[j, 2] - 1e-12:
+            continue
+        low, high = free_stretch(lines, j, limit)
+        if low > high:
+            return vx, vy, j
+        vx, vy = on_line(lines, j, high if lines[j, 0] * dy - lines[j, 1] * dx > 0.0 else low)
+    return vx, vy, count
+
+
+@inlined
+def on_line(lines, j, along):
+    """Returns the velocity on the border of line j, `along` to the left of its foot as seen along the normal."""
+    return (
+        lines[j, 2] * lines[j, 0] - along * lines[j, 1],
+        lines[j, 2] * lines[j, 1] + along * lines[j, 0],
+    )
+
+
+@compiled
+def free_stretch(lines, j, limit):
+    """Returns (low, high) along line j within which the lines before it are kept and |v| <= limit; low > high if none.
+
+    The normals have unit length.
+    """
+    squared = limit * limit - lines[j, 2] * lines[j, 2]
+    if squared < 0.0:
+        return 1.0, -1.0
+    high = math.sqrt(squared)
+    low = -high
+    for i in range(j):
+        # n_i . (foot + along * left) >= b_i
+        slope = lines[j, 0] * lines[i, 1] - lines[j, 1] * lines[i, 0]
+        lacking = lines[i, 2] - lines[j, 2] * (lines[i, 0] * lines[j, 0] + lines[i, 1] * lines[j, 1])
+        if abs(slope) < 1e-10:
+            if lacking > 1e-10:
+                return 1.0, -1.0
+        elif slope > 0.0:
+            low = max(low, lacking / slope)
+        else:
+            high = min(high, lacking / slope)
+    return low, high
+
+
+@compiled
+def least_violation(lines, count, hard, limit, failed, vx, vy, scratch):
+    """Returns the velocity that keeps the lines before `hard` and has the least largest violation of the others.
+
+    Wherever line j is the one violated most, violation d = b_j - n_j . v, no other is while n_i . v >= b_i - d: a
+    half-plane again. Among those the least d is the farthest velocity along n_j.
+    """
+    worst = 0.0
+    for j in range(max(failed, hard), count):
+        if lines[j, 2] - lines[j, 0] * vx - lines[j, 1] * vy <= worst:
+            continue
+        for i in range(hard):
+            scratch[i, 0] = lines[i, 0]
+            scratch[i, 1] = lines[i, 1]
+            scratch[i, 2] = lines[i, 2]
+        kept = hard
+        for i in range(hard, j):
+            nx = lines[i, 0] - lines[j, 0]
+            ny = lines[i, 1] - lines[j, 1]
+            size = math.sqrt(nx * nx + ny * ny)
+            # lines with one direction: the farther one has the greater violation everywhere
+            if size < 1e-9:
+                continue
+            scratch[kept, 0] = nx / size
+            scratch[kept, 1] = ny / size
+            scratch[kept, 2] = (lines[i, 2] - lines[j, 2]) / size
+            kept += 1
+        to_vx, to_vy, unkept = farthest_velocity(scratch, kept, limit, lines[j, 0], lines[j, 1])
+        if unkept == kept:
+            vx = to_vx
+            vy = to_vy
+        worst = max(worst, lines[j, 2] - lines[j, 0] * vx - lines[j, 1] * vy)
+    return vx, vy

@@ -1,0 +1,197 @@
+"""Regulated pure pursuit: pure pursuit that slows down in time, turns on the spot, and asks for what can be reached."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import path_following
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.envs.kinematics import saturation_factor
+from wayfield.policies.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
+from wayfield.policies.policy import check_gain
+from wayfield.policies.steering import unicycle_twists
+
+SAMPLING = 0.05  # m, between the places ahead whose bend limits the speed
+
+
+@dataclasses.dataclass(frozen=True)
+class RegulatedPurePursuit:
+    """Pursues a point of the path ahead, no faster than the path's bends, its end and the base permit.
+
+    With v_0, w_0 the last command, L = clip(lookahead_time v_0, min_lookahead, max_lookahead), (x, y) the path point L
+    ahead of the robot's projection along the path, in the body frame, and c(D) the mean curvature |turn| / bend_span of
+    the path from D to D + bend_span ahead:
+
+        curvature = 2 y / (x^2 + y^2),  angle = atan2(y, x)
+        v_c(D) = max(speed min(1, 1 / (min_radius c(D))), min_speed)
+        v_max = min over D of sqrt(v_c(D)^2 + 2 deceleration max(D - lag v_0, 0)), and sqrt(2 deceleration s) at the end
+        |angle| <= rotate_angle:  the fastest (v, w) nearest to w = curvature v in the window
+            |v - v_0| <= acceleration dt,  |w - w_0| <= yaw_acceleration dt,  v <= v_max unless it cannot brake so fast
+        beyond:  v brakes to 0,  w = sign(angle) min(max_yaw_rate, sqrt(2 yaw_acceleration |angle|)) in the window
+
+    A corner is a turn within bend_span like any other, so that the robot slows before it. No wheel is asked for more
+    than it can turn, so that the base drives just what it is asked for.
+
+    It pays for its accuracy in time: it creeps round corners. The point ahead is one of path distance, so that a
+    crossing does not lead astray, but a robot far off its path drives at it steeply. Drives any robot as a unicycle,
+    differential and omni.
+
+    Source: Macenski et al., Regulated Pure Pursuit for Robot Path Tracking, arXiv 2305.20026, 2023; the window is that
+    of dynamic window pure pursuit, arXiv 2601.15006; to look at the bends ahead, rather than at the arc being driven,
+    is ours.
+    """
+
+    speed: float = 0.6  # m/s
+    min_speed: float = 0.05  # m/s, in bends
+    min_radius: float = 0.4  # m, bends tighter than this are driven slower
+    bend_span: float = 0.2  # m, of path over which a turn counts as a bend
+    min_lookahead: float = 0.3  # m
+    max_lookahead: float = 0.4  # m
+    lookahead_time: float = 0.66  # s
+    rotate_angle: float = 0.785  # rad, between heading and the point ahead, beyond which the robot turns on the spot
+    max_yaw_rate: float = 2.0  # rad/s, of turns on the spot
+    deceleration: float = 0.8  # m/s^2, before bends and the end; no more than the base can
+    yaw_acceleration: float = 2.5  # rad/s^2, of turns on the spot; no more than the base can
+
+    knows: ClassVar[str] = "path"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check_gain(self, field.name, above=0.0)
+        if self.max_lookahead < self.min_lookahead:
+            raise ValueError(
+                f"RegulatedPurePursuit: max_lookahead must be >= min_lookahead = {self.min_lookahead:g}, "
+                f"got {self.max_lookahead!r}"
+            )
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the last command of each robot, (b, 2): forward speed and yaw rate, at rest."""
+        return np.zeros((briefing.num_envs, 2))
+
+    def act(
+        self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s, which the base can set within one control period."""
+        assert briefing.paths is not None
+        actuators = briefing.actuators
+        robot = briefing.robot
+        limit = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
+        pursue(
+            briefing.paths.vertices,
+            briefing.paths.runs,
+            briefing.path_index,
+            observation.pose,
+            observation.arc_length,
+            (self.speed, self.min_speed, self.min_radius, self.bend_span),
+            (self.min_lookahead, self.max_lookahead, self.lookahead_time),
+            (self.rotate_angle, self.max_yaw_rate, min(self.yaw_acceleration, actuators.yaw_acceleration)),
+            min(self.deceleration, actuators.acceleration),
+            (actuators.acceleration, actuators.yaw_acceleration, actuators.lag, briefing.dt),
+            robot.wheel_matrix,
+            limit,
+            memory,
+        )
+        return unicycle_twists(robot, memory[:, 0], memory[:, 1])
+
+
+@compiled
+def pursue(
+    vertices,
+    runs,
+    path_index,
+    poses,
+    arc_lengths,
+    bends,
+    lookahead,
+    rotation,
+    deceleration,
+    base,
+    wheel_matrix,
+    limit,
+    commands,
+):
+    """Replaces the (b, 2) last commands by the next ones of `RegulatedPurePursuit.act`."""
+    min_lookahead, max_lookahead, lookahead_time = lookahead
+    rotate_angle, max_yaw_rate, rotation_braking = rotation
+    acceleration, yaw_acceleration, lag, dt = base
+    for i in range(poses.shape[0]):
+        run = runs[path_index[i]]
+        x, y, heading = poses[i]
+        v0 = commands[i, 0]
+        w0 = commands[i, 1]
+        sine, cosine = sin_cos(heading)
+        along, segment = place_on_lap(vertices, run, arc_lengths[i])
+        distance = min(max(lookahead_time * v0, min_lookahead), max_lookahead)
+        px, py, _ = pose_ahead(vertices, run, along, segment, distance)
+        curvature, px, py = pursuit_curvature(x, y, sine, cosine, px, py)
+        angle = bearing(py, px)
+        v_low = max(v0 - acceleration * dt, 0.0)
+        w_low = w0 - yaw_acceleration * dt
+        w_high = w0 + yaw_acceleration * dt
+        if abs(angle) > rotate_angle:
+            v = v_low
+            w = math.copysign(min(max_yaw_rate, math.sqrt(2.0 * rotation_braking * abs(angle))), angle)
+            w = min(max(w, w_low), w_high)
+        else:
+            v_max = speed_ahead(vertices, run, along, segment, bends, deceleration, lag * v0)
+            v_max *= saturation_factor(wheel_matrix, wheel_matrix.shape[0], limit, v_max, 0.0, curvature * v_max)
+            v_high = max(min(v0 + acceleration * dt, v_max), v_low)
+            v, w = fastest_on_line(curvature, v_low, v_high, w_low, w_high)
+        # off the line a wheel may still be asked for too much; braking makes room for at least a part of the last turn
+        most = widest_turn(wheel_matrix, limit, v)
+        if w_low > most or w_high < -most:
+            v = v_low
+            most = widest_turn(wheel_matrix, limit, v)
+        commands[i, 0] = v
+        commands[i, 1] = min(max(w, -most), most)
+
+
+@inlined
+def widest_turn(wheel_matrix, limit, v):
+    """Returns the yaw rate (rad/s) that is left, to either side, when wheels that turn at `limit` (rad/s) drive v."""
+    most = np.inf
+    for k in range(wheel_matrix.shape[0]):
+        most = min(most, (limit - abs(wheel_matrix[k, 0] * v)) / abs(wheel_matrix[k, 2]))
+    return max(most, 0.0)
+
+
+@inlined
+def speed_ahead(vertices, run, along, segment, bends, deceleration, blind):
+    """Returns the speed (m/s) that leaves room to slow down for every bend ahead and for the end of the path.
+
+    Args:
+        bends: speed, min_speed, min_radius and bend_span of `RegulatedPurePursuit`.
+        deceleration: m/s^2.
+        blind: m, driven before the wheels follow a command.
+    """
+    speed, min_speed, min_radius, span = bends
+    v_max = min(speed, stopping_speed(distance_left(run, along), deceleration))
+    reach = blind + 0.5 * speed * speed / deceleration
+    for j in range(int(reach / SAMPLING) + 1):
+        ahead = j * SAMPLING
+        _, _, enter = pose_ahead(vertices, run, along, segment, ahead)
+        _, _, leave = pose_ahead(vertices, run, along, segment, ahead + span)
+        turn = abs(wrap_angle(leave - enter))
+        v = max(speed * min(1.0, span / max(min_radius * turn, 1e-12)), min_speed)
+        v_max = min(v_max, math.sqrt(v * v + 2.0 * deceleration * max(ahead - blind, 0.0)))
+    return v_max
+
+
+@inlined
+def fastest_on_line(curvature, v_low, v_high, w_low, w_high):
+    """Returns the (v, w) of the window nearest to the line w = curvature v, and the fastest of equally near ones."""
+    side = 1.0 if curvature >= 0.0 else -1.0
+    if side < 0.0:
+        w_low, w_high = -w_high, -w_low
+    steepness = abs(curvature)
+    v = v_high
+    if steepness * v_high > w_high and steepness > 0.0:
+        # where the line leaves the window at its top, or the corner nearest to a line that passes above the window
+        v = max(w_high / steepness, v_low)
+    return v, side * min(max(steepness * v, w_low), w_high)

@@ -1,0 +1,427 @@
+"""A planner without a map: it draws its own from the scans, takes what it has not seen for free, and plans in it."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import sin_cos
+from wayfield.policies.grid_search import pulled, search, traced
+from wayfield.policies.policy import check_gain
+from wayfield.policies.polyline_tracker import (
+    FARTHEST,
+    PLAN,
+    PolylineTracker,
+    clearance_at,
+    clearance_prices,
+    lay,
+    level_of,
+    nearest_free,
+    plan_arrays,
+    plan_is_clear,
+    point_at,
+    project,
+    relax,
+    stopping_speed,
+    track,
+)
+
+CELLS = 160  # of a side of the grid
+POINTS = 512  # of a plan
+SUB = 4  # spots of a cell's side, for where in it the hits were
+
+# What a scan says of a cell, added up: above 0 it is taken, below 0 seen free, 0 unknown.
+HIT = 6
+MOST = 18
+LEAST = -4
+
+MEMORY = np.dtype([*PLAN, ("points", np.float64, (POINTS, 2)), ("arc", np.float64, (POINTS,)),
+                   ("planned_at", np.int64), ("forgotten", np.int64),
+                   ("grid", np.uint8, (CELLS, CELLS)), ("evidence", np.int8, (CELLS, CELLS)),
+                   ("spots", np.uint16, (CELLS, CELLS))])  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class ScanPlanner(PolylineTracker):
+    """Maps what its beams hit, plans a way to the goal as if all else were free, drives it, and plans anew when it errs.
+
+    The grid, 160 x 160 cells of `cell` (16 m square) about the start in the frame of the measured pose, holds for each
+    cell the evidence of the scans (a hit counts 6, up to 18, a beam that goes through -1, so that what has moved away
+    is forgotten), the spots of its hits to a quarter of a cell, and the clearance of its centre from all spots, kept up
+    to date by stamping. Where the robot comes within a quarter of the grid of its border, the grid is moved under it; a
+    goal beyond the grid is replaced by the nearest cell within.
+
+    A* searches cells with clearance above hull radius + `margin`; a metre costs 1 + weight times what lacks to
+    `wanted_clearance`. If there is no way, cells down to hull radius - `give` serve; if there is none still, the robot
+    forgets the map but for what it now sees. The way is straightened by line of sight, let go like an elastic band,
+    and driven by the law of `PolylineTracker`, which keeps room to stop; into cells not seen yet it drives with room to
+    stop before them, or creeps. It plans anew when the plan gets blocked, the goal changes, it has been moved more than
+    `astray`, is stuck, or `period` has passed.
+
+    Serves differential drives and omni bases (which look where they go when the beams are less than a full circle).
+    Any number of beams and field of view; few beams see late. Limits: what moves is taken as standing; a pose that
+    drifts smears the map.
+
+    Source: Koenig and Likhachev, T-RO 21(3), 2005 (free-space assumption; here with A* from scratch); occupancy
+    evidence as in Elfes 1989; elastic band as in Quinlan and Khatib 1993.
+    """
+
+    cell: float = 0.1  # m
+    margin: float = 0.02  # m, beside the hull, least
+    give: float = 0.03  # m, of the hull, where there is no other way
+    wanted_clearance: float = 0.2  # m, beside the hull
+    weight: float = 3.0
+    period: float = 4.0  # s
+    pause: float = 0.3  # s, between searches at least, unless the block is near
+    astray: float = 0.5  # m
+    creep: float = 0.15  # m/s, into what has not been seen
+
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("cell", "wanted_clearance", "period", "astray", "creep"):
+            check_gain(self, name, above=0.0)
+        for name in ("margin", "give", "weight", "pause"):
+            check_gain(self, name, least=0.0)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns an empty map and no plan for each robot, `MEMORY` records (b,).
+
+        Raises:
+            ValueError: if there are no beams.
+        """
+        if len(briefing.beam_angles) == 0:
+            raise ValueError("ScanPlanner: num_beams must be at least 1, got 0: it maps what its beams hit")
+        return np.zeros(briefing.num_envs, MEMORY)
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t): m/s and rad/s."""
+        radius = briefing.robot.hull_radius
+        angles = briefing.beam_angles
+        full_circle = len(angles) > 1 and (angles[-1] - angles[0]) * len(angles) / (len(angles) - 1) > 6.28
+        prices = np.array(
+            [
+                clearance_prices(radius + self.margin, radius + self.wanted_clearance, self.weight),
+                clearance_prices(radius - self.give, radius + self.wanted_clearance, self.weight),
+                clearance_prices(radius + 0.5 * self.wanted_clearance, 0.0, 0.0),  # where lines are drawn straight
+            ]
+        )
+        decide(
+            self.limits(briefing),
+            (self.cell, self.margin, self.give, self.wanted_clearance, self.astray, self.creep),
+            (round(self.period / briefing.dt), round(self.pause / briefing.dt)),
+            prices,
+            np.column_stack([np.cos(angles), np.sin(angles)]),
+            briefing.max_range,
+            bool(full_circle),
+            observation.pose,
+            observation.goal,
+            observation.goal_heading_error,
+            observation.waypoints_left,
+            observation.ranges,
+            (memory["grid"], memory["evidence"], memory["spots"]),
+            plan_arrays(memory),
+            (memory["target"], memory["steps"], memory["plans"], memory["no_path"], memory["planned_at"]),
+            memory["forgotten"],
+        )
+        return self.twists(briefing, memory)
+
+
+@compiled
+def decide(
+    limits, mapping, timing, prices, beams, max_range, full_circle, poses, goals, heading_errors, waypoints_left,
+    ranges, chart, plan, log, forgotten,
+):  # fmt: skip
+    """Sets the commands of all robots: enters the scans, plans where it must be, and tracks."""
+    cell_size, margin, give, wanted, astray, creep = mapping
+    grid, evidence, spots = chart
+    points, arc, num_points, segments, arrived, stuck, commands, origin, cell = plan
+    target, steps, plans, no_path, planned_at = log
+    reach = limits.hull_radius + wanted + 1.5 * cell_size
+    size = grid.shape[1]
+    scratch_size = 1
+    for i in range(poses.shape[0]):
+        if steps[i] == 0:
+            cell[i] = cell_size
+            origin[i, 0] = poses[i, 0] - 0.5 * size * cell_size
+            origin[i, 1] = poses[i, 1] - 0.5 * size * cell_size
+    costs = np.empty(0)
+    estimates = np.empty(0)
+    parents = np.empty(0, np.int32)
+    heap = np.empty(0, np.int32)
+    places = np.empty(0, np.int32)
+    for i in range(poses.shape[0]):
+        x = poses[i, 0]
+        y = poses[i, 1]
+        heading = poses[i, 2]
+        middle = 0.5 * size * cell_size
+        if max(abs(x - origin[i, 0] - middle), abs(y - origin[i, 1] - middle)) > 0.5 * middle:
+            move_grid(chart, i, origin, cell, x, y)
+            num_points[i] = 0
+        enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius, reach)
+        sine, cosine = sin_cos(heading)
+        goal_x = x + cosine * goals[i, 0] - sine * goals[i, 1]
+        goal_y = y + sine * goals[i, 0] + cosine * goals[i, 1]
+        # what is out of the grid is headed for through the nearest cell within
+        inside_x = min(max(goal_x, origin[i, 0] + 3.0 * cell_size), origin[i, 0] + (size - 3.0) * cell_size)
+        inside_y = min(max(goal_y, origin[i, 1] + 3.0 * cell_size), origin[i, 1] + (size - 3.0) * cell_size)
+        goal_is_inside = inside_x == goal_x and inside_y == goal_y
+        waited = steps[i] - planned_at[i]
+        n = num_points[i]
+        s = 0.0
+        due = plans[i] == 0
+        if n > 0:
+            s, away, _ = project(points, arc, n, segments, i, x, y)
+            if away > astray or stuck[i] >= 10 or waited >= timing[0]:
+                due = waited >= timing[1]
+            if abs(target[i, 0] - inside_x) + abs(target[i, 1] - inside_y) > 0.5 * cell_size:
+                due = due or waited >= timing[1]
+            needed = limits.hull_radius - 0.01 if no_path[i] == 0 else limits.hull_radius - give - 0.01
+            if not plan_is_clear(grid, points, arc, n, segments[i], i, origin, cell, 6.0, needed):
+                near = not plan_is_clear(grid, points, arc, n, segments[i], i, origin, cell, 1.0, needed)
+                due = due or waited >= timing[1] or (near and waited >= timing[1] // 3)
+        else:
+            due = due or waited >= timing[1]
+        if due and arrived[i] == 0:
+            if scratch_size < size * size:
+                scratch_size = size * size
+                costs = np.empty(scratch_size)
+                estimates = np.empty(scratch_size)
+                parents = np.empty(scratch_size, np.int32)
+                heap = np.empty(scratch_size, np.int32)
+                places = np.empty(scratch_size, np.int32)
+            plans[i] += 1
+            planned_at[i] = steps[i]
+            stuck[i] = 0
+            target[i, 0] = inside_x
+            target[i, 1] = inside_y
+            found = False
+            no_path[i] = 0
+            for choice in range(4):
+                if choice == 2:
+                    # the map must be wrong: begin again with what is seen now
+                    forgotten[i] += 1
+                    grid[i] = 0
+                    evidence[i] = 0
+                    spots[i] = 0
+                    enter_scan(
+                        chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius, reach
+                    )  # fmt: skip
+                found = plan_way(
+                    limits, wanted, prices[choice % 2], prices[2], grid, plan, i, x, y, inside_x, inside_y,
+                    costs, estimates, parents, heap, places,
+                )  # fmt: skip
+                if found:
+                    no_path[i] = choice % 2
+                    break
+            if not found:
+                num_points[i] = 0
+                no_path[i] = 1
+            s = 0.0
+        speed_limit = np.inf
+        if num_points[i] > 0:
+            seen = seen_ahead(evidence, points, arc, num_points[i], segments[i], i, s, origin, cell)
+            speed_limit = max(creep, stopping_speed(seen, limits.acceleration, limits.delay))
+        track(
+            limits, grid, plan, i, x, y, heading, heading_errors[i], waypoints_left[i] < 0.5 and goal_is_inside,
+            not full_circle, speed_limit, 0.005,
+        )  # fmt: skip
+        steps[i] += 1
+
+
+@compiled
+def plan_way(
+    limits, wanted, prices, straight, grid, plan, i, x, y, goal_x, goal_y, costs, estimates, parents, heap, places
+):  # fmt: skip
+    """Lays robot i's polyline from (x, y) to the goal, or near it; returns whether there is a way."""
+    points, arc, num_points, segments, _, _, _, origin, cell = plan
+    levels = grid[i]
+    size = grid.shape[1]
+    row = int((y - origin[i, 1]) / cell[i])
+    column = int((x - origin[i, 0]) / cell[i])
+    start = nearest_free(levels, prices, row, column, 5)
+    goal = nearest_free(
+        levels, prices, int((goal_y - origin[i, 1]) / cell[i]), int((goal_x - origin[i, 0]) / cell[i]), 5
+    )
+    if start < 0 or goal < 0 or not search(levels, prices, start, goal, False, costs, estimates, parents, heap, places):
+        return False
+    cells = pulled(levels, straight, traced(parents, goal, size))
+    corners = np.empty((cells.shape[0] + 2, 2))
+    corners[0, 0] = x
+    corners[0, 1] = y
+    # the end cells stand for the ends, unless those lie in a blocked cell
+    skip_first = 1 if start == row * size + column else 0
+    last = cells.shape[0]
+    end_x = origin[i, 0] + (cells[last - 1, 1] + 0.5) * cell[i]
+    end_y = origin[i, 1] + (cells[last - 1, 0] + 0.5) * cell[i]
+    if abs(end_x - goal_x) <= 0.51 * cell[i] and abs(end_y - goal_y) <= 0.51 * cell[i]:
+        last -= 1
+    count = 1
+    for k in range(skip_first, last):
+        corners[count, 0] = origin[i, 0] + (cells[k, 1] + 0.5) * cell[i]
+        corners[count, 1] = origin[i, 1] + (cells[k, 0] + 0.5) * cell[i]
+        count += 1
+    corners[count, 0] = goal_x
+    corners[count, 1] = goal_y
+    count += 1
+    pinned = np.zeros(count, np.bool_)
+    held = lay(points, arc, num_points, segments, i, corners[:count], pinned, cell[i])
+    relax(grid, points, arc, num_points, i, origin, cell, held, limits.hull_radius + wanted, limits.hull_radius, 20)
+    return True
+
+
+@inlined
+def seen_ahead(evidence, points, arc, n, segment, i, s, origin, cell):
+    """Returns how far (m) along robot i's polyline all cells have been seen, looked up to a metre ahead."""
+    ahead = 0.0
+    while ahead < 1.0:
+        px, py = point_at(points, arc, n, segment, i, s + ahead)
+        row = int((py - origin[i, 1]) / cell[i])
+        column = int((px - origin[i, 0]) / cell[i])
+        if evidence[i, row, column] == 0:
+            break
+        ahead += 0.5 * cell[i]
+    return ahead
+
+
+@compiled
+def enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, hull_radius, reach):
+    """Enters robot i's scan: evidence along the beams, spots and clearance at their ends."""
+    grid, evidence, spots = chart
+    size = grid.shape[1]
+    scale = 1.0 / cell[i]
+    u = (x - origin[i, 0]) * scale
+    v = (y - origin[i, 1]) * scale
+    sine, cosine = sin_cos(heading)
+    # where the robot stands is free
+    span = int(hull_radius * scale)
+    for row in range(max(int(v) - span, 0), min(int(v) + span + 1, size)):
+        for column in range(max(int(u) - span, 0), min(int(u) + span + 1, size)):
+            if (row - int(v)) ** 2 + (column - int(u)) ** 2 <= span * span:
+                weaken(chart, i, row, column, origin, cell, reach)
+    # what the beams go through first, so that a hit of this scan is not undone by its neighbours
+    for k in range(beams.shape[0]):
+        ux = cosine * beams[k, 0] - sine * beams[k, 1]
+        uy = sine * beams[k, 0] + cosine * beams[k, 1]
+        # up to a cell before the end
+        length = (min(ranges[i, k], max_range)) * scale - 1.0
+        column = int(u)
+        row = int(v)
+        step_column = 1 if ux > 0.0 else -1
+        step_row = 1 if uy > 0.0 else -1
+        per_column = 1.0 / max(abs(ux), 1e-12)
+        per_row = 1.0 / max(abs(uy), 1e-12)
+        next_column = (column + 1 - u if ux > 0.0 else u - column) * per_column
+        next_row = (row + 1 - v if uy > 0.0 else v - row) * per_row
+        while True:
+            if next_column < next_row:
+                if next_column > length:
+                    break
+                column += step_column
+                next_column += per_column
+            else:
+                if next_row > length:
+                    break
+                row += step_row
+                next_row += per_row
+            if row < 0 or column < 0 or row >= size or column >= size:
+                break
+            e = evidence[i, row, column]
+            if e > LEAST:
+                if e == 1:
+                    weaken(chart, i, row, column, origin, cell, reach)
+                else:
+                    evidence[i, row, column] = e - 1
+    for k in range(beams.shape[0]):
+        if ranges[i, k] >= max_range * (1.0 - 1e-6):
+            continue
+        hit_u = u + (cosine * beams[k, 0] - sine * beams[k, 1]) * ranges[i, k] * scale
+        hit_v = v + (sine * beams[k, 0] + cosine * beams[k, 1]) * ranges[i, k] * scale
+        column = int(math.floor(hit_u))
+        row = int(math.floor(hit_v))
+        if row < 0 or column < 0 or row >= size or column >= size:
+            continue
+        evidence[i, row, column] = min(max(evidence[i, row, column], 0) + HIT, MOST)
+        spot_column = min(int((hit_u - column) * SUB), SUB - 1)
+        spot_row = min(int((hit_v - row) * SUB), SUB - 1)
+        bit = np.uint16(1 << (spot_row * SUB + spot_column))
+        if spots[i, row, column] & bit == 0:
+            spots[i, row, column] |= bit
+            stamp(grid, i, row + (spot_row + 0.5) / SUB, column + (spot_column + 0.5) / SUB, cell, reach)
+
+
+@inlined
+def stamp(grid, i, at_row, at_column, cell, reach):
+    """Lowers the clearance of the cells around a spot, given in cells."""
+    size = grid.shape[1]
+    span = reach / cell[i]
+    for row in range(max(int(at_row - span), 0), min(int(at_row + span) + 1, size)):
+        for column in range(max(int(at_column - span), 0), min(int(at_column + span) + 1, size)):
+            dr = row + 0.5 - at_row
+            dc = column + 0.5 - at_column
+            squared = dr * dr + dc * dc
+            if squared <= span * span:
+                level = level_of(math.sqrt(squared) * cell[i])
+                if level > grid[i, row, column]:
+                    grid[i, row, column] = level
+
+
+@compiled
+def weaken(chart, i, row, column, origin, cell, reach):
+    """Takes evidence off a cell; one that is no longer taken loses its spots, and clearance around it is made anew."""
+    grid, evidence, spots = chart
+    size = grid.shape[1]
+    evidence[i, row, column] = max(evidence[i, row, column] - 1, LEAST)
+    if evidence[i, row, column] > 0 or spots[i, row, column] == 0:
+        return
+    evidence[i, row, column] = -1
+    spots[i, row, column] = 0
+    span = int(reach / cell[i]) + 1
+    for r in range(max(row - span, 0), min(row + span + 1, size)):
+        for c in range(max(column - span, 0), min(column + span + 1, size)):
+            grid[i, r, c] = 0
+    for r in range(max(row - 2 * span, 0), min(row + 2 * span + 1, size)):
+        for c in range(max(column - 2 * span, 0), min(column + 2 * span + 1, size)):
+            restamp(chart, i, r, c, cell, reach)
+
+
+@inlined
+def restamp(chart, i, row, column, cell, reach):
+    """Stamps all spots of a cell."""
+    grid, _, spots = chart
+    if spots[i, row, column] == 0:
+        return
+    for spot in range(SUB * SUB):
+        if spots[i, row, column] & np.uint16(1 << spot):
+            stamp(grid, i, row + (spot // SUB + 0.5) / SUB, column + (spot % SUB + 0.5) / SUB, cell, reach)
+
+
+@compiled
+def move_grid(chart, i, origin, cell, x, y):
+    """Moves robot i's grid by whole cells so that (x, y) is in its middle; what leaves it is forgotten."""
+    grid, evidence, spots = chart
+    size = grid.shape[1]
+    columns = int(math.floor((x - origin[i, 0]) / cell[i])) - size // 2
+    rows = int(math.floor((y - origin[i, 1]) / cell[i])) - size // 2
+    old_grid = grid[i].copy()
+    old_evidence = evidence[i].copy()
+    old_spots = spots[i].copy()
+    grid[i] = 0
+    evidence[i] = 0
+    spots[i] = 0
+    for row in range(max(-rows, 0), min(size - rows, size)):
+        for column in range(max(-columns, 0), min(size - columns, size)):
+            grid[i, row, column] = old_grid[row + rows, column + columns]
+            evidence[i, row, column] = old_evidence[row + rows, column + columns]
+            spots[i, row, column] = old_spots[row + rows, column + columns]
+    origin[i, 0] += columns * cell[i]
+    origin[i, 1] += rows * cell[i]

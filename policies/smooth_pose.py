@@ -1,0 +1,171 @@
+"""Park and Kuipers' smooth pose law: to a pose of given position and heading along a graceful curve."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.envs.kinematics import to_body_frame
+from wayfield.policies.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
+from wayfield.policies.policy import check_gain
+from wayfield.policies.steering import unicycle_twists
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothPose:
+    """Drives to a pose, forward, along a curve that ends in its heading; follows a path by chasing a pose on it.
+
+    With r the distance to the pose, delta the robot's heading and phi the pose's, both relative to the line of sight
+    from the robot to the pose, and s the way left to the goal or to the end of an open path:
+
+        curvature = -1/r (k2 (delta - atan(-k1 phi)) + (1 + k1 / (1 + (k1 phi)^2)) sin delta)
+        v = min(speed / (1 + beta |curvature|^lam), sqrt(2 deceleration s)),  w = v curvature
+
+    The heading falls onto atan(-k1 phi), k2 times faster than phi falls, which brings the robot onto the line that runs
+    through the pose. As it stands, v |curvature| falls again where the curvature exceeds (beta (lam - 1))^(-1/lam), so
+    that a robot beside its goal would all but stop: there the yaw rate is held instead, v ~ 1 / |curvature|. To cut the
+    curvature would not do: the robot could go round the goal on that circle for ever.
+
+    A path is followed by chasing the pose (point and tangent) `lookahead` ahead along it. On an arc of a circle
+    k1 = 1, k2 = 3 make that exact up to the fourth order of the angle between the two.
+
+    A goal is reached in the same way, whatever stands in between; a waypoint is driven at without a heading of its own.
+    The law is singular at r = 0. Within arrival_radius, or twice that with the goal no longer ahead, the robot counts
+    as there: it stops and turns on the spot by the error e, |w| = min(turn_gain e, sqrt(2 yaw_acceleration e),
+    max_yaw_rate), and goes on only once it is farther away than twice that. Drives any robot as a unicycle,
+    differential and omni.
+
+    Source: Park and Kuipers, A Smooth Control Law for Graceful Motion of Differential Wheeled Mobile Robots in 2D
+    Environment, ICRA 2011. The held yaw rate, the braking and the turn at the end are ours.
+    """
+
+    k1: float = 1.0  # steepness of the approach
+    k2: float = 3.0  # how much faster the heading is corrected than the approach
+    speed: float = 0.6  # m/s
+    beta: float = 0.1  # m^lam, how much bends slow down
+    lam: float = 2.0  # above 1
+    lookahead: float = 0.6  # m, along a path
+    deceleration: float = 0.5  # m/s^2, towards the goal or the end of an open path; no more than the base can
+    arrival_radius: float = 0.05  # m
+    turn_gain: float = 2.0  # 1/s, of the turn at the goal
+    yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
+    max_yaw_rate: float = 1.5  # rad/s, of the turn at the goal
+
+    knows: ClassVar[str] = "path"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check_gain(self, field.name, above=1.0 if field.name == "lam" else 0.0)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns whether each robot has arrived at its goal, (b,): 1 or 0."""
+        return np.zeros(briefing.num_envs)
+
+    def act(
+        self,
+        observation: path_following.Observation | goal_reaching.Observation,
+        briefing: Briefing,
+        memory: NDArray[Any],
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        # where v |curvature| is largest: beyond, the yaw rate is held
+        peak = (self.beta * (self.lam - 1.0)) ** (-1.0 / self.lam)
+        law = (self.k1, self.k2, self.speed, self.beta, self.lam, peak)
+        deceleration = min(self.deceleration, briefing.actuators.acceleration)
+        twists = np.empty((len(observation.pose), 2))
+        if isinstance(observation, path_following.Observation):
+            assert briefing.paths is not None
+            chase(
+                briefing.paths.vertices,
+                briefing.paths.runs,
+                briefing.path_index,
+                observation.pose,
+                observation.arc_length,
+                law,
+                self.lookahead,
+                deceleration,
+                twists,
+            )
+        else:
+            approach(
+                observation.goal,
+                observation.goal_heading_error,
+                observation.waypoints_left,
+                law,
+                deceleration,
+                self.arrival_radius,
+                (self.turn_gain, min(self.yaw_acceleration, briefing.actuators.yaw_acceleration), self.max_yaw_rate),
+                memory,
+                twists,
+            )
+        return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
+
+
+@inlined
+def smooth_curvature(r, delta, phi, k1, k2):
+    """Returns the curvature (1/m) of Park and Kuipers' law, for r > 0 in m and angles in rad."""
+    steep = 1.0 + k1 / (1.0 + (k1 * phi) * (k1 * phi))
+    return -(steep * sin_cos(delta)[0] + k2 * (delta - bearing(-k1 * phi, 1.0))) / r
+
+
+@inlined
+def graceful(law, px, py, turn):
+    """Returns (v, w) towards a pose at (px, py) in the body frame (m), its heading `turn` (rad) off the robot's."""
+    k1, k2, speed, beta, lam, peak = law
+    r = math.sqrt(px * px + py * py)
+    delta = -bearing(py, px)
+    curvature = smooth_curvature(max(r, 1e-6), delta, wrap_angle(turn + delta), k1, k2)
+    bend = min(abs(curvature), peak)
+    v = speed / (1.0 + beta * bend**lam)
+    if abs(curvature) > peak:
+        v *= peak / abs(curvature)
+    return v, v * curvature
+
+
+@compiled
+def chase(vertices, runs, path_index, poses, arc_lengths, law, lookahead, deceleration, twists):
+    """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` along a path."""
+    for i in range(poses.shape[0]):
+        run = runs[path_index[i]]
+        x, y, heading = poses[i]
+        sine, cosine = sin_cos(heading)
+        along, segment = place_on_lap(vertices, run, arc_lengths[i])
+        px, py, tangent = pose_ahead(vertices, run, along, segment, lookahead)
+        px, py = to_body_frame(x, y, sine, cosine, px, py)
+        v, w = graceful(law, px, py, wrap_angle(tangent - heading))
+        brake = min(1.0, stopping_speed(distance_left(run, along), deceleration) / v)
+        twists[i, 0] = brake * v
+        twists[i, 1] = brake * w
+
+
+@compiled
+def approach(goals, turns, waypoints_left, law, deceleration, arrival_radius, turning, arrived, twists):
+    """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` towards a goal and keeps `arrived` (b,) up to date."""
+    turn_gain, yaw_acceleration, max_yaw_rate = turning
+    for i in range(goals.shape[0]):
+        px = goals[i, 0]
+        py = goals[i, 1]
+        r = math.sqrt(px * px + py * py)
+        if waypoints_left[i] > 0.0:
+            arrived[i] = 0.0
+            twists[i, 0], twists[i, 1] = graceful(law, px, py, bearing(py, px))
+            continue
+        near = r <= 2.0 * arrival_radius
+        arrived[i] = 1.0 if near and (arrived[i] == 1.0 or r <= arrival_radius or px <= 0.0) else 0.0
+        if arrived[i] == 1.0:
+            error = abs(turns[i])
+            rate = min(turn_gain * error, math.sqrt(2.0 * yaw_acceleration * error), max_yaw_rate)
+            twists[i, 0] = 0.0
+            twists[i, 1] = math.copysign(rate, turns[i])
+        else:
+            v, w = graceful(law, px, py, turns[i])
+            brake = min(1.0, stopping_speed(r, deceleration) / v)
+            twists[i, 0] = brake * v
+            twists[i, 1] = brake * w

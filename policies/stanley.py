@@ -1,0 +1,131 @@
+"""Stanley's steering law on a base that has no front axle: a virtual one lies ahead of it."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import path_following
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.policies.policy import check_gain
+from wayfield.policies.steering import unicycle_twists
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Stanley:
+    """Turns a virtual front wheel along the path and towards it, by an angle that grows with the distance from it.
+
+    Stanley (virtual front axle): the wheel lies d = `axle_distance` ahead of the robot's centre and rolls at the speed
+    u. With psi the path's heading at the point nearest to the wheel, e the wheel's distance from that point, + left of
+    the path, th the robot's heading and u_m the measured speed of the wheel:
+
+        steering = wrap(psi - th) - atan(k e / (k_s + u_m)),  within +-max_steering, changing by max_steering_rate
+        v = u cos(steering),  w = u sin(steering) / d
+        u = min(speed, d sqrt(2 alpha |steering|) / |sin(steering)|)
+
+    (v, w d) is the velocity of the point d ahead, so that this is the one twist that rolls the wheel where it is
+    steered; sin and not tan because u is the wheel's speed, not the centre's. Hence e' = -u sin(atan(k e / (k_s + u))),
+    for small errors e' = -k e u / (k_s + u). The bound on u lets the base end its turn, w^2 <= 2 alpha |steering|, with
+    alpha a `share` of its yaw acceleration; without it the robot rocks at corners. v is never negative: a robot that
+    looks more than 90 degrees off turns on the spot.
+
+    The wheel finds the path, the centre does not: on a circle of radius R it runs R - sqrt(R^2 - d^2) inside, 0.046 m
+    for R = 1 m and d = 0.3 m. The law looks at no curvature ahead and brakes for no corner before it steers. At an open
+    path's end it does not stop.
+
+    Source: Hoffmann, Tomlin, Montemerlo, Thrun, ACC 2007; the virtual axle and the bound on u are additions. Serves
+    differential drive, and omni drive as a unicycle.
+    """
+
+    k: float = 1.5  # 1/s
+    k_s: float = 0.1  # m/s, keeps the law from flipping over at rest
+    speed: float = 0.6  # m/s, of the wheel
+    axle_distance: float = 0.22  # m, d
+    max_steering: float = 0.5 * math.pi  # rad, at most pi/2
+    max_steering_rate: float = 10.0  # rad/s
+    share: float = 0.5  # of the yaw acceleration
+    window: float = 1.0  # m, of path that is searched for the wheel, ahead of the robot's own projection
+
+    knows: ClassVar[str] = "path"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
+
+    def __post_init__(self) -> None:
+        for name in ("k", "k_s", "speed", "axle_distance", "max_steering", "max_steering_rate", "share", "window"):
+            check_gain(self, name, above=0.0)
+        if self.max_steering > 0.5 * math.pi:
+            raise ValueError(f"Stanley: max_steering must be at most pi/2 rad, got {self.max_steering!r}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the steering angles, (b, 1) rad: straight ahead."""
+        return np.zeros((briefing.num_envs, 1))
+
+    def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
+        """Returns the twists (b, t): m/s and rad/s."""
+        assert briefing.paths is not None
+        command = np.empty((2, len(observation.pose)))
+        steer_rows(
+            briefing.paths.vertices,
+            briefing.paths.runs,
+            briefing.path_index,
+            observation.pose,
+            observation.twist,
+            observation.arc_length,
+            self.k,
+            self.k_s,
+            self.speed,
+            self.axle_distance,
+            self.max_steering,
+            self.max_steering_rate * briefing.dt,
+            self.share * briefing.actuators.yaw_acceleration,
+            self.window,
+            memory,
+            command,
+        )
+        return unicycle_twists(briefing.robot, command[0], command[1])
+
+
+@compiled
+def steer_rows(
+    vertices, runs, path_index, poses, twists, arc_lengths, k, k_s, speed, axle_distance, max_steering, max_change,
+    yaw_acceleration, window, memory, command,
+):  # fmt: skip
+    """Fills the command (2, b), v in m/s and w in rad/s, and moves the steering angles of the memory (b, 1)."""
+    for i in range(poses.shape[0]):
+        run = runs[path_index[i]]
+        x, y, heading = poses[i]
+        sine, cosine = sin_cos(heading)
+        x += axle_distance * cosine
+        y += axle_distance * sine
+        s = arc_lengths[i]
+        lap = math.floor(s / run.length) * run.length if run.closed else 0.0
+        s, segment = nearest_ahead(vertices, run, x, y, s, segment_at(vertices, run, s - lap), window)
+        # at a corner the path goes on along the segment that leaves it: the one that enters would lead straight on
+        beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
+        if beyond < 1e-9 and segment + 1 < run.segments:
+            segment += 1
+        a = vertex(vertices, run, segment)
+        # the distance from the nearest point and not from the segment's line: past a corner the line is nearer
+        along = along_lap(vertices, run, s, segment) - a.s
+        dx = x - a.x - along * a.ux
+        dy = y - a.y - along * a.uy
+        e = math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx)
+        turn = wrap_angle(a.heading - heading)
+        sideways = axle_distance * twists[i, twists.shape[1] - 1]
+        rolling = math.sqrt(twists[i, 0] * twists[i, 0] + sideways * sideways)
+        steering = min(max(turn - bearing(k * e, k_s + rolling), -max_steering), max_steering)
+        steering = min(max(steering, memory[i, 0] - max_change), memory[i, 0] + max_change)
+        memory[i, 0] = steering
+        sine, cosine = sin_cos(steering)
+        # the wheel rolls no faster than the base can end the turn that it steers: w^2 / 2 alpha <= |steering|
+        rolling = speed
+        if steering != 0.0:
+            rolling = min(speed, axle_distance * math.sqrt(2.0 * yaw_acceleration * abs(steering)) / abs(sine))
+        command[0, i] = rolling * max(cosine, 0.0) if abs(turn) <= 0.5 * math.pi else 0.0
+        command[1, i] = rolling * sine / axle_distance

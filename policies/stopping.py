@@ -1,0 +1,243 @@
+"""What a robot that sees only its range scan must know before it moves: the hits, the free arc, the room to stop."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import inlined
+from wayfield.envs.geometry import bearing, sin_cos
+from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
+from wayfield.envs.records import lag_factors
+
+SECTORS = 36  # of the memory of what is near
+RECALL_RANGE = 1.2  # m
+STILL = 1e-3  # m/s; a robot slower than this has stopped, a lag of 0.25 s carries it 0.25 mm farther
+
+
+def check_beams(policy: object, briefing: Briefing) -> None:
+    """Raises ValueError unless the robot has a range scan."""
+    if len(briefing.beam_angles) == 0:
+        raise ValueError(f"{type(policy).__name__} needs a range scan, got num_beams = 0; it must be at least 1")
+
+
+def sees_all_round(briefing: Briefing) -> bool:
+    """Returns whether no gap between neighbouring beams, the closing one included, is wider than the others."""
+    beams = briefing.beam_angles
+    return len(beams) > 1 and bool(2.0 * math.pi - (beams[-1] - beams[0]) < 1.5 * (beams[1] - beams[0]))
+
+
+def plant(briefing: Briefing) -> tuple[float, ...]:
+    """Returns what `step_and_stop` predicts with.
+
+    These are the acceleration (m/s^2), the yaw acceleration (rad/s^2), the share of a deviation that the lag leaves
+    after a control period, its mean share, the limit of the wheel speeds (rad/s) and the control period (s).
+    """
+    robot, actuators = briefing.robot, briefing.actuators
+    limit = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
+    decay, mean = lag_factors(actuators.lag, briefing.dt)
+    return actuators.acceleration, actuators.yaw_acceleration, decay, mean, limit, briefing.dt
+
+
+def measured_twists(briefing: Briefing, twist: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the measured twists (b, 3) in full, from those (b, t) of the axes that the robot commands."""
+    full = np.zeros((len(twist), 3))
+    full[:, briefing.robot.twist_axes] = twist
+    return full
+
+
+@inlined
+def find_hits(ranges, i, directions, max_range, farthest, radius, pose, recall, dt, memory, k, hits):
+    """Fills `hits` (beams + SECTORS, 3) with the points met within `farthest` (m), now or lately; returns their number.
+
+    A row is x, y (m, body frame) and the distance (m) that the robot's centre has to keep: `radius`, or, where the
+    robot is nearer to the hit already, the distance it has. It may leave such a hit, or stay, but not approach it.
+
+    What is near can drop out of sight, a door post between two beams or a thin wall seen end-on: memory[i, k:] keeps
+    the nearest point of each sector around the robot, in the world frame, for `recall` (s) after it was last seen.
+    """
+    x = pose[i, 0]
+    y = pose[i, 1]
+    sine, cosine = sin_cos(pose[i, 2])
+    near = np.full((SECTORS, 4), np.inf)  # x, y, distance, seconds left
+    for j in range(SECTORS):
+        left = memory[i, k + 3 * j + 2] - dt
+        if left > 0.0:
+            bx, by = to_body_frame(x, y, sine, cosine, memory[i, k + 3 * j], memory[i, k + 3 * j + 1])
+            distance = max(math.sqrt(bx * bx + by * by), 1e-6)
+            remember(near, bx, by, distance, left)
+    count = 0
+    for j in range(ranges.shape[1]):
+        distance = max(ranges[i, j], 1e-6)
+        # observations have single precision
+        if distance < min(farthest, (1.0 - 1e-6) * max_range):
+            hits[count, 0] = distance * directions[j, 0]
+            hits[count, 1] = distance * directions[j, 1]
+            hits[count, 2] = min(radius, (1.0 - 1e-6) * distance)
+            if distance < RECALL_RANGE:
+                remember(near, hits[count, 0], hits[count, 1], distance, recall)
+            count += 1
+    for j in range(SECTORS):
+        memory[i, k + 3 * j + 2] = 0.0
+        if near[j, 2] < RECALL_RANGE:
+            bx = near[j, 0]
+            by = near[j, 1]
+            memory[i, k + 3 * j] = x + cosine * bx - sine * by
+            memory[i, k + 3 * j + 1] = y + sine * bx + cosine * by
+            memory[i, k + 3 * j + 2] = near[j, 3]
+            if near[j, 3] < recall:
+                hits[count, 0] = bx
+                hits[count, 1] = by
+                hits[count, 2] = min(radius, (1.0 - 1e-6) * near[j, 2])
+                count += 1
+    return count
+
+
+@inlined
+def remember(near, x, y, distance, left):
+    """Puts a point into its sector unless a nearer one is there."""
+    sector = int((bearing(y, x) / (2.0 * math.pi) + 0.5) * SECTORS) % SECTORS
+    if distance < near[sector, 2]:
+        near[sector, 0] = x
+        near[sector, 1] = y
+        near[sector, 2] = distance
+        near[sector, 3] = left
+
+
+@inlined
+def free_time(hits, count, vx, vy, yaw_rate, longest):
+    """Returns for how long (s, at most `longest`) a constant twist keeps its distance to all hits.
+
+    In closed form: the centre runs on a circle of radius r around the ICC, of which a hit at the distance rho forbids
+    the part within its own radius R. The two edges lie acos((r^2 + rho^2 - R^2) / (2 r rho)) either side of the hit.
+    """
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed == 0.0:
+        return longest
+    if abs(yaw_rate) * longest < 1e-4:
+        for j in range(count):
+            along = (hits[j, 0] * vx + hits[j, 1] * vy) / speed
+            across = (hits[j, 1] * vx - hits[j, 0] * vy) / speed
+            half_chord = hits[j, 2] * hits[j, 2] - across * across
+            if half_chord > 0.0 and along > 0.0:
+                longest = min(longest, max(along - math.sqrt(half_chord), 0.0) / speed)
+        return longest
+    icc_x = -vy / yaw_rate
+    icc_y = vx / yaw_rate
+    r = speed / abs(yaw_rate)
+    side = math.copysign(1.0, yaw_rate)
+    for j in range(count):
+        dx = hits[j, 0] - icc_x
+        dy = hits[j, 1] - icc_y
+        rho_squared = dx * dx + dy * dy
+        inner = r - hits[j, 2]
+        outer = r + hits[j, 2]
+        if rho_squared >= outer * outer or (inner > 0.0 and rho_squared <= inner * inner):
+            continue
+        rho = math.sqrt(rho_squared)
+        cosine = (r * r + rho_squared - hits[j, 2] * hits[j, 2]) / max(2.0 * r * rho, 1e-300)
+        if cosine <= -1.0:
+            continue  # the circle lies within R of the hit all round, and the robot with it: rounding, no more
+        # from the robot to the hit around the ICC, in the sense of the motion
+        turn = side * bearing(icc_x * dy * -1.0 + icc_y * dx, -icc_x * dx - icc_y * dy)
+        if turn < 0.0:
+            turn += 2.0 * math.pi
+        edge = bearing(math.sqrt(max(1.0 - cosine * cosine, 0.0)), cosine)
+        longest = min(longest, max(turn - edge, 0.0) / abs(yaw_rate))
+    return longest
+
+
+@inlined
+def braking_speed(distance, acceleration, delay):
+    """Returns the speed (m/s) from which a robot that answers after `delay` (s) can stop within `distance` (m).
+
+    The root of v delay + v^2 / (2 a) = distance, written so that an infinite acceleration leaves v = distance / delay.
+    """
+    distance = max(distance, 0.0)
+    return 2.0 * distance / (delay + math.sqrt(delay * delay + 2.0 * distance / acceleration))
+
+
+@inlined
+def step_and_stop(plant, hits, count, command, twist, i, vx, vy, yaw_rate):
+    """Returns whether the robot keeps its distance to all hits if it drives a twist for one period and then brakes.
+
+    Predicts what the plant does: acceleration limits from the last command, then the lag from the measured twist, then
+    an exact arc, until the robot rests. A robot that starts in a plan of this kind can always go on with it: whoever
+    takes only twists that pass, and brakes when none does, touches nothing that he saw.
+    """
+    acceleration, yaw_acceleration, decay, mean, _, dt = plant
+    command_vx = command[i, 0]
+    command_vy = command[i, 1]
+    command_yaw_rate = command[i, 2]
+    wheel_vx = twist[i, 0]
+    wheel_vy = twist[i, 1]
+    wheel_yaw_rate = twist[i, 2]
+    x = 0.0
+    y = 0.0
+    heading = 0.0
+    for _ in range(1000):
+        command_vx, command_vy, command_yaw_rate = limit_acceleration(
+            command_vx, command_vy, command_yaw_rate, vx, vy, yaw_rate, acceleration, yaw_acceleration, dt
+        )
+        x, y, heading = integrate_arc(
+            x,
+            y,
+            heading,
+            command_vx + mean * (wheel_vx - command_vx),
+            command_vy + mean * (wheel_vy - command_vy),
+            command_yaw_rate + mean * (wheel_yaw_rate - command_yaw_rate),
+            dt,
+        )
+        wheel_vx = command_vx + decay * (wheel_vx - command_vx)
+        wheel_vy = command_vy + decay * (wheel_vy - command_vy)
+        wheel_yaw_rate = command_yaw_rate + decay * (wheel_yaw_rate - command_yaw_rate)
+        for j in range(count):
+            dx = hits[j, 0] - x
+            dy = hits[j, 1] - y
+            if dx * dx + dy * dy < hits[j, 2] * hits[j, 2]:
+                return False
+        vx = 0.0
+        vy = 0.0
+        yaw_rate = 0.0
+        fastest = max(abs(wheel_vx), abs(wheel_vy), abs(command_vx), abs(command_vy))
+        if fastest < STILL:
+            return True
+    return True
+
+
+@inlined
+def set_command(plant, wheel_matrix, command, i, vx, vy, yaw_rate):
+    """Turns row i of the last commands into what the plant makes of a new one: saturation, acceleration limits."""
+    acceleration, yaw_acceleration, _, _, wheel_limit, dt = plant
+    factor = saturation_factor(wheel_matrix, wheel_matrix.shape[0], wheel_limit, vx, vy, yaw_rate)
+    command[i, 0], command[i, 1], command[i, 2] = limit_acceleration(
+        command[i, 0],
+        command[i, 1],
+        command[i, 2],
+        factor * vx,
+        factor * vy,
+        factor * yaw_rate,
+        acceleration,
+        yaw_acceleration,
+        dt,
+    )
+
+
+@inlined
+def arrived(memory, i, k, d, waypoints_left, stop_radius):
+    """Returns whether the robot rests at its goal, from which it lies `d` (m) away, and keeps that in memory[i, k].
+
+    It comes to rest within `stop_radius` (m) and stays until it finds itself twice as far away.
+    """
+    if waypoints_left > 0.0 or d > 2.0 * stop_radius:
+        memory[i, k] = 0.0
+    elif d <= stop_radius:
+        memory[i, k] = 1.0
+    return memory[i, k] == 1.0
+
+
+@inlined
+def turn_towards(error, turn_gain, fastest):
+    """Returns the yaw rate (rad/s) that takes out a heading error (rad), 0 where the error is below a degree."""
+    return 0.0 if abs(error) < 0.0175 else max(-fastest, min(fastest, turn_gain * error))

@@ -1,0 +1,200 @@
+"""What a learner sees of the worlds: features, a reward that teaches, and a speed asked for in every episode."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from wayfield.policies.features import Perception
+from wayfield.policies.training.worlds import Worlds
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class PathReward:
+    """Reward of a step along a path, with progress ds, cross-track error e, asked speed u and actions a:
+
+        ds / (u dt) - error_cost |e| - square_cost e^2 - jerk_cost |a - a_before|^2 - heading_cost h^2
+        - failure [left corridor]
+
+    The first term is at most about 1. The true error is meant, whatever the robot measures.
+    """
+
+    error_cost: float = 10.0  # 1/m
+    square_cost: float = 20.0  # 1/m^2
+    heading_cost: float = 0.0  # 1/rad^2
+    jerk_cost: float = 0.02
+    failure: float = 50.0
+
+    def __call__(self, told: Mapping[str, NDArray[Any]], speeds: Array, change: Array, dt: float) -> Array:
+        """Returns the rewards (b,)."""
+        e = np.abs(told["cross_track_error"])
+        reward = told["progress"] / (speeds * dt) - self.error_cost * e - self.square_cost * e * e
+        if self.heading_cost:
+            reward -= self.heading_cost * told["heading_error"] ** 2
+        return np.asarray(reward - self.jerk_cost * change - self.failure * told["left_corridor"])
+
+
+@dataclasses.dataclass(frozen=True)
+class GoalReward:
+    """Reward of a step towards a goal, with progress ds (on the shortest way, where the map is known to the teacher):
+
+        ds / (u dt) - time_cost - near_cost max(0, 1 - clearance/near)^2 - jerk_cost |a - a_before|^2
+        + success [arrived] - collision [touched]
+    """
+
+    time_cost: float = 0.3
+    near_cost: float = 1.0
+    near: float = 0.15  # m
+    jerk_cost: float = 0.02
+    success: float = 20.0
+    collision: float = 40.0
+
+    def __call__(self, told: Mapping[str, NDArray[Any]], speeds: Array, change: Array, dt: float) -> Array:
+        """Returns the rewards (b,)."""
+        closeness = np.clip(1.0 - told["clearance"] / self.near, 0.0, 1.0)
+        reward = told["progress"] / (speeds * dt) - self.time_cost - self.near_cost * closeness * closeness
+        reward -= self.jerk_cost * change
+        return np.asarray(reward + self.success * told["success"] - self.collision * told["collision"])
+
+
+Reward = PathReward | GoalReward
+
+
+class Shaped(VecEnv):
+    """The worlds as the learner meets them: inputs of the network in, actions in [-1, 1] out.
+
+    Args:
+        speeds: m/s, the least and the most of the speed that is drawn for every episode.
+        discount: the learner's gamma; rewards are multiplied by 1 - gamma, so that values are of order one.
+        progress: of the robots (b,), m, in place of what the worlds tell; None takes that.
+    """
+
+    def __init__(
+        self,
+        worlds: Worlds,
+        perception: Perception,
+        reward: Reward,
+        speeds: tuple[float, float],
+        discount: float,
+        ways: Callable[[Worlds], Array] | None = None,
+    ) -> None:
+        self.worlds = worlds
+        self.perception = perception
+        self.reward = reward
+        self.range = speeds
+        self.scale = 1.0 - discount
+        self.ways = ways
+        self.dt = worlds.task.options.dt
+        self.robot = worlds.task.robot
+        self.memory = perception.fresh(worlds.num_envs)
+        self.speeds = np.full(worlds.num_envs, speeds[1])
+        self.generator = np.random.default_rng(0)
+        self.left = np.zeros(worlds.num_envs)  # m, of the way to the goal
+        self._inputs = np.empty(0, np.float32)
+        self._angles = np.empty(0)
+        self._actions = np.empty(0)
+        width = perception.num_inputs
+        super().__init__(
+            worlds.num_envs,
+            gymnasium.spaces.Box(-np.inf, np.inf, (width,), np.float32),
+            gymnasium.spaces.Box(-1.0, 1.0, (perception.actions.size,), np.float32),
+        )
+
+    def seed(self, seed: int | None = None) -> list[int | None]:  # type: ignore[override]
+        """Seeds the worlds' rows seed, seed + 1, ... and the draws of the speeds."""
+        self.generator = np.random.default_rng(seed)
+        return list(self.worlds.seed(seed))
+
+    def reset(self) -> NDArray[np.float32]:
+        """Starts an episode in every row."""
+        observations = self.worlds.reset()
+        self.memory[:] = 0.0
+        self.speeds = self.generator.uniform(*self.range, self.num_envs)
+        if self.ways is not None:
+            self.left = self.ways(self.worlds)
+        self._see(observations)
+        return self._inputs
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Takes the actions of the next step."""
+        self._actions = np.clip(actions, -1.0, 1.0)
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Moves every robot by one control period; see `Worlds.step_wait`."""
+        actions = self._actions
+        perception, size = self.perception, self.perception.actions.size
+        change = np.square(actions - self.memory[:, :size]).sum(axis=1) if perception.acted else np.zeros(len(actions))
+        twists = perception.actions.twists(actions, self.speeds, self._angles, self.robot)
+        observations, _, terminated, truncated, told = self.worlds.advance(twists)
+        ended = terminated | truncated
+        rows = np.flatnonzero(ended)
+        if self.ways is not None:
+            left = self.ways(self.worlds)
+            told = told | {"progress": np.where(ended, np.minimum(told["progress"], 0.1), self.left - left)}
+            self.left = left
+        rewards = self.scale * self.reward(told, self.speeds, change, self.dt)
+        perception.remember(self._inputs, actions, self.memory)
+        infos: list[dict[str, Any]] = [{}] * self.num_envs
+        if len(rows):
+            finals = self._fields(self.worlds.final_observations(rows))
+            last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows])
+            for j, i in enumerate(rows.tolist()):
+                late = bool(truncated[i] and not terminated[i])
+                infos[i] = {"terminal_observation": last[j], "TimeLimit.truncated": late}
+            self.memory[rows] = 0.0
+            self.speeds[rows] = self.generator.uniform(*self.range, len(rows))
+        self._see(observations)
+        return self._inputs, rewards.astype(np.float32), ended, infos
+
+    def _fields(self, observations: NDArray[np.float32]) -> Any:
+        return self.worlds.task.layout.unpack(observations.astype(np.float64))
+
+    def _see(self, observations: NDArray[np.float32]) -> None:
+        self._inputs, self._angles = self.perception.inputs(self._fields(observations), self.speeds, self.memory)
+
+    def close(self) -> None:
+        """Closes the worlds."""
+        self.worlds.close()
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        """Returns False for each row."""
+        return self.worlds.env_is_wrapped(wrapper_class, indices)
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Returns an attribute of each row's world."""
+        return self.worlds.get_attr(attr_name, indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refuses."""
+        self.worlds.set_attr(attr_name, value, indices)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Refuses."""
+        return self.worlds.env_method(method_name, *args, indices=indices, **kwargs)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Returns all that decides what comes next, but for the random generators."""
+        own = {name: getattr(self, name).copy() for name in ("memory", "speeds", "left", "_inputs", "_angles")}
+        return {f"shaped.{name}": array for name, array in own.items()} | self.worlds.arrays()
+
+    def generators(self) -> list[Any]:
+        """Returns the states of the random generators: its own, then the robots'."""
+        return [self.generator.bit_generator.state, *self.worlds.generators()]
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], generators: list[Any]) -> None:
+        """Puts everything back to where `arrays` and `generators` were taken; `_inputs` is what is seen next."""
+        for name in ("memory", "speeds", "left", "_inputs", "_angles"):
+            setattr(self, name, arrays[f"shaped.{name}"].copy())
+        self.generator.bit_generator.state = generators[0]
+        self.worlds.restore(arrays, generators[1:])
+
+    @property
+    def seen(self) -> NDArray[np.float32]:
+        """Returns the inputs of the network for the next action."""
+        return self._inputs

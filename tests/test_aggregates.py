@@ -1,0 +1,118 @@
+"""Aggregates against hand-made cases and their definitions."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayfield.benchmarks.aggregates import better, interval, iqm, mean
+from wayfield.benchmarks.metrics import against_the_best, fastest_time, measure, smoothness
+from wayfield.benchmarks.trajectory import Trajectory
+
+FINITE = st.floats(-1e6, 1e6)
+
+
+def test_iqm_leaves_out_the_outer_quarters() -> None:
+    assert float(iqm(np.array([100.0, 2.0, 3.0, -50.0]))) == 2.5
+    assert float(iqm(np.arange(8.0))) == np.mean([2.0, 3.0, 4.0, 5.0])
+    np.testing.assert_array_equal(iqm(np.array([[1.0, 2.0, 3.0, 4.0], [5.0, 5.0, 5.0, 90.0]])), [2.5, 5.0])
+
+
+@given(st.lists(FINITE, min_size=1, max_size=30), FINITE)
+def test_iqm_moves_with_its_values_and_stays_between_them(values: list[float], shift: float) -> None:
+    array = np.array(values)
+    assert array.min() - 1e-6 <= float(iqm(array)) <= array.max() + 1e-6
+    assert float(iqm(array + shift)) == pytest.approx(float(iqm(array)) + shift, abs=1e-6 * (1.0 + abs(shift)))
+
+
+def test_an_interval_of_equal_values_is_a_point_and_strata_do_not_mix() -> None:
+    assert interval([2.0] * 6, ["a"] * 6, iqm) == (2.0, 2.0)
+    # all spread lies between the strata: resampling within each of them leaves the mean where it is
+    assert interval([0.0] * 5 + [1.0] * 5, ["a"] * 5 + ["b"] * 5, mean) == (0.5, 0.5)
+    low, high = interval([0.0] * 5 + [1.0] * 5, ["a"] * 10, mean)
+    assert low < 0.35 < 0.65 < high
+
+
+def test_an_interval_covers_the_mean_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(200):
+        low, high = interval(rng.normal(3.0, 1.0, 40).tolist(), ["a"] * 40, mean)
+        covered += low <= 3.0 <= high
+    # 95 % nominal; a percentile bootstrap of 40 falls a little short
+    assert 0.88 <= covered / 200 <= 0.99
+
+
+def test_an_interval_is_the_same_every_time_and_refuses_what_has_no_strata() -> None:
+    assert interval([1.0, 2.0, 5.0], ["a", "a", "b"], iqm) == interval([1.0, 2.0, 5.0], ["a", "a", "b"], iqm)
+    with pytest.raises(ValueError, match="as many values as strata"):
+        interval([1.0, 2.0], ["a"], mean)
+    with pytest.raises(ValueError, match="at least one"):
+        interval([], [], mean)
+
+
+def test_better_puts_success_first_and_is_its_own_complement() -> None:
+    success_a, cost_a = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.array([5.0, 1.0, 1.0, 1.0, 2.0])
+    success_b, cost_b = np.array([0.0, 1.0, 1.0, 0.0, 1.0]), np.array([1.0, 2.0, 9.0, 0.5, 2.0])
+    shares = better(success_a, cost_a, success_b, cost_b)
+    np.testing.assert_array_equal(shares, [1.0, 1.0, 0.0, 0.5, 0.5])
+    np.testing.assert_array_equal(better(success_b, cost_b, success_a, cost_a), 1.0 - shares)
+
+
+def test_fastest_time_is_the_ramp_and_then_the_cruise() -> None:
+    assert fastest_time(10.0, 2.0, math.inf) == 5.0
+    # half a second squared times a: 2 s to reach 2 m/s over 2 m, then 8 m at 2 m/s
+    assert fastest_time(10.0, 2.0, 1.0) == 2.0 + 4.0
+    assert fastest_time(0.5, 2.0, 1.0) == 1.0
+
+
+def straight_run(success: bool, seconds: float, speed: float) -> Trajectory:
+    times = np.linspace(0.0, seconds, round(seconds / 0.05) + 1)
+    poses = np.column_stack([speed * times, np.zeros((len(times), 2))])
+    return Trajectory(times=times, poses=poses, success=success, shortest=4.0, max_speed=1.0)
+
+
+def test_spl_sct_and_barn_are_their_definitions() -> None:
+    # 5 m driven in 10 s where 4 m are the shortest, and 4 s the fastest
+    found = against_the_best(straight_run(True, 10.0, 0.5))
+    assert found["spl"] == pytest.approx(4.0 / 5.0)
+    assert found["sct"] == pytest.approx(4.0 / 10.0)
+    assert found["barn_score"] == pytest.approx(4.0 / 10.0)
+    # the BARN score saturates at half and at an eighth
+    assert against_the_best(straight_run(True, 5.0, 1.0))["barn_score"] == pytest.approx(0.5)
+    assert against_the_best(straight_run(True, 50.0, 0.1))["barn_score"] == pytest.approx(0.125)
+    assert against_the_best(straight_run(False, 10.0, 0.5)) == {"spl": 0.0, "sct": 0.0, "barn_score": 0.0}
+    assert against_the_best(Trajectory(times=np.zeros(2), poses=np.zeros((2, 3)))) == {}
+
+
+def swing(seconds: float, amplitude: float, waves: float = 3.0) -> Trajectory:
+    """A speed that swings as 1 - cos, `waves` times over the run."""
+    times = np.linspace(0.0, seconds, 2001)
+    speed = amplitude * (1.0 - np.cos(2.0 * np.pi * waves * times / seconds))
+    twists = np.column_stack([speed, np.zeros((len(times), 2))])
+    return Trajectory(times=times, poses=np.zeros((len(times), 3)), twists=twists)
+
+
+def test_ldlj_is_its_integral_and_depends_on_neither_duration_nor_size() -> None:
+    # v'' = A w^2 cos: its square integrates to A^2 w^4 T / 2, the peak speed is 2 A, w = 2 pi 3 / T
+    expected = -math.log((2.0 * math.pi * 3.0) ** 4 / 2.0 / 4.0)
+    for seconds, amplitude in ((10.0, 0.3), (40.0, 0.3), (10.0, 1.2)):
+        assert smoothness(swing(seconds, amplitude))["ldlj"] == pytest.approx(expected, abs=0.01)
+    assert smoothness(swing(10.0, 0.3, waves=6.0))["ldlj"] < expected
+
+
+def test_a_turning_body_frame_is_no_jerk_of_its_own() -> None:
+    """A constant velocity in the world, seen from a body that spins: the jerk is nothing but rounding."""
+    times = np.linspace(0.0, 5.0, 101)
+    heading = 2.0 * times
+    twists = np.column_stack([np.cos(heading), -np.sin(heading), np.full(len(times), 2.0)])
+    poses = np.column_stack([times, np.zeros(len(times)), heading])
+    assert smoothness(Trajectory(times=times, poses=poses, twists=twists))["squared_jerk"] < 1e-15
+
+
+def test_faults_are_in_the_row() -> None:
+    run = straight_run(True, 2.0, 1.0)
+    assert measure(run)["faults"] == 0.0
+    assert measure(Trajectory(times=run.times, poses=run.poses, faults=3))["faults"] == 3.0
