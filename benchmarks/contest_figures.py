@@ -14,10 +14,11 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
 from wayfield.benchmarks.contest_tables import by_entry, costs, label, values
-from wayfield.benchmarks.contests import CONTESTS, LADDER, Contest
+from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.benchmarks.figures import PATH_COLOUR, RC, floor_plan, goal_mark, obstacle_patches
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
 from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs.disturbances import LEVELS
 
 # Okabe and Ito's palette; with the line styles it tells two dozen entries apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
@@ -129,7 +130,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
 def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     """Returns success and cost of each entry against the level of disturbance."""
     del folder
-    levels = [level for level in LADDER if any(row["disturbance"] == level for row in rows)]
+    levels = [level for level in LEVELS if any(row["disturbance"] == level for row in rows)]
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.6, 8.0), layout="constrained", sharex=True)
     for k, (entry, mine) in enumerate(by_entry(rows).items()):
         style: dict[str, Any] = {
@@ -158,7 +159,8 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
 
 def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     """Returns the three worst test episodes of each entry over their scenarios."""
-    entries = by_entry(row for row in rows if row["split"] == "test" and row["trajectory"])
+    tested = by_entry(row for row in rows if row["split"] == "test")
+    entries = {entry: [row for row in mine if row["trajectory"]] for entry, mine in tested.items()}
     trajectories = read_trajectories(folder, {row["trajectory"] for mine in entries.values() for row in mine})
     columns = max(len(mine) for mine in entries.values())
     figure, axes = plt.subplots(

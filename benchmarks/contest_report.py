@@ -13,7 +13,6 @@ from wayfield.benchmarks.contest_tables import contest_tables
 from wayfield.benchmarks.contests import (
     CONTESTS,
     FRONT_SCENARIOS,
-    LADDER,
     LADDER_SCENARIOS,
     SPEEDS,
     TRANSFER_SPLIT,
@@ -26,6 +25,7 @@ from wayfield.benchmarks.results import TABLE, read_rows, staging, write_rows, w
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.tables import Table
 from wayfield.benchmarks.workers import Map, workers
+from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
 from wayfield.policies import tuned_gains
 
@@ -98,7 +98,7 @@ class ContestOptions:
         names = self.names(contest)
         best = [(name, self._best(name, contest)) for name in names]
         if self.ladder:
-            for level in LADDER:
+            for level in LEVELS:
                 for name, gains_name in best:
                     cases = contest.cases(self.robot, family, "test", (name,), (gains_name,), disturbance=level)
                     yield from self._settings(contest, plant, cases, LADDER_SCENARIOS)
@@ -132,7 +132,10 @@ class ContestOptions:
 
 def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Table]:
     """Plays a contest in `count` processes, writes its files into the folder, and returns its tables."""
-    settings = options.settings()
+    try:
+        settings = options.settings()
+    except ValueError as error:  # a damaged split
+        raise click.ClickException(str(error)) from None
     with contextlib.ExitStack() as stack:
         try:
             stage = stack.enter_context(staging(folder))

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 import wayfield.policies
 from wayfield.benchmarks.aggregates import better, interval, iqm, mean
-from wayfield.benchmarks.contests import CONTESTS, LADDER, TRANSFER_SPLIT, Contest
+from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.intervals import wilson
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.tables import Table
+from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.task import CONTROL_PERIOD
 
 Entry = tuple[str, str]  # policy, and the name of its gains
@@ -243,7 +244,7 @@ def better_share(rows_a: Sequence[Row], rows_b: Sequence[Row], cost: str) -> tup
 def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str) -> Table:
     """Returns success and error (or time) of each entry at each level of disturbance."""
     lines = []
-    levels = [level for level in LADDER if any(row["disturbance"] == level for row in rows)]
+    levels = [level for level in LEVELS if any(row["disturbance"] == level for row in rows)]
     levels += [level for level in dict.fromkeys(row["disturbance"] for row in rows) if level not in levels]
     for entry, mine in by_entry(rows).items():
         groups = [[row for row in mine if row["disturbance"] == level] for level in levels]
@@ -261,12 +262,8 @@ def success_cell(rows: Sequence[Row]) -> str:
 def _cell(column: Column, rows: Sequence[Row], contest: Contest) -> str:
     if column.successes_only:
         rows = [row for row in rows if number(row, "success") == 1.0]
-    found = (
-        [(value, row["experiment"]) for value, row in zip(values(rows, column.metric), rows, strict=True)]
-        if rows
-        else []
-    )
-    found = [(value, family) for value, family in found if not math.isnan(value)]
+    measured = costs(rows, contest) if column.metric == IMPUTED else values(rows, column.metric)
+    found = [(value, row["experiment"]) for value, row in zip(measured, rows, strict=True) if not math.isnan(value)]
     if not found:
         return ""
     numbers, strata = zip(*found, strict=True)

@@ -110,7 +110,6 @@ CONTESTS = {
 SPEEDS = (0.3, 0.45, 0.6, 0.75, 0.9, 1.05)  # m/s, of the speed-accuracy front
 FRONT_SCENARIOS = 2  # of each family, at each speed
 LADDER_SCENARIOS = 2  # of each family, at each level
-LADDER = ("none", "light", "moderate", "strong", "severe")
 
 
 def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, float]:
@@ -126,5 +125,5 @@ def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, flo
 def families(contest: Contest, dynamics: str) -> tuple[str, ...]:
     """Returns the families of a contest's task; those with pushable obstacles need the pymunk plant."""
     return tuple(
-        family for family in splits.FAMILIES[contest.task] if dynamics == "pymunk" or family not in splits._NEEDS_PYMUNK
+        family for family in splits.FAMILIES[contest.task] if dynamics == "pymunk" or family not in splits.NEEDS_PYMUNK
     )

@@ -113,6 +113,8 @@ def main(
     if path is None and suite != DOCUMENTS:
         if video:
             raise click.UsageError(f"--video belongs to --suite {DOCUMENTS}")
+        if dynamics == "both":
+            raise click.UsageError("--dynamics both belongs to the documents; a contest is run on one plant")
         folder = Path("results") / suite if out is None else Path(out)
         options = ContestOptions(
             suite,

@@ -1,4 +1,4 @@
-"""Grid maps and problems of the MovingAI benchmarks: Sturtevant, Benchmarks for grid-based pathfinding, T-CIAIG 2012."""
+"""Grid maps and problems of the MovingAI benchmarks (Sturtevant, Benchmarks for grid-based pathfinding, 2012)."""
 
 import os
 from typing import NamedTuple

@@ -41,7 +41,7 @@ class Range:
 # The cruising speed is no gain to search: the comparison is made at matched speed.
 SEARCHED: Mapping[str, Mapping[str, Range]] = {
     "lookahead_retuned": {"lookahead_distance": Range(0.15, 0.8), "k_ang": Range(1.0, 12.0)},
-    "pure_pursuit": {"lookahead": Range(0.15, 1.0)},
+    "pure_pursuit": {"lookahead_distance": Range(0.15, 1.0)},
     "regulated_pure_pursuit": {
         "min_lookahead": Range(0.15, 0.5),
         "max_lookahead": Range(0.25, 0.8),
@@ -52,9 +52,9 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "k1": Range(0.3, 3.0),
         "k2": Range(1.0, 10.0),
         "beta": Range(0.01, 1.0),
-        "lookahead": Range(0.25, 1.0),
+        "lookahead_distance": Range(0.25, 1.0),
     },
-    "stanley": {"k": Range(0.5, 5.0), "axle_distance": Range(0.1, 0.4), "share": Range(0.2, 1.0)},
+    "stanley": {"k": Range(0.5, 5.0), "axle_distance": Range(0.05, 0.4), "share": Range(0.2, 1.0)},
     "lqr": {
         "q_e": Range(5.0, 400.0),
         "q_th": Range(0.5, 40.0),
@@ -69,7 +69,12 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "rho_0": Range(0.2, 1.0),
         "max_speed": Range(0.3, 0.6),
     },
-    "vfh_plus": {},
+    "vfh_plus": {
+        "safety": Range(0.01, 0.15),
+        "low": Range(0.1, 0.6),
+        "slowing": Range(0.1, 1.0),
+        "mu_previous": Range(0.5, 5.0),
+    },
     "dwa": {
         "heading": Range(0.1, 2.0),
         "clearance": Range(0.05, 1.0),
@@ -199,6 +204,11 @@ def main(
                 name: rounded(trial.suggest_float(name, each.low, each.high, log=each.log))
                 for name, each in ranges.items()
             }
+            try:
+                wayfield.policies.make(policy, **gains)
+            except ValueError:  # two gains that do not go together
+                study.tell(trial, state=optuna.trial.TrialState.FAIL)
+                continue
             parts = settings_of(contest, robot, actuators, policy, gains, scenarios)
             study.tell(trial, score(contest, parts, share))
     best = {name: rounded(value) for name, value in study.best_params.items()}

@@ -48,11 +48,13 @@ class Robot:
     def wheel_speeds_from_twist(self, twist: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns wheel speeds (..., n) in rad/s from commandable twists (..., len(twist_axes))."""
         # not the matrix product, whose sums depend on how many rows there are: a robot in a batch equals a lone one
-        return (twist[..., None, :] * self.wheel_matrix[:, self.twist_axes]).sum(axis=-1)
+        speeds: NDArray[np.float64] = (twist[..., None, :] * self.wheel_matrix[:, self.twist_axes]).sum(axis=-1)
+        return speeds
 
     def twist_from_wheel_speeds(self, wheel_speeds: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns commandable twists (..., len(twist_axes)) from wheel speeds (..., n) in rad/s."""
-        return (wheel_speeds[..., None, :] * self.forward_matrix[list(self.twist_axes)]).sum(axis=-1)
+        twist: NDArray[np.float64] = (wheel_speeds[..., None, :] * self.forward_matrix[list(self.twist_axes)]).sum(-1)
+        return twist
 
     @functools.cached_property
     def max_twist(self) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """Trained agents: a folder of weights and a card, and the policy that drives with it."""
 
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -148,6 +149,14 @@ def save_agent(folder: str | os.PathLike[str], layers: Sequence[tuple[NDArray[An
     write_whole(folder / CARD, (json.dumps(card, indent=2) + "\n").encode())
 
 
+def weights_digest(layers: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> str:
+    """Returns the SHA-256 of weights and biases, by which a card knows them."""
+    sha = hashlib.sha256()
+    for weight, bias in layers:
+        sha.update(np.ascontiguousarray(weight, "<f4").tobytes() + np.ascontiguousarray(bias, "<f4").tobytes())
+    return sha.hexdigest()
+
+
 def write_whole(file: pathlib.Path, content: bytes) -> None:
     """Writes a file so that at any moment the old or the new content is there, whole."""
     part = file.with_name(file.name + ".part")
@@ -192,8 +201,10 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
             layers.append(tensor)
     if tensors:
         raise ValueError(f"{file} also holds {', '.join(sorted(tensors))}; it does not belong to {CARD}")
-    network = Network.of(list(zip(layers[::2], layers[1::2], strict=True)))
-    return Agent(network, features, actions, card, **({"speed": card["speed"]} | gains))
+    pairs = list(zip(layers[::2], layers[1::2], strict=True))
+    if weights_digest(pairs) != card["sha256"]:
+        raise ValueError(f"{file} holds other weights than {CARD} was written for: their SHA-256 differs")
+    return Agent(Network.of(pairs), features, actions, card, **({"speed": card["speed"]} | gains))
 
 
 def card_features(card: Mapping[str, Any]) -> Features:
@@ -205,7 +216,7 @@ def card_features(card: Mapping[str, Any]) -> Features:
 
 _CARD_KINDS = {
     "env_id": str, "robots": list, "task": str, "dt": float, "speed": float, "features": dict, "actions": dict,
-    "network": dict,
+    "network": dict, "sha256": str,
 }  # fmt: skip
 
 

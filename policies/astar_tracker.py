@@ -33,7 +33,7 @@ CELLS = 256  # of a side of the grid
 POINTS = 512  # of a plan
 
 MEMORY = np.dtype([*PLAN, ("points", np.float64, (POINTS, 2)), ("arc", np.float64, (POINTS,)),
-                   ("grid", np.uint8, (CELLS, CELLS))])  # fmt: skip
+                   ("held_up", np.int64), ("planned_at", np.int64), ("grid", np.uint8, (CELLS, CELLS))])  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,9 @@ class AstarTracker(PolylineTracker):
     robot plans anew. A robot without a way stands still, and memory["no_path"] is 1.
 
     Obstacles on patrol are left out of the map. Their scripts are known: the greatest of the speeds cruise_speed, half
-    of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven.
+    of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven. A robot held up so for
+    `patience` plans anew around what they sweep within that time, or within a third of it, and keeps its plan if there
+    is no such way.
 
     Serves differential drives and omni bases. Limits: the elastic band is local, and speed is not part of the search.
 
@@ -62,6 +64,7 @@ class AstarTracker(PolylineTracker):
     astray: float = 0.5  # m
     patrol_clearance: float = 0.15  # m
     patrol_horizon: float = 3.0  # s
+    patience: float = 0.5  # s
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -70,7 +73,7 @@ class AstarTracker(PolylineTracker):
         super().__post_init__()
         for name in ("cell", "surroundings", "astray", "patrol_horizon"):
             check_gain(self, name, above=0.0)
-        for name in ("margin", "wanted_clearance", "patrol_clearance"):
+        for name in ("margin", "wanted_clearance", "patrol_clearance", "patience"):
             check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
@@ -87,7 +90,7 @@ class AstarTracker(PolylineTracker):
         decide(
             limits,
             (self.cell, self.surroundings, self.wanted_clearance, self.astray),
-            (self.patrol_clearance, self.patrol_horizon),
+            (self.patrol_clearance, self.patrol_horizon, round(self.patience / briefing.dt)),
             prices,
             briefing.obstacles,
             briefing.num_obstacles,
@@ -102,6 +105,7 @@ class AstarTracker(PolylineTracker):
             memory["steps"],
             memory["plans"],
             memory["no_path"],
+            (memory["held_up"], memory["planned_at"]),
         )
         return self.twists(briefing, memory)
 
@@ -112,34 +116,54 @@ _MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 @compiled
 def decide(
     limits, mapping, dodging, prices, obstacles, counts, patrols, goals, num_goals, poses, heading_errors,
-    waypoints_left, grid, plan, steps, plans, no_path,
+    waypoints_left, grid, plan, steps, plans, no_path, waiting,
 ):  # fmt: skip
-    """Sets the commands of all robots; plans for those that have not, or that have been moved off their plan."""
+    """Sets the commands of all robots; plans for those that have not, are off their plan, or are held up."""
     points, arc, num_points, segments, arrived, stuck, commands, origin, cell = plan
+    held_up, planned_at = waiting
     astray = mapping[3]
     for i in range(poses.shape[0]):
         x = poses[i, 0]
         y = poses[i, 1]
-        wanted = plans[i] == 0
+        first = max(num_goals[i] - 1 - int(waypoints_left[i]), 0)
+        due = plans[i] == 0
         s = 0.0
         if num_points[i] > 0:
             s, away, _ = project(points, arc, num_points[i], segments, i, x, y)
-            wanted = away > astray
-        if wanted or stuck[i] > 60:
+            due = away > astray or stuck[i] > 60
+        if due:
             stuck[i] = 0
             plans[i] += 1
             if plans[i] == 1:
-                rasterise(mapping, obstacles, counts, patrols, goals, num_goals, i, x, y, grid, origin, cell)
-            first = max(num_goals[i] - 1 - int(waypoints_left[i]), 0)
+                lay_grid(mapping, obstacles, counts, patrols, goals, num_goals, i, x, y, origin, cell, grid.shape[1])
+                for j in range(counts[i]):
+                    if patrols[i, j].leg_time <= 0.0:
+                        stamp(grid, i, obstacles[i, j], 0.0, 0.0, origin, cell, FARTHEST)
             found = plan_way(limits, mapping[2], prices, goals, num_goals, first, i, x, y, grid, plan)
             no_path[i] = 0 if found else 1
+            if not found:
+                num_points[i] = 0
             arrived[i] = 0
-        speed_limit = np.inf
+            s = 0.0
+        moving = False
         for j in range(counts[i]):
-            if patrols[i, j].leg_time > 0.0 and num_points[i] > 0 and arrived[i] == 0:
-                time = steps[i] * limits.dt
+            moving = moving or patrols[i, j].leg_time > 0.0
+        speed_limit = np.inf
+        if moving and num_points[i] > 0:
+            time = steps[i] * limits.dt
+            speed_limit = speed_among(limits, dodging, obstacles, patrols, counts, plan, i, s, time)
+            held_up[i] = held_up[i] + 1 if speed_limit < np.inf else 0
+            if held_up[i] > dodging[2] and steps[i] - planned_at[i] > dodging[2] and arrived[i] == 0:
+                planned_at[i] = steps[i]
+                plans[i] += 1
+                dodge(
+                    limits, mapping, dodging, prices, obstacles, counts, patrols, goals, num_goals, first, i, x, y,
+                    time, grid, plan,
+                )  # fmt: skip
+                s, _, _ = project(points, arc, num_points[i], segments, i, x, y)
                 speed_limit = speed_among(limits, dodging, obstacles, patrols, counts, plan, i, s, time)
-                break
+        if speed_limit <= 0.0 and arrived[i] == 1:
+            speed_limit = np.inf
         # between its cells the grid can say half a cell less than there is
         track(
             limits, grid, plan, i, x, y, poses[i, 2], heading_errors[i], True, False, speed_limit, -0.5 * cell[i]
@@ -148,8 +172,34 @@ def decide(
 
 
 @compiled
-def rasterise(mapping, obstacles, counts, patrols, goals, num_goals, i, x, y, grid, origin, cell):
-    """Fills robot i's grid with the clearance of its standing obstacles."""
+def dodge(
+    limits, mapping, dodging, prices, obstacles, counts, patrols, goals, num_goals, first, i, x, y, time, grid, plan
+):  # fmt: skip
+    """Plans robot i's way around what the patrols sweep in a while, or a third of it; keeps its plan if there is none."""
+    _, _, _, _, _, _, _, origin, cell = plan
+    still = grid[i].copy()
+    reach = limits.hull_radius + mapping[2] + 2.0 * cell[i]
+    for horizon in (dodging[1], dodging[1] / 3.0):
+        for j in range(counts[i]):
+            if patrols[i, j].leg_time <= 0.0:
+                continue
+            after = 0.0
+            while after <= horizon:
+                mx, my, _, _ = patrol_at(patrols[i, j], time + after)
+                # farther away, it will have gone on by the time the robot gets there
+                if (mx - x) ** 2 + (my - y) ** 2 < 9.0:
+                    o = obstacles[i, j]
+                    stamp(grid, i, o, mx - o.x, my - o.y, origin, cell, reach)
+                after += 0.25
+        found = plan_way(limits, mapping[2], prices, goals, num_goals, first, i, x, y, grid, plan)
+        grid[i] = still
+        if found:
+            return
+
+
+@compiled
+def lay_grid(mapping, obstacles, counts, patrols, goals, num_goals, i, x, y, origin, cell, size):
+    """Sets where robot i's grid lies, and how wide its cells are."""
     low_x = x
     high_x = x
     low_y = y
@@ -172,29 +222,30 @@ def rasterise(mapping, obstacles, counts, patrols, goals, num_goals, i, x, y, gr
         high_x = max(high_x, min(o.x + half_x, bounds[1]))
         low_y = min(low_y, max(o.y - half_y, bounds[2]))
         high_y = max(high_y, min(o.y + half_y, bounds[3]))
-    size = grid.shape[1]
     room = 1.0  # m
     side = max(high_x - low_x, high_y - low_y) + 2.0 * room
     cell[i] = max(mapping[0], side / (size - 1))
     origin[i, 0] = 0.5 * (low_x + high_x - cell[i] * size)
     origin[i, 1] = 0.5 * (low_y + high_y - cell[i] * size)
-    for j in range(counts[i]):
-        o = obstacles[i, j]
-        if patrols[i, j].leg_time > 0.0:
-            continue
-        half_x = abs(o.cos) * o.half_length + abs(o.sin) * o.half_width + o.radius + FARTHEST
-        half_y = abs(o.sin) * o.half_length + abs(o.cos) * o.half_width + o.radius + FARTHEST
-        low_column = max(int(math.floor((o.x - half_x - origin[i, 0]) / cell[i] - 0.5)), 0)
-        high_column = min(int(math.ceil((o.x + half_x - origin[i, 0]) / cell[i] - 0.5)), size - 1)
-        low_row = max(int(math.floor((o.y - half_y - origin[i, 1]) / cell[i] - 0.5)), 0)
-        high_row = min(int(math.ceil((o.y + half_y - origin[i, 1]) / cell[i] - 0.5)), size - 1)
-        for row in range(low_row, high_row + 1):
-            for column in range(low_column, high_column + 1):
-                level = level_of(
-                    clearance_to(o, origin[i, 0] + (column + 0.5) * cell[i], origin[i, 1] + (row + 0.5) * cell[i])
-                )
-                if level > grid[i, row, column]:
-                    grid[i, row, column] = level
+
+
+@compiled
+def stamp(grid, i, o, shift_x, shift_y, origin, cell, reach):
+    """Lowers the clearance in robot i's grid to that of an obstacle, shifted, as far as `reach` (m) from it."""
+    size = grid.shape[1]
+    half_x = abs(o.cos) * o.half_length + abs(o.sin) * o.half_width + o.radius + reach
+    half_y = abs(o.sin) * o.half_length + abs(o.cos) * o.half_width + o.radius + reach
+    x = origin[i, 0] - shift_x
+    y = origin[i, 1] - shift_y
+    low_column = max(int(math.floor((o.x - half_x - x) / cell[i] - 0.5)), 0)
+    high_column = min(int(math.ceil((o.x + half_x - x) / cell[i] - 0.5)), size - 1)
+    low_row = max(int(math.floor((o.y - half_y - y) / cell[i] - 0.5)), 0)
+    high_row = min(int(math.ceil((o.y + half_y - y) / cell[i] - 0.5)), size - 1)
+    for row in range(low_row, high_row + 1):
+        for column in range(low_column, high_column + 1):
+            level = level_of(clearance_to(o, x + (column + 0.5) * cell[i], y + (row + 0.5) * cell[i]))
+            if level > grid[i, row, column]:
+                grid[i, row, column] = level
 
 
 @compiled
@@ -258,7 +309,6 @@ def plan_way(limits, bend_to, prices, goals, num_goals, first, i, x, y, grid, pl
             grid, points, arc, num_points, i, origin, cell, held, limits.hull_radius + bend_to, limits.hull_radius, 60
         )  # fmt: skip
         return True
-    num_points[i] = 0
     return False
 
 

@@ -1,4 +1,4 @@
-"""The dynamic window approach: the best of the arcs that a robot can reach soon and can still stop on."""
+"""The dynamic window approach: the best of the arcs that a robot can reach soon, and on which it can still stop."""
 
 import dataclasses
 import math
@@ -12,204 +12,252 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, saturation_factor
-from wayfield.policies.detour import COLUMNS, seek
+from wayfield.policies.detour import COLUMNS, WAYPOINTS, seek
 from wayfield.policies.policy import check_gain
 from wayfield.policies.stopping import (
+    APPROACH,
     SECTORS,
+    admissible,
+    arrived,
+    beam_directions,
     braking_speed,
     check_beams,
     find_hits,
     free_time,
-    measured_twists,
-    plant,
+    full_twists,
+    plant_model,
     sees_all_round,
     set_command,
     step_and_stop,
+    turn_towards,
 )
+
+SPEEDS = 7  # of the grid of twists; for an omni base: of changes of velocity
+TURNS = 15  # of the grid of twists; for an omni base: of their directions
+
+# Columns of the memory; the last command is 0 to 2.
+RESTING = 3
+DETOUR = 4
+RECALL = DETOUR + COLUMNS
 
 
 @dataclasses.dataclass(frozen=True)
 class Dwa:
+    """Drives the arc that heads best for the goal, of those that it can reach soon and stop on before any hit.
+
+    The dynamic window holds the twists (v, w) within `window` seconds of acceleration of the last command (all of them
+    in the tier "ideal"), v from 0 to max_speed, |w| <= max_yaw_rate. Of its 7 x 15 twists those count that are
+    admissible: with t the time that the arc stays `margin` clear of all hits, less lag and control period,
+
+        v <= 2 a t,  |w| <= 2 a_w t        that is, v <= sqrt(2 dist a), |w| <= sqrt(2 angle a_w)
+
+    and the one with the largest
+
+        heading (1 - |turn left to the goal| / pi) + clearance t / horizon + velocity v / max_speed
+        + progress (approach to the goal) / (max_speed horizon) + room (gap at the arc's end) / room_range
+
+    is driven, if the plant's own model can stop it after one more control period; else the next best, else the brakes.
+    The turn left is what remains once the rotation has been braked (Fox's heading). The last two terms are critics
+    beside the paper's three: `progress` is measured at the end of the arc (cut at the hit, the goal, the horizon),
+    `room` a second along it. Weights of zero leave Fox's objective.
+
+    An omni base has no need to turn: its grid is 7 changes of velocity in 15 directions, counted from the goal's, while
+    it turns to the goal heading; its heading term is the angle between velocity and goal. With a scan that does not
+    surround it, it is driven like a differential drive, so as not to go where it does not look. The robot slows down at
+    the goal, rests within stop_radius and turns to the goal heading.
+
+    A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (policies/detour.py);
+    patience = inf is Fox's law, which a dead end holds. What is near stays known for `recall` seconds after it drops
+    out of sight. Limits: it takes what it has not seen for free, and what moves for standing still. Serves both kinds
+    of robot.
+
+    Source: Fox, Burgard and Thrun, IEEE Robotics and Automation Magazine 4(1), 1997.
+    """
+
     max_speed: float = 0.6  # m/s
     max_yaw_rate: float = 1.5  # rad/s
-    margin: float = 0.03  # m, kept between hull and hits
-    window: float = 0.5  # s, in which the twists of the window can be reached
-    horizon: float = 2.0  # s, that the arcs are looked along
+    window: float = 0.5  # s
+    horizon: float = 2.0  # s
+    margin: float = 0.03  # m
     heading: float = 0.5
     clearance: float = 0.3
     velocity: float = 0.2
     progress: float = 1.0
     room: float = 0.5
-    room_range: float = 0.3
+    room_range: float = 0.3  # m, beyond which more room is worth nothing
+    turn_gain: float = 2.0  # 1/s, to the goal heading
     stop_radius: float = 0.08  # m
-    turn_gain: float = 2.0
-    patience: float = 2.0  # s
-    reach: float = 0.5  # m
+    patience: float = 2.0  # s, inf for no detours
+    reach: float = 0.5  # m, a detour takes directions that are free this far
+    first_leg: float = 3.0  # m, before a detour tries the other side
     recall: float = 2.0  # s
-    first_leg: float = 3.0  # m
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
 
+    def __post_init__(self) -> None:
+        for name in ("max_speed", "max_yaw_rate", "window", "horizon", "room_range", "reach", "first_leg"):
+            check_gain(self, name, above=0.0)
+        for name in ("margin", "heading", "clearance", "velocity", "progress", "room", "turn_gain", "stop_radius"):
+            check_gain(self, name, least=0.0)
+        check_gain(self, "patience", least=0.0, finite=False)
+        check_gain(self, "recall", least=0.0)
+
     def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns what each robot remembers, a row of numbers: the columns are named above.
+
+        Raises:
+            ValueError: if the robot has no range scan.
+        """
         check_beams(self, briefing)
-        memory = np.zeros((briefing.num_envs, 4 + COLUMNS + 3 * SECTORS))
-        memory[:, 8] = -1.0
+        memory = np.zeros((briefing.num_envs, RECALL + 3 * SECTORS))
+        memory[:, DETOUR + WAYPOINTS] = np.nan
         return memory
 
-    def act(self, observation, briefing, memory):
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t) in m/s and rad/s.
+
+        Raises:
+            ValueError: if the scan has another number of beams than the briefing.
+        """
         twists = np.empty((len(memory), 3))
-        beams = briefing.beam_angles
         choose_twists(
-            np.ascontiguousarray(observation.ranges),
-            np.column_stack([np.cos(beams), np.sin(beams)]),
+            observation.ranges,
+            beam_directions(briefing, observation.ranges),
             briefing.max_range,
             observation.goal,
             observation.pose,
             observation.goal_heading_error,
             observation.waypoints_left,
-            measured_twists(briefing, observation.twist),
-            plant(briefing),
+            full_twists(briefing, observation.twist),
+            plant_model(briefing),
             briefing.robot.wheel_matrix,
             briefing.robot.hull_radius,
             briefing.actuators.lag + briefing.dt,
             briefing.robot.holonomic and sees_all_round(briefing),
-            (self.max_speed, self.max_yaw_rate, self.margin, self.window, self.horizon, self.heading, self.clearance,
-            self.velocity, self.progress, self.room, self.room_range, self.stop_radius, self.turn_gain, self.patience, self.reach, self.recall, self.first_leg),
+            tuple(map(float, vars(self).values())),
             memory,
             twists,
         )
         return twists[:, briefing.robot.twist_axes]
 
 
-SPEEDS = 7
-TURNS = 15
-
-
 @compiled
-def choose_twists(ranges, directions, max_range, goals, poses, heading_errors, waypoints_left, twist, plant, wheel_matrix,
-    hull_radius, delay, sideways, gains, memory, twists):
-    (max_speed, max_yaw_rate, margin, window, horizon, k_heading, k_clearance, k_velocity, k_progress,
-     k_room, room_range, stop_radius, turn_gain, patience, reach, recall, first_leg) = gains
+def choose_twists(
+    ranges, directions, max_range, goals, poses, heading_errors, waypoints_left, twist, plant, wheel_matrix,
+    hull_radius, delay, sideways, gains, memory, twists,
+):  # fmt: skip
+    """Fills the (b, 3) twists of `Dwa.act`; `sideways`: whether the grid is one of velocities."""
+    (max_speed, max_yaw_rate, window, horizon, margin, k_heading, k_clearance, k_velocity, k_progress, k_room,
+     room_range, turn_gain, stop_radius, patience, reach, first_leg, recall) = gains  # fmt: skip
     acceleration, yaw_acceleration, _, _, wheel_limit, dt = plant
     hits = np.empty((ranges.shape[1] + SECTORS, 3))
-    candidates = np.empty((SPEEDS * TURNS, 4))
-    farthest = max_speed * (horizon + delay + 0.5 * max_speed / acceleration) + hull_radius + margin + room_range
+    candidates = np.empty((SPEEDS * TURNS, 4))  # a twist and its score
+    radius = hull_radius + margin
+    stopping = max_speed * (delay + dt + max_speed / acceleration)
+    farthest = radius + room_range + max(max_speed * horizon, stopping, 3.0)
     for i in range(ranges.shape[0]):
-        count = find_hits(ranges, i, directions, max_range, farthest, hull_radius + margin, poses, recall, dt, memory, 4 + COLUMNS, hits)
-        gx = goals[i, 0]
-        gy = goals[i, 1]
-        d = math.sqrt(gx * gx + gy * gy)
-        last = waypoints_left[i] == 0.0
-        if not last or d > 2.0 * stop_radius:
-            memory[i, 3] = 0.0
-        elif d <= stop_radius:
-            memory[i, 3] = 1.0
-        goal_bearing = bearing(gy, gx)
-        error = heading_errors[i]
-        turn = max(-max_yaw_rate, min(max_yaw_rate, turn_gain * error))
-        if memory[i, 3] == 1.0:
-            if abs(error) < 0.02:
-                turn = 0.0
-            set_command(plant, wheel_matrix, memory, i, 0.0, 0.0, turn)
-            twists[i, 0] = 0.0
-            twists[i, 1] = 0.0
-            twists[i, 2] = turn
-            continue
-        aim, around = seek(hits, count, poses, goal_bearing, d, waypoints_left[i], patience, reach, first_leg, dt, memory, i, 4)
-        if around:
-            d = 2.0
-            goal_bearing = aim
-            s, o = sin_cos(aim)
-            gx = d * o
-            gy = d * s
-        fastest = max_speed
-        if last and not around:
-            fastest = min(fastest, braking_speed(d, 0.7 * acceleration, delay))
-        change = min(acceleration * window, max_speed)
-        spin = yaw_acceleration * window
-        low = max(memory[i, 0] - acceleration * window, 0.0)
-        high = max(min(memory[i, 0] + acceleration * window, fastest), low)
-        right = max(memory[i, 2] - spin, -max_yaw_rate)
-        left = min(memory[i, 2] + spin, max_yaw_rate)
-        best = -1
-        best_score = -np.inf
-        for a in range(SPEEDS):
-            for b in range(TURNS):
-                c = a * TURNS + b
+        count = find_hits(
+            ranges, i, directions, max_range, farthest, radius, poses, recall, dt, memory, RECALL, hits
+        )  # fmt: skip
+        goal_x = goals[i, 0]
+        goal_y = goals[i, 1]
+        d = math.sqrt(goal_x * goal_x + goal_y * goal_y)
+        turn = turn_towards(heading_errors[i], turn_gain, max_yaw_rate)
+        chosen = -1
+        if arrived(memory, i, RESTING, d, waypoints_left[i], stop_radius):
+            chosen = 0
+            candidates[0, 0] = 0.0
+            candidates[0, 1] = 0.0
+            candidates[0, 2] = turn
+        else:
+            aim, around = seek(
+                hits, count, poses, bearing(goal_y, goal_x), d, waypoints_left[i], patience, reach, first_leg, dt,
+                memory, i, DETOUR,
+            )  # fmt: skip
+            fastest = max_speed
+            if around:
+                # a goal as far away as an arc can lead
+                d = max_speed * horizon
+                goal_x = d * sin_cos(aim)[1]
+                goal_y = d * sin_cos(aim)[0]
+            elif waypoints_left[i] == 0.0:
+                fastest = min(fastest, braking_speed(d, APPROACH * acceleration, delay))
+            # the window; that of an omni base is a disc around its velocity
+            instant = acceleration == np.inf
+            centre_x = 0.0 if instant else memory[i, 0]
+            centre_y = 0.0 if instant else memory[i, 1]
+            change = min(acceleration * window, max_speed)
+            slow = max(memory[i, 0] - acceleration * window, 0.0)
+            fast = max(min(memory[i, 0] + acceleration * window, fastest), slow)
+            right = max(memory[i, 2] - yaw_acceleration * window, -max_yaw_rate)
+            left = min(memory[i, 2] + yaw_acceleration * window, max_yaw_rate)
+            for c in range(SPEEDS * TURNS):
+                a = c // TURNS
+                b = c % TURNS
                 if sideways:
-                    if acceleration == np.inf:
-                        vx = 0.0
-                        vy = 0.0
-                    else:
-                        vx = memory[i, 0]
-                        vy = memory[i, 1]
-                    s, o = sin_cos(goal_bearing + 2.0 * math.pi * b / TURNS)
-                    vx += change * a / (SPEEDS - 1) * o
-                    vy += change * a / (SPEEDS - 1) * s
-                    v = math.sqrt(vx * vx + vy * vy)
-                    if v > fastest:
-                        vx *= fastest / v
-                        vy *= fastest / v
-                        v = fastest
+                    sine, cosine = sin_cos(aim + 2.0 * math.pi * b / TURNS)
+                    vx = centre_x + change * a / (SPEEDS - 1) * cosine
+                    vy = centre_y + change * a / (SPEEDS - 1) * sine
                     w = turn
+                    shorten = min(1.0, fastest / max(math.sqrt(vx * vx + vy * vy), 1e-12))
+                    vx *= shorten
+                    vy *= shorten
                 else:
-                    v = low + (high - low) * a / (SPEEDS - 1)
-                    vx = v
+                    vx = slow + (fast - slow) * a / (SPEEDS - 1)
                     vy = 0.0
                     w = right + (left - right) * b / (TURNS - 1)
                 factor = saturation_factor(wheel_matrix, wheel_matrix.shape[0], wheel_limit, vx, vy, w)
                 vx *= factor
                 vy *= factor
-                v *= factor
                 w *= factor
                 candidates[c, 0] = vx
                 candidates[c, 1] = vy
                 candidates[c, 2] = w
+                candidates[c, 3] = -np.inf
+                v = math.sqrt(vx * vx + vy * vy)
                 free = free_time(hits, count, vx, vy, w, horizon)
-                room = max(free - delay, 0.0)
-                if v > 2.0 * acceleration * room or (abs(w) > 2.0 * yaw_acceleration * room and v > 0.0):
-                    candidates[c, 3] = -np.inf
+                if not admissible(free, v, w, plant, delay):
                     continue
-                # heading after turning brakes
-                brake = dt + 0.5 * abs(w) / yaw_acceleration
                 if sideways:
-                    ahead = 1.0 - abs(wrap_angle(goal_bearing - bearing(vy, vx))) / math.pi if v > 1e-6 else 0.0
+                    off = abs(wrap_angle(aim - bearing(vy, vx))) if v > 1e-6 else math.pi
                 else:
-                    ahead = 1.0 - abs(wrap_angle(goal_bearing - w * brake)) / math.pi
-                until = min(free, horizon, d / max(v, 1e-9))
-                x, y, h = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
-                nearer = (d - math.sqrt((gx - x) ** 2 + (gy - y) ** 2)) / (max_speed * horizon)
-                near = room_range * room_range
+                    off = abs(wrap_angle(aim - w * (dt + 0.5 * abs(w) / yaw_acceleration)))
+                until = min(free, d / max(v, 1e-9))
+                x, y, _ = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
+                nearer = d - math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
+                gap = room_range
                 if k_room > 0.0:
-                    x, y, h = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, min(until, 1.0))
-                    keep = (hull_radius + room_range) ** 2
+                    x, y, _ = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, min(until, 1.0))
+                    nearest = (hull_radius + room_range) ** 2
                     for j in range(count):
                         dx = hits[j, 0] - x
                         dy = hits[j, 1] - y
-                        keep = min(keep, dx * dx + dy * dy)
-                    near = max(math.sqrt(keep) - hull_radius, 0.0) / room_range
-                score = k_heading * ahead + k_clearance * free / horizon + k_velocity * v / max_speed + k_progress * nearer + k_room * near
-                candidates[c, 3] = score
-        vx = 0.0
-        vy = 0.0
-        w = 0.0
-        for _ in range(SPEEDS * TURNS):
-            best = -1
-            best_score = -np.inf
-            for c in range(SPEEDS * TURNS):
-                if candidates[c, 3] > best_score:
-                    best = c
-                    best_score = candidates[c, 3]
-            if best < 0:
-                break
-            if step_and_stop(plant, hits, count, memory, twist, i, candidates[best, 0], candidates[best, 1], candidates[best, 2]):
+                        nearest = min(nearest, dx * dx + dy * dy)
+                    gap = max(math.sqrt(nearest) - hull_radius, 0.0)
+                candidates[c, 3] = (
+                    k_heading * (1.0 - off / math.pi)
+                    + k_clearance * free / horizon
+                    + k_velocity * v / max_speed
+                    + k_progress * nearer / (max_speed * horizon)
+                    + k_room * gap / room_range
+                )
+            for _ in range(SPEEDS * TURNS):
+                best = 0
+                for c in range(1, SPEEDS * TURNS):
+                    if candidates[c, 3] > candidates[best, 3]:
+                        best = c
+                if candidates[best, 3] == -np.inf:
+                    break
                 vx = candidates[best, 0]
                 vy = candidates[best, 1]
                 w = candidates[best, 2]
-                break
-            candidates[best, 3] = -np.inf
-        set_command(plant, wheel_matrix, memory, i, vx, vy, w)
-        twists[i, 0] = vx
-        twists[i, 1] = vy
-        twists[i, 2] = w
+                if step_and_stop(plant, hits, count, memory, twist, i, vx, vy, w):
+                    chosen = best
+                    break
+                candidates[best, 3] = -np.inf
+        for k in range(3):
+            twists[i, k] = candidates[chosen, k] if chosen >= 0 else 0.0
+        set_command(plant, wheel_matrix, memory, i, twists[i, 0], twists[i, 1], twists[i, 2])

@@ -14,6 +14,7 @@ from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
 from wayfield.policies.policy import check_gain
+from wayfield.policies.steering import unicycle_twists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Lookahead:
     While it tracks, the reference point stays about `lookahead_distance` away: e_d settles there, not at zero, v at
     k_lin * lookahead_distance, and the mode at exp(-10), so that the blend acts only at the start, at corners and at
     the path's end. On a circle the documented gain settles 0.10 to 0.15 m outside; k_ang = 2 k_lin is pure pursuit's
-    equivalent and 10 to 36 times more accurate.
+    equivalent and 10 to 36 times more accurate. An omni base is driven as a unicycle.
 
     Source: document A (Pioneer P3DX path tracking); the search window and the retuned gain are corrections.
     """
@@ -87,11 +88,12 @@ class Lookahead:
     def act(
         self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, 2): v in m/s, w in rad/s."""
+        """Returns the twists (b, t): v in m/s, w in rad/s."""
         del memory
         x, y, e_h, e_o, _ = self.errors(observation.pose, observation.arc_length, briefing).T
         mode = np.exp(-np.hypot(x, y) / self.mode_distance)
-        return np.column_stack([self.k_lin * x, self.k_ang * (1.0 - mode) * e_h + self.k_ori * mode * e_o])
+        yaw_rate = self.k_ang * (1.0 - mode) * e_h + self.k_ori * mode * e_o
+        return unicycle_twists(briefing.robot, self.k_lin * x, yaw_rate)
 
 
 @compiled

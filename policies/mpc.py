@@ -181,15 +181,22 @@ class Mpc:
         """Returns the length of a step in whole control periods, s."""
         return max(round(self.step / briefing.dt), 1) * briefing.dt
 
-    def units(self, model: NDArray[np.void]) -> tuple[float, ...]:
+    def units(self, model: np.void) -> tuple[float, ...]:
         """Returns what a bound of each kind of row is measured in, see `QuadraticProgram`.
 
         They hold what is asked of a bound against what is asked of the sum: with these, found by trial, OSQP takes a
-        median of 40 iterations where it would take 600 with SI units.
+        median of some 40 iterations where it would take some 600 with SI units.
         """
-        length = self.speed * float(model["dt"] * model["substeps"])
-        turning = self.speed / self.turn_radius
-        return self.speed / 3.0, self.speed / 2.0, turning / 3.0, length, float(model["wheel_speed_limit"]), length
+        step = float(model["dt"] * model["substeps"])
+        length = self.speed * step
+        return (
+            self.speed / 3.0,
+            min(self.speed / 2.0, 3.0 * step * float(model["acceleration"])),
+            min(self.speed / self.turn_radius / 3.0, 3.0 * step * float(model["yaw_acceleration"])),
+            length,
+            float(model["wheel_speed_limit"]),
+            length,
+        )
 
     def model(self, briefing: Briefing) -> NDArray[np.void]:
         """Returns one MODEL record, (1,): the robot, its actuators and the weights of the sum."""
@@ -385,7 +392,9 @@ def poses_ahead(vertices, run, start, seen, turn_radius, path):
                 high = length
                 rate = rate_out
                 at_low = heading
-            t = min(max(s - a.s, low), high)
+            if s - a.s > high:
+                continue
+            t = max(s - a.s, low)
             stretch = max(1.0, turn_radius * abs(rate))
             while filled < path.shape[0]:
                 u = t + ((filled - 1) * SPACING - sigma) / stretch

@@ -49,9 +49,10 @@ class Orca:
     enlarged.
 
     It is told the map and the motion of all that moves, and takes of it what is within `sensing_radius`: perception is
-    perfect, where scans would have to be clustered and tracked. The law is local: dead ends hold it, and so do two
-    discs too near each other. Both kinds of robot; within `arrival_radius` of the goal a differential drive turns to
-    the goal heading, unless it has to give way.
+    perfect, where scans would have to be clustered and tracked. Velocities are taken to last: where a patrol turns back
+    is not foreseen. The law is local: dead ends hold it, and so do two discs too near each other; a differential drive
+    can be run into while it still turns. Both kinds of robot; within `arrival_radius` of the goal a differential drive
+    turns to the goal heading, unless it has to give way.
 
     Source: van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, ISRR 2009 (STAR 70, 2011);
     Alonso-Mora, Breitenmoser, Rufli, Beardsley and Siegwart, DARS 2010 (STAR 83, 2013).

@@ -11,6 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import nearest_surface
+from wayfield.envs.patrols import patrol
 from wayfield.policies.policy import check_gain
 from wayfield.policies.steering import velocity_twists
 
@@ -57,16 +58,16 @@ class PotentialField:
         check_gain(self, "stop_radius", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the side on which each robot passes an obstacle, (b,): +1 left, -1 right, 0 undecided."""
-        return np.zeros(briefing.num_envs)
+        """Returns (b, 2): on which side a robot passes an obstacle, +1 left, -1 right, 0 undecided; and its steps."""
+        return np.zeros((briefing.num_envs, 2))
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
-        assert briefing.obstacles is not None
+        obstacles = obstacles_now(briefing, memory)
         to_goal = world_from_body(observation.goal, observation.pose)
-        away = observation.pose[:, None, :2] - np.stack([briefing.obstacles["x"], briefing.obstacles["y"]], axis=-1)
+        away = observation.pose[:, None, :2] - np.stack([obstacles["x"], obstacles["y"]], axis=-1)
         distance = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-6)
         standing = np.arange(distance.shape[1]) < briefing.num_obstacles[:, None]  # type: ignore[index]
         distance[~standing] = np.inf
@@ -80,8 +81,8 @@ class PotentialField:
             nearest = distance.argmin(axis=1)
             to_obstacle = -np.take_along_axis(away, nearest[:, None, None], axis=1)[:, 0]
             trapped = (l_c <= self.tau_l) & near.any(axis=1)
-            choose_side(memory, trapped, to_obstacle, to_goal)
-            turned = memory[:, None] * np.column_stack([repulsion[:, 1], -repulsion[:, 0]])
+            choose_side(memory[:, 0], trapped, to_obstacle, to_goal)
+            turned = memory[:, :1] * np.column_stack([repulsion[:, 1], -repulsion[:, 0]])
             force += np.where(trapped[:, None], turned, 0.0)
         force *= np.minimum(1.0, self.max_speed / np.maximum(norm(force), 1e-12))[:, None]
         twists = velocity_twists(
@@ -127,8 +128,8 @@ class CorrectedField:
             check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the side on which each robot passes an obstacle, (b,): +1 left, -1 right, 0 undecided."""
-        return np.zeros(briefing.num_envs)
+        """Returns (b, 2): on which side a robot passes an obstacle, +1 left, -1 right, 0 undecided; and its steps."""
+        return np.zeros((briefing.num_envs, 2))
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -137,7 +138,7 @@ class CorrectedField:
         to_goal = world_from_body(observation.goal, observation.pose)
         force = np.empty_like(to_goal)
         corrected_forces(
-            briefing.obstacles,
+            obstacles_now(briefing, memory),
             briefing.num_obstacles,
             observation.pose,
             to_goal,
@@ -158,7 +159,7 @@ class CorrectedField:
 
 
 @compiled
-def corrected_forces(obstacles, counts, poses, to_goal, hull_radius, k, eta, rho_0, max_speed, sides, forces):
+def corrected_forces(obstacles, counts, poses, to_goal, hull_radius, k, eta, rho_0, max_speed, memory, forces):
     """Fills the (b, 2) forces of `CorrectedField`, in the world frame, and keeps the sides up to date."""
     for i in range(poses.shape[0]):
         ex, ey = to_goal[i]
@@ -180,19 +181,37 @@ def corrected_forces(obstacles, counts, poses, to_goal, hull_radius, k, eta, rho
             fy += pull * ey
             if nx * ex + ny * ey < 0.0:
                 ahead = True
-                if sides[i] == 0.0:
+                if memory[i, 0] == 0.0:
                     # left when the goal is left of the obstacle, or in line with it
-                    sides[i] = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
-                fx += push * sides[i] * ny
-                fy -= push * sides[i] * nx
+                    memory[i, 0] = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
+                fx += push * memory[i, 0] * ny
+                fy -= push * memory[i, 0] * nx
             else:
                 fx += push * nx
                 fy += push * ny
         if not ahead:
-            sides[i] = 0.0
+            memory[i, 0] = 0.0
         cut = min(1.0, max_speed / max(math.sqrt(fx * fx + fy * fy), 1e-12))
         forces[i, 0] = cut * fx
         forces[i, 1] = cut * fy
+
+
+def obstacles_now(briefing: Briefing, memory: NDArray[np.float64]) -> NDArray[np.void]:
+    """Returns the obstacles (b, m) where they are now, with those on patrol moved on, and counts the step in memory."""
+    assert briefing.obstacles is not None
+    if briefing.patrols is None or not briefing.patrols["leg_time"].any():
+        return briefing.obstacles
+    obstacles = briefing.obstacles.copy()
+    move(briefing.patrols, obstacles, briefing.num_obstacles, memory[:, 1] * briefing.dt)
+    memory[:, 1] += 1.0
+    return obstacles
+
+
+@compiled
+def move(patrols, obstacles, counts, times):
+    """Puts the obstacles (b, m) on patrol where they are at the times (b,), s, into their episodes."""
+    for i in range(obstacles.shape[0]):
+        patrol(patrols, i, obstacles, i, counts[i], times[i])
 
 
 def choose_side(

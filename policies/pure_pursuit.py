@@ -17,26 +17,26 @@ from wayfield.policies.steering import unicycle_twists
 
 @dataclasses.dataclass(frozen=True)
 class PurePursuit:
-    """Drives the arc that leaves along the heading and meets the path `lookahead` away, at constant speed.
+    """Drives the arc that leaves along the heading and meets the path `lookahead_distance` away, at constant speed.
 
     With (x, y) that point in the body frame, d = hypot(x, y), and s the arc length left to the end of an open path:
 
         curvature = 2 y / d^2,  v = min(speed, sqrt(2 deceleration s)),  w = v curvature
 
-    The point is where the path, followed from the robot's own projection, first leaves the circle of radius `lookahead`
-    around the robot; on the polyline itself, not one of its vertices. So d = lookahead, except for a robot farther than
-    that from its path, which gets its projection, and where the path curls up inside the circle. On an arc of a circle
-    the law is exact: a robot on it, along it, stays.
+    The point is where the path, followed from the robot's own projection, first leaves the circle of radius
+    `lookahead_distance` around the robot; on the polyline itself, not one of its vertices. So d is that distance,
+    except for a robot farther than that from its path, which gets its projection, and where the path curls up inside
+    the circle. On an arc of a circle the law is exact: a robot on it, along it, stays.
 
-    There is no regard for what the base can do. Where acceleration limits make the yaw rate come late, a short
-    lookahead or a high speed throws the robot out of sharp corners: with 3 rad/s^2 and 0.1 s of lag it holds right
-    angles at the default gains, and leaves them by a metre at twice the speed or half the distance. A point straight
-    behind the robot gives no curvature. Drives any robot as a unicycle, differential and omni.
+    There is no regard for what the base can do. Where acceleration limits make the yaw rate come late, a short distance
+    or a high speed throws the robot out of sharp corners: with 3 rad/s^2 and 0.1 s of lag it holds right angles at the
+    default gains, and leaves them by a metre at twice the speed or half the distance. A point straight behind the robot
+    gives no curvature. Drives any robot as a unicycle, differential and omni.
 
     Source: Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU-RI-TR-92-01, 1992.
     """
 
-    lookahead: float = 0.5  # m, distance of the pursued point from the robot
+    lookahead_distance: float = 0.5  # m, distance of the pursued point from the robot
     speed: float = 0.6  # m/s
     deceleration: float = 1.0  # m/s^2, towards the end of an open path; no more than the base can
     window: float = 1.5  # m, arc length searched ahead of the projection
@@ -45,7 +45,7 @@ class PurePursuit:
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
 
     def __post_init__(self) -> None:
-        for name in ("lookahead", "speed", "deceleration", "window"):
+        for name in ("lookahead_distance", "speed", "deceleration", "window"):
             check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
@@ -65,7 +65,7 @@ class PurePursuit:
             briefing.path_index,
             observation.pose,
             observation.arc_length,
-            self.lookahead,
+            self.lookahead_distance,
             self.speed,
             min(self.deceleration, briefing.actuators.acceleration),
             self.window,
@@ -75,14 +75,14 @@ class PurePursuit:
 
 
 @compiled
-def pursue(vertices, runs, path_index, poses, arc_lengths, lookahead, speed, deceleration, window, twists):
+def pursue(vertices, runs, path_index, poses, arc_lengths, lookahead_distance, speed, deceleration, window, twists):
     """Fills the (b, 2) speeds and yaw rates of `PurePursuit.act`."""
     for i in range(poses.shape[0]):
         run = runs[path_index[i]]
         x, y, heading = poses[i]
         sine, cosine = sin_cos(heading)
         along, segment = place_on_lap(vertices, run, arc_lengths[i])
-        px, py = point_at_distance(vertices, run, x, y, along, segment, lookahead, window)
+        px, py = point_at_distance(vertices, run, x, y, along, segment, lookahead_distance, window)
         curvature, _, _ = pursuit_curvature(x, y, sine, cosine, px, py)
         v = min(speed, stopping_speed(distance_left(run, along), deceleration))
         twists[i, 0] = v

@@ -14,11 +14,12 @@ from wayfield.envs.geometry import sin_cos
 from wayfield.policies.grid_search import pulled, search, traced
 from wayfield.policies.policy import check_gain
 from wayfield.policies.polyline_tracker import (
-    FARTHEST,
     PLAN,
     PolylineTracker,
     clearance_at,
     clearance_prices,
+    command,
+    free_arc,
     lay,
     level_of,
     nearest_free,
@@ -39,9 +40,11 @@ SUB = 4  # spots of a cell's side, for where in it the hits were
 HIT = 6
 MOST = 18
 LEAST = -4
+BARRED = 127  # a gap in which the robot does not fit: no beam takes that back
 
 MEMORY = np.dtype([*PLAN, ("points", np.float64, (POINTS, 2)), ("arc", np.float64, (POINTS,)),
                    ("planned_at", np.int64), ("forgotten", np.int64),
+                   ("nearest", np.float64), ("closing", np.float64),  # m, m/s, of the nearest surface
                    ("grid", np.uint8, (CELLS, CELLS)), ("evidence", np.int8, (CELLS, CELLS)),
                    ("spots", np.uint16, (CELLS, CELLS))])  # fmt: skip
 
@@ -50,15 +53,17 @@ MEMORY = np.dtype([*PLAN, ("points", np.float64, (POINTS, 2)), ("arc", np.float6
 class ScanPlanner(PolylineTracker):
     """Maps what its beams hit, plans a way to the goal as if all else were free, drives it, and plans anew when it errs.
 
-    The grid, 160 x 160 cells of `cell` (16 m square) about the start in the frame of the measured pose, holds for each
-    cell the evidence of the scans (a hit counts 6, up to 18, a beam that goes through -1, so that what has moved away
-    is forgotten), the spots of its hits to a quarter of a cell, and the clearance of its centre from all spots, kept up
-    to date by stamping. Where the robot comes within a quarter of the grid of its border, the grid is moved under it; a
-    goal beyond the grid is replaced by the nearest cell within.
+    The grid, 160 x 160 cells of `cell` (12.8 m square) in the frame of the measured pose, holds for each cell the
+    evidence of the scans (a hit counts 6, up to 18, a beam that goes through -1, so that what has moved away is
+    forgotten), the spots of its hits to a quarter of a cell, and the clearance of its centre from all spots, kept up to
+    date by stamping. The grid is laid half-way to the goal, at most a quarter of its side from the robot, and again
+    when the robot comes within a tenth of its side of the border; what leaves it is forgotten. A goal beyond it is
+    replaced by the nearest cell within.
 
     A* searches cells with clearance above hull radius + `margin`; a metre costs 1 + weight times what lacks to
-    `wanted_clearance`. If there is no way, cells down to hull radius - `give` serve; if there is none still, the robot
-    forgets the map but for what it now sees. The way is straightened by line of sight, let go like an elastic band,
+    `wanted_clearance`. If there is no way, cells down to hull radius - `give` serve, for a cell's centre may lie beside
+    the middle of a gap; a gap that turns out too narrow when the robot stands before it is barred. If there is no way
+    still, the robot forgets the map but for what it now sees. The way is straightened by line of sight, let go like an elastic band,
     and driven by the law of `PolylineTracker`, which keeps room to stop; into cells not seen yet it drives with room to
     stop before them, or creeps. It plans anew when the plan gets blocked, the goal changes, it has been moved more than
     `astray`, is stuck, or `period` has passed.
@@ -71,7 +76,7 @@ class ScanPlanner(PolylineTracker):
     evidence as in Elfes 1989; elastic band as in Quinlan and Khatib 1993.
     """
 
-    cell: float = 0.1  # m
+    cell: float = 0.08  # m
     margin: float = 0.02  # m, beside the hull, least
     give: float = 0.03  # m, of the hull, where there is no other way
     wanted_clearance: float = 0.2  # m, beside the hull
@@ -80,6 +85,8 @@ class ScanPlanner(PolylineTracker):
     pause: float = 0.3  # s, between searches at least, unless the block is near
     astray: float = 0.5  # m
     creep: float = 0.15  # m/s, into what has not been seen
+    evade_within: float = 0.2  # m, beside the hull, of what comes nearer by itself
+    evade_time: float = 1.0  # s, until it would be that near
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -88,7 +95,7 @@ class ScanPlanner(PolylineTracker):
         super().__post_init__()
         for name in ("cell", "wanted_clearance", "period", "astray", "creep"):
             check_gain(self, name, above=0.0)
-        for name in ("margin", "give", "weight", "pause"):
+        for name in ("margin", "give", "weight", "pause", "evade_within", "evade_time"):
             check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
@@ -132,6 +139,7 @@ class ScanPlanner(PolylineTracker):
             plan_arrays(memory),
             (memory["target"], memory["steps"], memory["plans"], memory["no_path"], memory["planned_at"]),
             memory["forgotten"],
+            (memory["nearest"], memory["closing"], self.evade_within, self.evade_time),
         )
         return self.twists(briefing, memory)
 
@@ -139,7 +147,7 @@ class ScanPlanner(PolylineTracker):
 @compiled
 def decide(
     limits, mapping, timing, prices, beams, max_range, full_circle, poses, goals, heading_errors, waypoints_left,
-    ranges, chart, plan, log, forgotten,
+    ranges, chart, plan, log, forgotten, evading,
 ):  # fmt: skip
     """Sets the commands of all robots: enters the scans, plans where it must be, and tracks."""
     cell_size, margin, give, wanted, astray, creep = mapping
@@ -149,11 +157,6 @@ def decide(
     reach = limits.hull_radius + wanted + 1.5 * cell_size
     size = grid.shape[1]
     scratch_size = 1
-    for i in range(poses.shape[0]):
-        if steps[i] == 0:
-            cell[i] = cell_size
-            origin[i, 0] = poses[i, 0] - 0.5 * size * cell_size
-            origin[i, 1] = poses[i, 1] - 0.5 * size * cell_size
     costs = np.empty(0)
     estimates = np.empty(0)
     parents = np.empty(0, np.int32)
@@ -163,14 +166,22 @@ def decide(
         x = poses[i, 0]
         y = poses[i, 1]
         heading = poses[i, 2]
-        middle = 0.5 * size * cell_size
-        if max(abs(x - origin[i, 0] - middle), abs(y - origin[i, 1] - middle)) > 0.5 * middle:
-            move_grid(chart, i, origin, cell, x, y)
-            num_points[i] = 0
-        enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius, reach)
         sine, cosine = sin_cos(heading)
         goal_x = x + cosine * goals[i, 0] - sine * goals[i, 1]
         goal_y = y + sine * goals[i, 0] + cosine * goals[i, 1]
+        # half-way to the goal, but no more than a quarter of the grid away
+        quarter = 0.25 * size * cell_size
+        middle_x = x + min(max(0.5 * (goal_x - x), -quarter), quarter)
+        middle_y = y + min(max(0.5 * (goal_y - y), -quarter), quarter)
+        if steps[i] == 0:
+            cell[i] = cell_size
+            origin[i, 0] = middle_x - 2.0 * quarter
+            origin[i, 1] = middle_y - 2.0 * quarter
+        off = max(abs(x - origin[i, 0] - 2.0 * quarter), abs(y - origin[i, 1] - 2.0 * quarter))
+        if off > 1.6 * quarter:
+            move_grid(chart, i, origin, cell, middle_x, middle_y)
+            num_points[i] = 0
+        enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius, reach)
         # what is out of the grid is headed for through the nearest cell within
         inside_x = min(max(goal_x, origin[i, 0] + 3.0 * cell_size), origin[i, 0] + (size - 3.0) * cell_size)
         inside_y = min(max(goal_y, origin[i, 1] + 3.0 * cell_size), origin[i, 1] + (size - 3.0) * cell_size)
@@ -199,6 +210,8 @@ def decide(
                 parents = np.empty(scratch_size, np.int32)
                 heap = np.empty(scratch_size, np.int32)
                 places = np.empty(scratch_size, np.int32)
+            if stuck[i] >= 10:
+                bar_gap(chart, plan, i, limits.hull_radius + margin, reach)
             plans[i] += 1
             planned_at[i] = steps[i]
             stuck[i] = 0
@@ -231,11 +244,61 @@ def decide(
         if num_points[i] > 0:
             seen = seen_ahead(evidence, points, arc, num_points[i], segments[i], i, s, origin, cell)
             speed_limit = max(creep, stopping_speed(seen, limits.acceleration, limits.delay))
+        if arrived[i] == 0 and evade(limits, grid, plan, evading, ranges, beams, max_range, i, x, y, heading, steps[i]):
+            steps[i] += 1
+            continue
         track(
             limits, grid, plan, i, x, y, heading, heading_errors[i], waypoints_left[i] < 0.5 and goal_is_inside,
-            not full_circle, speed_limit, 0.005,
+            not full_circle, speed_limit, 0.01,
         )  # fmt: skip
         steps[i] += 1
+
+
+@compiled
+def evade(limits, grid, plan, evading, ranges, beams, max_range, i, x, y, heading, step):
+    """Sets robot i's command away from what comes nearer by itself; returns whether anything does.
+
+    The distance to the nearest surface falls by the part of the robot's velocity that points there; what it falls by
+    besides, smoothed, is the surface's own.
+    """
+    _, _, _, _, _, _, commands, origin, cell = plan
+    nearest, closing, within, ahead = evading
+    k = 0
+    for beam in range(1, beams.shape[0]):
+        if ranges[i, beam] < ranges[i, k]:
+            k = beam
+    distance = ranges[i, k]
+    ux = beams[k, 0]
+    uy = beams[k, 1]
+    own = commands[i, 0] * ux + commands[i, 1] * uy
+    rate = (nearest[i] - distance) / limits.dt - own
+    # a jump is another surface
+    if step == 0 or abs(rate) > 1.5:
+        rate = 0.0
+    closing[i] += 0.2 * (rate - closing[i])
+    nearest[i] = distance
+    if closing[i] < 0.12 or distance - limits.hull_radius > within + closing[i] * ahead:
+        return False
+    needed = limits.hull_radius + limits.skin
+    best = 0.0
+    best_x = 0.0
+    best_y = 0.0
+    for option in range(5 if limits.holonomic else 1):
+        turn = (0.0, 0.5, -0.5, 1.0, -1.0)[option]
+        sine, cosine = sin_cos(turn)
+        vx = -(cosine * ux - sine * uy)
+        vy = -(sine * ux + cosine * uy)
+        if not limits.holonomic:
+            vx = -1.0 if ux > 0.0 else 1.0
+            vy = 0.0
+        free = free_arc(grid, i, origin, cell, x, y, heading, vx, vy, 0.0, 0.6, needed)
+        speed = min(stopping_speed(free, limits.acceleration, limits.delay), limits.cruise_speed) * cosine
+        if speed > best + 1e-9:
+            best = speed
+            best_x = speed * vx / cosine
+            best_y = speed * vy / cosine
+    command(limits, commands, i, best_x, best_y, 0.0)
+    return True
 
 
 @compiled
@@ -277,6 +340,28 @@ def plan_way(
     held = lay(points, arc, num_points, segments, i, corners[:count], pinned, cell[i])
     relax(grid, points, arc, num_points, i, origin, cell, held, limits.hull_radius + wanted, limits.hull_radius, 20)
     return True
+
+
+@compiled
+def bar_gap(chart, plan, i, narrow, reach):
+    """Bars the narrowest place of the next metre of robot i's polyline, if it has less than `narrow` clearance (m)."""
+    grid, evidence, spots = chart
+    points, arc, num_points, segments, _, _, _, origin, cell = plan
+    least = narrow
+    found = -1
+    for k in range(segments[i] + 1, num_points[i]):
+        if arc[i, k] > arc[i, segments[i]] + 1.0:
+            break
+        clearance = clearance_at(grid, i, origin, cell, points[i, k, 0], points[i, k, 1])
+        if clearance < least:
+            least = clearance
+            found = k
+    if found >= 0:
+        row = int((points[i, found, 1] - origin[i, 1]) / cell[i])
+        column = int((points[i, found, 0] - origin[i, 0]) / cell[i])
+        evidence[i, row, column] = BARRED
+        spots[i, row, column] |= np.uint16(1 << (SUB * SUB // 2 + SUB // 2))
+        restamp(chart, i, row, column, cell, reach)
 
 
 @inlined
@@ -336,7 +421,7 @@ def enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, 
             if row < 0 or column < 0 or row >= size or column >= size:
                 break
             e = evidence[i, row, column]
-            if e > LEAST:
+            if LEAST < e < BARRED:
                 if e == 1:
                     weaken(chart, i, row, column, origin, cell, reach)
                 else:
@@ -350,7 +435,8 @@ def enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, 
         row = int(math.floor(hit_v))
         if row < 0 or column < 0 or row >= size or column >= size:
             continue
-        evidence[i, row, column] = min(max(evidence[i, row, column], 0) + HIT, MOST)
+        if evidence[i, row, column] != BARRED:
+            evidence[i, row, column] = min(max(evidence[i, row, column], 0) + HIT, MOST)
         spot_column = min(int((hit_u - column) * SUB), SUB - 1)
         spot_row = min(int((hit_v - row) * SUB), SUB - 1)
         bit = np.uint16(1 << (spot_row * SUB + spot_column))
@@ -370,7 +456,8 @@ def stamp(grid, i, at_row, at_column, cell, reach):
             dc = column + 0.5 - at_column
             squared = dr * dr + dc * dc
             if squared <= span * span:
-                level = level_of(math.sqrt(squared) * cell[i])
+                # from the near side of the spot
+                level = level_of((math.sqrt(squared) - 0.5 / SUB) * cell[i])
                 if level > grid[i, row, column]:
                     grid[i, row, column] = level
 
@@ -380,6 +467,8 @@ def weaken(chart, i, row, column, origin, cell, reach):
     """Takes evidence off a cell; one that is no longer taken loses its spots, and clearance around it is made anew."""
     grid, evidence, spots = chart
     size = grid.shape[1]
+    if evidence[i, row, column] == BARRED:
+        return
     evidence[i, row, column] = max(evidence[i, row, column] - 1, LEAST)
     if evidence[i, row, column] > 0 or spots[i, row, column] == 0:
         return
@@ -407,7 +496,7 @@ def restamp(chart, i, row, column, cell, reach):
 
 @compiled
 def move_grid(chart, i, origin, cell, x, y):
-    """Moves robot i's grid by whole cells so that (x, y) is in its middle; what leaves it is forgotten."""
+    """Moves robot i's grid by whole cells so that (x, y) lies in its middle; what leaves it is forgotten."""
     grid, evidence, spots = chart
     size = grid.shape[1]
     columns = int(math.floor((x - origin[i, 0]) / cell[i])) - size // 2

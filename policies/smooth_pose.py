@@ -32,8 +32,8 @@ class SmoothPose:
     that a robot beside its goal would all but stop: there the yaw rate is held instead, v ~ 1 / |curvature|. To cut the
     curvature would not do: the robot could go round the goal on that circle for ever.
 
-    A path is followed by chasing the pose (point and tangent) `lookahead` ahead along it. On an arc of a circle
-    k1 = 1, k2 = 3 make that exact up to the fourth order of the angle between the two.
+    A path is followed by chasing the pose (point and tangent) `lookahead_distance` ahead along it. On an arc of a
+    circle k1 = 1, k2 = 3 make that exact up to the fourth order of the angle between the two.
 
     A goal is reached in the same way, whatever stands in between; a waypoint is driven at without a heading of its own.
     The law is singular at r = 0. Within arrival_radius, or twice that with the goal no longer ahead, the robot counts
@@ -50,7 +50,7 @@ class SmoothPose:
     speed: float = 0.6  # m/s
     beta: float = 0.1  # m^lam, how much bends slow down
     lam: float = 2.0  # above 1
-    lookahead: float = 0.6  # m, along a path
+    lookahead_distance: float = 0.6  # m, along a path
     deceleration: float = 0.5  # m/s^2, towards the goal or the end of an open path; no more than the base can
     arrival_radius: float = 0.05  # m
     turn_gain: float = 2.0  # 1/s, of the turn at the goal
@@ -89,7 +89,7 @@ class SmoothPose:
                 observation.pose,
                 observation.arc_length,
                 law,
-                self.lookahead,
+                self.lookahead_distance,
                 deceleration,
                 twists,
             )
@@ -130,14 +130,14 @@ def graceful(law, px, py, turn):
 
 
 @compiled
-def chase(vertices, runs, path_index, poses, arc_lengths, law, lookahead, deceleration, twists):
+def chase(vertices, runs, path_index, poses, arc_lengths, law, lookahead_distance, deceleration, twists):
     """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` along a path."""
     for i in range(poses.shape[0]):
         run = runs[path_index[i]]
         x, y, heading = poses[i]
         sine, cosine = sin_cos(heading)
         along, segment = place_on_lap(vertices, run, arc_lengths[i])
-        px, py, tangent = pose_ahead(vertices, run, along, segment, lookahead)
+        px, py, tangent = pose_ahead(vertices, run, along, segment, lookahead_distance)
         px, py = to_body_frame(x, y, sine, cosine, px, py)
         v, w = graceful(law, px, py, wrap_angle(tangent - heading))
         brake = min(1.0, stopping_speed(distance_left(run, along), deceleration) / v)

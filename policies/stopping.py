@@ -11,28 +11,42 @@ from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
 from wayfield.envs.records import lag_factors
 
-SECTORS = 36  # of the memory of what is near
+SECTORS = 36  # of the memory of what was seen near the robot, three columns each
 RECALL_RANGE = 1.2  # m
-STILL = 1e-3  # m/s; a robot slower than this has stopped, a lag of 0.25 s carries it 0.25 mm farther
+STILL = 1e-3  # m/s; slower than this a robot has stopped: a lag of 0.25 s carries it 0.25 mm farther
+LONGEST_STOP = 1000  # control periods that a stop is predicted for
+APPROACH = 0.7  # share of the acceleration that a robot brakes with at its goal, so that it does not overshoot
 
 
 def check_beams(policy: object, briefing: Briefing) -> None:
     """Raises ValueError unless the robot has a range scan."""
     if len(briefing.beam_angles) == 0:
-        raise ValueError(f"{type(policy).__name__} needs a range scan, got num_beams = 0; it must be at least 1")
+        raise ValueError(f"{type(policy).__name__} needs a range scan: num_beams must be at least 1, got 0")
+
+
+def beam_directions(briefing: Briefing, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the unit vectors (beams, 2) of the beams in the body frame.
+
+    Raises:
+        ValueError: if the scan (b, beams) has another number of beams.
+    """
+    angles = briefing.beam_angles
+    if ranges.shape[1] != len(angles):
+        raise ValueError(f"ranges must have {len(angles)} beams as the briefing says, got {ranges.shape[1]}")
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def sees_all_round(briefing: Briefing) -> bool:
-    """Returns whether no gap between neighbouring beams, the closing one included, is wider than the others."""
-    beams = briefing.beam_angles
-    return len(beams) > 1 and bool(2.0 * math.pi - (beams[-1] - beams[0]) < 1.5 * (beams[1] - beams[0]))
+    """Returns whether the beams surround the robot: the gap behind it is no wider than those between neighbours."""
+    angles = briefing.beam_angles
+    return len(angles) > 1 and bool(2.0 * math.pi - (angles[-1] - angles[0]) < 1.5 * (angles[1] - angles[0]))
 
 
-def plant(briefing: Briefing) -> tuple[float, ...]:
-    """Returns what `step_and_stop` predicts with.
+def plant_model(briefing: Briefing) -> tuple[float, float, float, float, float, float]:
+    """Returns what the plant is predicted with, all of it on the data sheet.
 
-    These are the acceleration (m/s^2), the yaw acceleration (rad/s^2), the share of a deviation that the lag leaves
-    after a control period, its mean share, the limit of the wheel speeds (rad/s) and the control period (s).
+    The acceleration (m/s^2), the yaw acceleration (rad/s^2), the share of a deviation that the lag leaves after a
+    control period, its mean share over the period, the limit of the wheel speeds (rad/s) and the control period (s).
     """
     robot, actuators = briefing.robot, briefing.actuators
     limit = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
@@ -40,33 +54,32 @@ def plant(briefing: Briefing) -> tuple[float, ...]:
     return actuators.acceleration, actuators.yaw_acceleration, decay, mean, limit, briefing.dt
 
 
-def measured_twists(briefing: Briefing, twist: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the measured twists (b, 3) in full, from those (b, t) of the axes that the robot commands."""
+def full_twists(briefing: Briefing, twist: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the twists (b, 3) whose commandable components are given, (b, t); the others are zero."""
     full = np.zeros((len(twist), 3))
     full[:, briefing.robot.twist_axes] = twist
     return full
 
 
 @inlined
-def find_hits(ranges, i, directions, max_range, farthest, radius, pose, recall, dt, memory, k, hits):
+def find_hits(ranges, i, directions, max_range, farthest, radius, poses, recall, dt, memory, k, hits):
     """Fills `hits` (beams + SECTORS, 3) with the points met within `farthest` (m), now or lately; returns their number.
 
     A row is x, y (m, body frame) and the distance (m) that the robot's centre has to keep: `radius`, or, where the
     robot is nearer to the hit already, the distance it has. It may leave such a hit, or stay, but not approach it.
 
-    What is near can drop out of sight, a door post between two beams or a thin wall seen end-on: memory[i, k:] keeps
-    the nearest point of each sector around the robot, in the world frame, for `recall` (s) after it was last seen.
+    What is near can drop out of sight: a door post between two beams, a thin wall seen end-on. memory[i, k:] keeps the
+    nearest point of each sector around the robot, in the world frame, for `recall` (s) after it was last seen.
     """
-    x = pose[i, 0]
-    y = pose[i, 1]
-    sine, cosine = sin_cos(pose[i, 2])
+    x = poses[i, 0]
+    y = poses[i, 1]
+    sine, cosine = sin_cos(poses[i, 2])
     near = np.full((SECTORS, 4), np.inf)  # x, y, distance, seconds left
     for j in range(SECTORS):
         left = memory[i, k + 3 * j + 2] - dt
         if left > 0.0:
             bx, by = to_body_frame(x, y, sine, cosine, memory[i, k + 3 * j], memory[i, k + 3 * j + 1])
-            distance = max(math.sqrt(bx * bx + by * by), 1e-6)
-            remember(near, bx, by, distance, left)
+            remember(near, bx, by, max(math.sqrt(bx * bx + by * by), 1e-6), left)
     count = 0
     for j in range(ranges.shape[1]):
         distance = max(ranges[i, j], 1e-6)
@@ -109,8 +122,9 @@ def remember(near, x, y, distance, left):
 def free_time(hits, count, vx, vy, yaw_rate, longest):
     """Returns for how long (s, at most `longest`) a constant twist keeps its distance to all hits.
 
-    In closed form: the centre runs on a circle of radius r around the ICC, of which a hit at the distance rho forbids
-    the part within its own radius R. The two edges lie acos((r^2 + rho^2 - R^2) / (2 r rho)) either side of the hit.
+    In closed form: the centre runs on a circle of radius r around the ICC, of which a hit at the distance rho from the
+    ICC forbids the part within its own radius R, acos((r^2 + rho^2 - R^2) / (2 r rho)) to either side. Most hits are
+    done with by |rho - r| >= R, without a root; steps along the arc would look at every hit in every one.
     """
     speed = math.sqrt(vx * vx + vy * vy)
     if speed == 0.0:
@@ -126,7 +140,6 @@ def free_time(hits, count, vx, vy, yaw_rate, longest):
     icc_x = -vy / yaw_rate
     icc_y = vx / yaw_rate
     r = speed / abs(yaw_rate)
-    side = math.copysign(1.0, yaw_rate)
     for j in range(count):
         dx = hits[j, 0] - icc_x
         dy = hits[j, 1] - icc_y
@@ -135,26 +148,34 @@ def free_time(hits, count, vx, vy, yaw_rate, longest):
         outer = r + hits[j, 2]
         if rho_squared >= outer * outer or (inner > 0.0 and rho_squared <= inner * inner):
             continue
-        rho = math.sqrt(rho_squared)
-        cosine = (r * r + rho_squared - hits[j, 2] * hits[j, 2]) / max(2.0 * r * rho, 1e-300)
-        if cosine <= -1.0:
-            continue  # the circle lies within R of the hit all round, and the robot with it: rounding, no more
+        cosine = (r * r + rho_squared - hits[j, 2] * hits[j, 2]) / max(2.0 * r * math.sqrt(rho_squared), 1e-300)
+        # a hit whose radius takes in the whole circle takes in the robot, which has to leave it another way
+        edge = bearing(math.sqrt(max(1.0 - cosine * cosine, 0.0)), cosine) if cosine > -1.0 else math.pi
         # from the robot to the hit around the ICC, in the sense of the motion
-        turn = side * bearing(icc_x * dy * -1.0 + icc_y * dx, -icc_x * dx - icc_y * dy)
+        turn = math.copysign(1.0, yaw_rate) * bearing(icc_y * dx - icc_x * dy, -icc_x * dx - icc_y * dy)
         if turn < 0.0:
             turn += 2.0 * math.pi
-        edge = bearing(math.sqrt(max(1.0 - cosine * cosine, 0.0)), cosine)
         longest = min(longest, max(turn - edge, 0.0) / abs(yaw_rate))
     return longest
+
+
+@inlined
+def admissible(free, speed, yaw_rate, plant, delay):
+    """Returns whether a robot that answers after `delay` (s) can stop on its arc, which is free for `free` (s).
+
+    Fox's v <= sqrt(2 dist a) and |w| <= sqrt(2 angle a_w) with dist = v t and angle = |w| t, for the time t that is
+    left when the brakes bite: v <= 2 a t and |w| <= 2 a_w t.
+    """
+    left = free - delay
+    return speed == 0.0 or (left > 0.0 and speed <= 2.0 * plant[0] * left and abs(yaw_rate) <= 2.0 * plant[1] * left)
 
 
 @inlined
 def braking_speed(distance, acceleration, delay):
     """Returns the speed (m/s) from which a robot that answers after `delay` (s) can stop within `distance` (m).
 
-    The root of v delay + v^2 / (2 a) = distance, written so that an infinite acceleration leaves v = distance / delay.
+    The root of v delay + v^2 / (2 a) = distance, written so that an infinite acceleration leaves distance / delay.
     """
-    distance = max(distance, 0.0)
     return 2.0 * distance / (delay + math.sqrt(delay * delay + 2.0 * distance / acceleration))
 
 
@@ -162,9 +183,9 @@ def braking_speed(distance, acceleration, delay):
 def step_and_stop(plant, hits, count, command, twist, i, vx, vy, yaw_rate):
     """Returns whether the robot keeps its distance to all hits if it drives a twist for one period and then brakes.
 
-    Predicts what the plant does: acceleration limits from the last command, then the lag from the measured twist, then
-    an exact arc, until the robot rests. A robot that starts in a plan of this kind can always go on with it: whoever
-    takes only twists that pass, and brakes when none does, touches nothing that he saw.
+    Predicts what the plant does with a twist that no wheel is too slow for: acceleration limits from the last command,
+    lag from the measured twist, an exact arc, until the robot rests. Whoever takes only twists that pass, and brakes
+    where none does, can go on with the stop he knew of a period ago, and touches nothing that he saw.
     """
     acceleration, yaw_acceleration, decay, mean, _, dt = plant
     command_vx = command[i, 0]
@@ -176,7 +197,7 @@ def step_and_stop(plant, hits, count, command, twist, i, vx, vy, yaw_rate):
     x = 0.0
     y = 0.0
     heading = 0.0
-    for _ in range(1000):
+    for _ in range(LONGEST_STOP):
         command_vx, command_vy, command_yaw_rate = limit_acceleration(
             command_vx, command_vy, command_yaw_rate, vx, vy, yaw_rate, acceleration, yaw_acceleration, dt
         )
@@ -197,12 +218,11 @@ def step_and_stop(plant, hits, count, command, twist, i, vx, vy, yaw_rate):
             dy = hits[j, 1] - y
             if dx * dx + dy * dy < hits[j, 2] * hits[j, 2]:
                 return False
+        if max(abs(wheel_vx), abs(wheel_vy), abs(command_vx), abs(command_vy)) < STILL:
+            return True
         vx = 0.0
         vy = 0.0
         yaw_rate = 0.0
-        fastest = max(abs(wheel_vx), abs(wheel_vy), abs(command_vx), abs(command_vy))
-        if fastest < STILL:
-            return True
     return True
 
 
@@ -226,7 +246,7 @@ def set_command(plant, wheel_matrix, command, i, vx, vy, yaw_rate):
 
 @inlined
 def arrived(memory, i, k, d, waypoints_left, stop_radius):
-    """Returns whether the robot rests at its goal, from which it lies `d` (m) away, and keeps that in memory[i, k].
+    """Returns whether the robot, `d` (m) from its goal, rests there, and keeps that in memory[i, k].
 
     It comes to rest within `stop_radius` (m) and stays until it finds itself twice as far away.
     """
@@ -239,5 +259,5 @@ def arrived(memory, i, k, d, waypoints_left, stop_radius):
 
 @inlined
 def turn_towards(error, turn_gain, fastest):
-    """Returns the yaw rate (rad/s) that takes out a heading error (rad), 0 where the error is below a degree."""
+    """Returns the yaw rate (rad/s) that takes out a heading error (rad); 0 where that is below a degree."""
     return 0.0 if abs(error) < 0.0175 else max(-fastest, min(fastest, turn_gain * error))

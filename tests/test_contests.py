@@ -17,10 +17,11 @@ from click.testing import CliRunner, Result
 from wayfield import policies
 from wayfield.benchmarks import contest, tune
 from wayfield.benchmarks.contest_tables import better_share
-from wayfield.benchmarks.contests import CONTESTS, LADDER, cruising
+from wayfield.benchmarks.contests import CONTESTS, cruising
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
+from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.scenarios import GoalScenario, circle, obstacle_field, splits, wall
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
@@ -134,12 +135,12 @@ def test_the_ladder_runs_every_level_of_both_tasks(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     rows = read_rows(tmp_path)
     assert {(row["document"], row["disturbance"]) for row in rows} == {
-        (name, level) for name in CONTESTS for level in LADDER
+        (name, level) for name in CONTESTS for level in LEVELS
     }
     for name in ("path_following", "goal_obstacles"):
         assert (tmp_path / f"{name}_p3dx_ladder.png").stat().st_size > 0
         with open(tmp_path / f"{name}_p3dx_ladder.csv", newline="") as file:
-            assert next(csv.reader(file))[1:] == list(LADDER)
+            assert next(csv.reader(file))[1:] == list(LEVELS)
     errors = {row["disturbance"]: number(row, "cross_track_rms") for row in rows if row["policy"] == "pure_pursuit"}
     assert errors["severe"] > errors["none"]
 

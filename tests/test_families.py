@@ -62,25 +62,31 @@ def standing(scenario: GoalScenario) -> NDArray[np.void]:
 def corners(obstacle: np.void) -> Points:
     u = np.array([obstacle["cos"], obstacle["sin"]]) * (obstacle["half_length"] + obstacle["radius"])
     v = np.array([-obstacle["sin"], obstacle["cos"]]) * (obstacle["half_width"] + obstacle["radius"])
-    return np.array([obstacle["x"], obstacle["y"]]) + [u + v, u - v, -u - v, v - u]
+    centre = np.array([obstacle["x"], obstacle["y"]])
+    return np.array([centre + u + v, centre + u - v, centre - u - v, centre + v - u])
 
 
-def grid(scenario: GoalScenario, obstacles: NDArray[np.void], spacing: float) -> tuple[Points, tuple[int, int]]:
-    """Returns nodes (k, 2) around all of a scenario, row by row, the first on a whole multiple of the spacing."""
+def axes(scenario: GoalScenario, obstacles: NDArray[np.void], spacing: float) -> list[Points]:
+    """Returns the x and the y of nodes around all of a scenario, whole multiples of the spacing."""
     ends = np.array([scenario.start[:2], scenario.goal[:2]])
     shape = np.vstack([ends, *(corners(o) for o in obstacles)])
     low, high = np.floor((shape.min(axis=0) - 1.2) / spacing), np.ceil((shape.max(axis=0) + 1.2) / spacing)
-    axes = [np.arange(a, b + 1) * spacing for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2), (len(axes[0]), len(axes[1]))
+    return [np.arange(a, b + 1) * spacing for a, b in zip(low, high, strict=True)]
 
 
 def joined(scenario: GoalScenario, obstacles: NDArray[np.void], radius: float, spacing: float) -> bool:
     """Returns whether a disc gets from start to goal between nodes that it fits on."""
-    nodes, shape = grid(scenario, obstacles, spacing)
-    regions, _ = ndimage.label((clearances(obstacles, nodes) >= radius).reshape(shape))
-    at = [np.linalg.norm(nodes - end[:2], axis=1).argmin() for end in (scenario.start, scenario.goal)]
-    first, last = regions.ravel()[at].tolist()
-    return first == last != 0
+    x, y = axes(scenario, obstacles, spacing)
+    free = np.ones((len(x), len(y)), np.bool_)
+    for o in obstacles:  # only the nodes about it
+        (left, below), (right, above) = corners(o).min(axis=0) - radius, corners(o).max(axis=0) + radius
+        i, j = np.flatnonzero((x >= left) & (x <= right)), np.flatnonzero((y >= below) & (y <= above))
+        nodes = np.stack(np.meshgrid(x[i], y[j], indexing="ij"), axis=-1).reshape(-1, 2)
+        free[np.ix_(i, j)] &= (clearances(obstacle_field(o), nodes) >= radius).reshape(len(i), len(j))
+    regions, _ = ndimage.label(free)
+    first, last = (regions[np.abs(x - end[0]).argmin(), np.abs(y - end[1]).argmin()]
+                   for end in (scenario.start, scenario.goal))  # fmt: skip
+    return bool(first == last != 0)
 
 
 # ---- splits
@@ -211,9 +217,9 @@ def test_unknown_splits_are_answered_with_the_nearest(name: str, message: str) -
 def test_unknown_arguments_of_split() -> None:
     with pytest.raises(ValueError, match="task is 'goals'"):
         split("goals", "rooms", "test")
-    with pytest.raises(ValueError, match="family is 'room'.*Did you mean 'rooms'"):
+    with pytest.raises(ValueError, match=r"family is 'room'.*Did you mean 'rooms'"):
         split("goal_reaching", "room", "test")
-    with pytest.raises(ValueError, match="split is 'tset'.*Did you mean 'test'"):
+    with pytest.raises(ValueError, match=r"split is 'tset'.*Did you mean 'test'"):
         split("goal_reaching", "rooms", "tset")
 
 
@@ -346,7 +352,9 @@ def test_clear_radius_is_that_of_the_widest_way() -> None:
     """The maximin over the nodes of a maximum spanning tree, whose bottleneck is that of the widest way."""
     for family in ("clutter_10", "rooms", "doors_medium", "near_goal"):
         for s in split("goal_reaching", family, "test")[:2]:
-            nodes, (nx, ny) = grid(s, s.obstacles, 0.05)
+            x, y = axes(s, s.obstacles, 0.05)
+            nx, ny = len(x), len(y)
+            nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
             clear = clearances(s.obstacles, nodes).reshape(nx, ny)
             index = np.arange(nx * ny).reshape(nx, ny)
             a = np.concatenate([index[1:].ravel(), index[:, 1:].ravel()])
@@ -368,10 +376,10 @@ def test_searches_on_courses_with_known_ways() -> None:
     free = GoalScenario("free", goal)
     assert (ways.clear_radius(free), ways.detour(free, HULL)) == (1.0, 1.0)
     assert ways.way_length(free, HULL) == pytest.approx(4.0, rel=0.01)
-    door = GoalScenario("door", goal, obstacles=obstacle_field(wall(2, 0.4, 2, 9), wall(2, -0.4, 2, -9)))
+    hall = [wall(-1, -2, 5, -2), wall(5, -2, 5, 2), wall(5, 2, -1, 2), wall(-1, 2, -1, -2)]
+    door = GoalScenario("door", goal, obstacles=obstacle_field(*hall, wall(2, 0.4, 2, 2), wall(2, -0.4, 2, -2)))
     assert 0.385 <= ways.clear_radius(door) <= 0.4
-    shut = GoalScenario("shut", goal, obstacles=obstacle_field(*(wall(4 + a, b, 4 + c, d) for a, b, c, d in
-        [(-1, -1, 1, -1), (1, -1, 1, 1), (1, 1, -1, 1), (-1, 1, -1, -1)])))  # fmt: skip
+    shut = GoalScenario("shut", goal, obstacles=obstacle_field(*hall, wall(2, 2, 2, -2)))
     assert ways.clear_radius(shut) <= 0.0
     assert ways.way_length(shut, HULL) == math.inf
     # round a disc: two tangents and the arc between, of the disc grown by the hull
@@ -379,7 +387,7 @@ def test_searches_on_courses_with_known_ways() -> None:
     tangent = math.sqrt(2.0**2 - 1.0)
     assert ways.way_length(disc, HULL) == pytest.approx(2 * tangent + math.pi - 2 * math.acos(0.5), rel=0.02)
     # straight on to the disc and half round it
-    assert ways.detour(disc, HULL) == pytest.approx((1.0 + math.pi / 2 + tangent - math.acos(0.5)) / 4.0, rel=0.03)
+    assert ways.detour(disc, HULL) == pytest.approx((1.0 + math.pi - math.acos(0.5) + tangent) / 4.0, rel=0.03)
     obstacle, patrol = moving_circle(2.0, -2.0, 0.2, 0.0, 0.5, 8.0, 3.0)
     patrolled = GoalScenario("patrolled", goal, obstacles=obstacle_field(obstacle), patrols=np.array([patrol], PATROL))
     assert ways.clear_radius(patrolled) == 1.0
@@ -430,7 +438,9 @@ def test_clutter_covers_its_share(percent: int) -> None:
         assert 0.12 <= discs["radius"].min() <= discs["radius"].max() <= 0.5
 
 
-@pytest.mark.parametrize(("family", "offset"), [("collinear_exact", 0.0), ("collinear_1mm", 1e-3), ("collinear_2cm", 0.02)])
+@pytest.mark.parametrize(
+    ("family", "offset"), [("collinear_exact", 0.0), ("collinear_1mm", 1e-3), ("collinear_2cm", 0.02)]
+)
 def test_collinear_obstacles_lie_beside_the_line_by_their_offset(family: str, offset: float) -> None:
     for s in split("goal_reaching", family, "train"):
         line = np.array(s.goal[:2]) - s.start[:2]
@@ -451,6 +461,12 @@ def test_boxes_to_push_stand_in_the_way() -> None:
     blocked = []
     for s in split("goal_reaching", "push_boxes", "train"):
         assert ((s.obstacles["mass"] >= 0.5) & (s.obstacles["mass"] <= 4.0)).all()
+        at, size = (
+            np.column_stack([s.obstacles["x"], s.obstacles["y"]]),
+            np.hypot(s.obstacles["half_length"], s.obstacles["half_width"]),
+        )
+        gap = np.linalg.norm(at[:, None] - at, axis=2) - size - size[:, None]
+        assert (gap[np.triu_indices(len(at), 1)] >= 0.0).all()
         blocked.append(clearances(s.obstacles, np.linspace(s.start[:2], s.goal[:2], 500)).min() < 0.25)
     assert all(blocked)
 
@@ -474,8 +490,12 @@ def test_patrols_keep_off_walls_start_and_goal(family: str) -> None:
                 for end in (s.start, s.goal):
                     assert np.linalg.norm(at - end[:2], axis=1).min() >= o["radius"] + HULL + 0.3 - 1e-9
                 assert 0.05 <= np.hypot(p["vx"], p["vy"]) <= 0.65
-            now = np.column_stack([s.obstacles["x"], s.obstacles["y"]])[moves]
-            assert len(np.unique(now, axis=0)) == moves.sum() <= 30
+            assert moves.sum() <= 30
+            for time in (0.0, 3.7, 21.3):  # and off each other
+                at = np.array([patrol_at(p, time)[:2] for p in s.patrols[moves]])
+                radii = s.obstacles["radius"][moves]
+                gap = np.linalg.norm(at[:, None] - at, axis=2) - radii - radii[:, None]
+                assert (gap[np.triu_indices(len(at), 1)] > 0.0).all()
 
 
 def test_crossing_discs_cross_and_others_come_or_go() -> None:
@@ -490,7 +510,8 @@ def test_crossing_discs_cross_and_others_come_or_go() -> None:
             line = np.array(s.goal[:2]) - s.start[:2]
             for p in s.patrols:
                 assert way * (line @ patrol_at(p, 0.0)[2:]) > 0.0
-                assert (way > 0.0) == (np.hypot(p["vx"], p["vy"]) < 0.4) or way < 0.0
+                if way > 0.0:  # slower than any robot here
+                    assert np.hypot(p["vx"], p["vy"]) < 0.3
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.kinematics import plain_sum_matrix
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios import GOAL_SCENARIOS, circle
 from wayfield.policies import Pilot, Policy
 from wayfield.policies.lookahead import Lookahead
@@ -526,6 +526,7 @@ def test_the_corrected_field_moves_a_point_as_fast_as_stated() -> None:
     briefing = Briefing(
         num_envs=b,
         robot=dataclasses.replace(ROBOTS["omni4"], hull_radius=0.0),
+        actuators=ACTUATORS["ideal"],
         dt=DT,
         action_mode="twist",
         layout=goal_reaching.Observation.layout(3, 0, 5.0),

@@ -22,7 +22,15 @@ OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
 DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
 IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
 IDS_OF = {path_following.Observation: (PATH_ID, OMNI_PATH_ID), goal_reaching.Observation: (GOAL_ID, DIFF_GOAL_ID)}
-EVERY_PAIR = [(name, env_id) for name in POLICIES for kind in policies.make(name).observes for env_id in IDS_OF[kind]]
+# The laws of documents A and B are those of one kind of robot.
+OTHER_ROBOT = {("waypoint", DIFF_GOAL_ID)}
+EVERY_PAIR = [
+    (name, env_id)
+    for name in POLICIES
+    for kind in policies.make(name).observes
+    for env_id in IDS_OF[kind]
+    if (name, env_id) not in OTHER_ROBOT
+]
 every_policy = pytest.mark.parametrize("name", POLICIES)
 every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:-3]}" for a, b in EVERY_PAIR])
 
@@ -185,7 +193,8 @@ def test_rows_are_reset_one_by_one(name: str) -> None:
         again = (pilot.act(seen) == first).all(axis=1)
         assert again.tolist() == [True, False, True]
     else:
-        assert not pilot.memory[[0, 2]].any()
+        fresh = pilot.policy.reset(pilot.briefing)
+        assert pilot.memory[[0, 2]].tobytes() == fresh[[0, 2]].tobytes()
 
 
 FOR_ANOTHER_TASK = [("lookahead_documented", GOAL_ID), ("waypoint", PATH_ID), ("apf_corrected", PATH_ID)]

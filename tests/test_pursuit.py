@@ -161,7 +161,7 @@ def test_pure_pursuit_on_a_circle_has_its_curvature(radius: float, share: float,
     x, y = points[k]
     side = -1.0 if clockwise else 1.0
     tangent = math.atan2(y, x) + side * 0.5 * math.pi
-    policy = PurePursuit(lookahead=lookahead, window=2.0 * math.pi * radius)
+    policy = PurePursuit(lookahead_distance=lookahead, window=2.0 * math.pi * radius)
     v, w = first_twist(policy, path, (x, y, tangent), float(path.vertices["s"][k]))
     assert v == policy.speed
     # the carrot lies within a chord's sagitta of the circle
@@ -173,7 +173,7 @@ def test_pure_pursuit_on_a_circle_has_its_curvature(radius: float, share: float,
 def test_pure_pursuit_of_a_straight_line(s: float, aside: float) -> None:
     policy = PurePursuit()
     v, w = first_twist(policy, Path([(0.0, 0.0), (12.0, 0.0)]), (s, aside, 0.0), s)
-    assert w / v == pytest.approx(-2.0 * aside / policy.lookahead**2, abs=1e-12)
+    assert w / v == pytest.approx(-2.0 * aside / policy.lookahead_distance**2, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", [PurePursuit, RegulatedPurePursuit, SmoothPose])

@@ -93,9 +93,7 @@ def _frozen_split(task: str, name: str) -> tuple[Any, ...] | None:
     Raises:
         ValueError: if the family has no such split, or the split is damaged.
     """
-    if not isinstance(name, str):
-        return None
-    family, slash, part = name.partition("/")
+    family, slash, part = name.partition("/") if isinstance(name, str) else ("", "", "")
     if family not in families(task) or _has_suffix(part):
         return None
     if slash and part not in SPLITS:

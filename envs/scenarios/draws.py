@@ -9,8 +9,6 @@ import random
 
 from wayfield.envs.geometry import sin_cos
 
-UNIT = 1e-6  # m, rad, m/s or s
-
 
 def rounded(value: float) -> float:
     """Returns the nearest whole number of millionths."""

@@ -49,7 +49,8 @@ def admissible(scenario: PathScenario | GoalScenario) -> bool:
 
 def frozen(task: str, family: str, name: str) -> dict[str, Any]:
     """Returns what the split file says about one split of a family."""
-    seeds, scenarios = [], []
+    seeds: list[int] = []
+    scenarios: list[Any] = []
     seed = _FIRST_SEEDS[name]
     while len(seeds) < splits.SPLITS[name]:
         scenario = splits.FAMILIES[task][family](seed)

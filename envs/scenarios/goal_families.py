@@ -169,7 +169,7 @@ def _clutter(share: float) -> Callable[[Draw], "Field | None"]:
         ends = _two_points(draw, 6.0)
         if ends is None:
             return None
-        radii = []
+        radii: list[float] = []
         while math.pi * sum(r * r for r in radii) < area - 0.5 * math.pi * 0.3**2:
             radii.append(draw.number(0.15, 0.4))
         scale = math.sqrt(area / (math.pi * sum(r * r for r in radii)))
@@ -310,13 +310,17 @@ def _never_meet(one: Lane, other: Lane) -> bool:
     """Returns whether two discs stay apart wherever they are on their lanes."""
     a, b, radius = one
     c, d, other_radius = other
+    needed = radius + other_radius + 0.05
+    for k in (0, 1):
+        if abs(a[k] + b[k] - c[k] - d[k]) >= abs(a[k] - b[k]) + abs(c[k] - d[k]) + 2.0 * needed:
+            return True  # beside each other: most pairs are
     sides = []
     for (x, y), (u, v), ends in ((a, b, (c, d)), (c, d, (a, b))):
         sides += [(u - x) * (end[1] - y) - (v - y) * (end[0] - x) for end in ends]
     if sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0:  # the lanes cross
         return False
     nearest = min(_from_line(a, c, d), _from_line(b, c, d), _from_line(c, a, b), _from_line(d, a, b))
-    return nearest >= radius + other_radius + 0.05
+    return nearest >= needed
 
 
 def _crossing(draw: Draw) -> Field | None:

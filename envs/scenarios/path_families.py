@@ -62,7 +62,8 @@ def _straight(draw: Draw) -> Points:
 
 def _circle(draw: Draw) -> Points:
     radius = draw.number(0.8, 3.0)
-    return arc(np.array([(2.0 * math.pi * radius, 1.0 / radius, 1.0 / radius)]), _FINE)
+    points: Points = arc(np.array([(2.0 * math.pi * radius, 1.0 / radius, 1.0 / radius)]), _FINE)
+    return points
 
 
 def _clothoids(draw: Draw) -> Points | None:

@@ -29,7 +29,7 @@ TIERS = ("easy", "medium", "hard")
 TIER_BOUNDS = {"path_following": (1.0, 2.5), "goal_reaching": (0.6, 0.35)}
 SHARPNESS_WINDOW = 0.3  # m
 FOLDER = pathlib.Path(__file__).parent / "splits"
-_NEEDS_PYMUNK = ("push_boxes",)  # left out of "all"
+NEEDS_PYMUNK = ("push_boxes",)  # left out of "all"
 
 
 def split(task: str, family: str, name: str) -> tuple[Any, ...]:
@@ -49,7 +49,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
                 f"{what} is {shown(value)}; it must be one of {', '.join(known)}.{suggestion(value, known)}"
             )
     if family == "all":
-        every = (each for each in FAMILIES[task] if each not in _NEEDS_PYMUNK)
+        every = (each for each in FAMILIES[task] if each not in NEEDS_PYMUNK)
         return tuple(scenario for each in every for scenario in split(task, each, name))
     return _split(FOLDER / f"{task}.json", task, family, name)
 
@@ -79,8 +79,10 @@ def canonical(scenario: PathScenario | GoalScenario) -> bytes:
     """Returns all that decides an episode as little-endian 64-bit integers, in millionths of m, rad, s or kg."""
     numbers: Sequence[Any]
     if isinstance(scenario, PathScenario):
-        asked = (scenario.laps, scenario.path.closed, scenario.start_offset, scenario.start_turn, scenario.corridor)
-        numbers = [len(scenario.path.points), scenario.path.points, scenario.start or scenario.path.start_pose, asked]
+        path = scenario.path
+        start = scenario.start or path.start_pose
+        scatter = (scenario.start_offset, scenario.start_turn)
+        numbers = [len(path.points), path.points, path.closed, start, scatter, scenario.laps, scenario.corridor]
     else:
         o = scenario.obstacles
         x, y = o["half_length"] * o["cos"], o["half_length"] * o["sin"]

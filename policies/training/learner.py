@@ -1,0 +1,214 @@
+"""stable-baselines3's PPO on a preset's worlds, with all of its state as plain arrays and numbers."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecEnv
+
+from wayfield.policies.features import Perception
+from wayfield.policies.training.presets import Preset
+from wayfield.policies.training.shaping import Shaped
+from wayfield.policies.training.worlds import Worlds
+
+Layers = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+
+
+class _Nothing(BaseCallback):
+    """A callback that does nothing: `Learner.update` runs PPO's two halves itself."""
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class Learner:
+    """One update at a time, so that a run can stop between any two; `state` and `restore` go round exactly."""
+
+    def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
+        self.preset = preset
+        self.seconds = {"environment": 0.0, "rollout policy": 0.0, "update": 0.0, "validation": 0.0}
+        self.env = make_worlds(preset, env_id)
+        self.env.seed(seed)
+        self.ppo = PPO(
+            "MlpPolicy",
+            Timed(self.env, self.seconds),
+            learning_rate=_anneal(preset.learning_rate, preset.final_learning_rate),
+            n_steps=preset.horizon,
+            batch_size=min(preset.batch_size, preset.num_envs * preset.horizon),
+            n_epochs=preset.epochs,
+            gamma=preset.discount,
+            gae_lambda=preset.trace,
+            clip_range=_anneal(preset.clip, preset.final_clip),
+            ent_coef=preset.entropy,
+            max_grad_norm=preset.max_grad_norm,
+            target_kl=preset.target_kl,
+            policy_kwargs={
+                "net_arch": {"pi": list(preset.hidden), "vf": list(preset.hidden)},
+                "activation_fn": torch.nn.Tanh,
+                "log_std_init": preset.log_std,
+            },
+            seed=seed,
+            device="cpu",
+            verbose=0,
+        )
+        self.ppo.set_logger(Logger(None, []))
+        _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
+
+    @property
+    def frames(self) -> int:
+        """Returns how many frames were seen."""
+        return self.ppo.num_timesteps
+
+    def update(self) -> dict[str, float]:
+        """Collects one rollout and learns from it; returns what PPO logs."""
+        self.env.share = self.frames / self.preset.steps
+        began = time.perf_counter()
+        inside = self.seconds["environment"]
+        self.ppo.collect_rollouts(self.ppo.env, self._callback, self.ppo.rollout_buffer, self.ppo.n_steps)
+        middle = time.perf_counter()
+        self.seconds["rollout policy"] += middle - began - (self.seconds["environment"] - inside)
+        self.ppo._update_current_progress_remaining(self.frames, self.preset.steps)
+        self.ppo.train()
+        self.seconds["update"] += time.perf_counter() - middle
+        rewards = float(self.ppo.rollout_buffer.rewards.mean()) / (1.0 - self.preset.discount)
+        logged = {key.removeprefix("train/"): float(value) for key, value in self.ppo.logger.name_to_value.items()}
+        self.ppo.logger.name_to_value.clear()
+        return {"reward": rewards, **logged}
+
+    def layers(self) -> Layers:
+        """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer."""
+        return policy_layers(self.ppo.policy)
+
+    def state(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Returns all that decides how the run goes on: arrays, and numbers and text that JSON keeps exactly."""
+        arrays = {f"policy.{name}": tensor.numpy().copy() for name, tensor in self.ppo.policy.state_dict().items()}
+        for k, moments in self.ppo.policy.optimizer.state_dict()["state"].items():
+            arrays |= {f"optimizer.{k}.{name}": np.asarray(tensor).copy() for name, tensor in moments.items()}
+        kind, keys, *rest = np.random.get_state(legacy=True)
+        assert kind == "MT19937"
+        arrays["random.torch"] = torch.get_rng_state().numpy().copy()
+        arrays["random.numpy"] = np.asarray(keys)
+        arrays["last_episode_starts"] = np.asarray(self.ppo._last_episode_starts).astype(np.uint8)
+        numbers = {
+            "frames": self.frames,
+            "updates": self.ppo._n_updates,
+            "random.numpy": [int(rest[0]), int(rest[1]), float(rest[2])],
+            "generators": self.env.generators(),
+        }
+        return arrays | self.env.arrays(), numbers
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], numbers: Mapping[str, Any]) -> None:
+        """Puts the run back to where `state` was taken."""
+        policy = self.ppo.policy
+        policy.load_state_dict(
+            {
+                name.removeprefix("policy."): torch.from_numpy(array.copy())
+                for name, array in arrays.items()
+                if name.startswith("policy.")
+            }
+        )
+        moments: dict[int, dict[str, torch.Tensor]] = {}
+        for name, array in arrays.items():
+            if name.startswith("optimizer."):
+                _, k, part = name.split(".")
+                moments.setdefault(int(k), {})[part] = torch.from_numpy(array.copy())
+        groups = policy.optimizer.state_dict()["param_groups"]
+        policy.optimizer.load_state_dict({"state": moments, "param_groups": groups})
+        self.env.restore(arrays, list(numbers["generators"]))
+        self.ppo._last_obs = self.env.seen
+        self.ppo._last_episode_starts = arrays["last_episode_starts"].astype(bool)
+        self.ppo.num_timesteps = int(numbers["frames"])
+        self.ppo._n_updates = int(numbers["updates"])
+        torch.set_rng_state(torch.from_numpy(arrays["random.torch"].copy()))
+        position, has_gauss, gauss = numbers["random.numpy"]
+        np.random.set_state(("MT19937", arrays["random.numpy"], position, has_gauss, gauss))
+
+
+class Timed(VecEnv):
+    """Passes everything on and counts the seconds that steps take."""
+
+    def __init__(self, env: VecEnv, seconds: dict[str, float]) -> None:
+        self._env = env
+        self._seconds = seconds
+        super().__init__(env.num_envs, env.observation_space, env.action_space)
+
+    def reset(self) -> Any:
+        """Passes on."""
+        return self._env.reset()
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Passes on."""
+        self._env.step_async(actions)
+
+    def step_wait(self) -> Any:
+        """Passes on, and counts."""
+        began = time.perf_counter()
+        result = self._env.step_wait()
+        self._seconds["environment"] += time.perf_counter() - began
+        return result
+
+    def seed(self, seed: int | None = None) -> Any:
+        """Passes on."""
+        return self._env.seed(seed)
+
+    def close(self) -> None:
+        """Passes on."""
+        self._env.close()
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        """Passes on."""
+        return self._env.env_is_wrapped(wrapper_class, indices)
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Passes on."""
+        return self._env.get_attr(attr_name, indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Passes on."""
+        self._env.set_attr(attr_name, value, indices)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Passes on."""
+        return self._env.env_method(method_name, *args, indices=indices, **kwargs)
+
+
+def make_worlds(preset: Preset, env_id: str) -> Shaped:
+    """Returns the worlds of a preset, shaped for its learner."""
+    counts = [round(share * preset.num_envs) for share, _ in preset.worlds]
+    counts[0] += preset.num_envs - sum(counts)
+    robot = {} if preset.robot is None else {"robot": preset.robot}
+    clock = {"max_episode_steps": preset.clock}
+    worlds = Worlds(
+        env_id,
+        [
+            (count, {**robot, **clock, **kwargs})
+            for count, (_, kwargs) in zip(counts, preset.worlds, strict=True)
+            if count
+        ],
+    )
+    ways = None
+    if preset.shortest_ways:
+        from wayfield.policies.training.ways import Ways
+
+        ways = Ways(worlds)
+    perception = Perception(preset.features, preset.actions, len(worlds.task.robot.twist_axes))
+    return Shaped(worlds, perception, preset.reward, (preset.slowest, preset.fastest), preset.discount, ways)
+
+
+def policy_layers(policy: Any) -> Layers:
+    """Returns weights (outputs, inputs) and biases of a policy's mean, layer after layer."""
+    linear = [each for each in policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
+    return [
+        (each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy()) for each in (*linear, policy.action_net)
+    ]
+
+
+def _anneal(first: float, last: float) -> Callable[[float], float]:
+    """Returns the line from `first` at the start of a run to `last` at its end."""
+    return lambda remaining: last + (first - last) * max(remaining, 0.0)

@@ -1,0 +1,251 @@
+"""What is trained, and how: one frozen dataclass, an instance of it for each task and variant."""
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal
+
+from wayfield.policies.features import Actions, Features, GoalFeatures, PathFeatures
+from wayfield.policies.training.shaping import GoalReward, PathReward, Reward
+
+World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword arguments of the environment
+
+
+@dataclasses.dataclass(frozen=True)
+class Preset:
+    """A task, its worlds, what the network sees and is rewarded for, and the numbers of PPO.
+
+    `measured` says what runs of the committed preset showed: wall time and share of seeds that reach the bar.
+    """
+
+    name: str
+    env_ids: tuple[str, ...]
+    task: str  # of the scenario splits
+    worlds: tuple[World, ...]
+    validation: Mapping[str, Any]  # keyword arguments of the environment in which checkpoints are compared
+    features: Features
+    actions: Actions
+    reward: Reward
+    bar: str  # what a seed must reach on validation
+    measured: str
+    robot: str | None = None  # None: the environment's default
+    steps: int = 6_000_000  # frames
+    num_envs: int = 1024
+    horizon: int = 16  # control periods between updates
+    batch_size: int = 4096
+    epochs: int = 4
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 2e-3
+    final_learning_rate: float = 5e-5
+    clip: float = 0.2
+    final_clip: float = 0.1
+    discount: float = 0.98
+    trace: float = 0.95  # lambda of the advantage estimate
+    entropy: float = 0.0
+    log_std: float = -1.0  # of the actions, at the start
+    target_kl: float = 0.03
+    max_grad_norm: float = 0.5
+    slowest: float = 0.6  # m/s, of the speeds that are asked for in training
+    fastest: float = 0.6  # m/s
+    speed: float = 0.6  # m/s, of validation, and of the agent unless told otherwise
+    validations: int = 12  # in a run
+    shortest_ways: bool = False  # progress is measured along the shortest way, which the teacher knows
+    patience: int = 0  # validations without a better one after which a run ends; 0 goes on to the last frame
+    clock: int = 1200  # control periods of an episode
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{field.name} must be finite, got {value!r}")
+        for name in ("num_envs", "horizon", "batch_size", "epochs", "validations", "clock"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.steps < self.num_envs * self.horizon:
+            raise ValueError(
+                f"steps is {self.steps}; it must be at least one update, num_envs x horizon = "
+                f"{self.num_envs * self.horizon}"
+            )
+        for name in ("learning_rate", "clip", "max_grad_norm", "target_kl", "slowest", "speed"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+        for name in ("discount", "trace"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}")
+        if self.fastest < self.slowest:
+            raise ValueError(f"fastest is {self.fastest}; it must be at least slowest, {self.slowest}")
+        if not self.hidden or min(self.hidden) < 1:
+            raise ValueError(f"hidden must be sizes of at least 1, got {self.hidden}")
+
+
+_PATH_WORLDS: tuple[World, ...] = (
+    (0.375, {"scenario": "all/train", "actuators": "lagged"}),
+    (0.125, {"scenario": "all/train", "actuators": "lagged", "disturbance": "light"}),
+    (0.125, {"scenario": "all/train", "actuators": "lagged", "disturbance": "moderate"}),
+    (0.125, {"scenario": "all/train", "actuators": "slow"}),
+    (0.125, {"scenario": "all/train", "actuators": "ideal"}),
+    (0.125, {"scenario": "all/train", "actuators": "lagged", "disturbance": "strong"}),
+)
+
+
+def _goal_worlds(**kwargs: Any) -> tuple[World, ...]:
+    scan = {"num_beams": 72, "max_range": 5.0, **kwargs}
+    return (
+        (0.375, {"scenario": "clutter_10/train", "actuators": "lagged", **scan}),
+        (0.125, {"scenario": "clutter_5/train", "actuators": "lagged", **scan}),
+        (0.125, {"scenario": "clutter_15/train", "actuators": "lagged", **scan}),
+        (0.125, {"scenario": "clutter_10/train", "actuators": "lagged", "disturbance": "moderate", **scan}),
+        (0.25, {"scenario": "all/train", "actuators": "lagged", **scan}),
+    )
+
+
+_PATH = Preset(
+    name="path_following",
+    env_ids=("wayfield/DiffDrivePathFollowing-v0",),
+    task="path_following",
+    worlds=_PATH_WORLDS,
+    validation={"scenario": "all/validation", "actuators": "lagged"},
+    features=PathFeatures(),
+    actions=Actions("unicycle", 2.5),
+    reward=PathReward(),
+    bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.02 m, tuned pure pursuit's",
+    measured="not yet",
+)
+
+_OMNI_GOAL = Preset(
+    name="omni_goal",
+    env_ids=("wayfield/OmniGoalObstacles-v0",),
+    task="goal_reaching",
+    worlds=_goal_worlds(),
+    validation={"scenario": "clutter_10/validation", "actuators": "lagged", "num_beams": 72, "max_range": 5.0},
+    features=GoalFeatures(),
+    actions=Actions("planar"),
+    reward=GoalReward(),
+    bar="at least 90 % success and under 3 % collisions on clutter_10/validation, lagged",
+    measured="not yet",
+    num_envs=1024,
+    horizon=32,
+    discount=0.99,
+    batch_size=8192,
+    steps=10_000_000,
+    shortest_ways=True,
+)
+
+_DIFF_GOAL = dataclasses.replace(
+    _OMNI_GOAL,
+    name="diff_drive_goal",
+    env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
+    features=GoalFeatures(hull_radius=0.25, frame="body"),
+    actions=Actions("unicycle", 2.0),
+)
+
+PRESETS = {
+    preset.name: preset
+    for preset in (
+        # a P3DX follows a path
+        _PATH,
+        # an omni3 drives to a goal among obstacles, by its scan
+        _OMNI_GOAL,
+        # a P3DX does
+        _DIFF_GOAL,
+    )
+}
+
+
+def preset_for(env_id: str, name: str | None) -> Preset:
+    """Returns the preset of that name, or the first for the environment.
+
+    Raises:
+        ValueError: if the environment has none, or the name is unknown or for another environment.
+    """
+    ids = sorted({each for preset in PRESETS.values() for each in preset.env_ids})
+    if env_id not in ids:
+        raise ValueError(f"environment {env_id!r} has no preset.{_near(env_id, ids)} Choose from {', '.join(ids)}.")
+    fitting = [preset for preset in PRESETS.values() if env_id in preset.env_ids]
+    if name is None:
+        return fitting[0]
+    names = [preset.name for preset in fitting]
+    if name not in PRESETS:
+        raise ValueError(f"preset {name!r} is unknown.{_near(name, names)} For {env_id}: {', '.join(names)}.")
+    if name not in names:
+        raise ValueError(f"preset {name!r} is for {', '.join(PRESETS[name].env_ids)}. For {env_id}: {', '.join(names)}.")
+    return PRESETS[name]
+
+
+def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
+    """Returns the preset with key=value settings in place; a part's field is reached with a dot: reward.error_cost=5.
+
+    Raises:
+        ValueError: if a key is unknown, or a value is not of its type or out of range; the message names the nearest.
+    """
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            raise ValueError(f"--set {setting!r} must be key=value")
+        preset = _with(preset, key, key.split("."), text)
+    return preset
+
+
+def _with(part: Any, key: str, names: list[str], text: str) -> Any:
+    known = {field.name for field in dataclasses.fields(part) if not _hidden(getattr(part, field.name))}
+    known -= {"name", "bar", "measured", "task", "env_ids"}
+    if names[0] not in known:
+        raise ValueError(f"key {key!r} is unknown.{_near(names[0], known)} Choose from {', '.join(sorted(known))}.")
+    value = getattr(part, names[0])
+    if dataclasses.is_dataclass(value):
+        if len(names) == 1:
+            inside = ", ".join(f"{names[0]}.{field.name}" for field in dataclasses.fields(value))
+            raise ValueError(f"key {key!r} has parts: {inside}")
+        new = _with(value, key, names[1:], text)
+    elif len(names) > 1:
+        raise ValueError(f"key {key!r} is unknown: {names[0]} has no parts")
+    else:
+        new = _parsed(key, text, typing.get_type_hints(type(part))[names[0]])
+    try:
+        return dataclasses.replace(part, **{names[0]: new})
+    except ValueError as error:
+        raise ValueError(f"--set {key}={text}: {error}") from None
+
+
+def _hidden(value: Any) -> bool:
+    """Returns whether a field is no plain number or text that a command line could give."""
+    return isinstance(value, Mapping) or (isinstance(value, tuple) and bool(value) and not isinstance(value[0], int))
+
+
+def _parsed(key: str, text: str, kind: Any) -> Any:
+    """Returns a value of the kind from text.
+
+    Raises:
+        ValueError: naming the key, if the text is no such value.
+    """
+    origin = typing.get_origin(kind)
+    if origin in (types.UnionType, typing.Union):
+        return None if text.lower() == "none" else _parsed(key, text, typing.get_args(kind)[0])
+    if origin is Literal:
+        if text not in typing.get_args(kind):
+            raise ValueError(f"{key} must be one of {', '.join(typing.get_args(kind))}, got {text!r}")
+        return text
+    try:
+        if kind is bool:
+            return {"true": True, "false": False}[text.lower()]
+        if kind is int:
+            return int(text.replace("_", ""))
+        if kind is float:
+            number = float(text)
+            if not math.isfinite(number):
+                raise ValueError
+            return number
+        if kind is str:
+            return text
+        return tuple(int(each) for each in text.strip("()").split(",") if each.strip())
+    except (ValueError, KeyError):
+        names = {bool: "true or false", int: "a whole number", float: "a finite number"}
+        raise ValueError(f"{key} must be {names.get(kind, 'whole numbers such as 64,64')}, got {text!r}") from None
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(known), 1, 0.4)
+    return f" Did you mean {near[0]!r}?" if near else ""

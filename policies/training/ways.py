@@ -1,0 +1,111 @@
+"""What is left of the shortest way to the goal, for a teacher who knows the map."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import clearance
+from wayfield.envs.scenarios import GoalScenario
+from wayfield.policies.training.worlds import Worlds
+
+CELL = 0.1  # m
+MARGIN = 1.0  # m, that a grid goes beyond all that stands
+DEAR = 0.35  # m of clearance beyond the hull, under which a metre costs more
+MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
+
+
+class Ways:
+    """A grid of each scenario with the way from every node to the goal, around what stands; called with the worlds.
+
+    A metre near an obstacle costs up to twice as much, so that the shortest way keeps off the corners. Nodes inside the
+    hull's reach of an obstacle are passable at ten times the price: a way is never infinite.
+    """
+
+    def __init__(self, worlds: Worlds) -> None:
+        self.grids = []
+        done: dict[str, tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
+        for part in worlds.parts:
+            hull = part.task.robot.hull_radius
+            fields = []
+            for scenario in part.task.scenarios:
+                if scenario.name not in done:
+                    done[scenario.name] = way_field(scenario, hull)
+                fields.append(done[scenario.name])
+            shape = np.array([field.shape for field, _ in fields])
+            first = np.concatenate([[0], np.cumsum(shape.prod(axis=1))[:-1]])
+            self.grids.append(
+                (
+                    np.concatenate([field.ravel() for field, _ in fields]),
+                    np.column_stack([first, shape]),
+                    np.array([origin for _, origin in fields]),
+                )
+            )
+
+    def __call__(self, worlds: Worlds) -> NDArray[np.float64]:
+        """Returns what is left of the way of every robot, m."""
+        left = np.empty(worlds.num_envs)
+        for grid, part, rows in zip(self.grids, worlds.parts, worlds.rows, strict=True):
+            states = part.batch.states
+            left_from(*grid, states["scenario"], states["x"], states["y"], left[rows])
+        return left
+
+
+def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Returns the way (rows, columns) from each node of a grid to the goal, m, and the grid's first node (x, y)."""
+    standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
+    stops = np.array([scenario.start[:2], scenario.goal[:2]])
+    reach = standing["radius"] + np.hypot(standing["half_length"], standing["half_width"])
+    centres = np.column_stack([standing["x"], standing["y"]])
+    corners = np.vstack([stops, centres - reach[:, None], centres + reach[:, None]])
+    low = corners.min(axis=0) - MARGIN
+    columns, rows = (np.ceil((corners.max(axis=0) + MARGIN - low) / CELL).astype(int) + 1).tolist()
+    spare = spare_room(standing, *low.tolist(), rows, columns) - hull_radius
+    price = np.where(spare < 0.0, 10.0, 1.0 + np.clip(1.0 - spare / DEAR, 0.0, 1.0))
+    index = np.arange(rows * columns).reshape(rows, columns)
+    sources, targets, costs = [], [], []
+    for down, right in MOVES:
+        a = (slice(0, rows - down), slice(max(-right, 0), columns - max(right, 0)))
+        b = (slice(down, rows), slice(max(right, 0), columns - max(-right, 0)))
+        sources.append(index[a].ravel())
+        targets.append(index[b].ravel())
+        costs.append((CELL * math.hypot(down, right) * np.maximum(price[a], price[b])).ravel())
+    graph = coo_array(
+        (np.concatenate(costs), (np.concatenate(sources), np.concatenate(targets))), (index.size, index.size)
+    ).tocsr()
+    goal = np.rint((stops[1] - low) / CELL).astype(int)
+    lengths = dijkstra(graph, directed=False, indices=index[goal[1], goal[0]])
+    return lengths.reshape(rows, columns).astype(np.float32), low
+
+
+@compiled
+def spare_room(obstacles, x, y, rows, columns):
+    """Returns the clearance (rows, columns) of the nodes of a grid with its first node at (x, y), m."""
+    room = np.empty((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            room[row, column] = clearance(obstacles, len(obstacles), x + column * CELL, y + row * CELL)
+    return room
+
+
+@compiled
+def left_from(lengths, shapes, origins, scenarios, xs, ys, left):
+    """Fills the ways left (b,) from positions: between nodes, in proportion."""
+    for i in range(left.shape[0]):
+        k = scenarios[i]
+        first = shapes[k, 0]
+        rows = shapes[k, 1]
+        columns = shapes[k, 2]
+        u = min(max((xs[i] - origins[k, 0]) / CELL, 0.0), columns - 1.001)
+        v = min(max((ys[i] - origins[k, 1]) / CELL, 0.0), rows - 1.001)
+        column = int(u)
+        row = int(v)
+        u -= column
+        v -= row
+        at = first + row * columns + column
+        low = (1.0 - u) * lengths[at] + u * lengths[at + 1]
+        high = (1.0 - u) * lengths[at + columns] + u * lengths[at + columns + 1]
+        left[i] = (1.0 - v) * low + v * high

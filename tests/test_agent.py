@@ -1,0 +1,275 @@
+"""Trained agents: the network's numbers, what they see, and the files they are kept in."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import wayfield  # noqa: F401  registers the ids
+from wayfield.envs import goal_reaching, path_following
+from wayfield.policies.agent import CARD, WEIGHTS, Agent, Network, load_agent, save_agent, weights_digest
+from wayfield.policies.features import Actions, GoalFeatures, PathFeatures, Perception
+from wayfield.policies.policy import Pilot
+
+PATH, OMNI, DIFF = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0", "wayfield/DiffDriveGoalObstacles-v0"
+
+
+def layers_of(sizes: list[int], seed: int = 0) -> list[tuple[Any, Any]]:
+    rng = np.random.default_rng(seed)
+    return [
+        (rng.normal(0.0, 0.5, (go, come)).astype(np.float32), rng.normal(0.0, 0.1, go).astype(np.float32))
+        for come, go in zip(sizes[:-1], sizes[1:], strict=True)
+    ]
+
+
+def make_folder(folder: Path, task: str = "path_following", **changes: Any) -> Path:
+    """Writes an agent with random weights and returns its folder."""
+    import dataclasses
+
+    path = task == "path_following"
+    features = PathFeatures() if path else GoalFeatures()
+    actions = Actions("unicycle" if path else "planar")
+    num_twist = 2 if path else 3
+    layers = layers_of([Perception(features, actions, num_twist).num_inputs, 16, 8, 2])
+    card = {
+        "format": 1, "name": "a test", "env_id": PATH if path else OMNI, "task": task,
+        "robots": ["p3dx"] if path else ["omni3"], "dt": 0.05, "speed": 0.6,
+        "features": dataclasses.asdict(features), "actions": dataclasses.asdict(actions),
+        "network": {"hidden": [16, 8], "num_twist": num_twist, "activation": "tanh"}, "sha256": weights_digest(layers),
+    }  # fmt: skip
+    save_agent(folder, layers, card | changes)
+    return folder
+
+
+def test_the_network_is_the_matrix_product_with_tanh_between() -> None:
+    layers = layers_of([7, 5, 4, 2])
+    x = np.random.default_rng(1).normal(size=(20, 7)).astype(np.float32)
+    (a, p), (b, q), (c, r) = layers
+    expected = c @ np.tanh(b @ np.tanh(a @ x.T + p[:, None]) + q[:, None]) + r[:, None]
+    np.testing.assert_allclose(Network.of(layers)(x), expected.T, atol=1e-5)
+
+
+@pytest.mark.parametrize("sizes", [[33, 64, 64, 2], [46, 128, 3], [5, 1]])
+def test_the_network_agrees_with_torch(sizes: list[int]) -> None:
+    torch = pytest.importorskip("torch")
+    layers = layers_of(sizes)
+    x = np.random.default_rng(1).normal(size=(300, sizes[0])).astype(np.float32)
+    y = torch.from_numpy(x)
+    for k, (weight, bias) in enumerate(layers):
+        y = torch.nn.functional.linear(y, torch.from_numpy(weight), torch.from_numpy(bias))
+        y = torch.tanh(y) if k < len(layers) - 1 else y
+    assert np.abs(Network.of(layers)(x) - y.numpy()).max() < 1e-5
+
+
+@pytest.mark.parametrize(("task", "env_id"), [("path_following", PATH), ("goal_reaching", OMNI)])
+def test_a_robot_in_a_batch_acts_exactly_as_alone(tmp_path: Path, task: str, env_id: str) -> None:
+    agent = load_agent(make_folder(tmp_path, task))
+    kwargs = {"num_beams": 72} if task == "goal_reaching" else {}
+    envs = gymnasium.make_vec(env_id, 5, vectorization_mode="vector_entry_point", noise=1.0, **kwargs)
+    pilot = Pilot(agent, envs)
+    observations, _ = envs.reset(seed=3)
+    pilot.reset()
+    singles = [gymnasium.make(env_id, noise=1.0, **kwargs) for _ in range(5)]
+    pilots = [Pilot(agent, each) for each in singles]
+    alone = [each.reset(seed=3 + i)[0] for i, each in enumerate(singles)]
+    for each in pilots:
+        each.reset()
+    for _ in range(20):
+        actions = pilot.act(observations)
+        mine = [each.act(seen) for each, seen in zip(pilots, alone, strict=True)]
+        np.testing.assert_array_equal(actions, mine)
+        observations, *_ = envs.step(actions)
+        alone = [each.step(action)[0] for each, action in zip(singles, mine, strict=True)]
+
+
+def test_a_row_that_is_reset_forgets(tmp_path: Path) -> None:
+    agent = load_agent(make_folder(tmp_path))
+    envs = gymnasium.make_vec(PATH, 3, vectorization_mode="vector_entry_point")
+    pilot = Pilot(agent, envs)
+    observations, _ = envs.reset(seed=0)
+    pilot.reset()
+    first = pilot.act(observations)
+    pilot.act(observations)
+    pilot.reset(np.array([1]))
+    again = pilot.act(observations)
+    np.testing.assert_array_equal(again[1], first[1])
+    assert (again[0] != first[0]).any()
+
+
+def test_speeds_stay_within_the_asked_speed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1.0, 1.0, (500, 2)).astype(np.float32)
+    from wayfield.envs.robots import ROBOTS
+
+    forward = Actions("unicycle", 2.0).twists(actions, np.full(500, 0.4), np.zeros(500), ROBOTS["p3dx"])
+    assert forward[:, 0].min() >= 0.0
+    assert forward[:, 0].max() <= 0.4
+    assert np.abs(forward[:, 1]).max() <= 2.0
+    planar = Actions("planar").twists(actions, np.full(500, 0.4), rng.uniform(-3.0, 3.0, 500), ROBOTS["omni3"])
+    assert np.hypot(planar[:, 0], planar[:, 1]).max() <= 0.4 + 1e-12
+    assert not planar[:, 2].any()
+
+
+def test_an_omni_robot_sees_and_does_the_same_turned() -> None:
+    """In the frame of the goal, turning robot, goal and scan together by whole beams changes nothing but the frame."""
+    features, rng, beams = GoalFeatures(num_beams=72), np.random.default_rng(0), 72
+    goal, twist = rng.normal(size=(1, 2)), rng.normal(size=(1, 3))
+    ranges = rng.uniform(0.3, 5.0, (1, beams))
+    for shift in (1, 17, 36, 60):
+        angle = shift * 2.0 * math.pi / beams  # the robot turns by this, so that all it sees turns back
+        cosine, sine = math.cos(angle), math.sin(angle)
+        back = np.array([[cosine, sine], [-sine, cosine]])
+        turned_twist = np.column_stack([twist[:, :2] @ back.T, twist[:, 2]])
+        seen = []
+        for g, t, r in ((goal, twist, ranges), (goal @ back.T, turned_twist, np.roll(ranges, -shift, axis=1))):
+            out = np.empty((1, features.width(3)), np.float32)
+            observation = goal_reaching.Observation(np.zeros((1, 3)), t, g, np.zeros(1), np.zeros(1), r)
+            frame = features.observe(observation, np.ones(1), out)
+            velocity = Actions("planar").twists(np.array([[0.3, 0.2]], np.float32), np.ones(1), frame, _omni())
+            seen.append((out, velocity[:, :2]))
+        np.testing.assert_allclose(seen[1][0], seen[0][0], atol=1e-6)
+        np.testing.assert_allclose(seen[1][1], seen[0][1] @ back.T, atol=1e-9)
+
+
+def _omni() -> Any:
+    from wayfield.envs.robots import ROBOTS
+
+    return ROBOTS["omni3"]
+
+
+def test_features_are_what_their_docstring_says() -> None:
+    features = PathFeatures(num_preview=2)
+    out = np.empty((1, features.width(2)), np.float32)
+    observation = path_following.Observation(
+        np.zeros((1, 3)), np.array([[0.3, 1.0]]), np.array([0.02]), np.array([0.5]), np.zeros(1),
+        np.array([[[0.1, 0.0], [0.2, -9.0]]]),
+    )  # fmt: skip
+    features.observe(observation, np.array([0.6]), out)
+    expected = [math.asinh(1.0), 0.1, math.sin(0.5), math.cos(0.5), 1.0, 0.5, 0.5, 0.2, 0.0, 0.4, -5.0]
+    np.testing.assert_allclose(out[0], expected, atol=1e-6)
+
+
+def test_the_memory_holds_the_last_actions_and_the_strided_frames() -> None:
+    features = PathFeatures(num_preview=0, previous=2, frames=3, stride=2)
+    perception = Perception(features, Actions(), 2)
+    memory = perception.fresh(1)
+    seen = []
+    for k in range(8):
+        observation = path_following.Observation(
+            np.zeros((1, 3)), np.zeros((1, 2)), np.array([0.01 * k]), np.zeros(1), np.zeros(1), np.zeros((1, 0, 2))
+        )
+        inputs, _ = perception.inputs(observation, np.ones(1), memory)
+        seen.append(inputs[0, : perception.width].copy())
+        if k >= 4:
+            np.testing.assert_array_equal(inputs[0, perception.width : perception.width + 4], [k - 1, -k + 1, k - 2, -k + 2])
+            np.testing.assert_array_equal(inputs[0, perception.width + 4 :], np.concatenate([seen[k - 2], seen[k - 4]]))
+        perception.remember(inputs, np.array([[k, -k]]), memory)
+
+
+# ---- files
+
+
+def test_saved_and_loaded_agents_act_alike(tmp_path: Path) -> None:
+    agent = load_agent(make_folder(tmp_path / "a"))
+    assert isinstance(agent, Agent)
+    assert agent.knows == "sensors"
+    assert agent.speed == 0.6
+    assert load_agent(tmp_path / "a", speed=0.3).speed == 0.3
+    assert sorted(each.name for each in (tmp_path / "a").iterdir()) == [CARD, WEIGHTS]
+
+
+def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
+    whole = make_folder(tmp_path / "whole")
+
+    def broken(name: str, change: Any) -> Path:
+        folder = tmp_path / name
+        shutil.copytree(whole, folder)
+        change(folder)
+        return folder
+
+    def edit(**changes: Any) -> Any:
+        def change(folder: Path) -> None:
+            card = json.loads((folder / CARD).read_text())
+            (folder / CARD).write_text(json.dumps(card | changes))
+
+        return change
+
+    def spoil(folder: Path) -> None:
+        content = bytearray((folder / WEIGHTS).read_bytes())
+        content[-5] ^= 1
+        (folder / WEIGHTS).write_bytes(bytes(content))
+
+    other = make_folder(tmp_path / "other", task="goal_reaching")
+    cases = {
+        "no_card": (lambda f: (f / CARD).unlink(), CARD),
+        "no_weights": (lambda f: (f / WEIGHTS).unlink(), WEIGHTS),
+        "cut": (lambda f: (f / WEIGHTS).write_bytes((f / WEIGHTS).read_bytes()[:-100]), "damaged"),
+        "empty": (lambda f: (f / WEIGHTS).write_bytes(b""), "damaged"),
+        "pickle": (lambda f: (f / WEIGHTS).write_bytes(b"\x80\x04cos\nsystem\n"), "damaged"),
+        "flipped": (spoil, "SHA-256"),
+        "foreign": (lambda f: shutil.copy(other / WEIGHTS, f / WEIGHTS), "must be finite float32 of shape"),
+        "no_json": (lambda f: (f / CARD).write_text("{"), "no JSON"),
+        "a_list": (lambda f: (f / CARD).write_text("[]"), "not the card"),
+        "format": (edit(format=99), "format 99"),
+        "version": (edit(env_id="wayfield/DiffDrivePathFollowing-v9"), "DiffDrivePathFollowing-v9"),
+        "features": (edit(features={"size": 3}), "features"),
+        "task": (edit(task="flying"), "flying"),
+        "robots": (edit(robots="p3dx"), "robots"),
+        "hidden": (edit(network={"hidden": [0], "num_twist": 2, "activation": "tanh"}), "hidden"),
+    }
+    for name, (change, said) in cases.items():
+        folder = broken(name, change)
+        with pytest.raises(ValueError, match=said) as caught:
+            load_agent(folder)
+        assert str(folder) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kwargs", "said"),
+    [
+        (DIFF, {"num_beams": 72}, "omni3, not p3dx"),
+        (OMNI, {"num_beams": 32}, "num_beams=72"),
+        (OMNI, {"num_beams": 72, "max_range": 3.0}, "max_range=5"),
+        (OMNI, {"num_beams": 72, "field_of_view": 3.0}, "full circle"),
+        (OMNI, {"num_beams": 0}, "num_beams=72"),
+    ],
+)
+def test_an_agent_refuses_what_it_was_not_trained_for(
+    tmp_path: Path, env_id: str, kwargs: dict[str, Any], said: str
+) -> None:
+    agent = load_agent(make_folder(tmp_path, "goal_reaching"))
+    env = gymnasium.make(env_id, **kwargs)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=said):
+        Pilot(agent, env).reset()
+
+
+def test_an_agent_refuses_another_task(tmp_path: Path) -> None:
+    agent = load_agent(make_folder(tmp_path))
+    with pytest.raises(TypeError, match="Agent reads"):
+        Pilot(agent, gymnasium.make(OMNI))
+
+
+def test_a_bad_speed_is_refused(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    for speed in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="speed"):
+            load_agent(folder, speed=speed)
+
+
+def test_inference_imports_neither_torch_nor_stable_baselines(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    make_folder(tmp_path / "a")
+    code = (
+        "import sys; from wayfield.policies.agent import load_agent; load_agent(sys.argv[1]); "
+        "print([m for m in ('torch', 'stable_baselines3') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a")], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,460 @@
+"""Seekers that see only their scan: what they make of constructed scans, and that they can always stop."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
+from wayfield.envs.goal_reaching import Observation
+from wayfield.envs.kinematics import integrate_arc
+from wayfield.envs.records import lag_factors
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.sensing import beam_angles
+from wayfield.policies.dwa import Dwa
+from wayfield.policies.policy import Pilot
+from wayfield.policies.stopping import free_time
+from wayfield.policies.vfh_plus import BINARY, DIRECTIONS, PREVIOUS, VfhPlus
+
+Array = NDArray[np.float64]
+PLANNERS = [Dwa, VfhPlus]
+every_planner = pytest.mark.parametrize("planner", PLANNERS)
+every_robot = pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+ID = {
+    "p3dx": "wayfield/DiffDriveGoalObstacles-v0",
+    "omni3": "wayfield/OmniGoalObstacles-v0",
+    "omni4": "wayfield/OmniGoalObstacles-v0",
+}
+MAX_RANGE = 5.0
+
+free = compiled(lambda hits, vx, vy, w, longest: free_time(hits, hits.shape[0], vx, vy, w, longest))
+
+
+def briefing_of(
+    robot: str, beams: int = 72, actuators: str = "lagged", field_of_view: float = 2.0 * math.pi, num_envs: int = 1
+) -> Briefing:
+    """Returns what a robot with a scan is told."""
+    layout = Observation.layout(len(ROBOTS[robot].twist_axes), beams, MAX_RANGE)
+    angles = beam_angles(beams, field_of_view)
+    return Briefing(num_envs, ROBOTS[robot], ACTUATORS[actuators], 0.05, "twist", layout, angles, MAX_RANGE)
+
+
+def scan(angles: Array, walls: list[tuple[float, float, float, float]]) -> Array:
+    """Returns the ranges (1, beams) to walls from (x1, y1) to (x2, y2), seen from the origin."""
+    ranges = np.full(len(angles), MAX_RANGE)
+    for k, angle in enumerate(angles):
+        u = np.array([math.cos(angle), math.sin(angle)])
+        for x1, y1, x2, y2 in walls:
+            matrix = np.array([[u[0], x1 - x2], [u[1], y1 - y2]])
+            if abs(np.linalg.det(matrix)) > 1e-12:
+                distance, share = np.linalg.solve(matrix, [x1, y1])
+                if distance >= 0.0 and 0.0 <= share <= 1.0:
+                    ranges[k] = min(ranges[k], distance)
+    return ranges[None]
+
+
+def observed(
+    briefing: Briefing, ranges: Array, goal: tuple[float, float] = (4.0, 0.0), turn: float = 0.0, twist: Any = None
+) -> Observation:
+    """Returns the observation of a robot at the origin."""
+    b = briefing.num_envs
+    axes = len(briefing.robot.twist_axes)
+    return Observation(
+        pose=np.zeros((b, 3)),
+        twist=np.zeros((b, axes)) if twist is None else np.atleast_2d(twist),
+        goal=np.tile(goal, (b, 1)),
+        goal_heading_error=np.full(b, turn),
+        waypoints_left=np.zeros(b),
+        ranges=np.tile(ranges, (b, 1)),
+    )
+
+
+def first_twist(planner: Any, briefing: Briefing, ranges: Array, goal: tuple[float, float] = (4.0, 0.0)) -> Array:
+    """Returns the first twist (t,) from rest."""
+    twist: Array = planner.act(observed(briefing, ranges, goal), briefing, planner.reset(briefing))[0]
+    return twist
+
+
+def drive(
+    planner: Any,
+    scene: dict[str, Any],
+    robot: str,
+    folder: Path,
+    steps: int,
+    beams: int = 72,
+    actuators: str = "lagged",
+    **options: Any,
+) -> tuple[Array, dict[str, Any]]:
+    """Returns the poses (steps, 3) that the planner drives from the origin, and the last info."""
+    file = folder / "scene.json"
+    file.write_text(json.dumps({"start": [0, 0, 0], "heading_tolerance": math.pi, "position_tolerance": 0.2} | scene))
+    env: Any = gymnasium.make(
+        ID[robot], robot=robot, scenario=str(file), num_beams=beams, actuators=actuators, **options
+    )
+    seen, info = env.reset(seed=0)
+    pilot = Pilot(planner, env)
+    pilot.reset()
+    poses = []
+    for _ in range(steps):
+        seen, _, terminated, _, info = env.step(pilot.act(seen).astype(np.float32))
+        poses.append([env.unwrapped.batch.states[0][name] for name in ("x", "y", "heading")])
+        if terminated:
+            break
+    return np.array(poses), info
+
+
+def walls(*ends: tuple[float, float, float, float]) -> list[dict[str, Any]]:
+    return [{"kind": "wall", "x1": a, "y1": b, "x2": c, "y2": d} for a, b, c, d in ends]
+
+
+# The free arc.
+
+
+@given(
+    x=st.floats(-3.0, 3.0),
+    y=st.floats(-3.0, 3.0),
+    vx=st.floats(-1.0, 1.0),
+    vy=st.floats(-1.0, 1.0),
+    w=st.one_of(st.just(0.0), st.floats(-2.0, 2.0)),
+    radius=st.floats(0.05, 0.5),
+)
+def test_the_free_time_is_when_the_arc_first_comes_within_the_radius(
+    x: float, y: float, vx: float, vy: float, w: float, radius: float
+) -> None:
+    radius = min(radius, (1.0 - 1e-6) * math.hypot(x, y))
+    if radius < 1e-3 or math.hypot(vx, vy) < 1e-3:
+        return
+    longest = 6.0
+    until = free(np.array([[x, y, radius]]), vx, vy, w, longest)
+    times = np.linspace(0.0, longest, 3001)
+    path = np.array([integrate_arc(0.0, 0.0, 0.0, vx, vy, w, t)[:2] for t in times])
+    distance = np.hypot(path[:, 0] - x, path[:, 1] - y)
+    assert 0.0 <= until <= longest
+    assert (distance[times < until - 1e-9] >= radius - 1e-5).all()
+    if until < longest:
+        touching = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
+        assert math.hypot(touching[0] - x, touching[1] - y) == pytest.approx(radius, abs=1e-5)
+
+
+# What a robot can do with what it decides.
+
+
+def stops_clear(briefing: Briefing, command: Array, twist: Array, action: Array, points: Array, radius: float) -> bool:
+    """Returns whether a robot that drives an action for a period and then brakes keeps its distance to points (k, 2).
+
+    The plant written out again: saturation apart, acceleration limits, lag, and the motion between in small steps.
+    """
+    plant, dt = briefing.actuators, briefing.dt
+    axes = briefing.robot.twist_axes
+    c, wheel, target = np.zeros(3), np.zeros(3), np.zeros(3)
+    c[list(axes)], wheel[list(axes)], target[list(axes)] = command, twist, action
+    decay, mean = lag_factors(plant.lag, dt)
+    pose = (0.0, 0.0, 0.0)
+    for _ in range(200):
+        change = target[:2] - c[:2]
+        size = float(np.hypot(*change))
+        c[:2] += change * min(1.0, plant.acceleration * dt / size if size else 1.0)
+        c[2] += np.clip(target[2] - c[2], -plant.yaw_acceleration * dt, plant.yaw_acceleration * dt)
+        for _ in range(5):
+            pose = integrate_arc(*pose, *(c + mean * (wheel - c)), dt / 5)
+            if len(points) and np.hypot(points[:, 0] - pose[0], points[:, 1] - pose[1]).min() < radius:
+                return False
+        wheel = c + decay * (wheel - c)
+        target = np.zeros(3)
+        if np.abs(wheel).max() < 1e-4:
+            break
+    return True
+
+
+@every_planner
+@every_robot
+@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10_000), near=st.floats(0.1, 2.0), share=st.floats(0.0, 1.0))
+def test_what_a_planner_drives_leaves_room_to_stop_before_every_hit(
+    planner: Any, robot: str, actuators: str, seed: int, near: float, share: float
+) -> None:
+    briefing = briefing_of(robot, 48, actuators)
+    rng = np.random.default_rng(seed)
+    hull = briefing.robot.hull_radius
+    ranges = np.where(rng.random((1, 48)) < 0.5, rng.uniform(hull + 0.03, hull + 0.03 + near, (1, 48)), MAX_RANGE)
+    points = np.column_stack([ranges[0] * np.cos(briefing.beam_angles), ranges[0] * np.sin(briefing.beam_angles)])
+    points = points[ranges[0] < MAX_RANGE]
+    policy = planner()
+    memory = policy.reset(briefing)
+    axes = list(briefing.robot.twist_axes)
+    # a robot that has driven its command for long, as fast as it may and still stop
+    command = np.zeros(3)
+    command[axes] = share * rng.uniform(-1.0, 1.0, len(axes)) * np.where(np.array(axes) == 2, 1.5, 0.6)
+    if robot == "p3dx":
+        command[0] = abs(command[0])
+    moving = actuators != "ideal"
+    if moving and stops_clear(briefing, command[axes], command[axes], 0.0 * command[axes], points, hull + 0.031):
+        memory[:, :3] = command
+    before = memory[0, axes].copy()
+    goal = tuple(rng.uniform(-3.0, 3.0, 2).tolist())
+    action = policy.act(observed(briefing, ranges, goal, 0.3, before), briefing, memory)[0]
+    assert stops_clear(briefing, before, before, action, points, hull)
+
+
+@every_planner
+@every_robot
+def test_a_driven_robot_stops_in_front_of_what_it_cannot_pass(planner: Any, robot: str, tmp_path: Path) -> None:
+    scene = {"goal": [4, 0, 0], "obstacles": walls((2, -3, 2, 3), (2, 3, -1, 3), (-1, 3, -1, -3), (-1, -3, 2, -3))}
+    for actuators in ("ideal", "lagged", "slow"):
+        poses, info = drive(planner(), scene, robot, tmp_path, 400, actuators=actuators)
+        assert not info["collision"]
+        assert poses[:, 0].max() < 2.0 - ROBOTS[robot].hull_radius
+
+
+# Constructed scans.
+
+
+@every_planner
+@every_robot
+@pytest.mark.parametrize("actuators", ["ideal", "lagged"])
+def test_a_corridor_is_driven_straight(planner: Any, robot: str, actuators: str, tmp_path: Path) -> None:
+    scene = {"goal": [6, 0, 0], "obstacles": walls((-2, -0.6, 8, -0.6), (-2, 0.6, 8, 0.6))}
+    poses, info = drive(planner(), scene, robot, tmp_path, 500, actuators=actuators)
+    assert info["success"]
+    assert np.abs(poses[:, 1]).max() < 0.15
+
+
+@every_planner
+@every_robot
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_gap_in_a_wall_is_headed_for(planner: Any, robot: str, side: float, tmp_path: Path) -> None:
+    near, far = side * 0.3, side * 1.3
+    scene = {"goal": [4, side, 0], "obstacles": walls((1.5, -side * 4, 1.5, near), (1.5, far, 1.5, side * 4))}
+    poses, info = drive(planner(), scene, robot, tmp_path, 400)
+    assert info["success"]
+    crossing = np.flatnonzero(poses[:, 0] > 1.5)[0]
+    assert 0.3 < side * poses[crossing, 1] < 1.3
+    assert (side * poses[:crossing, 1]).min() > -0.1  # nor did it look for a way on the other side first
+
+
+@every_planner
+@every_robot
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_wall_ahead_makes_it_turn_aside(planner: Any, robot: str, side: float, tmp_path: Path) -> None:
+    scene = {"goal": [4, 0, 0], "obstacles": walls((2, -side * 1.2, 2, side * 0.3))}
+    poses, info = drive(planner(), scene, robot, tmp_path, 800)
+    assert info["success"]
+    crossing = poses[np.flatnonzero(poses[:, 0] > 2.0)[0], 1]
+    hull = ROBOTS[robot].hull_radius
+    assert side * crossing > 0.3 + 0.9 * hull or side * crossing < -1.2 - 0.9 * hull
+
+
+@every_robot
+def test_a_valley_behind_is_one_though_the_histogram_ends_in_it(robot: str) -> None:
+    # free only straight behind, where the sectors of both ends of the histogram meet
+    briefing = briefing_of(robot, 180)
+    around = scan(briefing.beam_angles, [(0.7, -0.7, 0.7, 0.7), (0.7, 0.7, -3, 0.7), (0.7, -0.7, -3, -0.7)])
+    policy = VfhPlus()
+    memory = policy.reset(briefing)
+    twist = policy.act(observed(briefing, around), briefing, memory)[0]
+    assert abs(abs(memory[0, PREVIOUS]) - math.pi) < 0.1
+    if robot == "p3dx":
+        assert twist[0] == 0.0  # turns on the spot
+        assert abs(twist[1]) > 1.0
+    else:
+        assert twist[0] < -0.1
+        assert abs(twist[1]) < 0.05
+
+
+@every_planner
+@every_robot
+def test_a_robot_that_is_boxed_in_stands(planner: Any, robot: str) -> None:
+    briefing = briefing_of(robot, 72)
+    gap = briefing.robot.hull_radius + 0.03
+    twist = first_twist(planner(), briefing, np.full((1, 72), gap))
+    assert np.abs(twist[: len(twist) - 1]).max() == 0.0
+    if planner is VfhPlus:
+        assert twist[-1] == 0.0
+    # with a scan that does not surround it, it looks around
+    half = briefing_of(robot, 72, field_of_view=math.pi)
+    twist = first_twist(planner(), half, np.full((1, 72), gap), (0.0, 4.0))
+    assert np.abs(twist[: len(twist) - 1]).max() == 0.0
+    assert twist[-1] > 0.0
+
+
+@every_robot
+def test_vfh_plus_decides_alike_with_few_beams_and_with_many(robot: str) -> None:
+    layouts = [
+        [(1.0, -0.2, 1.0, 3.0)],
+        [(1.1, -4.0, 1.1, 0.0), (1.1, 1.0, 1.1, 4.0)],
+        [(-3.0, 0.6, 3.0, 0.6), (-3.0, -0.6, 3.0, -0.6)],
+        [(0.8, -0.5, 0.8, 0.5), (0.8, 0.5, -0.5, 0.9)],
+    ]
+    for layout in layouts:
+        choices, twists = [], []
+        for beams in (90, 180, 360, 720):
+            briefing = briefing_of(robot, beams)
+            policy = VfhPlus()
+            memory = policy.reset(briefing)
+            twists.append(policy.act(observed(briefing, scan(briefing.beam_angles, layout)), briefing, memory)[0])
+            choices.append(memory[0, PREVIOUS])
+        # an edge lies between two beams: 4 degrees of 90, and two sectors of 2.5
+        off = np.angle(np.exp(1j * (np.array(choices) - choices[-1])))
+        assert np.abs(off).max() < math.radians(9.0)
+        assert np.abs(np.array(twists) - twists[-1]).max() < 0.4
+
+
+def test_the_thresholds_of_vfh_plus_have_hysteresis() -> None:
+    briefing = briefing_of("p3dx", 72)
+    policy = VfhPlus(recall=0.0)
+
+    def blocked_after(*distances: float) -> bool:
+        memory = policy.reset(briefing)
+        for distance in distances:
+            ranges = np.full((1, 72), MAX_RANGE)
+            ranges[0, 36] = distance  # straight ahead
+            policy.act(observed(briefing, ranges), briefing, memory)
+        return bool(memory[0, BINARY + DIRECTIONS // 2] == 1.0)
+
+    far, between, near = (policy.window * math.sqrt(1.0 - magnitude) for magnitude in (0.25, 0.4, 0.6))
+    assert not blocked_after(far)
+    assert blocked_after(near)
+    assert not blocked_after(between)
+    assert blocked_after(near, between)
+    assert not blocked_after(near, between, far, between)
+
+
+def test_vfh_plus_masks_what_its_turning_circle_cannot_reach() -> None:
+    # a post close ahead on the left and a goal on the left behind it: free for a standing robot, not for a moving one
+    briefing = briefing_of("p3dx", 180)
+    layout = [(0.45, 0.42, 0.55, 0.42)]
+    choices = []
+    for speed in (0.0, 0.6):
+        policy = VfhPlus(max_yaw_rate=0.6)
+        memory = policy.reset(briefing)
+        memory[0, 0] = speed
+        policy.act(
+            observed(briefing, scan(briefing.beam_angles, layout), (0.0, 3.0), twist=[speed, 0.0]), briefing, memory
+        )
+        choices.append(memory[0, PREVIOUS])
+    assert choices[0] == pytest.approx(0.5 * math.pi, abs=0.3)
+    assert choices[1] < 0.6
+
+
+# Symmetries.
+
+
+@every_planner
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10_000), k=st.integers(1, 71))
+def test_turning_scene_and_goal_turns_what_an_omni_robot_does(planner: Any, seed: int, k: int) -> None:
+    briefing = briefing_of("omni4", 72)
+    rng = np.random.default_rng(seed)
+    ranges = np.where(rng.random((1, 72)) < 0.4, rng.uniform(0.4, 3.0, (1, 72)), MAX_RANGE)
+    goal = rng.uniform(-3.0, 3.0, 2)
+    turn = 2.0 * math.pi * k / 72
+    c, s = math.cos(turn), math.sin(turn)
+    rotation = np.array([[c, -s], [s, c]])
+    policy = planner()
+    here = first_twist(policy, briefing, ranges, tuple(goal))
+    there = first_twist(policy, briefing, np.roll(ranges, k, axis=1), tuple(rotation @ goal))
+    np.testing.assert_allclose(np.hypot(*there[:2]), np.hypot(*here[:2]), atol=1e-6)
+    np.testing.assert_allclose(there[:2], rotation @ here[:2], atol=1e-6)
+    assert there[2] == here[2]
+
+
+@every_planner
+@every_robot
+def test_a_row_of_a_batch_acts_exactly_as_alone(planner: Any, robot: str) -> None:
+    options: dict[str, Any] = {"robot": robot, "actuators": "lagged", "num_beams": 72, "scenario": "mixed"}
+    many: Any = gymnasium.make_vec(ID[robot], 6, vectorization_mode="vector_entry_point", **options)
+    seen, _ = many.reset(seed=4)
+    pilot = Pilot(planner(patience=0.5), many)
+    pilot.reset()
+    alone: Any = gymnasium.make(ID[robot], **options)
+    first, _ = alone.reset(seed=4 + 3)
+    lone = Pilot(planner(patience=0.5), alone)
+    lone.reset()
+    for _ in range(150):
+        actions, action = pilot.act(seen), lone.act(first)
+        assert action.tobytes() == actions[3].tobytes()
+        seen, _, ended, _, _ = many.step(actions)
+        first, *_ = alone.step(action)
+        if ended[3]:
+            break
+
+
+# To the goal.
+
+
+@every_planner
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
+@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
+def test_a_goal_pose_in_the_open_is_reached_and_kept(planner: Any, robot: str, actuators: str, tmp_path: Path) -> None:
+    scene = {"goal": [2, 1.5, -2.0], "heading_tolerance": 0.1, "position_tolerance": 0.1}
+    poses, info = drive(planner(), scene, robot, tmp_path, 600, actuators=actuators, end_on_success=False)
+    away = np.hypot(poses[:, 0] - 2.0, poses[:, 1] - 1.5)
+    assert info["success"]
+    assert away[-100:].max() < 0.1
+    assert np.ptp(poses[-40:], axis=0).max() < 0.01  # at rest
+    # it does not overshoot: nobody passes the goal by more than the tolerance
+    assert (poses[:, :2] @ [0.8, 0.6]).max() < 2.5 + 0.1
+
+
+@every_planner
+@every_robot
+def test_waypoints_are_driven_through(planner: Any, robot: str, tmp_path: Path) -> None:
+    scene = {"goal": [4, 0, 0], "waypoints": [[2, 1.5]], "waypoint_radius": 0.3}
+    poses, info = drive(planner(), scene, robot, tmp_path, 400)
+    assert info["success"]
+    assert np.hypot(poses[:, 0] - 2.0, poses[:, 1] - 1.5).min() <= 0.3
+    slow = np.hypot(*np.diff(poses[20:-40, :2], axis=0).T)
+    assert slow.min() > 0.0  # no stop on the way
+
+
+@every_planner
+@every_robot
+def test_a_dead_end_is_left_by_a_detour_and_holds_who_makes_none(planner: Any, robot: str, tmp_path: Path) -> None:
+    scene = {
+        "goal": [4.5, 0, 0],
+        "obstacles": walls((2.5, -0.8, 2.5, 0.8), (1.0, 0.8, 2.5, 0.8), (1.0, -0.8, 2.5, -0.8)),
+    }
+    assert drive(planner(), scene, robot, tmp_path, 1200)[1]["success"]
+    if planner is Dwa:
+        assert not drive(planner(patience=math.inf), scene, robot, tmp_path, 1200)[1]["success"]
+
+
+# What is refused.
+
+
+@every_planner
+def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
+    with pytest.raises(ValueError, match="num_beams must be at least 1, got 0"):
+        planner().reset(briefing_of("p3dx", 0))
+    briefing = briefing_of("p3dx", 72)
+    with pytest.raises(ValueError, match="ranges must have 72 beams as the briefing says, got 36"):
+        first_twist(planner(), briefing, np.full((1, 36), MAX_RANGE))
+
+
+@pytest.mark.parametrize(
+    ("planner", "gain", "value"),
+    [
+        (Dwa, "max_speed", 0.0),
+        (Dwa, "horizon", math.inf),
+        (Dwa, "margin", -0.1),
+        (Dwa, "patience", math.nan),
+        (VfhPlus, "window", 0.0),
+        (VfhPlus, "high", 0.1),
+        (VfhPlus, "high", 1.0),
+        (VfhPlus, "slowing", 1.5),
+        (VfhPlus, "recall", -1.0),
+    ],
+)
+def test_gains_out_of_range_are_refused(planner: Any, gain: str, value: float) -> None:
+    with pytest.raises(ValueError, match=gain):
+        planner(**{gain: value})

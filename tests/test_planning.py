@@ -1,0 +1,317 @@
+"""Shortest ways on grids against known optima, and the two planners that drive them."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield.benchmarks.grid_maps import grid_map, grid_problems
+from wayfield.policies.astar_tracker import AstarTracker
+from wayfield.policies.grid_search import a_star, line_of_sight, theta_star
+from wayfield.policies.policy import Pilot
+from wayfield.policies.polyline_tracker import PolylineTracker
+from wayfield.policies.scan_planner import ScanPlanner
+
+MOVINGAI = Path(__file__).parents[2] / "shared" / "data" / "movingai"
+ID_OF = {"p3dx": "wayfield/DiffDriveGoalObstacles-v0"} | dict.fromkeys(
+    ("omni3", "omni4"), "wayfield/OmniGoalObstacles-v0"
+)
+PLANNERS = (AstarTracker, ScanPlanner)
+Grid = NDArray[np.bool_]
+
+grids = arrays.arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.booleans())
+sparse_grids = arrays.arrays(
+    np.bool_, st.tuples(st.integers(2, 20), st.integers(2, 20)), elements=st.sampled_from([False, False, False, True])
+)
+
+
+def ends_of(grid: Grid) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Returns the first and the last free cell, or corners where none is."""
+    free = np.argwhere(~grid)
+    if not len(free):
+        return (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1)
+    return (int(free[0, 0]), int(free[0, 1])), (int(free[-1, 0]), int(free[-1, 1]))
+
+
+def optimum(grid: Grid, start: tuple[int, int], goal: tuple[int, int]) -> float:
+    """Returns the length of the shortest way by Dijkstra's algorithm on the explicit graph."""
+    rows, columns = grid.shape
+    edges = []
+    for (r, c), blocked in np.ndenumerate(grid):
+        for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            to_r, to_c = r + dr, c + dc
+            if blocked or not (0 <= to_r < rows and 0 <= to_c < columns):
+                continue
+            if not (grid[to_r, to_c] or grid[r, to_c] or grid[to_r, c]):
+                edges.append((r * columns + c, to_r * columns + to_c, math.hypot(dr, dc)))
+    if grid[start] or grid[goal]:
+        return math.inf
+    i, j, length = np.array(edges).reshape(-1, 3).T
+    graph = coo_array((length, (i.astype(int), j.astype(int))), shape=(grid.size, grid.size))
+    first, last = (int(r * columns + c) for r, c in (start, goal))
+    return float(dijkstra(graph.tocsr(), directed=False, indices=first)[last])
+
+
+# Known optima.
+
+
+@pytest.mark.skipif(not MOVINGAI.is_dir(), reason="needs the MovingAI maps in ../shared/data")
+def test_every_movingai_problem_is_solved_with_its_published_length() -> None:
+    count = 0
+    for file in sorted(MOVINGAI.glob("*.map")):
+        grid = grid_map(file)
+        for problem in grid_problems(MOVINGAI / f"{file.stem}-random-1.scen"):
+            assert problem.map_name == file.name
+            assert problem.shape == grid.shape
+            along_cells = a_star(grid, problem.start, problem.goal)
+            assert along_cells.length == pytest.approx(problem.optimal_length, abs=2e-8)
+            any_angle = theta_star(grid, problem.start, problem.goal)
+            assert any_angle.length <= along_cells.length
+            assert any_angle.length >= math.dist(problem.start, problem.goal) - 1e-9
+            count += 1
+    assert count > 1000
+
+
+@given(grids)
+def test_a_star_is_as_short_as_dijkstra(grid: Grid) -> None:
+    start, goal = ends_of(grid)
+    assert a_star(grid, start, goal).length == pytest.approx(optimum(grid, start, goal), rel=1e-12)
+
+
+@given(sparse_grids)
+def test_ways_go_through_free_cells_and_cut_no_corner(grid: Grid) -> None:
+    start, goal = ends_of(grid)
+    along_cells, any_angle = a_star(grid, start, goal), theta_star(grid, start, goal)
+    assert any_angle.length <= along_cells.length
+    assert math.isinf(any_angle.length) == math.isinf(along_cells.length)
+    for way in (along_cells, any_angle):
+        if math.isinf(way.length):
+            assert len(way.cells) == 0
+            continue
+        assert tuple(way.cells[0]) == start
+        assert tuple(way.cells[-1]) == goal
+        assert not grid[tuple(way.cells.T)].any()
+        assert np.hypot(*np.diff(way.cells, axis=0).T).sum() == pytest.approx(way.length, rel=1e-12)
+        assert all(line_of_sight(grid, tuple(a), tuple(b)) for a, b in zip(way.cells, way.cells[1:], strict=False))
+    for (r, c), (to_r, to_c) in zip(along_cells.cells, along_cells.cells[1:], strict=False):
+        assert max(abs(to_r - r), abs(to_c - c)) == 1
+        assert not grid[r, to_c]
+        assert not grid[to_r, c]
+
+
+@given(sparse_grids, st.data())
+def test_line_of_sight_is_what_the_line_touches_and_symmetric(grid: Grid, data: st.DataObject) -> None:
+    cell = st.tuples(*(st.integers(0, size - 1) for size in grid.shape))
+    a, b = data.draw(cell), data.draw(cell)
+    # the closed squares that the segment touches in more than a corner of their own outside, by clipping
+    touched = False
+    for r, c in np.argwhere(grid):
+        enter, leave = 0.0, 1.0
+        for p, q, middle in zip(a, b, (r, c), strict=True):
+            if p == q:
+                if abs(p - middle) >= 0.5:
+                    enter, leave = 1.0, 0.0
+                continue
+            near, far = sorted(((middle - 0.5 - p) / (q - p), (middle + 0.5 - p) / (q - p)))
+            enter, leave = max(enter, near), min(leave, far)
+        touched |= enter <= leave + 1e-12
+    assert line_of_sight(grid, a, b) == (not touched)
+    assert line_of_sight(grid, b, a) == line_of_sight(grid, a, b)
+
+
+def test_what_cannot_be_searched_is_said() -> None:
+    grid = np.zeros((4, 5), np.bool_)
+    grid[:, 2] = True
+    for way in (a_star(grid, (0, 0), (0, 4)), theta_star(grid, (0, 0), (0, 4)), a_star(grid, (0, 2), (0, 0))):
+        assert way.length == math.inf
+        assert way.cells.shape == (0, 2)
+    assert a_star(grid, (1, 1), (1, 1)).length == 0.0
+    assert theta_star(grid, (1, 1), (1, 1)).cells.tolist() == [[1, 1]]
+    with pytest.raises(ValueError, match=r"goal \(0, 5\) is outside the grid of 4 x 5 cells"):
+        a_star(grid, (0, 0), (0, 5))
+    with pytest.raises(ValueError, match="must be a bool array"):
+        theta_star(np.zeros((4, 5)), (0, 0), (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("type tile\nheight 1\nwidth 1\nmap\n.\n", "type octile"),
+        ("type octile\nheight x\nwidth 1\nmap\n.\n", ":2: 'height x'"),
+        ("type octile\nheight 2\nwidth 1\nmap\n.\n", "height 2 is announced, but there are 1 rows"),
+        ("type octile\nheight 1\nwidth 2\nmap\n.\n", ":5: 1 cells, not 2"),
+        ("type octile\nheight 1\nwidth 2\nmap\n.x\n", "'x' is no cell"),
+    ],
+)
+def test_a_malformed_map_is_refused_by_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "a.map").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        grid_map(tmp_path / "a.map")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "first line must be 'version 1'"),
+        ("version 1\n0\ta.map\t2\t2\t0\t0\t1\t1\n", ":2: 8 columns"),
+        ("version 1\n0\ta.map\t2\t2\t0\t0\t1\tx\t1.0\n", ":2: invalid literal"),
+        ("version 1\n0\ta.map\t2\t2\t0\t0\t1\t2\t1.0\n", ":2: x 1, y 2 is outside 2 x 2"),
+    ],
+)
+def test_a_malformed_list_of_problems_is_refused_by_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "a.scen").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        grid_problems(tmp_path / "a.scen")
+
+
+# Driving.
+
+
+def wall(x1: float, y1: float, x2: float, y2: float) -> dict[str, Any]:
+    return {"kind": "wall", "x1": x1, "y1": y1, "x2": x2, "y2": y2}
+
+
+SQUARE = [wall(-5, -5, 5, -5), wall(5, -5, 5, 5), wall(5, 5, -5, 5), wall(-5, 5, -5, -5)]
+# the robot starts inside: the goal lies behind the wall before it
+U_TRAP = [*SQUARE, wall(1, -1, 1, 1), wall(-0.5, -1, 1, -1), wall(-0.5, 1, 1, 1)]
+DOOR = [*SQUARE, wall(0, -5, 0, 1.2), wall(0, 2.0, 0, 5)]
+CELL = [*SQUARE, wall(2, -2, 4, -2), wall(4, -2, 4, 0), wall(4, 0, 2, 0), wall(2, 0, 2, -2)]
+
+
+def world(tmp_path: Path, obstacles: list[dict[str, Any]], **fields: Any) -> str:
+    file = tmp_path / "world.json"
+    file.write_text(json.dumps({"start": [0, 0, 0], "goal": [3, -1, 0.5], "obstacles": obstacles} | fields))
+    return str(file)
+
+
+def drive(policy: Any, robot: str, scenario: str, **options: Any) -> tuple[dict[str, Any], Pilot]:
+    """Returns the last info of an episode, and the pilot that drove it."""
+    settings = {"actuators": "lagged", "num_beams": 72} | options
+    env = gymnasium.make(ID_OF[robot], robot=robot, scenario=scenario, **settings)
+    pilot = Pilot(policy, env)
+    observation, info = env.reset(seed=0)
+    pilot.reset()
+    ended = False
+    while not ended:
+        observation, _, terminated, truncated, info = env.step(pilot.act(observation))
+        ended = terminated or truncated
+    return info, pilot
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+@pytest.mark.parametrize(
+    ("obstacles", "start"), [(U_TRAP, [0, 0, 0]), (DOOR, [-3, -2, 2.0])], ids=["u_trap", "door"]
+)
+def test_planners_reach_pose_and_heading_of_the_goal(
+    tmp_path: Path, planner: Any, robot: str, obstacles: list[dict[str, Any]], start: list[float]
+) -> None:
+    info, pilot = drive(planner(), robot, world(tmp_path, obstacles, start=start))
+    assert info["success"]
+    assert info["goal_distance"] <= 0.1
+    assert abs(info["goal_heading_error"]) <= 0.1
+    assert pilot.memory["no_path"].tolist() == [0]
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("actuators", ["ideal", "slow"])
+def test_planners_drive_every_tier_of_actuators(tmp_path: Path, planner: Any, actuators: str) -> None:
+    info, _ = drive(planner(), "omni4", world(tmp_path, U_TRAP), actuators=actuators)
+    assert info["success"]
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_planners_bear_noise(tmp_path: Path, planner: Any) -> None:
+    info, _ = drive(planner(), "p3dx", world(tmp_path, U_TRAP), noise=1.0)
+    assert info["success"]
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+def test_a_scan_planner_with_a_narrow_view_looks_where_it_goes(tmp_path: Path, robot: str) -> None:
+    info, _ = drive(ScanPlanner(), robot, world(tmp_path, U_TRAP), num_beams=30, field_of_view=2.0)
+    assert info["success"]
+
+
+def test_a_goal_beyond_the_grid_is_reached(tmp_path: Path) -> None:
+    far = world(tmp_path, [wall(4, -2, 4, 2)], goal=[20, 3, 0])
+    for planner in PLANNERS:
+        assert drive(planner(), "omni3", far)[0]["success"]
+
+
+def test_waypoints_are_passed_in_order(tmp_path: Path) -> None:
+    course = world(tmp_path, SQUARE, waypoints=[[3, 3], [-3, 3], [-3, -3]], goal=[3, -3, 0], waypoint_radius=0.2)
+    for planner in PLANNERS:
+        for robot in ("p3dx", "omni3"):
+            assert drive(planner(), robot, course)[0]["success"]
+
+
+def test_patrols_are_waited_for(tmp_path: Path) -> None:
+    """A disc goes to and fro in a corridor's crossing: who does not look at it is run over."""
+    disc = {"kind": "circle", "x": 1.5, "y": -1.6, "radius": 0.4}
+    patrol = {"vx": 0.0, "vy": 0.4, "leg_time": 8.0, "phase": 0.0}
+    obstacles = [wall(-1, -0.6, 0.8, -0.6), wall(-1, 0.6, 0.8, 0.6), {**disc, "patrol": patrol}]
+    for robot in ("p3dx", "omni3"):
+        info, _ = drive(AstarTracker(), robot, world(tmp_path, obstacles, goal=[4, 0, 0]))
+        assert info["success"]
+
+
+def test_a_robot_without_a_way_stands_still_and_says_so(tmp_path: Path) -> None:
+    for robot in ("p3dx", "omni3"):
+        info, pilot = drive(AstarTracker(), robot, world(tmp_path, CELL))
+        assert not info["success"]
+        assert not info["collision"]
+        assert pilot.memory["no_path"].tolist() == [1]
+        assert not pilot.memory["command"].any()
+        assert info["goal_distance"] == pytest.approx(math.hypot(3, 1))
+
+
+def test_a_sensor_planner_never_touches_the_cell_around_its_goal(tmp_path: Path) -> None:
+    info, _ = drive(ScanPlanner(), "p3dx", world(tmp_path, CELL))
+    assert not info["collision"]
+    assert not info["success"]
+
+
+@settings(max_examples=6)
+@given(seed=st.integers(0, 1000), planner=st.sampled_from(PLANNERS), robot=st.sampled_from(["p3dx", "omni3"]))
+def test_a_row_of_a_batch_acts_as_alone(seed: int, planner: Any, robot: str) -> None:
+    options = {"robot": robot, "scenario": "discs", "actuators": "lagged"}
+    envs = gymnasium.make_vec(ID_OF[robot], 3, vectorization_mode="vector_entry_point", **options)
+    env = gymnasium.make(ID_OF[robot], **options)
+    pilots = Pilot(planner(), envs), Pilot(planner(), env)
+    observations, _ = envs.reset(seed=seed)
+    observation, _ = env.reset(seed=seed + 2)
+    for pilot in pilots:
+        pilot.reset()
+    for _ in range(60):
+        actions, action = pilots[0].act(observations), pilots[1].act(observation)
+        np.testing.assert_array_equal(actions[2], action)
+        observations, _, terminated, _, _ = envs.step(actions.astype(np.float32))
+        observation = env.step(action.astype(np.float32))[0]
+        if terminated[2]:
+            break
+
+
+def test_scans_are_needed(tmp_path: Path) -> None:
+    env = gymnasium.make(ID_OF["p3dx"], scenario=world(tmp_path, U_TRAP), num_beams=0)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="num_beams must be at least 1, got 0"):
+        Pilot(ScanPlanner(), env).reset()
+
+
+def test_gains_are_checked() -> None:
+    for planner in PLANNERS:
+        for field in dataclasses.fields(PolylineTracker):
+            with pytest.raises(ValueError, match=f"{planner.__name__}: {field.name} must be"):
+                planner(**{field.name: -1.0})
