@@ -11,7 +11,9 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import wayfield
+import wayfield.envs
+import wayfield.policies
+from wayfield import benchmarks
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import Row, number, read_trajectories, write_trajectories
@@ -110,7 +112,7 @@ def _key(setting: Setting, code: str) -> str:
 def _source_digest() -> str:
     """Returns a digest of the package's source files, so that parts of another version are not taken for this one's."""
     digest = hashlib.sha256()
-    for module in (wayfield.envs, wayfield.policies, wayfield.benchmarks):
+    for module in (wayfield.envs, wayfield.policies, benchmarks):
         for file in sorted(pathlib.Path(module.__path__[0]).rglob("*.py")):
             digest.update(file.read_bytes())
     return digest.hexdigest()

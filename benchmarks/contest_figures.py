@@ -85,7 +85,7 @@ def families(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
                     text += f"\n{100.0 * success[i, j]:.0f} %"
             else:
                 text = f"{100.0 * success[i, j]:.0f}"
-            shade = image.norm(shown[i, j]) if not np.isnan(shown[i, j]) else 0.0
+            shade = float(image.norm(float(shown[i, j]))) if not np.isnan(shown[i, j]) else 0.0  # type: ignore[arg-type]
             light = shade < 0.55 if not by_error else shade > 0.45
             white = light and not np.isnan(shown[i, j])
             axis.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if white else "black")

@@ -237,7 +237,7 @@ def better_share(rows_a: Sequence[Row], rows_b: Sequence[Row], cost: str) -> tup
         raise ValueError("the two policies have not met the same scenarios: the comparison would not be paired")
     paired = [of_b[_scenario(row)] for row in rows_a]
     shares = better(values(rows_a, "success"), values(rows_a, cost), values(paired, "success"), values(paired, cost))
-    low, high = interval(shares, [row["experiment"] for row in rows_a], mean)
+    low, high = interval(shares.tolist(), [row["experiment"] for row in rows_a], mean)
     return float(shares.mean()), low, high
 
 

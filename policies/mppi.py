@@ -12,7 +12,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_switch, check_whole
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,18 +86,14 @@ class Mppi:
 
     def __post_init__(self) -> None:
         for name in ("samples", "steps"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 2:
-                raise ValueError(f"{type(self).__name__}: {name} must be a whole number >= 2, got {value!r}")
-        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
-            raise ValueError(f"{type(self).__name__}: seed must be a whole number >= 0, got {self.seed!r}")
+            check_whole(self, name, least=2)
+        check_whole(self, "seed")
         for name in ("step_time", "temperature", "max_speed", "max_yaw_rate", "influence", "cell", "reach"):
             check_gain(self, name, above=0.0)
         for field in dataclasses.fields(self):
             if field.type is float:
                 check_gain(self, field.name, least=0.0)
-        if not isinstance(self.detour, bool):
-            raise ValueError(f"{type(self).__name__}: detour must be True or False, got {self.detour!r}")
+        check_switch(self, "detour")
         if not self.noise_correlation < 1.0:
             raise ValueError(
                 f"{type(self).__name__}: noise_correlation must be a number < 1, got {self.noise_correlation!r}"

@@ -12,7 +12,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import nearest_surface, sin_cos
 from wayfield.envs.patrols import PATROL, patrol_at
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_whole
 from wayfield.policies.steering import velocity_twists
 
 
@@ -89,8 +89,7 @@ class Orca:
             check_gain(self, name, above=0.0)
         for name in ("margin", "perturbation", "tracking_error", "arrival_radius"):
             check_gain(self, name, least=0.0)
-        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
-            raise ValueError(f"{type(self).__name__}: seed must be a whole number >= 0, got {self.seed!r}")
+        check_whole(self, "seed")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the number of decisions of each robot, (b,): its clock, by which it knows where things move to."""

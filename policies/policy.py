@@ -34,7 +34,7 @@ class Policy(Protocol):
 
 
 def check_gain(
-    policy: Policy, name: str, *, above: float = -math.inf, least: float = -math.inf, finite: bool = True
+    policy: object, name: str, *, above: float = -math.inf, least: float = -math.inf, finite: bool = True
 ) -> None:
     """Raises ValueError, naming the gain, its value and its range, unless it is a number in that range."""
     value = getattr(policy, name)
@@ -47,6 +47,19 @@ def check_gain(
     elif least > -math.inf:
         wanted += f" >= {least:g}"
     raise ValueError(f"{type(policy).__name__}: {name} must be {wanted}, got {value!r}")
+
+
+def check_whole(policy: object, name: str, *, least: int = 0) -> None:
+    """Raises ValueError, naming the gain, its value and its range, unless it is a whole number in that range."""
+    value = getattr(policy, name)
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{type(policy).__name__}: {name} must be a whole number >= {least}, got {value!r}")
+
+
+def check_switch(policy: object, name: str) -> None:
+    """Raises ValueError, naming the gain and its value, unless it is True or False."""
+    if not isinstance(getattr(policy, name), bool):
+        raise ValueError(f"{type(policy).__name__}: {name} must be True or False, got {getattr(policy, name)!r}")
 
 
 def check_holonomic(policy: Policy, briefing: Briefing) -> None:

@@ -12,7 +12,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import nearest_surface
 from wayfield.envs.patrols import patrol
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_switch
 from wayfield.policies.steering import velocity_twists
 
 
@@ -56,6 +56,7 @@ class PotentialField:
         check_gain(self, "max_speed", above=0.0, finite=False)
         check_gain(self, "turn_gain", above=0.0)
         check_gain(self, "stop_radius", least=0.0)
+        check_switch(self, "escape")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns (b, 2): on which side a robot passes an obstacle, +1 left, -1 right, 0 undecided; and its steps."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
+from wayfield.policies.policy import check_whole
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,6 +22,9 @@ class Random:
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+
+    def __post_init__(self) -> None:
+        check_whole(self, "seed")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns a generator for each robot, so that robot i acts alike in every batch that holds it."""

@@ -100,6 +100,14 @@ def test_other_bad_gains_are_refused(name: str, gain: str, value: Any) -> None:
         policies.make(name, **{gain: value})
 
 
+@every_policy
+def test_no_gain_takes_what_is_no_value_of_it(name: str) -> None:
+    for field in dataclasses.fields(policies.make(name)):  # type: ignore[arg-type]
+        for value in (math.nan, "no such thing", [1.0]):
+            with pytest.raises(ValueError, match=field.name):
+                policies.make(name, **{field.name: value})
+
+
 # At the wheel.
 
 
