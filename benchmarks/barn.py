@@ -119,7 +119,10 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, coun
             file.write_text(json.dumps(content), encoding="utf-8")
             settings += settings_of(world, str(file), policies or POLICIES, "lagged")
         with workers(count or min(os.cpu_count() or 1, 4)) as share:
-            rows = list(tracked(share(_row, settings), len(settings), "runs"))
+            try:
+                rows = list(tracked(share(_row, settings), len(settings), "runs"))
+            except ValueError as error:  # a world without a way has no shortest one to compare with
+                raise click.UsageError(f"FOLDER {str(folder)!r}: {error}") from None
     table = rich.table.Table(title=f"BARN, {len(found)} worlds, p3dx, lagged actuators", title_justify="left")
     for header in (
         "policy",
