@@ -26,13 +26,16 @@ def mean(values: Array) -> Array:
 
 
 def interval(
-    values: Sequence[float], strata: Sequence[str], statistic: Callable[[Array], Array], seed: int = 0
+    values: Sequence[float] | Array, strata: Sequence[str], statistic: Callable[[Array], Array], seed: int = 0
 ) -> tuple[float, float]:
     """Returns the 95 % stratified-bootstrap percentile interval of a statistic of the values.
 
+    Trained agents are a sample as scenarios are: where there are several, a resample draws agents and scenarios, so
+    that ten agents in one scenario do not count as ten scenarios.
+
     Args:
-        values: one number an episode, finite.
-        strata: the stratum of each; every resample draws as many from each stratum as there are.
+        values: one finite number a scenario (s,), or a column for each of several trained agents (s, r).
+        strata: the stratum of each scenario; every resample draws as many from each stratum as there are.
         statistic: reduces the last axis, such as `iqm`.
         seed: of the resampling.
 
@@ -40,13 +43,18 @@ def interval(
         ValueError: if there are no values, or not as many strata.
     """
     array, names = np.asarray(values, np.float64), np.asarray(strata)
-    if not len(array) or len(array) != len(names):
+    if not array.size or len(array) != len(names):
         raise ValueError(f"an interval needs as many values as strata and at least one, got {len(array)}, {len(names)}")
+    table = array.reshape(len(array), -1)
     rng = np.random.default_rng(seed)
     drawn = [
-        rng.choice(array[names == name], (RESAMPLES, int((names == name).sum())), axis=-1) for name in np.unique(names)
+        rng.choice(np.flatnonzero(names == name), (RESAMPLES, int((names == name).sum())), axis=-1)
+        for name in np.unique(names)
     ]
-    low, high = np.percentile(statistic(np.concatenate(drawn, axis=-1)), [2.5, 97.5])
+    scenarios = np.concatenate(drawn, axis=-1)
+    agents = rng.integers(table.shape[1], size=(RESAMPLES, table.shape[1]))
+    resampled = table[scenarios[:, :, np.newaxis], agents[:, np.newaxis, :]].reshape(RESAMPLES, -1)
+    low, high = np.percentile(statistic(resampled), [2.5, 97.5])
     return float(low), float(high)
 
 
@@ -56,8 +64,8 @@ def better(success_a: Array, cost_a: Array, success_b: Array, cost_b: Array) -> 
     Success comes first; between two successes the lower cost wins; two failures are a draw.
 
     Args:
-        success_a, success_b: (n,) 0 or 1, in the same scenarios.
-        cost_a, cost_b: (n,) such as the time or the error; lower is better.
+        success_a, success_b: (s,) or (s, r), 0 or 1, in the same scenarios; shapes broadcast.
+        cost_a, cost_b: such as the time or the error; lower is better.
     """
     by_cost = np.where(cost_a < cost_b, 1.0, np.where(cost_a > cost_b, 0.0, 0.5))
     both = np.where((success_a == 1.0) & (success_b == 1.0), by_cost, 0.5)

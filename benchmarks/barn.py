@@ -2,8 +2,8 @@
 
 The folder holds `cylinders.csv.gz` with the columns world, x_m, y_m, radius_m. The rules are the challenge's: from
 (-2.25, 3) facing +y to within 1 m of the point 10 m ahead, any contact fails, and so does the clock after 100 s. The
-robot is a P3DX (a disc of 0.25 m), not the challenge's Jackal: scores compare with each other, not with the published
-ones. Nothing is trained or tuned on these worlds.
+robot is a P3DX (a disc of 0.25 m) with the scan of the goal-obstacles contest, not the challenge's Jackal: scores
+compare with each other, not with the published ones. Nothing is trained or tuned on these worlds.
 
 Source: Perille, Truong, Xiao and Stone, Benchmarking metric ground navigation, SSRR 2020.
 """
@@ -28,14 +28,13 @@ from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import workers
-from wayfield.policies import tuned_gains
 
 CYLINDERS = "cylinders.csv.gz"
 START = (-2.25, 3.0, math.pi / 2)  # x, y (m), heading (rad)
 GOAL = (-2.25, 13.0, math.pi / 2)
 TOLERANCE = 1.0  # m
 CLOCK = 2000  # control periods, 100 s
-POLICIES = CONTESTS["goal-obstacles"].policies
+CONTEST = CONTESTS["goal-obstacles"]
 
 
 def worlds(folder: Path) -> dict[int, list[dict[str, float | str]]]:
@@ -69,21 +68,20 @@ def settings_of(world: int, file: str, names: tuple[str, ...], actuators: str) -
     """Returns a setting for each policy and each set of its gains in one world."""
     found = []
     for name in names:
-        for gains_name, gains in (("default", {}), ("tuned", tuned_gains(name, "goal-obstacles"))):
-            if gains_name == "default" or gains:
-                case = Case(
-                    "barn",
-                    f"world {world}",
-                    DIFF_DRIVE_GOAL_REACHING,
-                    file,
-                    name,
-                    gains,
-                    {"robot": "p3dx", "num_beams": 180, "max_range": 5.0},
-                    CLOCK,
-                    gains_name=gains_name,
-                    every_scenario=True,
-                )
-                found.append(Setting("barn", case, "kinematic", actuators, 0, 1))
+        for gains_name, gains in CONTEST.gain_sets(name, "p3dx", ("default", "tuned")):
+            case = Case(
+                "barn",
+                f"world {world}",
+                DIFF_DRIVE_GOAL_REACHING,
+                file,
+                name,
+                gains,
+                {"robot": "p3dx", **CONTEST.env_kwargs},
+                CLOCK,
+                gains_name=gains_name,
+                every_scenario=True,
+            )
+            found.append(Setting("barn", case, "kinematic", actuators, 0, 1))
     return found
 
 
@@ -94,7 +92,9 @@ def _row(setting: Setting) -> Row:
 
 @click.command("barn", cls=OneLineErrors)
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--policies", type=Names("--policies", POLICIES), help="Only these.  [default: all of goal-obstacles]")
+@click.option(
+    "--policies", type=Names("--policies", CONTEST.policies), help="Only these.  [default: all of goal-obstacles]"
+)
 @click.option("--first", type=click.IntRange(min=1), help="Only the first worlds.")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
 def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, count: int | None) -> None:
@@ -117,7 +117,7 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, coun
                 "heading_tolerance": math.pi,
             }
             file.write_text(json.dumps(content), encoding="utf-8")
-            settings += settings_of(world, str(file), policies or POLICIES, "lagged")
+            settings += settings_of(world, str(file), policies or CONTEST.policies, "lagged")
         with workers(count or min(os.cpu_count() or 1, 4)) as share:
             try:
                 rows = list(tracked(share(_row, settings), len(settings), "runs"))

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.contest_tables import by_entry, costs, label, values
+from wayfield.benchmarks.contest_tables import by_entry, by_scenario, costs, label, values
 from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.benchmarks.figures import PATH_COLOUR, RC, floor_plan, goal_mark, obstacle_patches
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
@@ -106,7 +106,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
         for speed in dict.fromkeys(row["speed"] for row in mine):
             group = [row for row in mine if row["speed"] == speed]
             error = costs(group, contest)
-            low, high = interval(error.tolist(), [row["experiment"] for row in group], iqm)
+            low, high = interval(*by_scenario(group, error), iqm)
             lost = bool((values(group, "success") == 0.0).any())
             points.append((float(iqm(values(group, "mean_speed"))), float(iqm(error)), low, high, lost))
         pace, error, lows, highs, lossy = map(np.array, zip(*points, strict=True))

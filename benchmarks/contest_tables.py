@@ -1,7 +1,6 @@
 """The tables of a contest, from the rows of its episodes and the measured decision times alone."""
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -134,6 +133,23 @@ def costs(rows: Sequence[Row], contest: Contest) -> Array:
     return np.where(values(rows, "success") == 1.0, found, failed)
 
 
+def by_scenario(rows: Sequence[Row], numbers: Array) -> tuple[Array, list[str]]:
+    """Returns numbers, one an episode, as a table (s, r), a line a scenario and a column a trained agent; and families.
+
+    Raises:
+        ValueError: if not every agent has met every scenario once.
+    """
+    agents = {gains: k for k, gains in enumerate(dict.fromkeys(row["gains"] for row in rows))}
+    families = {_scenario(row): row["experiment"] for row in rows}
+    lines = {scenario: k for k, scenario in enumerate(families)}
+    table = np.full((len(lines), len(agents)), np.nan)
+    for row, value in zip(rows, numbers, strict=True):
+        table[lines[_scenario(row)], agents[row["gains"]]] = value
+    if table.size != len(rows) or np.isnan(table).any():
+        raise ValueError(f"{rows[0]['policy']}: {len(agents)} agents and {len(lines)} scenarios in {len(rows)} runs")
+    return table, list(families.values())
+
+
 def standings_table(
     standings: Standings, seen: Mapping[Entry, list[Row]], decisions: Sequence[Mapping[str, str]], command: str
 ) -> Table:
@@ -232,12 +248,16 @@ def better_share(rows_a: Sequence[Row], rows_b: Sequence[Row], cost: str) -> tup
     Raises:
         ValueError: if the two have not met the same scenarios.
     """
-    of_b = {_scenario(row): row for row in rows_b}
-    if set(of_b) != set(map(_scenario, rows_a)):
+    rows_a, rows_b = (sorted(rows, key=_scenario) for rows in (rows_a, rows_b))
+    if list(dict.fromkeys(map(_scenario, rows_a))) != list(dict.fromkeys(map(_scenario, rows_b))):
         raise ValueError("the two policies have not met the same scenarios: the comparison would not be paired")
-    paired = [of_b[_scenario(row)] for row in rows_a]
-    shares = better(values(rows_a, "success"), values(rows_a, cost), values(paired, "success"), values(paired, cost))
-    low, high = interval(shares.tolist(), [row["experiment"] for row in rows_a], mean)
+    sides = []
+    for rows in (rows_a, rows_b):
+        won, families = by_scenario(rows, values(rows, "success"))
+        # a run that fails may have no cost: it is not looked at
+        sides += [won, by_scenario(rows, np.nan_to_num(values(rows, cost)))[0]]
+    shares = better(*sides)
+    low, high = interval(shares, families, mean)
     return float(shares.mean()), low, high
 
 
@@ -253,24 +273,23 @@ def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str
 
 
 def success_cell(rows: Sequence[Row]) -> str:
-    """Returns the share of successes in per cent with its 95 % Wilson interval."""
-    won = int(values(rows, "success").sum())
-    low, high = wilson(won, len(rows))
-    return f"{100.0 * won / len(rows):.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+    """Returns the share of successes in per cent with its 95 % interval: Wilson's, or for trained agents bootstrap."""
+    table, families = by_scenario(rows, values(rows, "success"))
+    low, high = wilson(int(table.sum()), len(table)) if table.shape[1] == 1 else interval(table, families, mean)
+    return f"{100.0 * table.mean():.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
 
 
 def _cell(column: Column, rows: Sequence[Row], contest: Contest) -> str:
     if column.successes_only:
         rows = [row for row in rows if number(row, "success") == 1.0]
     measured = costs(rows, contest) if column.metric == IMPUTED else values(rows, column.metric)
-    found = [(value, row["experiment"]) for value, row in zip(measured, rows, strict=True) if not math.isnan(value)]
-    if not found:
+    found = measured[~np.isnan(measured)]
+    if not len(found):
         return ""
-    numbers, strata = zip(*found, strict=True)
     reduce = _REDUCTIONS[column.reduction]
-    text = f"{float(reduce(np.array(numbers))) * column.factor:.{column.decimals}f}"
+    text = f"{float(reduce(found)) * column.factor:.{column.decimals}f}"
     if column.with_interval:
-        low, high = (end * column.factor for end in interval(numbers, strata, reduce))
+        low, high = (end * column.factor for end in interval(*by_scenario(rows, measured), reduce))
         text += f" [{low:.{column.decimals}f}, {high:.{column.decimals}f}]"
     return text
 

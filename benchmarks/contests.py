@@ -18,14 +18,17 @@ from wayfield.benchmarks.cases import (
 )
 from wayfield.envs.scenarios import splits
 from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.ppo import shipped
 
 PATH_POLICIES = (
     *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "smooth_pose"),
-    *("stanley", "lqr", "mpc"),
+    *("stanley", "lqr", "mpc", "ppo"),
 )
 GOAL_POLICIES = (
     *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "orca", "scan_planner", "astar_tracker"),
+    "ppo",
 )
+TRAINED = ("ppo",)
 TRANSFER_SPLIT = "validation"  # on which gains are tuned: the generalisation gap is the score here minus that on test
 
 
@@ -54,15 +57,14 @@ class Contest:
     ) -> Iterator[Case]:
         """Yields a case for each policy and each set of its gains, on all scenarios of a family's split.
 
+        Trained agents have one set, "trained", whatever is asked for, and a case for each seed that ships.
+
         Args:
             disturbance: a level of the ladder.
             speed: m/s, a cruising speed in place of the policy's own.
         """
         for name in names:
-            for gains_name in gains_names:
-                if gains_name == "tuned" and not policies.tuned_gains(name, self.name):
-                    continue
-                gains = policies.tuned_gains(name, self.name) if gains_name == "tuned" else {}
+            for gains_name, gains in self.gain_sets(name, robot, gains_names):
                 conditions = {"robot": robot} | ({} if disturbance == "none" else {"disturbance": disturbance})
                 if speed is not None:
                     gains |= cruising(name, gains, speed)
@@ -79,6 +81,17 @@ class Contest:
                     speed=speed,
                     every_scenario=True,
                 )
+
+    def gain_sets(self, name: str, robot: str, gains_names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields the sets of a policy's gains, each with its name."""
+        if name in TRAINED:
+            for seed in shipped(self.task, robot):
+                yield "trained", {"seed": seed}
+            return
+        if "default" in gains_names:
+            yield "default", {}
+        if "tuned" in gains_names and (gains := policies.tuned_gains(name, self.name)):
+            yield "tuned", gains
 
 
 CONTESTS = {

@@ -104,8 +104,9 @@ def measured(cases: Sequence[Case], batches: Iterable[int] = BATCHES, rounds: in
 
 
 def timed_cases(contest: str, robot: str, names: Sequence[str], gains_names: Sequence[str]) -> list[Case]:
-    """Returns the cases in which policies are timed."""
-    return list(CONTESTS[contest].cases(robot, FAMILY[contest], "test", names, gains_names))
+    """Returns the cases in which policies are timed; of trained agents one."""
+    cases = CONTESTS[contest].cases(robot, FAMILY[contest], "test", names, gains_names)
+    return list({(case.policy, case.gains_name): case for case in cases}.values())
 
 
 def write_decisions(folder: Path, timings: Iterable[Timing]) -> None:

@@ -14,6 +14,7 @@ from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
 from wayfield.policies.policy import Pilot, Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
+from wayfield.policies.ppo import Ppo
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.random import Random
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
@@ -68,6 +69,8 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "scan_planner": ScanPlanner,
     # Theta* on the whole map, then a tracker: the privileged upper reference
     "astar_tracker": AstarTracker,
+    # the agents that ship, trained with proximal policy optimisation (Schulman et al.)
+    "ppo": Ppo,
 }
 
 

@@ -99,7 +99,7 @@ def better_side(hits, count, goal_bearing, d, reach):
     """
     open_for = np.full(36, LOOK)
     for j in range(count):
-        n = int(round(wrap_angle(bearing(hits[j, 1], hits[j, 0]) - goal_bearing) / STEP)) % 36
+        n = round(wrap_angle(bearing(hits[j, 1], hits[j, 0]) - goal_bearing) / STEP) % 36
         open_for[n] = min(open_for[n], math.sqrt(hits[j, 0] ** 2 + hits[j, 1] ** 2))
     side = 0.0
     ahead = goal_bearing

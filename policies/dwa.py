@@ -13,7 +13,7 @@ from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, saturation_factor
 from wayfield.policies.detour import COLUMNS, WAYPOINTS, seek
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_scan
 from wayfield.policies.stopping import (
     APPROACH,
     SECTORS,
@@ -21,9 +21,10 @@ from wayfield.policies.stopping import (
     arrived,
     beam_directions,
     braking_speed,
-    check_beams,
+    find_approaching,
     find_hits,
     free_time,
+    fresh_scans,
     full_twists,
     plant_model,
     sees_all_round,
@@ -39,6 +40,7 @@ TURNS = 15  # of the grid of twists; for an omni base: of their directions
 RESTING = 3
 DETOUR = 4
 RECALL = DETOUR + COLUMNS
+SCANS = RECALL + 3 * SECTORS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,8 +70,11 @@ class Dwa:
 
     A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (policies/detour.py);
     patience = inf is Fox's law, which a dead end holds. What is near stays known for `recall` seconds after it drops
-    out of sight. Limits: it takes what it has not seen for free, and what moves for standing still. Serves both kinds
-    of robot.
+    out of sight. What comes nearer counts as if it were also where it will be in `foresight` seconds
+    (policies/stopping.py), and a differential drive that sees all around may then back away at up to `retreat`;
+    foresight = 0 takes what moves for standing still, as Fox does. Limits: it takes what it has not seen for free,
+    also a thin wall seen end-on between two beams, and does not foresee what crosses its way without coming nearer;
+    a differential drive is often run into by a disc that comes straight at it. Serves both kinds of robot.
 
     Source: Fox, Burgard and Thrun, IEEE Robotics and Automation Magazine 4(1), 1997.
     """
@@ -83,7 +88,7 @@ class Dwa:
     clearance: float = 0.3
     velocity: float = 0.2
     progress: float = 1.0
-    room: float = 0.5
+    room: float = 1.0
     room_range: float = 0.3  # m, beyond which more room is worth nothing
     turn_gain: float = 2.0  # 1/s, to the goal heading
     stop_radius: float = 0.08  # m
@@ -91,6 +96,8 @@ class Dwa:
     reach: float = 0.5  # m, a detour takes directions that are free this far
     first_leg: float = 3.0  # m, before a detour tries the other side
     recall: float = 2.0  # s
+    foresight: float = 1.5  # s, 0 takes what moves for standing still
+    retreat: float = 0.3  # m/s, backwards, at most, where something comes nearer
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -101,7 +108,8 @@ class Dwa:
         for name in ("margin", "heading", "clearance", "velocity", "progress", "room", "turn_gain", "stop_radius"):
             check_gain(self, name, least=0.0)
         check_gain(self, "patience", least=0.0, finite=False)
-        check_gain(self, "recall", least=0.0)
+        for name in ("recall", "foresight", "retreat"):
+            check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, a row of numbers: the columns are named above.
@@ -109,8 +117,8 @@ class Dwa:
         Raises:
             ValueError: if the robot has no range scan.
         """
-        check_beams(self, briefing)
-        memory = np.zeros((briefing.num_envs, RECALL + 3 * SECTORS))
+        check_scan(self, briefing.beam_angles, briefing)
+        memory = np.hstack([np.zeros((briefing.num_envs, SCANS)), fresh_scans(briefing)])
         memory[:, DETOUR + WAYPOINTS] = np.nan
         return memory
 
@@ -122,10 +130,12 @@ class Dwa:
         Raises:
             ValueError: if the scan has another number of beams than the briefing.
         """
+        check_scan(self, observation.ranges, briefing)
+        all_round = sees_all_round(briefing)
         twists = np.empty((len(memory), 3))
         choose_twists(
             observation.ranges,
-            beam_directions(briefing, observation.ranges),
+            beam_directions(briefing),
             briefing.max_range,
             observation.goal,
             observation.pose,
@@ -136,7 +146,8 @@ class Dwa:
             briefing.robot.wheel_matrix,
             briefing.robot.hull_radius,
             briefing.actuators.lag + briefing.dt,
-            briefing.robot.holonomic and sees_all_round(briefing),
+            briefing.robot.holonomic and all_round,
+            all_round,
             tuple(map(float, vars(self).values())),
             memory,
             twists,
@@ -147,13 +158,16 @@ class Dwa:
 @compiled
 def choose_twists(
     ranges, directions, max_range, goals, poses, heading_errors, waypoints_left, twist, plant, wheel_matrix,
-    hull_radius, delay, sideways, gains, memory, twists,
+    hull_radius, delay, sideways, all_round, gains, memory, twists,
 ):  # fmt: skip
-    """Fills the (b, 3) twists of `Dwa.act`; `sideways`: whether the grid is one of velocities."""
+    """Fills the (b, 3) twists of `Dwa.act`; `sideways`: whether the grid is one of velocities.
+
+    `all_round`: whether the scan surrounds the robot, so that it may back away.
+    """
     (max_speed, max_yaw_rate, window, horizon, margin, k_heading, k_clearance, k_velocity, k_progress, k_room,
-     room_range, turn_gain, stop_radius, patience, reach, first_leg, recall) = gains  # fmt: skip
+     room_range, turn_gain, stop_radius, patience, reach, first_leg, recall, foresight, retreat) = gains  # fmt: skip
     acceleration, yaw_acceleration, _, _, wheel_limit, dt = plant
-    hits = np.empty((ranges.shape[1] + SECTORS, 3))
+    hits = np.empty((2 * ranges.shape[1] + SECTORS, 3))
     candidates = np.empty((SPEEDS * TURNS, 4))  # a twist and its score
     radius = hull_radius + margin
     stopping = max_speed * (delay + dt + max_speed / acceleration)
@@ -162,6 +176,13 @@ def choose_twists(
         count = find_hits(
             ranges, i, directions, max_range, farthest, radius, poses, recall, dt, memory, RECALL, hits
         )  # fmt: skip
+        backwards = 0.0
+        if foresight > 0.0:
+            standing = count
+            count = find_approaching(
+                ranges, i, directions, max_range, radius, poses, foresight, dt, memory, SCANS, hits, count
+            )  # fmt: skip
+            backwards = -retreat if all_round and count > standing else 0.0
         goal_x = goals[i, 0]
         goal_y = goals[i, 1]
         d = math.sqrt(goal_x * goal_x + goal_y * goal_y)
@@ -190,7 +211,7 @@ def choose_twists(
             centre_x = 0.0 if instant else memory[i, 0]
             centre_y = 0.0 if instant else memory[i, 1]
             change = min(acceleration * window, max_speed)
-            slow = max(memory[i, 0] - acceleration * window, 0.0)
+            slow = max(memory[i, 0] - acceleration * window, backwards)
             fast = max(min(memory[i, 0] + acceleration * window, fastest), slow)
             right = max(memory[i, 2] - yaw_acceleration * window, -max_yaw_rate)
             left = min(memory[i, 2] + yaw_acceleration * window, max_yaw_rate)
@@ -240,7 +261,7 @@ def choose_twists(
                 candidates[c, 3] = (
                     k_heading * (1.0 - off / math.pi)
                     + k_clearance * free / horizon
-                    + k_velocity * v / max_speed
+                    + k_velocity * (v if sideways else vx) / max_speed
                     + k_progress * nearer / (max_speed * horizon)
                     + k_room * gap / room_range
                 )

@@ -13,27 +13,26 @@ from wayfield.envs.records import lag_factors
 
 SECTORS = 36  # of the memory of what was seen near the robot, three columns each
 RECALL_RANGE = 1.2  # m
+INTERVAL = 0.2  # s, between the scans that motion is seen by
+WATCHED = 3.5  # m, how far away motion is looked for
+WHOLE = 0.4  # m; hits of neighbouring beams that are nearer to each other than this lie on one surface
+MOVED = 0.06  # m, nearer, before a surface counts as moving
+FASTEST = 1.0  # m/s, of surfaces that come nearer
 STILL = 1e-3  # m/s; slower than this a robot has stopped: a lag of 0.25 s carries it 0.25 mm farther
 LONGEST_STOP = 1000  # control periods that a stop is predicted for
 APPROACH = 0.7  # share of the acceleration that a robot brakes with at its goal, so that it does not overshoot
 
 
-def check_beams(policy: object, briefing: Briefing) -> None:
-    """Raises ValueError unless the robot has a range scan."""
-    if len(briefing.beam_angles) == 0:
-        raise ValueError(f"{type(policy).__name__} needs a range scan: num_beams must be at least 1, got 0")
+def beam_directions(briefing: Briefing) -> NDArray[np.float64]:
+    """Returns the unit vectors (beams, 2) of the beams in the body frame."""
+    return np.column_stack([np.cos(briefing.beam_angles), np.sin(briefing.beam_angles)])
 
 
-def beam_directions(briefing: Briefing, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the unit vectors (beams, 2) of the beams in the body frame.
-
-    Raises:
-        ValueError: if the scan (b, beams) has another number of beams.
-    """
-    angles = briefing.beam_angles
-    if ranges.shape[1] != len(angles):
-        raise ValueError(f"ranges must have {len(angles)} beams as the briefing says, got {ranges.shape[1]}")
-    return np.column_stack([np.cos(angles), np.sin(angles)])
+def fresh_scans(briefing: Briefing) -> NDArray[np.float64]:
+    """Returns the columns (b, n) of a memory in which `find_approaching` keeps two scans, before the first."""
+    scans = np.full((briefing.num_envs, 2 + 4 * len(briefing.beam_angles)), np.nan)
+    scans[:, :2] = 0.0
+    return scans
 
 
 def sees_all_round(briefing: Briefing) -> bool:
@@ -104,6 +103,70 @@ def find_hits(ranges, i, directions, max_range, farthest, radius, poses, recall,
                 hits[count, 1] = by
                 hits[count, 2] = min(radius, (1.0 - 1e-6) * near[j, 2])
                 count += 1
+    return count
+
+
+@inlined
+def find_approaching(ranges, i, directions, max_range, radius, poses, foresight, dt, memory, k, hits, count):
+    """Adds to the hits where surfaces that come nearer will be in `foresight` (s); returns the new number of hits.
+
+    A surface moves along its normal, by as much as a hit lies before the line through two neighbouring hits of an older
+    scan. It is put forward until the robot's centre would have to keep its distance at most: what comes cuts off the
+    way before it, and does not hold the robot. memory[i, k:] keeps the ages (s) of an older and a newer scan and their
+    points in the world frame, NaN where a beam met nothing.
+    """
+    beams = ranges.shape[1]
+    older = k + 2
+    newer = older + 2 * beams
+    x = poses[i, 0]
+    y = poses[i, 1]
+    sine, cosine = sin_cos(poses[i, 2])
+    memory[i, k] += dt
+    memory[i, k + 1] += dt
+    age = memory[i, k]
+    if memory[i, k + 1] > INTERVAL - 1e-9:
+        for n in range(2 * beams):
+            memory[i, older + n] = memory[i, newer + n]
+            memory[i, newer + n] = np.nan
+        memory[i, k] = memory[i, k + 1]
+        memory[i, k + 1] = 0.0
+        age = memory[i, k]
+    for j in range(beams):
+        distance = ranges[i, j]
+        if not 0.0 < distance < min(WATCHED, (1.0 - 1e-6) * max_range):
+            continue
+        px = x + distance * (cosine * directions[j, 0] - sine * directions[j, 1])
+        py = y + distance * (sine * directions[j, 0] + cosine * directions[j, 1])
+        if memory[i, k + 1] == 0.0:
+            memory[i, newer + 2 * j] = px
+            memory[i, newer + 2 * j + 1] = py
+        if distance <= radius:
+            continue
+        nearest = FASTEST * age * FASTEST * age
+        rx = 0.0
+        ry = 0.0
+        for n in range(beams):
+            m = n + 1 if n + 1 < beams else 0
+            ax = px - memory[i, older + 2 * n]
+            ay = py - memory[i, older + 2 * n + 1]
+            ux = memory[i, older + 2 * m] - memory[i, older + 2 * n]
+            uy = memory[i, older + 2 * m + 1] - memory[i, older + 2 * n + 1]
+            length = ux * ux + uy * uy
+            along = ax * ux + ay * uy
+            across = ax * uy - ay * ux
+            # no comparison holds for NaN
+            if 0.0 < length < WHOLE * WHOLE and 0.0 <= along <= length and across * across < nearest * length:
+                nearest = across * across / length
+                rx = across * uy / length
+                ry = -across * ux / length
+        nearer = (rx * (x - px) + ry * (y - py)) / distance
+        if nearer > MOVED:
+            moved = math.sqrt(nearest)
+            ahead = min(foresight * moved / age, distance - radius) / moved
+            hits[count, 0] = distance * directions[j, 0] + ahead * (cosine * rx + sine * ry)
+            hits[count, 1] = distance * directions[j, 1] + ahead * (cosine * ry - sine * rx)
+            hits[count, 2] = (1.0 - 1e-6) * radius
+            count += 1
     return count
 
 

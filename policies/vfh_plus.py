@@ -13,7 +13,7 @@ from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import saturation_factor
 from wayfield.policies.detour import COLUMNS, COURSE, LOOK, WAYPOINTS, seek
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_scan
 from wayfield.policies.stopping import (
     APPROACH,
     SECTORS,
@@ -21,9 +21,10 @@ from wayfield.policies.stopping import (
     arrived,
     beam_directions,
     braking_speed,
-    check_beams,
+    find_approaching,
     find_hits,
     free_time,
+    fresh_scans,
     full_twists,
     plant_model,
     sees_all_round,
@@ -44,6 +45,7 @@ PREVIOUS = 4  # direction chosen last, rad, world frame
 DETOUR = 5
 RECALL = DETOUR + COLUMNS
 BINARY = RECALL + 3 * SECTORS
+SCANS = BINARY + DIRECTIONS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +72,10 @@ class VfhPlus:
 
     A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (policies/detour.py): the
     detour's direction takes the place of the goal's; patience = inf is the paper's law. What is near stays known for
-    `recall` seconds after it drops out of sight. Limits: a gap is seen only where it is 2 r wide and, from afar, wider
-    by a sector; what is not seen is taken for free, what moves for standing still. Serves both kinds of robot.
+    `recall` seconds after it drops out of sight. What comes nearer counts as if it were also where it will be in
+    `foresight` seconds (policies/stopping.py); foresight = 0 takes what moves for standing still, as the paper does.
+    Limits: a gap is seen only where it is 2 r wide and, from afar, wider by a sector; what is not seen is taken for
+    free, and what crosses the way without coming nearer is not foreseen. Serves both kinds of robot.
 
     Source: Ulrich and Borenstein, VFH+: Reliable Obstacle Avoidance for Fast Mobile Robots, ICRA 1998.
     """
@@ -94,6 +98,7 @@ class VfhPlus:
     reach: float = 0.5  # m, a detour takes directions that are free this far
     first_leg: float = 3.0  # m, before a detour tries the other side
     recall: float = 2.0  # s
+    foresight: float = 1.5  # s, 0 takes what moves for standing still
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -101,7 +106,17 @@ class VfhPlus:
     def __post_init__(self) -> None:
         for name in ("max_speed", "max_yaw_rate", "turn_gain", "window", "low", "wide", "reach", "first_leg"):
             check_gain(self, name, above=0.0)
-        for name in ("safety", "margin", "mu_goal", "mu_heading", "mu_previous", "slowing", "stop_radius", "recall"):
+        for name in (
+            "safety",
+            "margin",
+            "mu_goal",
+            "mu_heading",
+            "mu_previous",
+            "slowing",
+            "stop_radius",
+            "recall",
+            "foresight",
+        ):
             check_gain(self, name, least=0.0)
         check_gain(self, "high", least=self.low)
         check_gain(self, "patience", least=0.0, finite=False)
@@ -116,8 +131,8 @@ class VfhPlus:
         Raises:
             ValueError: if the robot has no range scan.
         """
-        check_beams(self, briefing)
-        memory = np.zeros((briefing.num_envs, BINARY + DIRECTIONS))
+        check_scan(self, briefing.beam_angles, briefing)
+        memory = np.hstack([np.zeros((briefing.num_envs, SCANS)), fresh_scans(briefing)])
         memory[:, PREVIOUS] = np.nan
         memory[:, DETOUR + WAYPOINTS] = np.nan
         return memory
@@ -130,11 +145,12 @@ class VfhPlus:
         Raises:
             ValueError: if the scan has another number of beams than the briefing.
         """
+        check_scan(self, observation.ranges, briefing)
         twists = np.empty((len(memory), 3))
         all_round = sees_all_round(briefing)
         steer(
             observation.ranges,
-            beam_directions(briefing, observation.ranges),
+            beam_directions(briefing),
             briefing.max_range,
             observation.goal,
             observation.pose,
@@ -161,9 +177,9 @@ def steer(
 ):  # fmt: skip
     """Fills the (b, 3) twists of `VfhPlus.act`; `sideways`: whether the robot drives in any direction."""
     (max_speed, max_yaw_rate, turn_gain, safety, margin, window, low, high, wide, mu_goal, mu_heading, mu_previous,
-     slowing, stop_radius, patience, reach, first_leg, recall) = gains  # fmt: skip
+     slowing, stop_radius, patience, reach, first_leg, recall, foresight) = gains  # fmt: skip
     acceleration, _, _, _, wheel_limit, dt = plant
-    hits = np.empty((ranges.shape[1] + SECTORS, 3))
+    hits = np.empty((2 * ranges.shape[1] + SECTORS, 3))
     primary = np.empty(DIRECTIONS)
     blocked = np.empty(DIRECTIONS, np.bool_)
     radius = hull_radius + margin
@@ -173,6 +189,10 @@ def steer(
         count = find_hits(
             ranges, i, directions, max_range, farthest, radius, poses, recall, dt, memory, RECALL, hits
         )  # fmt: skip
+        if foresight > 0.0:
+            count = find_approaching(
+                ranges, i, directions, max_range, radius, poses, foresight, dt, memory, SCANS, hits, count
+            )  # fmt: skip
         heading = poses[i, 2]
         d = math.sqrt(goals[i, 0] ** 2 + goals[i, 1] ** 2)
         vx = 0.0

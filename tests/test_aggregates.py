@@ -45,6 +45,17 @@ def test_an_interval_covers_the_mean_as_often_as_it_says() -> None:
     assert 0.88 <= covered / 200 <= 0.99
 
 
+def test_agents_that_do_alike_add_nothing_and_agents_that_differ_widen_the_interval() -> None:
+    rng = np.random.default_rng(0)
+    scenarios, strata = rng.normal(size=40), ["a"] * 20 + ["b"] * 20
+    alone = interval(scenarios.tolist(), strata, mean)
+    assert interval(np.tile(scenarios[:, np.newaxis], 10), strata, mean) == pytest.approx(alone)
+    # all spread lies between the agents: their mean is known as well as ten numbers tell it
+    agents = rng.normal(size=10)
+    low, high = interval(np.tile(agents, (40, 1)), strata, mean)
+    assert high - low == pytest.approx(2.0 * 1.96 * agents.std() / math.sqrt(10.0), rel=0.1)
+
+
 def test_an_interval_is_the_same_every_time_and_refuses_what_has_no_strata() -> None:
     assert interval([1.0, 2.0, 5.0], ["a", "a", "b"], iqm) == interval([1.0, 2.0, 5.0], ["a", "a", "b"], iqm)
     with pytest.raises(ValueError, match="as many values as strata"):

@@ -22,7 +22,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.sensing import beam_angles
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.policy import Pilot
-from wayfield.policies.stopping import free_time
+from wayfield.policies.stopping import INTERVAL, find_approaching, free_time, fresh_scans
 from wayfield.policies.vfh_plus import BINARY, DIRECTIONS, PREVIOUS, VfhPlus
 
 Array = NDArray[np.float64]
@@ -37,6 +37,11 @@ ID = {
 MAX_RANGE = 5.0
 
 free = compiled(lambda hits, vx, vy, w, longest: free_time(hits, hits.shape[0], vx, vy, w, longest))
+approaching = compiled(
+    lambda ranges, directions, radius, poses, foresight, memory, hits: find_approaching(
+        ranges, 0, directions, MAX_RANGE, radius, poses, foresight, 0.05, memory, 0, hits, 0
+    )
+)
 
 
 def briefing_of(
@@ -143,6 +148,65 @@ def test_the_free_time_is_when_the_arc_first_comes_within_the_radius(
     if until < longest:
         touching = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
         assert math.hypot(touching[0] - x, touching[1] - y) == pytest.approx(radius, abs=1e-5)
+
+
+# What comes nearer.
+
+
+def foreseen(motion: Any, velocity: float, radius: float = 0.3, foresight: float = 1.0, noise: float = 0.0) -> Array:
+    """Returns what a robot that drives along the x axis from the origin foresees after 1.2 s, in its body frame.
+
+    Args:
+        motion: gives the walls of the world at a time (s).
+    """
+    briefing = briefing_of("omni4", 144)
+    angles = briefing.beam_angles
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    memory, hits = fresh_scans(briefing), np.empty((len(angles), 3))
+    rng = np.random.default_rng(0)
+    count = 0
+    for k in range(25):
+        x = velocity * 0.05 * k
+        layout = [(x1 - x, y1, x2 - x, y2) for x1, y1, x2, y2 in motion(0.05 * k)]
+        ranges = scan(angles, layout)
+        ranges = np.where(ranges < MAX_RANGE, ranges + noise * rng.uniform(-1.0, 1.0, ranges.shape), MAX_RANGE)
+        count = approaching(ranges, directions, radius, np.array([[x, 0.0, 0.0]]), foresight, memory, hits)
+    return hits[:count]
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.7])
+@pytest.mark.parametrize("velocity", [-0.3, 0.0, 0.3])
+def test_a_wall_that_comes_is_foreseen_where_it_will_be(speed: float, velocity: float) -> None:
+    found = foreseen(lambda t: [(2.8 - speed * t, -1.0, 2.8 - speed * t, 1.0)], velocity, foresight=0.5)
+    assert len(found) >= 5
+    np.testing.assert_allclose(found[:, 0], 2.8 - speed * (1.2 + 0.5) - velocity * 1.2, atol=1e-9)
+
+
+def test_what_comes_is_put_no_nearer_than_the_robot_keeps_its_distance() -> None:
+    found = foreseen(lambda t: [(2.0 - 0.6 * t, -1.0, 2.0 - 0.6 * t, 1.0)], 0.0, radius=0.5, foresight=5.0)
+    away = np.hypot(found[:, 0], found[:, 1])
+    assert (away >= 0.5 - 1e-9).all()
+    assert away.min() < 0.5 + 1e-6
+    assert (found[:, 2] < away).all()
+
+
+@pytest.mark.parametrize("velocity", [-0.6, 0.0, 0.6])
+def test_what_stands_or_goes_away_is_not_foreseen(velocity: float) -> None:
+    room = [(2.5, -2, 2.5, 2), (2.5, 2, -2, 2), (-2, 2, -2, -2), (-2, -2, 2.5, -2), (1.2, 0.8, 1.5, 1.2)]
+    assert len(foreseen(lambda t: room, velocity)) == 0
+    assert len(foreseen(lambda t: room, velocity, noise=0.01)) == 0
+    assert len(foreseen(lambda t: [(1.0 + 0.5 * t, -1.0, 1.0 + 0.5 * t, 1.0)], velocity)) == 0
+    assert len(foreseen(lambda t: [], velocity)) == 0
+
+
+def test_nothing_is_foreseen_before_two_scans_lie_apart() -> None:
+    assert INTERVAL > 0.1
+    briefing = briefing_of("omni4", 72)
+    directions = np.column_stack([np.cos(briefing.beam_angles), np.sin(briefing.beam_angles)])
+    memory, hits = fresh_scans(briefing), np.empty((72, 3))
+    for k in range(2):
+        ranges = scan(briefing.beam_angles, [(2.0 - 0.03 * k, -1.0, 2.0 - 0.03 * k, 1.0)])
+        assert approaching(ranges, directions, 0.3, np.zeros((1, 3)), 1.0, memory, hits) == 0
 
 
 # What a robot can do with what it decides.
@@ -429,15 +493,46 @@ def test_a_dead_end_is_left_by_a_detour_and_holds_who_makes_none(planner: Any, r
         assert not drive(planner(patience=math.inf), scene, robot, tmp_path, 1200)[1]["success"]
 
 
+def test_a_differential_drive_that_sees_all_round_backs_away_from_what_comes() -> None:
+    def last_speed(wall_speed: float, field_of_view: float = 2.0 * math.pi, **gains: float) -> float:
+        briefing = briefing_of("p3dx", 72, field_of_view=field_of_view)
+        policy = Dwa(**gains)
+        memory = policy.reset(briefing)
+        for k in range(20):
+            x = 0.5 + wall_speed * (1.0 - 0.05 * k)
+            seen = scan(briefing.beam_angles, [(x, -2.0, x, 2.0)])
+            # held where it is
+            memory[:, :3] = 0.0
+            twist = policy.act(observed(briefing, seen), briefing, memory)[0]
+        return float(twist[0])
+
+    assert last_speed(0.5) < -0.05
+    assert last_speed(0.5, retreat=0.0) >= 0.0
+    assert last_speed(0.5, foresight=0.0) >= 0.0
+    assert last_speed(0.5, field_of_view=math.pi) >= 0.0
+    assert last_speed(0.0) >= 0.0
+
+
+@pytest.mark.parametrize(("planner", "robot"), [(Dwa, "omni4"), (VfhPlus, "omni4"), (VfhPlus, "p3dx")])
+def test_a_disc_that_comes_head_on_is_let_past(planner: Any, robot: str, tmp_path: Path) -> None:
+    # from ahead, 5 cm off the robot's line: one that stood still would be run over
+    patrol = {"vx": -0.3, "vy": 0.0, "leg_time": 30.0}
+    disc = {"kind": "circle", "x": 5.0, "y": 0.05, "radius": 0.25, "patrol": patrol}
+    poses, info = drive(planner(), {"goal": [6, 0, 0], "obstacles": [disc]}, robot, tmp_path, 800)
+    assert info["success"]
+    assert not info["collision"]
+    assert np.abs(poses[:, 1]).max() > 0.3  # it made room
+
+
 # What is refused.
 
 
 @every_planner
 def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
-    with pytest.raises(ValueError, match="num_beams must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="num_beams is 0 and must be at least 1"):
         planner().reset(briefing_of("p3dx", 0))
     briefing = briefing_of("p3dx", 72)
-    with pytest.raises(ValueError, match="ranges must have 72 beams as the briefing says, got 36"):
+    with pytest.raises(ValueError, match="ranges has 36 values, the scan has 72 beams"):
         first_twist(planner(), briefing, np.full((1, 36), MAX_RANGE))
 
 
@@ -453,6 +548,9 @@ def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
         (VfhPlus, "high", 1.0),
         (VfhPlus, "slowing", 1.5),
         (VfhPlus, "recall", -1.0),
+        (VfhPlus, "foresight", -1.0),
+        (Dwa, "foresight", math.inf),
+        (Dwa, "retreat", -0.1),
     ],
 )
 def test_gains_out_of_range_are_refused(planner: Any, gain: str, value: float) -> None:
