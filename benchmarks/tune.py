@@ -80,6 +80,7 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "clearance": Range(0.05, 1.0),
         "velocity": Range(0.05, 1.0),
         "progress": Range(0.2, 4.0),
+        "room": Range(0.3, 3.0),
     },
     "mppi": {
         "temperature": Range(0.01, 0.3),
@@ -88,7 +89,12 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "obstacle_weight": Range(0.2, 5.0),
     },
     "orca": {"horizon": Range(0.5, 4.0), "wall_horizon": Range(0.1, 2.0), "margin": Range(0.01, 0.1)},
-    "scan_planner": {"margin": Range(0.005, 0.06), "wanted_clearance": Range(0.05, 0.4), "weight": Range(0.5, 10.0)},
+    "scan_planner": {
+        "margin": Range(0.005, 0.06),
+        "wanted_clearance": Range(0.05, 0.4),
+        "weight": Range(0.5, 10.0),
+        "foresight": Range(0.5, 3.0),
+    },
     "astar_tracker": {"margin": Range(0.03, 0.2), "wanted_clearance": Range(0.05, 0.5)},
 }
 

@@ -12,7 +12,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.patrols import patrol_at
-from wayfield.policies.grid_search import Scratch, any_angle_way
+from wayfield.policies.grid_search import any_angle_way
 from wayfield.policies.policy import check_gain
 from wayfield.policies.polyline_tracker import (
     FARTHEST,
@@ -47,10 +47,10 @@ class AstarTracker(PolylineTracker):
     band towards `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the
     robot plans anew. A robot without a way stands still, and memory["no_path"] is 1.
 
-    Obstacles on patrol are left out of the map. Their scripts are known: the greatest of the speeds cruise_speed, half
-    of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven. A robot held up so for
-    `patience` plans anew around what they sweep within that time, or within a third of it, and keeps its plan if there
-    is no such way.
+    Obstacles on patrol are left out of the map. Their scripts are known: the greatest of the speeds max_speed, half
+    of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven. A robot so held up
+    for `patience` plans anew around what they sweep within that time, or within a third of it, and keeps its plan if
+    there is no such way.
 
     Serves differential drives and omni bases. Limits: the elastic band is local, and speed is not part of the search.
 
@@ -119,7 +119,7 @@ def decide(
     waypoints_left, grid, plan, steps, plans, no_path, waiting,
 ):  # fmt: skip
     """Sets the commands of all robots; plans for those that have not, are off their plan, or are held up."""
-    points, arc, num_points, segments, arrived, stuck, commands, origin, cell = plan
+    points, arc, num_points, segments, arrived, stuck, _commands, origin, cell = plan
     held_up, planned_at = waiting
     astray = mapping[3]
     for i in range(poses.shape[0]):
@@ -175,7 +175,7 @@ def decide(
 def dodge(
     limits, mapping, dodging, prices, obstacles, counts, patrols, goals, num_goals, first, i, x, y, time, grid, plan
 ):  # fmt: skip
-    """Plans robot i's way around what the patrols sweep in a while, or a third of it; keeps its plan if there is none."""
+    """Plans robot i's way around what the patrols sweep in a while, or a third of it; without one it keeps its plan."""
     _, _, _, _, _, _, _, origin, cell = plan
     still = grid[i].copy()
     reach = limits.hull_radius + mapping[2] + 2.0 * cell[i]
@@ -237,10 +237,10 @@ def stamp(grid, i, o, shift_x, shift_y, origin, cell, reach):
     half_y = abs(o.sin) * o.half_length + abs(o.cos) * o.half_width + o.radius + reach
     x = origin[i, 0] - shift_x
     y = origin[i, 1] - shift_y
-    low_column = max(int(math.floor((o.x - half_x - x) / cell[i] - 0.5)), 0)
-    high_column = min(int(math.ceil((o.x + half_x - x) / cell[i] - 0.5)), size - 1)
-    low_row = max(int(math.floor((o.y - half_y - y) / cell[i] - 0.5)), 0)
-    high_row = min(int(math.ceil((o.y + half_y - y) / cell[i] - 0.5)), size - 1)
+    low_column = max(math.floor((o.x - half_x - x) / cell[i] - 0.5), 0)
+    high_column = min(math.ceil((o.x + half_x - x) / cell[i] - 0.5), size - 1)
+    low_row = max(math.floor((o.y - half_y - y) / cell[i] - 0.5), 0)
+    high_row = min(math.ceil((o.y + half_y - y) / cell[i] - 0.5), size - 1)
     for row in range(low_row, high_row + 1):
         for column in range(low_column, high_column + 1):
             level = level_of(clearance_to(o, x + (column + 0.5) * cell[i], y + (row + 0.5) * cell[i]))
@@ -263,7 +263,7 @@ def plan_way(limits, bend_to, prices, goals, num_goals, first, i, x, y, grid, pl
     corners = np.empty((POINTS // 4, 2))
     pinned = np.zeros(POINTS // 4, np.bool_)
     for choice in range(prices.shape[0]):
-        reach = int(math.ceil(0.3 / cell[i]))
+        reach = math.ceil(0.3 / cell[i])
         corners[0, 0] = x
         corners[0, 1] = y
         count = 1
@@ -329,7 +329,7 @@ def speed_among(limits, dodging, obstacles, patrols, counts, plan, i, s, time):
     clearest = -np.inf
     best = 0.0
     for option in range(4):
-        speed = (1.0, 0.5, 0.0, -0.5)[option] * limits.cruise_speed
+        speed = (1.0, 0.5, 0.0, -0.5)[option] * limits.max_speed
         least = np.inf
         after = 0.0
         while after < dodging[1]:

@@ -22,7 +22,7 @@ _OCCUPANCY_PRICES = np.array([1.0, np.inf])
 class Way(NamedTuple):
     """A way over a grid."""
 
-    cells: NDArray[np.int64]  # (n, 2) row, column, from start to goal; A* lists every cell, Theta* the turns; n = 0: none
+    cells: NDArray[np.int64]  # (n, 2) row, column, from start to goal; A* lists all, Theta* the turns; n = 0: none
     length: float  # between the centres of the cells, in sides of a cell; inf without a way
 
 

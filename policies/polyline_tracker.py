@@ -11,7 +11,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, to_body_frame
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import Policy, check_gain
 
 # A grid's bytes hold how near the obstacles are: the clearance of a cell's centre falls short of FARTHEST by so many
 # units. Zero, what fresh memory holds, is clear.
@@ -45,7 +45,7 @@ class Limits(NamedTuple):
     delay: float  # s, until the base does what it is told
     acceleration: float
     yaw_acceleration: float
-    cruise_speed: float
+    max_speed: float
     max_yaw_rate: float
     lookahead: float
     min_turn_radius: float
@@ -57,26 +57,27 @@ class Limits(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class PolylineTracker:
-    """Regulated pursuit of a polyline, with room to stop; the gains that planners share.
+class PolylineTracker(Policy):
+    """Regulated pursuit of a polyline, with room to stop: the gains that planners share. They add reset and act.
 
-    With s the projection on the polyline (searched in a window around the last one), (x, y) in the body frame the point
-    `lookahead` further on, kappa = 2 y/(x^2 + y^2) the curvature of the arc to it, c the least clearance of the polyline
-    up to it, r the hull radius, rest the way left, a and T the deceleration and the dead time, D(v) = v T + v^2/(2 a):
+    With s the projection on the polyline (searched in a window around the last one), c the least clearance of the
+    polyline up to `lookahead` further on, r the hull radius, share = (c - r)/slow_clearance between 0 and 1, (x, y) in
+    the body frame the point max(share, 0.3) `lookahead` further on, kappa = 2 y/(x^2 + y^2) the curvature of the arc to
+    it, rest the way left, a and T the deceleration and the dead time, D(v) = v T + v^2/(2 a):
 
-        v = min(cruise_speed, cruise_speed / (min_turn_radius |kappa|), max_yaw_rate / |kappa|,
-                slow_speed + (cruise_speed - slow_speed) (c - r)/slow_clearance, D^-1(rest)),    w = kappa v
+        v = min(max_speed, max_speed / (min_turn_radius |kappa|), max_yaw_rate / |kappa|,
+                slow_speed + (max_speed - slow_speed) share, D^-1(rest)),    w = kappa v
 
-    Beyond `rotate_beyond` of bearing the robot stops and turns on the spot, w = sqrt(2 alpha |bearing|) at most. An omni
-    base drives straight at the point and turns independently. Both slow to D^-1(free), where free is the way along the
-    arc actually driven on which the hull keeps `skin` of room; where that is short, nearer points are tried (a half, a
-    quarter of the look-ahead), which turn towards the polyline. At its end the robot stops and turns to the heading.
+    Beyond `rotate_beyond` of bearing the robot stops and turns on the spot, w = sqrt(2 alpha |bearing|) at most. An
+    omni base drives straight at the point and turns independently. Both slow to D^-1(free), where free is the way along
+    the arc actually driven on which the hull keeps `skin` of room; where that is short, nearer points are tried (a
+    half, a quarter of the way), which turn towards the polyline. At its end the robot stops and turns to the heading.
 
     Source: regulated pure pursuit, Macenski et al., Autonomous Robots 47, 2023 (arXiv 2305.20026), with the curvature
     limit as a yaw-rate limit; room to stop as in Fox, Burgard and Thrun, RAM 4(1), 1997.
     """
 
-    cruise_speed: float = 0.6  # m/s
+    max_speed: float = 0.6  # m/s
     acceleration: float = 0.8  # m/s^2, at most, and at most 0.8 of what the base can do
     yaw_acceleration: float = 2.4  # rad/s^2, likewise
     max_yaw_rate: float = 1.5  # rad/s
@@ -90,7 +91,7 @@ class PolylineTracker:
 
     def __post_init__(self) -> None:
         for name in (
-            *("cruise_speed", "acceleration", "yaw_acceleration", "max_yaw_rate", "lookahead", "min_turn_radius"),
+            *("max_speed", "acceleration", "yaw_acceleration", "max_yaw_rate", "lookahead", "min_turn_radius"),
             *("rotate_beyond", "slow_speed", "slow_clearance", "arrive"),
         ):
             check_gain(self, name, above=0.0)
@@ -106,12 +107,12 @@ class PolylineTracker:
             delay=actuators.lag + 2.0 * briefing.dt,
             acceleration=min(self.acceleration, 0.8 * actuators.acceleration),
             yaw_acceleration=min(self.yaw_acceleration, 0.8 * actuators.yaw_acceleration),
-            cruise_speed=self.cruise_speed,
+            max_speed=self.max_speed,
             max_yaw_rate=self.max_yaw_rate,
             lookahead=self.lookahead,
             min_turn_radius=self.min_turn_radius,
             rotate_beyond=self.rotate_beyond,
-            slow_speed=min(self.slow_speed, self.cruise_speed),
+            slow_speed=min(self.slow_speed, self.max_speed),
             slow_clearance=self.slow_clearance,
             skin=self.skin,
             arrive=self.arrive,
@@ -143,8 +144,8 @@ def clearance_at(grid, i, origin, cell, x, y):
     """Returns the clearance (m) at a point, between those of the four cells around it; FARTHEST beyond the grid."""
     u = (x - origin[i, 0]) / cell[i] - 0.5
     v = (y - origin[i, 1]) / cell[i] - 0.5
-    column = int(math.floor(u))
-    row = int(math.floor(v))
+    column = math.floor(u)
+    row = math.floor(v)
     if column < 0 or row < 0 or column + 1 >= grid.shape[2] or row + 1 >= grid.shape[1]:
         return FARTHEST
     u -= column
@@ -207,7 +208,7 @@ def track(limits, grid, plan, i, x, y, heading, heading_error, is_goal, facing, 
         return
     end_x = points[i, n - 1, 0]
     end_y = points[i, n - 1, 1]
-    s, away, tangent = project(points, arc, n, segments, i, x, y)
+    s, _away, tangent = project(points, arc, n, segments, i, x, y)
     rest = max(arc[i, n - 1] - s, math.sqrt((end_x - x) ** 2 + (end_y - y) ** 2) if s > arc[i, n - 1] - 0.3 else 0.0)
     if is_goal:
         distance = math.sqrt((end_x - x) ** 2 + (end_y - y) ** 2)
@@ -248,7 +249,7 @@ def track(limits, grid, plan, i, x, y, heading, heading_error, is_goal, facing, 
         px, py = point_at(points, arc, n, segments[i], i, s + 0.125 * k * p.lookahead)
         narrow = min(narrow, clearance_at(grid, i, origin, cell, px, py))
     share = min(max((narrow - p.hull_radius) / p.slow_clearance, 0.0), 1.0)
-    allowed = min(p.slow_speed + (p.cruise_speed - p.slow_speed) * share, speed_limit)
+    allowed = min(p.slow_speed + (p.max_speed - p.slow_speed) * share, speed_limit)
     allowed = min(allowed, stopping_speed(rest, p.acceleration, p.delay))
     # where the polyline itself is narrower the hull follows it
     needed = p.hull_radius + min(p.skin, max(narrow - p.hull_radius - UNIT, least_room))
@@ -257,7 +258,8 @@ def track(limits, grid, plan, i, x, y, heading, heading_error, is_goal, facing, 
     best_v = 0.0
     best_vy = 0.0
     best_w = 0.0
-    ahead = p.lookahead
+    # where there is little room the robot keeps to the polyline instead of cutting its corners
+    ahead = p.lookahead * max(share, 0.3)
     for _ in range(3):
         px, py = point_at(points, arc, n, segments[i], i, s + ahead)
         bx, by = to_body_frame(x, y, sine, cosine, px, py)
@@ -311,7 +313,7 @@ def track(limits, grid, plan, i, x, y, heading, heading_error, is_goal, facing, 
                 break
             curvature = 2.0 * by / (d * d)
             v = min(allowed, p.max_yaw_rate / max(abs(curvature), 1e-9))
-            v = min(v, p.cruise_speed / max(p.min_turn_radius * abs(curvature), 1e-9))
+            v = min(v, p.max_speed / max(p.min_turn_radius * abs(curvature), 1e-9))
             v = min(max(v, min(0.05, allowed)), last_v + p.acceleration * p.dt)
             v = max(v, last_v - p.acceleration * p.dt)
             w = limited(curvature * v, commands[i, 2], p.yaw_acceleration * p.dt)
@@ -429,7 +431,7 @@ def lay(points, arc, num_points, segments, i, corners, pinned, spacing):
     for k in range(corners.shape[0] - 1):
         dx = corners[k + 1, 0] - corners[k, 0]
         dy = corners[k + 1, 1] - corners[k, 1]
-        pieces = max(int(math.ceil(math.hypot(dx, dy) / spacing - 1e-9)), 1)
+        pieces = max(math.ceil(math.hypot(dx, dy) / spacing - 1e-9), 1)
         for j in range(1, pieces + 1):
             if n == room:
                 break

@@ -1,7 +1,6 @@
 """A planner without a map: it draws its own from the scans, takes what it has not seen for free, and plans in it."""
 
 import dataclasses
-import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,7 +11,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.grid_search import pulled, search, traced
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_scan
 from wayfield.policies.polyline_tracker import (
     PLAN,
     PolylineTracker,
@@ -21,7 +20,6 @@ from wayfield.policies.polyline_tracker import (
     command,
     free_arc,
     lay,
-    level_of,
     nearest_free,
     plan_arrays,
     plan_is_clear,
@@ -31,27 +29,49 @@ from wayfield.policies.polyline_tracker import (
     stopping_speed,
     track,
 )
+from wayfield.policies.scan_map import (
+    BARRED,
+    CELLS,
+    SUB,
+    enter_point,
+    enter_scan,
+    mark,
+    move_grid,
+    stamps,
+)
+from wayfield.policies.stopping import (
+    SECTORS,
+    find_approaching,
+    find_hits,
+    fresh_scans,
+    full_twists,
+    plant_model,
+    step_and_stop,
+)
 
-CELLS = 160  # of a side of the grid
 POINTS = 512  # of a plan
-SUB = 4  # spots of a cell's side, for where in it the hits were
 
-# What a scan says of a cell, added up: above 0 it is taken, below 0 seen free, 0 unknown.
-HIT = 6
-MOST = 18
-LEAST = -4
-BARRED = 127  # a gap in which the robot does not fit: no beam takes that back
+MEMORY = [
+    *PLAN,
+    ("points", np.float64, (POINTS, 2)),
+    ("arc", np.float64, (POINTS,)),
+    ("planned_at", np.int64),  # step of the last search
+    ("forgotten", np.int64),  # how often the map was
+    ("seen", np.float64, (3 * SECTORS,)),  # of `find_hits`
+    ("nearest", np.float64),  # m, the surface nearest to the robot
+    ("closing", np.float64),  # m/s, at which that comes nearer by itself
+    ("grid", np.uint8, (CELLS, CELLS)),
+    ("evidence", np.int8, (CELLS, CELLS)),
+    ("spots", np.uint16, (CELLS, CELLS)),
+]
 
-MEMORY = np.dtype([*PLAN, ("points", np.float64, (POINTS, 2)), ("arc", np.float64, (POINTS,)),
-                   ("planned_at", np.int64), ("forgotten", np.int64),
-                   ("nearest", np.float64), ("closing", np.float64),  # m, m/s, of the nearest surface
-                   ("grid", np.uint8, (CELLS, CELLS)), ("evidence", np.int8, (CELLS, CELLS)),
-                   ("spots", np.uint16, (CELLS, CELLS))])  # fmt: skip
+NEAR = 1.5  # m, within which the hits themselves are looked at
+RECALL = 1.0  # s, for which they are remembered
 
 
 @dataclasses.dataclass(frozen=True)
 class ScanPlanner(PolylineTracker):
-    """Maps what its beams hit, plans a way to the goal as if all else were free, drives it, and plans anew when it errs.
+    """Maps what its beams hit, plans a way to the goal as if all else were free, drives it, and plans anew when wrong.
 
     The grid, 160 x 160 cells of `cell` (12.8 m square) in the frame of the measured pose, holds for each cell the
     evidence of the scans (a hit counts 6, up to 18, a beam that goes through -1, so that what has moved away is
@@ -63,14 +83,18 @@ class ScanPlanner(PolylineTracker):
     A* searches cells with clearance above hull radius + `margin`; a metre costs 1 + weight times what lacks to
     `wanted_clearance`. If there is no way, cells down to hull radius - `give` serve, for a cell's centre may lie beside
     the middle of a gap; a gap that turns out too narrow when the robot stands before it is barred. If there is no way
-    still, the robot forgets the map but for what it now sees. The way is straightened by line of sight, let go like an elastic band,
-    and driven by the law of `PolylineTracker`, which keeps room to stop; into cells not seen yet it drives with room to
-    stop before them, or creeps. It plans anew when the plan gets blocked, the goal changes, it has been moved more than
+    still, the robot forgets the map but for what it now sees. The way is straightened by line of sight, let go like an
+    elastic band, and driven by the law of `PolylineTracker`; into cells not seen yet the robot drives with room to stop
+    before them, or creeps. Whatever it drives, it slows until it can stop before the hits themselves, of this scan and
+    of the last second. It plans anew when the plan gets blocked, the goal changes, it has been moved more than
     `astray`, is stuck, or `period` has passed.
 
+    What comes nearer by itself (`find_approaching`) is also entered where it will be in `foresight`, so that ways lead
+    around it; one that is `evade_within` away, or will be in `evade_time`, is backed away from.
+
     Serves differential drives and omni bases (which look where they go when the beams are less than a full circle).
-    Any number of beams and field of view; few beams see late. Limits: what moves is taken as standing; a pose that
-    drifts smears the map.
+    Any number of beams and field of view; few beams see late. Limits: a differential drive cannot step aside of what
+    comes from the side; a wall that distant beams miss looks open; a pose that drifts smears the map.
 
     Source: Koenig and Likhachev, T-RO 21(3), 2005 (free-space assumption; here with A* from scratch); occupancy
     evidence as in Elfes 1989; elastic band as in Quinlan and Khatib 1993.
@@ -85,6 +109,7 @@ class ScanPlanner(PolylineTracker):
     pause: float = 0.3  # s, between searches at least, unless the block is near
     astray: float = 0.5  # m
     creep: float = 0.15  # m/s, into what has not been seen
+    foresight: float = 1.2  # s, for which what comes nearer by itself is put forward
     evade_within: float = 0.2  # m, beside the hull, of what comes nearer by itself
     evade_time: float = 1.0  # s, until it would be that near
 
@@ -95,24 +120,32 @@ class ScanPlanner(PolylineTracker):
         super().__post_init__()
         for name in ("cell", "wanted_clearance", "period", "astray", "creep"):
             check_gain(self, name, above=0.0)
-        for name in ("margin", "give", "weight", "pause", "evade_within", "evade_time"):
+        for name in ("margin", "give", "weight", "pause", "foresight", "evade_within", "evade_time"):
             check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty map and no plan for each robot, `MEMORY` records (b,).
+        """Returns an empty map and no plan for each robot: `MEMORY` records (b,), with the scans to see motion by.
 
         Raises:
             ValueError: if there are no beams.
         """
-        if len(briefing.beam_angles) == 0:
-            raise ValueError("ScanPlanner: num_beams must be at least 1, got 0: it maps what its beams hit")
-        return np.zeros(briefing.num_envs, MEMORY)
+        check_scan(self, briefing.beam_angles, briefing)
+        scans = fresh_scans(briefing)
+        memory = np.zeros(briefing.num_envs, np.dtype([*MEMORY, ("scans", np.float64, scans.shape[1:])]))
+        memory["scans"] = scans
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, t): m/s and rad/s."""
+        """Returns the twists (b, t): m/s and rad/s.
+
+        Raises:
+            ValueError: if the scan has another number of beams than the briefing.
+        """
+        check_scan(self, observation.ranges, briefing)
         radius = briefing.robot.hull_radius
+        reach = radius + self.wanted_clearance + 1.5 * self.cell
         angles = briefing.beam_angles
         full_circle = len(angles) > 1 and (angles[-1] - angles[0]) * len(angles) / (len(angles) - 1) > 6.28
         prices = np.array(
@@ -135,11 +168,14 @@ class ScanPlanner(PolylineTracker):
             observation.goal_heading_error,
             observation.waypoints_left,
             observation.ranges,
-            (memory["grid"], memory["evidence"], memory["spots"]),
+            (memory["grid"], memory["evidence"], memory["spots"], stamps(self.cell, reach)),
             plan_arrays(memory),
             (memory["target"], memory["steps"], memory["plans"], memory["no_path"], memory["planned_at"]),
             memory["forgotten"],
+            (memory["seen"], memory["scans"], self.foresight),
             (memory["nearest"], memory["closing"], self.evade_within, self.evade_time),
+            plant_model(briefing),
+            full_twists(briefing, observation.twist),
         )
         return self.twists(briefing, memory)
 
@@ -147,15 +183,18 @@ class ScanPlanner(PolylineTracker):
 @compiled
 def decide(
     limits, mapping, timing, prices, beams, max_range, full_circle, poses, goals, heading_errors, waypoints_left,
-    ranges, chart, plan, log, forgotten, evading,
+    ranges, chart, plan, log, forgotten, recalled, evading, model, twists,
 ):  # fmt: skip
     """Sets the commands of all robots: enters the scans, plans where it must be, and tracks."""
     cell_size, margin, give, wanted, astray, creep = mapping
-    grid, evidence, spots = chart
+    seen, scans, foresight = recalled
+    grid, evidence, spots, _ = chart
     points, arc, num_points, segments, arrived, stuck, commands, origin, cell = plan
     target, steps, plans, no_path, planned_at = log
-    reach = limits.hull_radius + wanted + 1.5 * cell_size
     size = grid.shape[1]
+    # the brakes are those of this law
+    plant = (limits.acceleration, limits.yaw_acceleration, *model[2:])
+    hits = np.empty((2 * beams.shape[0] + SECTORS, 3))
     scratch_size = 1
     costs = np.empty(0)
     estimates = np.empty(0)
@@ -181,7 +220,19 @@ def decide(
         if off > 1.6 * quarter:
             move_grid(chart, i, origin, cell, middle_x, middle_y)
             num_points[i] = 0
-        enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius, reach)
+        enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius)
+        count = find_hits(
+            ranges, i, beams, max_range, NEAR, limits.hull_radius + 0.5 * limits.skin, poses, RECALL, limits.dt, seen,
+            0, hits,
+        )  # fmt: skip
+        foreseen = find_approaching(
+            ranges, i, beams, max_range, limits.hull_radius, poses, foresight, limits.dt, scans, 0, hits, count
+        )
+        for j in range(count, foreseen):
+            enter_point(
+                chart, i, origin, cell, x + cosine * hits[j, 0] - sine * hits[j, 1],
+                y + sine * hits[j, 0] + cosine * hits[j, 1],
+            )  # fmt: skip
         # what is out of the grid is headed for through the nearest cell within
         inside_x = min(max(goal_x, origin[i, 0] + 3.0 * cell_size), origin[i, 0] + (size - 3.0) * cell_size)
         inside_y = min(max(goal_y, origin[i, 1] + 3.0 * cell_size), origin[i, 1] + (size - 3.0) * cell_size)
@@ -211,7 +262,7 @@ def decide(
                 heap = np.empty(scratch_size, np.int32)
                 places = np.empty(scratch_size, np.int32)
             if stuck[i] >= 10:
-                bar_gap(chart, plan, i, limits.hull_radius + margin, reach)
+                bar_gap(chart, plan, i, limits.hull_radius + margin)
             plans[i] += 1
             planned_at[i] = steps[i]
             stuck[i] = 0
@@ -227,7 +278,7 @@ def decide(
                     evidence[i] = 0
                     spots[i] = 0
                     enter_scan(
-                        chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius, reach
+                        chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius
                     )  # fmt: skip
                 found = plan_way(
                     limits, wanted, prices[choice % 2], prices[2], grid, plan, i, x, y, inside_x, inside_y,
@@ -242,20 +293,43 @@ def decide(
             s = 0.0
         speed_limit = np.inf
         if num_points[i] > 0:
-            seen = seen_ahead(evidence, points, arc, num_points[i], segments[i], i, s, origin, cell)
-            speed_limit = max(creep, stopping_speed(seen, limits.acceleration, limits.delay))
-        if arrived[i] == 0 and evade(limits, grid, plan, evading, ranges, beams, max_range, i, x, y, heading, steps[i]):
-            steps[i] += 1
-            continue
-        track(
-            limits, grid, plan, i, x, y, heading, heading_errors[i], waypoints_left[i] < 0.5 and goal_is_inside,
-            not full_circle, speed_limit, 0.01,
-        )  # fmt: skip
+            known = seen_ahead(evidence, points, arc, num_points[i], segments[i], i, s, origin, cell)
+            speed_limit = max(creep, stopping_speed(known, limits.acceleration, limits.delay))
+        last = commands[i, 0], commands[i, 1], commands[i, 2]
+        stood = stuck[i]
+        if arrived[i] == 1 or not evade(
+            limits, grid, plan, evading, twists, ranges, beams, i, x, y, heading, steps[i], foreseen > count
+        ):
+            # between its cells the grid can say half a cell less than there is
+            track(
+                limits, grid, plan, i, x, y, heading, heading_errors[i], waypoints_left[i] < 0.5 and goal_is_inside,
+                not full_circle, speed_limit, -0.5 * cell_size,
+            )  # fmt: skip
+        if keep_room(limits, plant, commands, twists, i, last, hits, count):
+            stuck[i] = stood + 1
         steps[i] += 1
 
 
+@inlined
+def keep_room(limits, plant, commands, twists, i, last, hits, count):
+    """Slows robot i's command so that it can stop before all hits; returns whether that leaves it standing.
+
+    The grid is too coarse for the narrowest gaps: of what is near, the hits themselves say where it is.
+    """
+    vx = commands[i, 0]
+    vy = commands[i, 1]
+    yaw_rate = commands[i, 2]
+    commands[i, 0], commands[i, 1], commands[i, 2] = last
+    for share in (1.0, 0.6, 0.3, 0.1):
+        if step_and_stop(plant, hits, count, commands, twists, i, share * vx, share * vy, share * yaw_rate):
+            command(limits, commands, i, share * vx, share * vy, share * yaw_rate)
+            return False
+    command(limits, commands, i, 0.0, 0.0, 0.0)
+    return True
+
+
 @compiled
-def evade(limits, grid, plan, evading, ranges, beams, max_range, i, x, y, heading, step):
+def evade(limits, grid, plan, evading, twists, ranges, beams, i, x, y, heading, step, approached):
     """Sets robot i's command away from what comes nearer by itself; returns whether anything does.
 
     The distance to the nearest surface falls by the part of the robot's velocity that points there; what it falls by
@@ -270,14 +344,14 @@ def evade(limits, grid, plan, evading, ranges, beams, max_range, i, x, y, headin
     distance = ranges[i, k]
     ux = beams[k, 0]
     uy = beams[k, 1]
-    own = commands[i, 0] * ux + commands[i, 1] * uy
+    own = twists[i, 0] * ux + twists[i, 1] * uy
     rate = (nearest[i] - distance) / limits.dt - own
     # a jump is another surface
     if step == 0 or abs(rate) > 1.5:
         rate = 0.0
     closing[i] += 0.2 * (rate - closing[i])
     nearest[i] = distance
-    if closing[i] < 0.12 or distance - limits.hull_radius > within + closing[i] * ahead:
+    if not approached or closing[i] < 0.12 or distance - limits.hull_radius > within + closing[i] * ahead:
         return False
     needed = limits.hull_radius + limits.skin
     best = 0.0
@@ -292,7 +366,7 @@ def evade(limits, grid, plan, evading, ranges, beams, max_range, i, x, y, headin
             vx = -1.0 if ux > 0.0 else 1.0
             vy = 0.0
         free = free_arc(grid, i, origin, cell, x, y, heading, vx, vy, 0.0, 0.6, needed)
-        speed = min(stopping_speed(free, limits.acceleration, limits.delay), limits.cruise_speed) * cosine
+        speed = min(stopping_speed(free, limits.acceleration, limits.delay), limits.max_speed) * cosine
         if speed > best + 1e-9:
             best = speed
             best_x = speed * vx / cosine
@@ -343,9 +417,9 @@ def plan_way(
 
 
 @compiled
-def bar_gap(chart, plan, i, narrow, reach):
+def bar_gap(chart, plan, i, narrow):
     """Bars the narrowest place of the next metre of robot i's polyline, if it has less than `narrow` clearance (m)."""
-    grid, evidence, spots = chart
+    grid, evidence, _, _ = chart
     points, arc, num_points, segments, _, _, _, origin, cell = plan
     least = narrow
     found = -1
@@ -360,8 +434,7 @@ def bar_gap(chart, plan, i, narrow, reach):
         row = int((points[i, found, 1] - origin[i, 1]) / cell[i])
         column = int((points[i, found, 0] - origin[i, 0]) / cell[i])
         evidence[i, row, column] = BARRED
-        spots[i, row, column] |= np.uint16(1 << (SUB * SUB // 2 + SUB // 2))
-        restamp(chart, i, row, column, cell, reach)
+        mark(chart, i, row, column, SUB * SUB // 2 + SUB // 2)
 
 
 @inlined
@@ -376,141 +449,3 @@ def seen_ahead(evidence, points, arc, n, segment, i, s, origin, cell):
             break
         ahead += 0.5 * cell[i]
     return ahead
-
-
-@compiled
-def enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, hull_radius, reach):
-    """Enters robot i's scan: evidence along the beams, spots and clearance at their ends."""
-    grid, evidence, spots = chart
-    size = grid.shape[1]
-    scale = 1.0 / cell[i]
-    u = (x - origin[i, 0]) * scale
-    v = (y - origin[i, 1]) * scale
-    sine, cosine = sin_cos(heading)
-    # where the robot stands is free
-    span = int(hull_radius * scale)
-    for row in range(max(int(v) - span, 0), min(int(v) + span + 1, size)):
-        for column in range(max(int(u) - span, 0), min(int(u) + span + 1, size)):
-            if (row - int(v)) ** 2 + (column - int(u)) ** 2 <= span * span:
-                weaken(chart, i, row, column, origin, cell, reach)
-    # what the beams go through first, so that a hit of this scan is not undone by its neighbours
-    for k in range(beams.shape[0]):
-        ux = cosine * beams[k, 0] - sine * beams[k, 1]
-        uy = sine * beams[k, 0] + cosine * beams[k, 1]
-        # up to a cell before the end
-        length = (min(ranges[i, k], max_range)) * scale - 1.0
-        column = int(u)
-        row = int(v)
-        step_column = 1 if ux > 0.0 else -1
-        step_row = 1 if uy > 0.0 else -1
-        per_column = 1.0 / max(abs(ux), 1e-12)
-        per_row = 1.0 / max(abs(uy), 1e-12)
-        next_column = (column + 1 - u if ux > 0.0 else u - column) * per_column
-        next_row = (row + 1 - v if uy > 0.0 else v - row) * per_row
-        while True:
-            if next_column < next_row:
-                if next_column > length:
-                    break
-                column += step_column
-                next_column += per_column
-            else:
-                if next_row > length:
-                    break
-                row += step_row
-                next_row += per_row
-            if row < 0 or column < 0 or row >= size or column >= size:
-                break
-            e = evidence[i, row, column]
-            if LEAST < e < BARRED:
-                if e == 1:
-                    weaken(chart, i, row, column, origin, cell, reach)
-                else:
-                    evidence[i, row, column] = e - 1
-    for k in range(beams.shape[0]):
-        if ranges[i, k] >= max_range * (1.0 - 1e-6):
-            continue
-        hit_u = u + (cosine * beams[k, 0] - sine * beams[k, 1]) * ranges[i, k] * scale
-        hit_v = v + (sine * beams[k, 0] + cosine * beams[k, 1]) * ranges[i, k] * scale
-        column = int(math.floor(hit_u))
-        row = int(math.floor(hit_v))
-        if row < 0 or column < 0 or row >= size or column >= size:
-            continue
-        if evidence[i, row, column] != BARRED:
-            evidence[i, row, column] = min(max(evidence[i, row, column], 0) + HIT, MOST)
-        spot_column = min(int((hit_u - column) * SUB), SUB - 1)
-        spot_row = min(int((hit_v - row) * SUB), SUB - 1)
-        bit = np.uint16(1 << (spot_row * SUB + spot_column))
-        if spots[i, row, column] & bit == 0:
-            spots[i, row, column] |= bit
-            stamp(grid, i, row + (spot_row + 0.5) / SUB, column + (spot_column + 0.5) / SUB, cell, reach)
-
-
-@inlined
-def stamp(grid, i, at_row, at_column, cell, reach):
-    """Lowers the clearance of the cells around a spot, given in cells."""
-    size = grid.shape[1]
-    span = reach / cell[i]
-    for row in range(max(int(at_row - span), 0), min(int(at_row + span) + 1, size)):
-        for column in range(max(int(at_column - span), 0), min(int(at_column + span) + 1, size)):
-            dr = row + 0.5 - at_row
-            dc = column + 0.5 - at_column
-            squared = dr * dr + dc * dc
-            if squared <= span * span:
-                # from the near side of the spot
-                level = level_of((math.sqrt(squared) - 0.5 / SUB) * cell[i])
-                if level > grid[i, row, column]:
-                    grid[i, row, column] = level
-
-
-@compiled
-def weaken(chart, i, row, column, origin, cell, reach):
-    """Takes evidence off a cell; one that is no longer taken loses its spots, and clearance around it is made anew."""
-    grid, evidence, spots = chart
-    size = grid.shape[1]
-    if evidence[i, row, column] == BARRED:
-        return
-    evidence[i, row, column] = max(evidence[i, row, column] - 1, LEAST)
-    if evidence[i, row, column] > 0 or spots[i, row, column] == 0:
-        return
-    evidence[i, row, column] = -1
-    spots[i, row, column] = 0
-    span = int(reach / cell[i]) + 1
-    for r in range(max(row - span, 0), min(row + span + 1, size)):
-        for c in range(max(column - span, 0), min(column + span + 1, size)):
-            grid[i, r, c] = 0
-    for r in range(max(row - 2 * span, 0), min(row + 2 * span + 1, size)):
-        for c in range(max(column - 2 * span, 0), min(column + 2 * span + 1, size)):
-            restamp(chart, i, r, c, cell, reach)
-
-
-@inlined
-def restamp(chart, i, row, column, cell, reach):
-    """Stamps all spots of a cell."""
-    grid, _, spots = chart
-    if spots[i, row, column] == 0:
-        return
-    for spot in range(SUB * SUB):
-        if spots[i, row, column] & np.uint16(1 << spot):
-            stamp(grid, i, row + (spot // SUB + 0.5) / SUB, column + (spot % SUB + 0.5) / SUB, cell, reach)
-
-
-@compiled
-def move_grid(chart, i, origin, cell, x, y):
-    """Moves robot i's grid by whole cells so that (x, y) lies in its middle; what leaves it is forgotten."""
-    grid, evidence, spots = chart
-    size = grid.shape[1]
-    columns = int(math.floor((x - origin[i, 0]) / cell[i])) - size // 2
-    rows = int(math.floor((y - origin[i, 1]) / cell[i])) - size // 2
-    old_grid = grid[i].copy()
-    old_evidence = evidence[i].copy()
-    old_spots = spots[i].copy()
-    grid[i] = 0
-    evidence[i] = 0
-    spots[i] = 0
-    for row in range(max(-rows, 0), min(size - rows, size)):
-        for column in range(max(-columns, 0), min(size - columns, size)):
-            grid[i, row, column] = old_grid[row + rows, column + columns]
-            evidence[i, row, column] = old_evidence[row + rows, column + columns]
-            spots[i, row, column] = old_spots[row + rows, column + columns]
-    origin[i, 0] += columns * cell[i]
-    origin[i, 1] += rows * cell[i]
