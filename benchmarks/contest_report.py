@@ -12,8 +12,11 @@ from wayfield.benchmarks.contest import UNFINISHED, clear_parts, finished, run_c
 from wayfield.benchmarks.contest_tables import contest_tables
 from wayfield.benchmarks.contests import (
     CONTESTS,
+    DISTURBANCES,
     FRONT_SCENARIOS,
     LADDER_SCENARIOS,
+    OVERVIEW,
+    OVERVIEW_SCENARIOS,
     SPEEDS,
     TRANSFER_SPLIT,
     Contest,
@@ -27,7 +30,6 @@ from wayfield.benchmarks.tables import Table
 from wayfield.benchmarks.workers import Map, workers
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
-from wayfield.policies import tuned_gains
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,18 +50,20 @@ class ContestOptions:
     @property
     def ladder(self) -> bool:
         """Returns whether the run goes over the levels of disturbance."""
-        return self.suite not in CONTESTS
+        return self.suite == DISTURBANCES
 
     @property
     def command(self) -> str:
         """Returns the command that makes the same tables."""
+        if self.suite == OVERVIEW:
+            return "python evaluate.py"
         words = ["python evaluate.py", "--suite", self.suite, "--robot", self.robot, "--actuators", self.actuators]
         if self.policies is not None:
             words += ["--policies", ",".join(self.policies)]
         if self.dynamics != ("kinematic",):
             words += ["--dynamics", "both" if len(self.dynamics) > 1 else self.dynamics[0]]
         if len(self.gains_names) == 1:
-            words += ["--gains", self.gains_names[0]]
+            words += ["--gains", *self.gains_names]
         if self.families is not None:
             words += ["--families", ",".join(self.families)]
         if self.episodes is not None:
@@ -96,23 +100,25 @@ class ContestOptions:
     def _family(self, contest: Contest, plant: str, family: str) -> Iterator[Setting]:
         """Yields the parts of one family of scenarios."""
         names = self.names(contest)
-        best = [(name, self._best(name, contest)) for name in names]
+        # the ladder and the front have one row a policy
+        best = ("best",) if len(self.gains_names) > 1 else self.gains_names
         if self.ladder:
             for level in LEVELS:
-                for name, gains_name in best:
-                    cases = contest.cases(self.robot, family, "test", (name,), (gains_name,), disturbance=level)
-                    yield from self._settings(contest, plant, cases, LADDER_SCENARIOS)
+                cases = contest.cases(self.robot, family, "test", names, best, disturbance=level)
+                yield from self._settings(contest, plant, cases, LADDER_SCENARIOS)
             return
         cases = contest.cases(self.robot, family, "test", names, self.gains_names)
+        if self.suite == OVERVIEW:
+            yield from self._settings(contest, plant, cases, OVERVIEW_SCENARIOS)
+            return
         yield from self._settings(contest, plant, cases)
         if "tuned" in self.gains_names:
             cases = contest.cases(self.robot, family, TRANSFER_SPLIT, names, ("tuned",))
             yield from self._settings(contest, plant, cases)
         if contest.cost != "time":
             for speed in SPEEDS:
-                for name, gains_name in best:
-                    cases = contest.cases(self.robot, family, "test", (name,), (gains_name,), speed=speed)
-                    yield from self._settings(contest, plant, cases, FRONT_SCENARIOS)
+                cases = contest.cases(self.robot, family, "test", names, best, speed=speed)
+                yield from self._settings(contest, plant, cases, FRONT_SCENARIOS)
 
     def _settings(
         self, contest: Contest, plant: str, cases: Iterable[Case], most: int | None = None
@@ -123,11 +129,6 @@ class ContestOptions:
             limits = [len(splits.split(contest.task, family, split)), most, self.episodes]
             count = min(limit for limit in limits if limit is not None)
             yield Setting(self.suite, case, plant, self.actuators, self.seed, count)
-
-    def _best(self, name: str, contest: Contest) -> str:
-        """Returns the tuned gains where they are wanted and there are any, else the default ones."""
-        tuned = "tuned" in self.gains_names and bool(tuned_gains(name, contest.name))
-        return "tuned" if tuned else "default"
 
 
 def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Table]:

@@ -88,10 +88,11 @@ class Contest:
             for seed in shipped(self.task, robot):
                 yield "trained", {"seed": seed}
             return
-        if "default" in gains_names:
+        tuned = policies.tuned_gains(name, self.name)
+        if "default" in gains_names or ("best" in gains_names and not tuned):
             yield "default", {}
-        if "tuned" in gains_names and (gains := policies.tuned_gains(name, self.name)):
-            yield "tuned", gains
+        if tuned and ("tuned" in gains_names or "best" in gains_names):
+            yield "tuned", tuned
 
 
 CONTESTS = {
@@ -123,6 +124,9 @@ CONTESTS = {
 SPEEDS = (0.3, 0.45, 0.6, 0.75, 0.9, 1.05)  # m/s, of the speed-accuracy front
 FRONT_SCENARIOS = 2  # of each family, at each speed
 LADDER_SCENARIOS = 2  # of each family, at each level
+OVERVIEW_SCENARIOS = 1  # of each family, in the overview
+
+OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part
 
 
 def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, float]:

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -16,7 +16,7 @@ import wayfield.policies
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.command_line import Choice, Names, OneLineErrors, Scale
 from wayfield.benchmarks.contest_report import ContestOptions, contest_report
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, OVERVIEW
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_path import POLICIES as PATH_POLICIES
 from wayfield.benchmarks.own_path import own_path
@@ -29,10 +29,9 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios import splits
 
 DOCUMENTS = "documents"
-DISTURBANCE_SUITE = "disturbances"
-SUITES = (DOCUMENTS, *CONTESTS, DISTURBANCE_SUITE)
+SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
-GAINS = {"default": ("default",), "tuned": ("tuned",), "both": ("default", "tuned")}
+GAINS = {"default": ("default",), "tuned": ("tuned",), "best": ("best",), "both": ("default", "tuned")}
 FAMILIES = tuple(name for task in splits.FAMILIES.values() for name in task)
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 
@@ -40,7 +39,11 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 @click.command(
     "evaluate", cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
 )
-@click.option("--suite", type=Choice("--suite", SUITES), default=DOCUMENTS, show_default=True, help="What to run.")
+@click.option(
+    "--suite",
+    type=Choice("--suite", SUITES),
+    help="What to run.  [default: overview; documents where there are other options but --out, --seed and --workers]",
+)
 @click.option(
     "--policies",
     type=Names("--policies", (*wayfield.policies.POLICIES, "all")),
@@ -76,7 +79,7 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     help="Processes that share the work.  [default: a core each, at most 4]",
 )
 def main(
-    suite: str,
+    suite: str | None,
     policies: tuple[str, ...] | None,
     dynamics: str | None,
     actuators: str | None,
@@ -92,8 +95,9 @@ def main(
     count: int | None,
 ) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
-    (documents), or the policies against each other on frozen test scenarios (path-following, goal-obstacles), and
-    under growing disturbances (disturbances).
+    (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
+    goal-obstacles), and under growing disturbances (disturbances); or the documents and a test scenario a family
+    (overview).
 
     Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
     (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
@@ -110,6 +114,12 @@ def main(
     if policies is not None and "all" in policies:
         policies = None
     count = count or min(os.cpu_count() or 1, 4)
+    if suite is None:
+        narrowed = any((policies, dynamics, actuators, robot, gains, families, path, episodes, video))
+        suite = DOCUMENTS if narrowed else OVERVIEW
+    if suite == OVERVIEW:
+        _overview(Path("results") / OVERVIEW if out is None else Path(out), seed, count)
+        return
     if path is None and suite != DOCUMENTS:
         if video:
             raise click.UsageError(f"--video belongs to --suite {DOCUMENTS}")
@@ -118,7 +128,7 @@ def main(
         folder = Path("results") / suite if out is None else Path(out)
         options = ContestOptions(
             suite,
-            tuple(CONTESTS) if suite == DISTURBANCE_SUITE else (suite,),
+            tuple(CONTESTS) if suite == DISTURBANCES else (suite,),
             policies,
             (*DYNAMICS[dynamics or "kinematic"],),
             actuators or "lagged",
@@ -134,15 +144,39 @@ def main(
         return
     for option, value in (("--robot", robot), ("--gains", gains), ("--families", families)):
         if value is not None:
-            raise click.UsageError(f"{option} belongs to the contests: --suite {', '.join(SUITES[1:])}")
+            raise click.UsageError(f"{option} belongs to the contests: --suite {', '.join((*CONTESTS, DISTURBANCES))}")
     dynamics, actuators = dynamics or "both", actuators or "ideal"
     cases = _cases_of_path(path, scale or 1.0, policies) if path is not None else _cases_of_documents(policies)
     name = suite if path is None else "path"
     folder = Path("results") / name if out is None else Path(out)
+    _documents(name, cases, DYNAMICS[dynamics], actuators, seed, episodes, folder, count, video)
+
+
+def _overview(folder: Path, seed: int, count: int) -> None:
+    """Runs the documents, and the contests on a scenario of each family."""
+    _documents(DOCUMENTS, documents(), DYNAMICS["both"], "ideal", seed, None, folder / DOCUMENTS, count, video=False)
+    options = ContestOptions(
+        OVERVIEW, tuple(CONTESTS), None, DYNAMICS["kinematic"], "lagged", "p3dx", GAINS["best"], None, None, seed
+    )
+    with _ended_by_signals():
+        _print(contest_report(options, folder / "contests", count))
+    click.echo(f"Results are in {folder}{os.sep}")
+
+
+def _documents(
+    name: str,
+    cases: Sequence[Case],
+    plants: Sequence[str],
+    actuators: str,
+    seed: int,
+    episodes: int | None,
+    folder: Path,
+    count: int,
+    video: bool,
+) -> None:
+    """Runs cases of the documents or of a path, prints their tables and writes their files."""
     settings = [
-        Setting(name, case, plant, actuators, seed, episodes or case.episodes)
-        for case in cases
-        for plant in DYNAMICS[dynamics]
+        Setting(name, case, plant, actuators, seed, episodes or case.episodes) for case in cases for plant in plants
     ]
     with contextlib.ExitStack() as stack:
         stack.enter_context(_ended_by_signals())
@@ -158,7 +192,7 @@ def main(
         if video:
             from wayfield.benchmarks.video import film
 
-            film(stage / "video", cases, DYNAMICS[dynamics][0], actuators, seed)
+            film(stage / "video", cases, plants[0], actuators, seed)
     _print(shown)
     click.echo(f"Results are in {folder}{os.sep}")
 

@@ -6,10 +6,11 @@ from collections.abc import Iterable
 
 from wayfield import policies
 from wayfield.benchmarks.cases import PATH_FOLLOWING, Case
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.envs.scenarios import path_scenarios
 from wayfield.envs.task import CONTROL_PERIOD
 
-POLICIES = ("lookahead_documented", "lookahead_retuned", "zero", "random")
+POLICIES = (*CONTESTS["path-following"].policies, "zero", "random")
 
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s

@@ -481,7 +481,7 @@ class OmniGoalObstacles(SingleEnv):
 
     | argument | default | meaning |
     |---|---|---|
-    | scenario | "discs" | a name of `wayfield.envs.scenarios.GOAL_SCENARIOS`, or a .json file |
+    | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a .json file |
     | robot | "omni3" | "omni3" or "omni4" |
     | dynamics | "kinematic" | "kinematic", or "pymunk": mass, wheel slip, contacts, pushable obstacles |
     | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |

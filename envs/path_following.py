@@ -400,7 +400,7 @@ class DiffDrivePathFollowing(SingleEnv):
 
     | argument | default | meaning |
     |---|---|---|
-    | scenario | "random_splines" | a name of `wayfield.envs.scenarios.PATH_SCENARIOS`, or a .csv, .txt or .json file |
+    | scenario | "random_splines" | a name of `envs.scenarios.PATH_SCENARIOS`, a family ("circuits/train"), or a file |
     | robot | "p3dx" | the robot |
     | dynamics | "kinematic" | "kinematic", or "pymunk": mass, wheel slip, contacts |
     | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |

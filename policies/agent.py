@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -21,32 +22,35 @@ from wayfield.policies.policy import check_gain
 
 FORMAT = 1  # of the card
 FEATURES: Mapping[str, type[Any]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}
+ACTIVATIONS = ("tanh", "relu")
 CARD, WEIGHTS = "card.json", "weights.safetensors"
 
 
 @dataclasses.dataclass(frozen=True)
 class Network:
-    """A multilayer perceptron with tanh between its layers: the mean of the policy that was trained."""
+    """A multilayer perceptron, tanh or ReLU between its layers: the mean of the policy that was trained."""
 
     sizes: NDArray[np.int64]  # (n,) inputs, hidden layers, outputs
     numbers: Numbers  # layer after layer: weights (inputs, outputs) row by row, then biases
+    activation: str = "tanh"  # one of ACTIVATIONS
 
     @classmethod
-    def of(cls, layers: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> "Network":
+    def of(cls, layers: Sequence[tuple[NDArray[Any], NDArray[Any]]], activation: str = "tanh") -> "Network":
         """Returns the network of weights (outputs, inputs) and biases (outputs,), as torch keeps them."""
         sizes = [layers[0][0].shape[1], *(weight.shape[0] for weight, _ in layers)]
         pieces = [np.concatenate([weight.T.ravel(), bias]) for weight, bias in layers]
-        return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32))
+        return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32), activation)
 
     def __call__(self, inputs: Numbers) -> Numbers:
         """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""
         outputs = np.empty((len(inputs), int(self.sizes[-1])), np.float32)
-        forward(inputs, self.sizes, self.numbers, np.empty((2, int(self.sizes.max())), np.float32), outputs)
+        scratch = np.empty((2, int(self.sizes.max())), np.float32)
+        forward(inputs, self.sizes, self.numbers, self.activation == "relu", scratch, outputs)
         return outputs
 
 
 @compiled
-def forward(inputs, sizes, numbers, scratch, outputs):
+def forward(inputs, sizes, numbers, rectified, scratch, outputs):
     """Fills the outputs, row by row: a matrix product would round a row differently in another batch."""
     for i in range(inputs.shape[0]):
         for k in range(sizes[0]):
@@ -65,7 +69,7 @@ def forward(inputs, sizes, numbers, scratch, outputs):
             first += (come + 1) * go
             if layer < sizes.shape[0] - 2:
                 for j in range(go):
-                    target[j] = math.tanh(target[j])
+                    target[j] = max(target[j], np.float32(0.0)) if rectified else math.tanh(target[j])
         for j in range(outputs.shape[1]):
             outputs[i, j] = scratch[(sizes.shape[0] - 1) % 2, j]
 
@@ -102,7 +106,7 @@ class Agent:
 
     def perception(self, briefing: Briefing) -> Perception:
         """Returns how the agent sees under a briefing."""
-        return Perception(self.features, self.actions, len(briefing.robot.twist_axes))
+        return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory.
@@ -132,11 +136,11 @@ class Agent:
         inputs, angles = perception.inputs(observation, speeds, memory)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, memory)
-        return self.actions.twists(actions, speeds, angles, briefing.robot)
+        return self.features.guarded(observation, self.actions.twists(actions, speeds, angles, briefing.robot))
 
 
 def save_agent(folder: str | os.PathLike[str], layers: Sequence[tuple[NDArray[Any], NDArray[Any]]], card: Any) -> None:
-    """Writes an agent's folder: weights (outputs, inputs) and biases of its layers, and its card. Whole or not at all."""
+    """Writes an agent's folder: weights (outputs, inputs) and biases of its layers, and its card; each file whole."""
     from safetensors.numpy import save
 
     folder = pathlib.Path(folder)
@@ -185,10 +189,10 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     tensors = read_tensors(file)
     hidden = card["network"]["hidden"]
     features, actions = card_features(card), Actions(**card["actions"])
-    perception = Perception(features, actions, card["network"]["num_twist"])
+    perception = Perception(features, actions, card["network"]["num_twist"], card["dt"])
     sizes = [perception.num_inputs, *hidden, actions.size]
     layers = []
-    for k, (come, go) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+    for k, (come, go) in enumerate(itertools.pairwise(sizes)):
         for part, shape in (("weight", (go, come)), ("bias", (go,))):
             tensor = tensors.pop(f"layer_{k}.{part}", None)
             if tensor is None:
@@ -204,13 +208,13 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     pairs = list(zip(layers[::2], layers[1::2], strict=True))
     if weights_digest(pairs) != card["sha256"]:
         raise ValueError(f"{file} holds other weights than {CARD} was written for: their SHA-256 differs")
-    return Agent(Network.of(pairs), features, actions, card, **({"speed": card["speed"]} | gains))
+    network = Network.of(pairs, card["network"]["activation"])
+    return Agent(network, features, actions, card, **({"speed": card["speed"]} | gains))
 
 
 def card_features(card: Mapping[str, Any]) -> Features:
     """Returns the features that a card describes."""
-    known = dict(card["features"])
-    features: Features = FEATURES[card["task"]](**known)
+    features: Features = FEATURES[card["task"]](**card["features"] | {"trails": tuple(card["features"]["trails"])})
     return features
 
 
@@ -253,8 +257,8 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
     hidden = network.get("hidden")
     if not isinstance(hidden, list) or not all(type(n) is int and n > 0 for n in hidden):
         raise ValueError(f"{file}: network.hidden must be a list of whole numbers > 0, got {hidden!r}")
-    if type(network.get("num_twist")) is not int or network.get("activation") != "tanh":
-        raise ValueError(f"{file}: network needs num_twist and the activation tanh, got {network!r}")
+    if type(network.get("num_twist")) is not int or network.get("activation") not in ACTIVATIONS:
+        raise ValueError(f"{file}: network needs num_twist and the activation {' or '.join(ACTIVATIONS)}: {network!r}")
     return card
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import wrap_angle
 from wayfield.envs.robots import Robot
 from wayfield.policies.steering import unicycle_twists
 
@@ -19,21 +20,25 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.float32]
 
 LIMIT = 5.0  # beyond which a number tells a network nothing new
+NEAR = 0.01  # m, under which two points of a path give no direction
 
 
 @dataclasses.dataclass(frozen=True)
 class PathFeatures:
     """Of a path follower: its errors, its motion, the preview, the speed asked for, and what it did last.
 
-    asinh(e / error_scale), the preview points about the body and the rest by plain division.
+    asinh(e / error_scale), asinh(turn / turn_scale), the rest by plain division. The preview is seen twice: as points
+    about the body, and as the turns of the path between them, which are what a steering law asks for.
     """
 
     num_preview: int = 10
     error_scale: float = 0.02  # m, up to which the cross-track error is seen in proportion
     preview_scale: float = 0.5  # m
+    turn_scale: float = 0.1  # rad, up to which a turn of the path from point to point is seen in proportion
     speed_scale: float = 0.6  # m/s
     yaw_scale: float = 2.0  # rad/s
     previous: int = 2  # own actions seen
+    trails: tuple[float, ...] = ()  # s, see GoalFeatures
     frames: int = 1  # observations seen
     stride: int = 1  # control periods between them
 
@@ -42,60 +47,87 @@ class PathFeatures:
 
     def width(self, num_twist: int) -> int:
         """Returns how many numbers one observation gives."""
-        return 5 + num_twist + 2 * self.num_preview
+        return 5 + num_twist + 3 * self.num_preview
 
     def observe(self, observation: path_following.Observation, speeds: Array, out: Numbers) -> Array:
         """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in: 0, the body's."""
         if observation.preview.shape[1] != self.num_preview:
             raise ValueError(f"preview has {observation.preview.shape[1]} points, the agent knows {self.num_preview}")
-        scales = np.array([self.error_scale, self.preview_scale, self.speed_scale, self.yaw_scale])
+        scales = np.array([self.error_scale, self.preview_scale, self.speed_scale, self.yaw_scale, self.turn_scale])
         fill_path(
             observation.cross_track_error, observation.heading_error, observation.twist, observation.preview,
             speeds, scales, out,
         )  # fmt: skip
         return np.zeros(len(out))
 
+    def guarded(self, observation: path_following.Observation, twists: Array) -> Array:
+        """Returns the twists as they are: nothing stands beside a path."""
+        return twists
+
 
 @dataclasses.dataclass(frozen=True)
 class GoalFeatures:
     """Of a goal seeker: where the goal is, its motion, the scan, the speed asked for, and what it did last.
 
-    A range r is seen as its nearness, n = range_scale / (range_scale + max(r - hull_radius, 0)), the nearest of `pool`
-    neighbouring beams. In the frame "goal" all is turned, scan and action too, by a whole number of beams so that the
-    goal lies ahead: a holonomic robot has no front. The goal's heading is not looked at.
+    The scan is seen twice, in every `pool`-th direction: as the nearness n = range_scale / (range_scale + d) of the
+    nearest of `pool` neighbouring beams, d = max(r - hull_radius, 0), and as that of the way d that a disc of
+    hull_radius + margin could go in a straight line before it touches a point of the scan. In the frame "goal" all is
+    turned, scan and action too, by a whole number of beams so that the goal lies ahead: a holonomic robot has no front.
+    The goal's heading is not looked at.
+
+    A scan alone does not tell a dead end that the robot has just left from a new way. So it sees where it came from:
+    points m that trail behind it, m' = (p - m)/T for each T of `trails`, by its measured positions p.
+
+    What the network asks for is guarded: towards a point of the scan at the distance d beyond gap, a robot goes no
+    faster than it could stop on d after the time `reaction`: v = a (sqrt(reaction^2 + 2 d / a) - reaction), a the
+    braking. An omni base loses the part of its velocity that is too fast and slides along; a differential drive slows
+    down. What stands is so hardly ever touched; what moves may still come.
     """
 
     num_beams: int = 72
     hull_radius: float = 0.3  # m
     max_range: float = 5.0  # m
     range_scale: float = 0.5  # m
+    margin: float = 0.03  # m
     distance_scale: float = 1.0  # m
     speed_scale: float = 0.6  # m/s
     yaw_scale: float = 2.0  # rad/s
     pool: int = 2  # beams
     frame: Literal["goal", "body"] = "goal"
     previous: int = 1  # own actions seen
+    trails: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)  # s
     frames: int = 1  # observations seen
     stride: int = 1  # control periods between them
+    gap: float = 0.02  # m
+    braking: float = 0.7  # m/s^2; 0: nothing is guarded
+    reaction: float = 0.2  # s
 
-    fields: ClassVar[tuple[str, ...]] = ("twist", "goal", "ranges")
+    fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "ranges")
     observation: ClassVar[type] = goal_reaching.Observation
 
     def width(self, num_twist: int) -> int:
         """Returns how many numbers one observation gives."""
-        return 5 + num_twist + self.num_beams // self.pool
+        return 5 + num_twist + 2 * (self.num_beams // self.pool)
 
     def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:
         """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in, rad."""
         if observation.ranges.shape[1] != self.num_beams:
             raise ValueError(f"ranges has {observation.ranges.shape[1]} beams, the agent knows {self.num_beams}")
-        scales = np.array([self.hull_radius, self.range_scale, self.distance_scale, self.speed_scale, self.yaw_scale])
+        scales = np.array(
+            [self.hull_radius, self.range_scale, self.distance_scale, self.speed_scale, self.yaw_scale, self.margin]
+        )
         angles = np.zeros(len(out))
         fill_goal(
             observation.goal, observation.twist, observation.ranges, speeds, scales,
-            self.pool, self.frame == "goal", angles, out,
+            self.max_range, self.pool, self.frame == "goal", angles, out,
         )  # fmt: skip
         return angles
+
+    def guarded(self, observation: goal_reaching.Observation, twists: Array) -> Array:
+        """Returns the twists with what would not stop in time taken away."""
+        if self.braking:
+            guard(observation.ranges, self.hull_radius + self.gap, self.braking, self.reaction, twists)
+        return twists
 
 
 Features = PathFeatures | GoalFeatures
@@ -127,35 +159,56 @@ class Actions:
         turn(a, speeds, angles, out)
         return out
 
+    def of_twists(self, twists: Array, speeds: Array, angles: Array) -> Numbers:
+        """Returns the actions (b, 2) that come nearest to twists (b, t)."""
+        if self.kind == "unicycle":
+            a = np.column_stack([2.0 * twists[:, 0] / speeds - 1.0, twists[:, -1] / self.yaw_rate])
+        else:
+            a = np.zeros((len(twists), 3))
+            turn(twists / speeds[:, None], np.ones(len(twists)), -angles, a)
+        return np.clip(a[:, :2], -1.0, 1.0).astype(np.float32)
+
 
 class Perception:
     """From observations to the inputs of a network, with a memory of one row a robot.
 
-    A row holds the last actions, newest first, then the numbers of earlier observations, newest first.
+    A row holds the last actions, newest first; where trails are kept, whether they have begun, and the trailing points;
+    and the numbers of earlier observations, newest first.
     """
 
-    def __init__(self, features: Features, actions: Actions, num_twist: int) -> None:
+    def __init__(self, features: Features, actions: Actions, num_twist: int, dt: float) -> None:
         self.features = features
         self.actions = actions
         self.width = features.width(num_twist)
         self.acted = features.previous * actions.size
+        self.trails = np.array(features.trails)
+        self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
+        self.trailed = 2 * len(self.trails)
+        self.first = self.acted + (self.trailed + 1 if self.trailed else 0)  # number of an earlier observation
         self.kept = (features.frames - 1) * features.stride
-        self.num_inputs = self.width * features.frames + self.acted
+        self.num_inputs = self.width * features.frames + self.acted + self.trailed
 
     def fresh(self, num_envs: int) -> Numbers:
-        """Returns the memory (num_envs, ...) of robots that have seen and done nothing."""
-        return np.zeros((num_envs, self.acted + self.kept * self.width), np.float32)
+        """Returns the memory (num_envs, ...) of robots that have seen and done nothing: zeros."""
+        return np.zeros((num_envs, self.first + self.kept * self.width), np.float32)
 
     def inputs(self, observation: Any, speeds: Array, memory: Numbers) -> tuple[Numbers, Array]:
-        """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad."""
+        """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
+
+        Draws the trailing points on; call it once a step.
+        """
         inputs = np.empty((len(memory), self.num_inputs), np.float32)
         angles = self.features.observe(observation, speeds, inputs[:, : self.width])
-        first = self.width + self.acted
-        inputs[:, self.width : first] = memory[:, : self.acted]
+        at = self.width + self.acted
+        inputs[:, self.width : at] = memory[:, : self.acted]
+        if self.trailed:
+            scales = self.features.speed_scale * self.trails
+            fill_trails(observation.pose, angles, self.shares, scales, self.acted, memory, at, inputs)
+            at += self.trailed
         for k in range(1, self.features.frames):
-            at = self.acted + (k * self.features.stride - 1) * self.width
-            inputs[:, first : first + self.width] = memory[:, at : at + self.width]
-            first += self.width
+            old = self.first + (k * self.features.stride - 1) * self.width
+            inputs[:, at : at + self.width] = memory[:, old : old + self.width]
+            at += self.width
         return inputs, angles
 
     def remember(self, inputs: Numbers, actions: NDArray[Any], memory: Numbers) -> None:
@@ -165,8 +218,8 @@ class Perception:
             memory[:, size : self.acted] = memory[:, : self.acted - size].copy()
             memory[:, :size] = actions
         if self.kept:
-            memory[:, self.acted + self.width :] = memory[:, self.acted : -self.width].copy()
-            memory[:, self.acted : self.acted + self.width] = inputs[:, : self.width]
+            memory[:, self.first + self.width :] = memory[:, self.first : -self.width].copy()
+            memory[:, self.first : self.first + self.width] = inputs[:, : self.width]
 
 
 @compiled
@@ -187,43 +240,84 @@ def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
             for side in range(2):
                 out[i, k] = min(max(previews[i, j, side] / scales[1], -LIMIT), LIMIT)
                 k += 1
+        # from the nearest point of the path on, in the body frame
+        heading = -heading_errors[i]
+        x = errors[i] * math.sin(heading)
+        y = -errors[i] * math.cos(heading)
+        for j in range(previews.shape[1]):
+            dx = previews[i, j, 0] - x
+            dy = previews[i, j, 1] - y
+            turn = 0.0
+            if dx * dx + dy * dy > NEAR * NEAR:  # where a path ends, all points are one
+                ahead = math.atan2(dy, dx)
+                turn = wrap_angle(ahead - heading)
+                heading = ahead
+            out[i, k] = math.asinh(turn / scales[4])
+            k += 1
+            x = previews[i, j, 0]
+            y = previews[i, j, 1]
 
 
 @compiled
-def fill_goal(goals, twists, ranges, speeds, scales, pool, ahead, angles, out):
+def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, angles, out):
     """Fills the rows of `GoalFeatures.observe`, and the angles of their frames."""
     beams = ranges.shape[1]
     step = 2.0 * math.pi / beams
+    cosines = np.cos(np.arange(beams) * step)
+    sines = np.sin(np.arange(beams) * step)
+    side = (beams - 1) // 4  # beams to either side of a direction that point ahead
+    directions = beams // pool
     for i in range(out.shape[0]):
         bearing = math.atan2(goals[i, 1], goals[i, 0])
         distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
-        shift = 0
-        if ahead:
-            shift = int(math.floor(bearing / step + 0.5))
-            angles[i] = shift * step
+        shift = math.floor(bearing / step + 0.5) if ahead else 0
+        frame = shift * step
+        angles[i] = frame
         out[i, 0] = math.asinh(distance / scales[2])
         out[i, 1] = distance / (distance + 0.2)
-        out[i, 2] = math.sin(bearing - angles[i])
-        out[i, 3] = math.cos(bearing - angles[i])
+        out[i, 2] = math.sin(bearing - frame)
+        out[i, 3] = math.cos(bearing - frame)
         out[i, 4] = speeds[i] / scales[3]
         k = 5
         last = twists.shape[1] - 1
         vx = twists[i, 0]
         if last == 2:
-            cosine = math.cos(angles[i])
-            sine = math.sin(angles[i])
+            cosine = math.cos(frame)
+            sine = math.sin(frame)
             vx = cosine * twists[i, 0] + sine * twists[i, 1]
             vy = cosine * twists[i, 1] - sine * twists[i, 0]
             out[i, k + 1] = min(max(vy / scales[3], -LIMIT), LIMIT)
         out[i, k] = min(max(vx / scales[3], -LIMIT), LIMIT)
         out[i, k + last] = min(max(twists[i, last] / scales[4], -LIMIT), LIMIT)
         k += last + 1
-        for j in range(beams // pool):
+        for j in range(directions):
             nearest = np.inf
             for m in range(pool):
                 nearest = min(nearest, ranges[i, (j * pool + m + shift) % beams])
             out[i, k] = scales[1] / (scales[1] + max(nearest - scales[0], 0.0))
             k += 1
+        for j in range(directions):
+            out[i, k + j] = max_range
+        for b in range(beams):
+            r = ranges[i, b]
+            if r >= max_range:
+                continue
+            # only directions near that of the beam lead the disc to its point
+            radius = min(scales[0] + scales[5], r)
+            at = (b - shift) % beams
+            j = at // pool
+            for toward in (-1, 1):
+                m = abs(at - j * pool)
+                while m <= side and r * sines[m] < radius:
+                    aside = r * sines[m]
+                    way = max(r * cosines[m] - math.sqrt(radius * radius - aside * aside), 0.0)
+                    out[i, k + j % directions] = min(out[i, k + j % directions], way)
+                    j += toward
+                    m += pool
+                j = at // pool + 1
+        for j in range(directions):
+            out[i, k + j] = scales[1] / (scales[1] + out[i, k + j])
+        k += directions
 
 
 @compiled
@@ -234,3 +328,57 @@ def turn(actions, speeds, angles, out):
         sine = math.sin(angles[i])
         out[i, 0] = speeds[i] * (cosine * actions[i, 0] - sine * actions[i, 1])
         out[i, 1] = speeds[i] * (sine * actions[i, 0] + cosine * actions[i, 1])
+
+
+@compiled
+def fill_trails(poses, angles, shares, scales, first, memory, at, out):
+    """Draws on the trailing points that a memory holds from `first` on, and fills where they are, in the frames."""
+    for i in range(out.shape[0]):
+        cosine = math.cos(poses[i, 2] + angles[i])
+        sine = math.sin(poses[i, 2] + angles[i])
+        begun = memory[i, first] > 0.0
+        memory[i, first] = 1.0
+        for k in range(shares.shape[0]):
+            m = first + 1 + 2 * k
+            for side in range(2):
+                if begun:
+                    memory[i, m + side] += shares[k] * (poses[i, side] - memory[i, m + side])
+                else:
+                    memory[i, m + side] = poses[i, side]
+            dx = (memory[i, m] - poses[i, 0]) / scales[k]
+            dy = (memory[i, m + 1] - poses[i, 1]) / scales[k]
+            out[i, at + 2 * k] = min(max(cosine * dx + sine * dy, -LIMIT), LIMIT)
+            out[i, at + 2 * k + 1] = min(max(cosine * dy - sine * dx, -LIMIT), LIMIT)
+
+
+@compiled
+def guard(ranges, hull, braking, reaction, twists):
+    """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back."""
+    beams = ranges.shape[1]
+    angles = np.arange(beams) * (2.0 * math.pi / beams) - math.pi
+    cosines = np.cos(angles)
+    sines = np.sin(angles)
+    planar = twists.shape[1] == 3
+    for i in range(ranges.shape[0]):
+        vx = twists[i, 0]
+        vy = twists[i, 1] if planar else 0.0
+        for turn in range(3):
+            share = 1.0
+            for j in range(beams):
+                towards = vx * cosines[j] + vy * sines[j]
+                if towards <= 0.0:
+                    continue
+                room = max(ranges[i, j] - hull, 0.0)
+                most = braking * (math.sqrt(reaction * reaction + 2.0 * room / braking) - reaction)
+                if towards <= most:
+                    continue
+                if planar and turn < 2:
+                    vx -= (towards - most) * cosines[j]
+                    vy -= (towards - most) * sines[j]
+                else:
+                    share = min(share, most / towards)
+            vx *= share
+            vy *= share
+        twists[i, 0] = vx
+        if planar:
+            twists[i, 1] = vy

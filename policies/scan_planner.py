@@ -41,11 +41,13 @@ from wayfield.policies.scan_map import (
 )
 from wayfield.policies.stopping import (
     SECTORS,
+    beam_directions,
     find_approaching,
     find_hits,
     fresh_scans,
     full_twists,
     plant_model,
+    sees_all_round,
     step_and_stop,
 )
 
@@ -146,8 +148,6 @@ class ScanPlanner(PolylineTracker):
         check_scan(self, observation.ranges, briefing)
         radius = briefing.robot.hull_radius
         reach = radius + self.wanted_clearance + 1.5 * self.cell
-        angles = briefing.beam_angles
-        full_circle = len(angles) > 1 and (angles[-1] - angles[0]) * len(angles) / (len(angles) - 1) > 6.28
         prices = np.array(
             [
                 clearance_prices(radius + self.margin, radius + self.wanted_clearance, self.weight),
@@ -160,9 +160,9 @@ class ScanPlanner(PolylineTracker):
             (self.cell, self.margin, self.give, self.wanted_clearance, self.astray, self.creep),
             (round(self.period / briefing.dt), round(self.pause / briefing.dt)),
             prices,
-            np.column_stack([np.cos(angles), np.sin(angles)]),
+            beam_directions(briefing),
             briefing.max_range,
-            bool(full_circle),
+            sees_all_round(briefing),
             observation.pose,
             observation.goal,
             observation.goal_heading_error,

@@ -1,5 +1,6 @@
 """Trained agents: the network's numbers, what they see, and the files they are kept in."""
 
+import itertools
 import json
 import math
 import shutil
@@ -16,14 +17,18 @@ from wayfield.policies.agent import CARD, WEIGHTS, Agent, Network, load_agent, s
 from wayfield.policies.features import Actions, GoalFeatures, PathFeatures, Perception
 from wayfield.policies.policy import Pilot
 
-PATH, OMNI, DIFF = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0", "wayfield/DiffDriveGoalObstacles-v0"
+PATH, OMNI, DIFF = (
+    "wayfield/DiffDrivePathFollowing-v0",
+    "wayfield/OmniGoalObstacles-v0",
+    "wayfield/DiffDriveGoalObstacles-v0",
+)
 
 
 def layers_of(sizes: list[int], seed: int = 0) -> list[tuple[Any, Any]]:
     rng = np.random.default_rng(seed)
     return [
         (rng.normal(0.0, 0.5, (go, come)).astype(np.float32), rng.normal(0.0, 0.1, go).astype(np.float32))
-        for come, go in zip(sizes[:-1], sizes[1:], strict=True)
+        for come, go in itertools.pairwise(sizes)
     ]
 
 
@@ -35,7 +40,7 @@ def make_folder(folder: Path, task: str = "path_following", **changes: Any) -> P
     features = PathFeatures() if path else GoalFeatures()
     actions = Actions("unicycle" if path else "planar")
     num_twist = 2 if path else 3
-    layers = layers_of([Perception(features, actions, num_twist).num_inputs, 16, 8, 2])
+    layers = layers_of([Perception(features, actions, num_twist, 0.05).num_inputs, 16, 8, 2])
     card = {
         "format": 1, "name": "a test", "env_id": PATH if path else OMNI, "task": task,
         "robots": ["p3dx"] if path else ["omni3"], "dt": 0.05, "speed": 0.6,
@@ -150,13 +155,19 @@ def test_features_are_what_their_docstring_says() -> None:
         np.array([[[0.1, 0.0], [0.2, -9.0]]]),
     )  # fmt: skip
     features.observe(observation, np.array([0.6]), out)
-    expected = [math.asinh(1.0), 0.1, math.sin(0.5), math.cos(0.5), 1.0, 0.5, 0.5, 0.2, 0.0, 0.4, -5.0]
+    # the nearest point of the path is at (-0.02 sin 0.5, -0.02 cos 0.5) and the path leads to -0.5 rad there
+    first = math.atan2(0.02 * math.cos(0.5), 0.1 + 0.02 * math.sin(0.5))
+    turns = [first + 0.5, math.atan2(-9.0, 0.1) - first]
+    expected = [
+        *(math.asinh(1.0), 0.1, math.sin(0.5), math.cos(0.5), 1.0, 0.5, 0.5, 0.2, 0.0, 0.4, -5.0),
+        *(math.asinh(turn / 0.1) for turn in turns),
+    ]
     np.testing.assert_allclose(out[0], expected, atol=1e-6)
 
 
 def test_the_memory_holds_the_last_actions_and_the_strided_frames() -> None:
     features = PathFeatures(num_preview=0, previous=2, frames=3, stride=2)
-    perception = Perception(features, Actions(), 2)
+    perception = Perception(features, Actions(), 2, 0.05)
     memory = perception.fresh(1)
     seen = []
     for k in range(8):
@@ -166,7 +177,9 @@ def test_the_memory_holds_the_last_actions_and_the_strided_frames() -> None:
         inputs, _ = perception.inputs(observation, np.ones(1), memory)
         seen.append(inputs[0, : perception.width].copy())
         if k >= 4:
-            np.testing.assert_array_equal(inputs[0, perception.width : perception.width + 4], [k - 1, -k + 1, k - 2, -k + 2])
+            np.testing.assert_array_equal(
+                inputs[0, perception.width : perception.width + 4], [k - 1, -k + 1, k - 2, -k + 2]
+            )
             np.testing.assert_array_equal(inputs[0, perception.width + 4 :], np.concatenate([seen[k - 2], seen[k - 4]]))
         perception.remember(inputs, np.array([[k, -k]]), memory)
 

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import METRICS, measure
+from wayfield.benchmarks.own_path import POLICIES
 from wayfield.benchmarks.results import number, read_rows, read_trajectories, staging
 from wayfield.benchmarks.rollout import roll_out
 
@@ -133,7 +134,7 @@ def test_a_path_of_ones_own(bend, tmp_path):
         *("path_errors.svg", "path_errors.png"),
     }
     by_policy = {(row["policy"], row["dynamics"]): row for row in read_rows(out)}
-    assert len(by_policy) == 8
+    assert len(by_policy) == 2 * len(POLICIES)
     assert by_policy["lookahead_retuned", "kinematic"]["success"] == "1"
     assert by_policy["zero", "kinematic"]["timeout"] == "1"
 

@@ -48,7 +48,9 @@ class _OneLine(click.Command):
 @click.option("--steps", type=int, help="Frames, in place of the preset's.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first seed.")
 @click.option("--seeds", type=click.IntRange(min=1), default=1, show_default=True, help="Runs, side by side.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: results/training/PRESET.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: results/training/PRESET."
+)
 @click.option("--resume", is_flag=True, help="Go on with the runs in the folder.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A number of the preset; may be repeated.")
 def main(
@@ -102,7 +104,9 @@ def main(
 def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
     """Returns the last reports of the jobs, and shows how far they are."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    with Progress(*columns, TimeRemainingColumn(), TextColumn("{task.fields[score]}"), console=Console(stderr=True)) as bar:
+    with Progress(
+        *columns, TimeRemainingColumn(), TextColumn("{task.fields[score]}"), console=Console(stderr=True)
+    ) as bar:
         tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.preset.steps, score="") for job in jobs}
         kind = jobs[0].preset.task
 

@@ -7,7 +7,11 @@ from pathlib import Path
 from wayfield.policies.training.checkpoints import CURVE
 
 PANELS = {
-    "path_following": (("success", "success"), ("error", "cross-track RMS, IQM (m)"), ("p95", "its 95th percentile (m)")),
+    "path_following": (
+        ("success", "success"),
+        ("error", "cross-track RMS, IQM (m)"),
+        ("p95", "its 95th percentile (m)"),
+    ),
     "goal_reaching": (("success", "success"), ("collision", "collisions"), ("error", "time to the goal, IQM (s)")),
 }
 

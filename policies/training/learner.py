@@ -30,7 +30,7 @@ class _Nothing(BaseCallback):
 class Learner:
     """One update at a time, so that a run can stop between any two; `state` and `restore` go round exactly."""
 
-    def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
+    def __init__(self, preset: Preset, env_id: str, seed: int, taught: bool = False) -> None:
         self.preset = preset
         self.seconds = {"environment": 0.0, "rollout policy": 0.0, "update": 0.0, "validation": 0.0}
         self.env = make_worlds(preset, env_id)
@@ -50,7 +50,7 @@ class Learner:
             target_kl=preset.target_kl,
             policy_kwargs={
                 "net_arch": {"pi": list(preset.hidden), "vf": list(preset.hidden)},
-                "activation_fn": torch.nn.Tanh,
+                "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[preset.activation],
                 "log_std_init": preset.log_std,
             },
             seed=seed,
@@ -58,7 +58,15 @@ class Learner:
             verbose=0,
         )
         self.ppo.set_logger(Logger(None, []))
+        if preset.teacher and not taught:
+            from wayfield.policies.training.lessons import teach
+
+            began = time.perf_counter()
+            teach(self.ppo, self.env, preset.teacher, preset.lessons, preset.lesson_rate, seed)
+            self.seconds = dict.fromkeys(self.seconds, 0.0) | {"lessons": time.perf_counter() - began}
+            self.ppo.env._seconds = self.seconds
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
+        self.ppo.num_timesteps = preset.lessons if preset.teacher else 0
 
     @property
     def frames(self) -> int:
@@ -90,7 +98,7 @@ class Learner:
         arrays = {f"policy.{name}": tensor.numpy().copy() for name, tensor in self.ppo.policy.state_dict().items()}
         for k, moments in self.ppo.policy.optimizer.state_dict()["state"].items():
             arrays |= {f"optimizer.{k}.{name}": np.asarray(tensor).copy() for name, tensor in moments.items()}
-        kind, keys, *rest = np.random.get_state(legacy=True)
+        kind, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002  the one that stable-baselines3 draws from
         assert kind == "MT19937"
         arrays["random.torch"] = torch.get_rng_state().numpy().copy()
         arrays["random.numpy"] = np.asarray(keys)
@@ -127,7 +135,7 @@ class Learner:
         self.ppo._n_updates = int(numbers["updates"])
         torch.set_rng_state(torch.from_numpy(arrays["random.torch"].copy()))
         position, has_gauss, gauss = numbers["random.numpy"]
-        np.random.set_state(("MT19937", arrays["random.numpy"], position, has_gauss, gauss))
+        np.random.set_state(("MT19937", arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002
 
 
 class Timed(VecEnv):
@@ -197,7 +205,7 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
         from wayfield.policies.training.ways import Ways
 
         ways = Ways(worlds)
-    perception = Perception(preset.features, preset.actions, len(worlds.task.robot.twist_axes))
+    perception = Perception(preset.features, preset.actions, len(worlds.task.robot.twist_axes), worlds.task.options.dt)
     return Shaped(worlds, perception, preset.reward, (preset.slowest, preset.fastest), preset.discount, ways)
 
 
@@ -205,7 +213,8 @@ def policy_layers(policy: Any) -> Layers:
     """Returns weights (outputs, inputs) and biases of a policy's mean, layer after layer."""
     linear = [each for each in policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
     return [
-        (each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy()) for each in (*linear, policy.action_net)
+        (each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy())
+        for each in (*linear, policy.action_net)
     ]
 
 

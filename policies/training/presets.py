@@ -8,6 +8,7 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.features import Actions, Features, GoalFeatures, PathFeatures
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward
 
@@ -34,24 +35,28 @@ class Preset:
     robot: str | None = None  # None: the environment's default
     steps: int = 6_000_000  # frames
     num_envs: int = 1024
-    horizon: int = 16  # control periods between updates
+    horizon: int = 32  # control periods between updates
     batch_size: int = 4096
-    epochs: int = 4
+    epochs: int = 3
     hidden: tuple[int, ...] = (64, 64)
-    learning_rate: float = 2e-3
+    activation: Literal["tanh", "relu"] = "tanh"
+    learning_rate: float = 1.5e-3
     final_learning_rate: float = 5e-5
     clip: float = 0.2
-    final_clip: float = 0.1
-    discount: float = 0.98
+    final_clip: float = 0.05
+    discount: float = 0.975
     trace: float = 0.95  # lambda of the advantage estimate
     entropy: float = 0.0
-    log_std: float = -1.0  # of the actions, at the start
-    target_kl: float = 0.03
+    log_std: float = -1.4  # of the actions, at the start
+    target_kl: float = 0.02
     max_grad_norm: float = 0.5
     slowest: float = 0.6  # m/s, of the speeds that are asked for in training
     fastest: float = 0.6  # m/s
     speed: float = 0.6  # m/s, of validation, and of the agent unless told otherwise
     validations: int = 12  # in a run
+    teacher: str = ""  # a policy that the network is taught to drive like before PPO begins; none
+    lessons: int = 500_000  # frames of that, of `steps`
+    lesson_rate: float = 1e-3
     shortest_ways: bool = False  # progress is measured along the shortest way, which the teacher knows
     patience: int = 0  # validations without a better one after which a run ends; 0 goes on to the last frame
     clock: int = 1200  # control periods of an episode
@@ -81,64 +86,75 @@ class Preset:
             raise ValueError(f"hidden must be sizes of at least 1, got {self.hidden}")
 
 
-_PATH_WORLDS: tuple[World, ...] = (
-    (0.375, {"scenario": "all/train", "actuators": "lagged"}),
-    (0.125, {"scenario": "all/train", "actuators": "lagged", "disturbance": "light"}),
-    (0.125, {"scenario": "all/train", "actuators": "lagged", "disturbance": "moderate"}),
-    (0.125, {"scenario": "all/train", "actuators": "slow"}),
-    (0.125, {"scenario": "all/train", "actuators": "ideal"}),
-    (0.125, {"scenario": "all/train", "actuators": "lagged", "disturbance": "strong"}),
-)
-
-
-def _goal_worlds(**kwargs: Any) -> tuple[World, ...]:
-    scan = {"num_beams": 72, "max_range": 5.0, **kwargs}
-    return (
-        (0.375, {"scenario": "clutter_10/train", "actuators": "lagged", **scan}),
-        (0.125, {"scenario": "clutter_5/train", "actuators": "lagged", **scan}),
-        (0.125, {"scenario": "clutter_15/train", "actuators": "lagged", **scan}),
-        (0.125, {"scenario": "clutter_10/train", "actuators": "lagged", "disturbance": "moderate", **scan}),
-        (0.25, {"scenario": "all/train", "actuators": "lagged", **scan}),
-    )
-
+_LAGGED = {"scenario": "all/train", "actuators": "lagged"}
+_SCAN = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0}
 
 _PATH = Preset(
     name="path_following",
     env_ids=("wayfield/DiffDrivePathFollowing-v0",),
     task="path_following",
-    worlds=_PATH_WORLDS,
-    validation={"scenario": "all/validation", "actuators": "lagged"},
-    features=PathFeatures(),
-    actions=Actions("unicycle", 2.5),
-    reward=PathReward(),
-    bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.02 m, tuned pure pursuit's",
+    worlds=(
+        (0.4, _LAGGED),
+        # the way from the start to the path makes up most of the error, and is rare in long episodes
+        (0.3, _LAGGED | {"max_episode_steps": 100}),
+        (0.05, _LAGGED | {"disturbance": "light"}),
+        (0.1, _LAGGED | {"disturbance": "moderate"}),
+        (0.05, _LAGGED | {"disturbance": "strong"}),
+        (0.05, _LAGGED | {"actuators": "slow"}),
+        (0.05, _LAGGED | {"actuators": "ideal"}),
+    ),
+    validation=_LAGGED | {"scenario": "all/validation"},
+    features=PathFeatures(previous=3),
+    actions=Actions("unicycle", 4.0),
+    reward=PathReward(error_cost=40.0, error_rate=15.0),
+    bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.0148 m, tuned pure pursuit's",
     measured="not yet",
+    steps=8_000_000,
+    slowest=0.3,
+    fastest=1.1,
+    validations=10,
 )
 
-_OMNI_GOAL = Preset(
-    name="omni_goal",
+_OMNI3_GOAL = Preset(
+    name="omni3_goal",
     env_ids=("wayfield/OmniGoalObstacles-v0",),
     task="goal_reaching",
-    worlds=_goal_worlds(),
-    validation={"scenario": "clutter_10/validation", "actuators": "lagged", "num_beams": 72, "max_range": 5.0},
-    features=GoalFeatures(),
+    worlds=(
+        (0.2, _SCAN | {"scenario": "clutter_10/train"}),
+        (0.05, _SCAN | {"scenario": "clutter_5/train"}),
+        (0.15, _SCAN | {"scenario": "clutter_15/train"}),
+        (0.15, _SCAN | {"scenario": "clutter_10/train", "disturbance": "moderate"}),
+        (0.45, _SCAN | {"scenario": "all/train"}),
+    ),
+    validation=_SCAN | {"scenario": "all/validation"},
+    features=GoalFeatures(frames=2, stride=5),
     actions=Actions("planar"),
     reward=GoalReward(),
-    bar="at least 90 % success and under 3 % collisions on clutter_10/validation, lagged",
+    bar="at least 75 % success on all/validation, lagged",
     measured="not yet",
-    num_envs=1024,
-    horizon=32,
+    robot="omni3",
+    steps=9_000_000,
     discount=0.99,
-    batch_size=8192,
-    steps=10_000_000,
+    log_std=-0.7,
+    final_clip=0.1,
+    target_kl=0.03,
     shortest_ways=True,
+    clock=600,
+)
+
+_OMNI4_GOAL = dataclasses.replace(
+    _OMNI3_GOAL,
+    name="omni4_goal",
+    robot="omni4",
+    features=dataclasses.replace(_OMNI3_GOAL.features, hull_radius=ROBOTS["omni4"].hull_radius),
 )
 
 _DIFF_GOAL = dataclasses.replace(
-    _OMNI_GOAL,
+    _OMNI3_GOAL,
     name="diff_drive_goal",
     env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
-    features=GoalFeatures(hull_radius=0.25, frame="body"),
+    robot="p3dx",
+    features=dataclasses.replace(_OMNI3_GOAL.features, hull_radius=ROBOTS["p3dx"].hull_radius, frame="body"),
     actions=Actions("unicycle", 2.0),
 )
 
@@ -148,7 +164,9 @@ PRESETS = {
         # a P3DX follows a path
         _PATH,
         # an omni3 drives to a goal among obstacles, by its scan
-        _OMNI_GOAL,
+        _OMNI3_GOAL,
+        # an omni4 does
+        _OMNI4_GOAL,
         # a P3DX does
         _DIFF_GOAL,
     )
@@ -171,7 +189,9 @@ def preset_for(env_id: str, name: str | None) -> Preset:
     if name not in PRESETS:
         raise ValueError(f"preset {name!r} is unknown.{_near(name, names)} For {env_id}: {', '.join(names)}.")
     if name not in names:
-        raise ValueError(f"preset {name!r} is for {', '.join(PRESETS[name].env_ids)}. For {env_id}: {', '.join(names)}.")
+        raise ValueError(
+            f"preset {name!r} is for {', '.join(PRESETS[name].env_ids)}. For {env_id}: {', '.join(names)}."
+        )
     return PRESETS[name]
 
 

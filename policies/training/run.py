@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import hashlib
 import importlib.metadata
 import math
 import platform
@@ -76,7 +75,9 @@ def check_folder(job: Job) -> None:
         raise ValueError(f"{job.folder} holds a run; continue it with --resume or choose another --out")
     for key, value in job.described().items():
         if there[key] != value:
-            raise ValueError(f"{job.folder} holds a run with {key} {there[key]!r}, not {value!r}; it cannot be resumed so")
+            raise ValueError(
+                f"{job.folder} holds a run with {key} {there[key]!r}, not {value!r}; it cannot be resumed so"
+            )
 
 
 def train(job: Job, report: Callable[[Report], None]) -> Report:
@@ -97,16 +98,17 @@ class _Run:
     def __init__(self, job: Job) -> None:
         self.job = job
         self.preset = preset = job.preset
-        self.learner = Learner(preset, job.env_id, job.seed)
+        state = checkpoints.read_state(job.folder) if job.resume else None
+        self.learner = Learner(preset, job.env_id, job.seed, taught=state is not None)
         self.updates = 0
-        self.total = math.ceil(preset.steps / (preset.num_envs * preset.horizon))
+        taught = preset.lessons if preset.teacher else 0
+        self.total = math.ceil((preset.steps - taught) / (preset.num_envs * preset.horizon))
         self.interval = max(1, round(self.total / preset.validations))
         self.rows: list[dict[str, float]] = []
         self.seconds = 0.0
         self.best: Layers = []
         self.best_row: dict[str, float] = {}
         self.kwargs = dict(preset.validation) | ({} if preset.robot is None else {"robot": preset.robot})
-        state = checkpoints.read_state(job.folder) if job.resume else None
         if state is not None:
             self._restore(*state)
         elif not job.resume:
@@ -145,9 +147,9 @@ class _Run:
     def _validate(self, logged: Mapping[str, float]) -> None:
         began = time.perf_counter()
         layers = self.learner.layers()
-        agent = Agent(
-            Network.of(layers), self.preset.features, self.preset.actions, self._card(layers, {}), self.preset.speed
-        )
+        network = Network.of(layers, self.preset.activation)
+        card = self._card(layers, {})
+        agent = Agent(network, self.preset.features, self.preset.actions, card, self.preset.speed)
         score = validate(agent, self.job.env_id, self.kwargs, VALIDATION_CLOCK[self.preset.task])
         self.learner.seconds["validation"] += time.perf_counter() - began
         row = {
@@ -211,7 +213,7 @@ class _Run:
             "actions": dataclasses.asdict(preset.actions),
             "network": {
                 "hidden": list(preset.hidden),
-                "activation": "tanh",
+                "activation": preset.activation,
                 "num_twist": len(task.robot.twist_axes),
                 "parameters": sum(weight.size + bias.size for weight, bias in layers),
             },
@@ -280,4 +282,3 @@ def _interruptible() -> Iterator[threading.Event]:
         yield event
     finally:
         signal.signal(signal.SIGINT, before)
-

@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance
@@ -15,7 +13,7 @@ from wayfield.policies.training.worlds import Worlds
 CELL = 0.1  # m
 MARGIN = 1.0  # m, that a grid goes beyond all that stands
 DEAR = 0.35  # m of clearance beyond the hull, under which a metre costs more
-MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
+SWEEPS = 200  # at most; a maze needs a few dozen
 
 
 class Ways:
@@ -58,27 +56,20 @@ def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.fl
     """Returns the way (rows, columns) from each node of a grid to the goal, m, and the grid's first node (x, y)."""
     standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
     stops = np.array([scenario.start[:2], scenario.goal[:2]])
-    reach = standing["radius"] + np.hypot(standing["half_length"], standing["half_width"])
-    centres = np.column_stack([standing["x"], standing["y"]])
-    corners = np.vstack([stops, centres - reach[:, None], centres + reach[:, None]])
+    along, across = standing["half_length"], standing["half_width"]
+    cosine, sine = np.abs(standing["cos"]), np.abs(standing["sin"])
+    reach = standing["radius"] + np.stack([cosine * along + sine * across, sine * along + cosine * across])
+    centres = np.stack([standing["x"], standing["y"]])
+    corners = np.vstack([stops, (centres - reach).T, (centres + reach).T])
     low = corners.min(axis=0) - MARGIN
     columns, rows = (np.ceil((corners.max(axis=0) + MARGIN - low) / CELL).astype(int) + 1).tolist()
     spare = spare_room(standing, *low.tolist(), rows, columns) - hull_radius
     price = np.where(spare < 0.0, 10.0, 1.0 + np.clip(1.0 - spare / DEAR, 0.0, 1.0))
-    index = np.arange(rows * columns).reshape(rows, columns)
-    sources, targets, costs = [], [], []
-    for down, right in MOVES:
-        a = (slice(0, rows - down), slice(max(-right, 0), columns - max(right, 0)))
-        b = (slice(down, rows), slice(max(right, 0), columns - max(-right, 0)))
-        sources.append(index[a].ravel())
-        targets.append(index[b].ravel())
-        costs.append((CELL * math.hypot(down, right) * np.maximum(price[a], price[b])).ravel())
-    graph = coo_array(
-        (np.concatenate(costs), (np.concatenate(sources), np.concatenate(targets))), (index.size, index.size)
-    ).tocsr()
-    goal = np.rint((stops[1] - low) / CELL).astype(int)
-    lengths = dijkstra(graph, directed=False, indices=index[goal[1], goal[0]])
-    return lengths.reshape(rows, columns).astype(np.float32), low
+    ways = np.full((rows, columns), np.inf)
+    column, row = np.rint((stops[1] - low) / CELL).astype(int).tolist()
+    ways[row, column] = 0.0
+    sweep(CELL * price, ways)
+    return ways.astype(np.float32), low
 
 
 @compiled
@@ -89,6 +80,44 @@ def spare_room(obstacles, x, y, rows, columns):
         for column in range(columns):
             room[row, column] = clearance(obstacles, len(obstacles), x + column * CELL, y + row * CELL)
     return room
+
+
+@compiled
+def sweep(costs, ways):
+    """Lowers the ways (rows, columns) until |grad way| is the cost of a cell everywhere but where it was 0.
+
+    The fast sweeping method: Zhao, "A fast sweeping method for eikonal equations", Mathematics of Computation 74, 2005.
+    """
+    rows, columns = ways.shape
+    for turn in range(SWEEPS):
+        changed = False
+        for j in range(rows):
+            row = j if turn % 2 == 0 else rows - 1 - j
+            for k in range(columns):
+                column = k if turn // 2 % 2 == 0 else columns - 1 - k
+                a = math.inf
+                b = math.inf
+                if row > 0:
+                    a = ways[row - 1, column]
+                if row < rows - 1:
+                    a = min(a, ways[row + 1, column])
+                if column > 0:
+                    b = ways[row, column - 1]
+                if column < columns - 1:
+                    b = min(b, ways[row, column + 1])
+                low = min(a, b)
+                if low == math.inf:
+                    continue
+                cost = costs[row, column]
+                apart = max(a, b) - low
+                way = low + cost
+                if apart < cost:
+                    way = low + 0.5 * (apart + math.sqrt(2.0 * cost * cost - apart * apart))
+                if way < ways[row, column] - 1e-6:
+                    ways[row, column] = way
+                    changed = True
+        if not changed and turn % 4 == 3:
+            return
 
 
 @compiled

@@ -1,0 +1,79 @@
+"""Behaviour cloning: before PPO, a network learns what a controller would do in the places that it comes to itself."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+
+from wayfield import policies
+from wayfield.policies.policy import Pilot
+from wayfield.policies.training.shaping import Shaped
+
+CHUNK = 8  # control periods between gradient steps
+EPOCHS = 2  # over a chunk
+BATCH = 2048
+JITTER = 0.1  # standard deviation of what is added to the actions that are driven, so that mistakes are seen
+CRITIC_SHARE = 0.2  # of the frames, in which the value function learns what the cloned policy is worth
+
+
+def teach(ppo: PPO, env: Shaped, teacher: str, frames: int, learning_rate: float, seed: int) -> None:
+    """Teaches a policy's mean the actions of a controller, then its value function, in a number of frames.
+
+    The controller drives at first and the network more and more, each robot one or the other for a chunk, while the
+    controller goes on saying what it would do: Ross, Gordon and Bagnell, "A reduction of imitation learning and
+    structured prediction to no-regret online learning", AISTATS 2011.
+    """
+    _clone(ppo, env, teacher, round((1.0 - CRITIC_SHARE) * frames), learning_rate, np.random.default_rng(seed))
+    policy: Any = ppo.policy
+    optimizer = torch.optim.Adam(
+        [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()], learning_rate
+    )
+    _, callback = ppo._setup_learn(frames)
+    while ppo.num_timesteps < CRITIC_SHARE * frames:
+        ppo.collect_rollouts(ppo.env, callback, ppo.rollout_buffer, ppo.n_steps)
+        for _ in range(EPOCHS):
+            for data in ppo.rollout_buffer.get(BATCH):
+                values = policy.predict_values(data.observations).flatten()
+                _descend(optimizer, torch.nn.functional.mse_loss(values, data.returns))
+
+
+def _clone(
+    ppo: PPO, env: Shaped, teacher: str, frames: int, learning_rate: float, generator: np.random.Generator
+) -> None:
+    policy: Any = ppo.policy
+    optimizer = torch.optim.Adam(
+        [*policy.mlp_extractor.policy_net.parameters(), *policy.action_net.parameters()], learning_rate
+    )
+    pilots = [Pilot(policies.make(teacher), part) for part in env.worlds.parts]
+    inputs = env.reset()
+    for pilot in pilots:
+        pilot.reset()
+    shape = CHUNK, env.num_envs
+    seen = np.empty((*shape, inputs.shape[1]), np.float32)
+    wanted = np.empty((*shape, 2), np.float32)
+    for begun in range(0, frames, CHUNK * env.num_envs):
+        alone = generator.random(env.num_envs) < 1.5 * begun / frames
+        for k in range(CHUNK):
+            twists = np.concatenate(
+                [pilot.act(env.observations[rows]) for pilot, rows in zip(pilots, env.worlds.rows, strict=True)]
+            )
+            seen[k], wanted[k] = inputs, env.actions_of(twists)
+            with torch.no_grad():
+                own = policy.get_distribution(torch.from_numpy(inputs)).mode().numpy()
+            driven = np.where(alone[:, None], own, wanted[k])
+            env.step_async(driven + JITTER * generator.standard_normal(driven.shape, np.float32))
+            inputs, _, ended, _ = env.step_wait()
+            for pilot, rows in zip(pilots, env.worlds.rows, strict=True):
+                if ended[rows].any():
+                    pilot.reset(np.flatnonzero(ended[rows]))
+        x, y = torch.from_numpy(seen).flatten(0, 1), torch.from_numpy(wanted).flatten(0, 1)
+        for _ in range(EPOCHS):
+            for rows in torch.from_numpy(generator.permutation(len(x))).split(BATCH):
+                _descend(optimizer, torch.nn.functional.mse_loss(policy.get_distribution(x[rows]).mode(), y[rows]))
+
+
+def _descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:
+    optimizer.zero_grad()
+    loss.backward()
+    optimizer.step()

@@ -1,0 +1,234 @@
+"""Training: the vector environment adapter, presets, runs that stop and go on, and what is refused."""
+
+# ruff: noqa: E402  what is optional is asked for before it is imported
+
+import dataclasses
+import errno
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+torch = pytest.importorskip("torch")
+
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from wayfield.envs.scenarios import GOAL_SCENARIOS
+from wayfield.policies.agent import Network, load_agent
+from wayfield.policies.training import checkpoints
+from wayfield.policies.training.command import main
+from wayfield.policies.training.learner import policy_layers
+from wayfield.policies.training.presets import PRESETS, overridden, preset_for
+from wayfield.policies.training.run import Job, Report, _Run, train
+from wayfield.policies.training.ways import left_from, way_field
+from wayfield.policies.training.worlds import Worlds
+
+PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
+
+# a run of seconds: few robots, few paths
+SMALL = dataclasses.replace(
+    PRESETS["path_following"],
+    worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
+    validation={"scenario": "s_curve", "actuators": "lagged"},
+    num_envs=16,
+    horizon=8,
+    batch_size=64,
+    epochs=1,
+    hidden=(8,),
+    steps=16 * 8 * 6,
+    validations=3,
+    clock=60,
+)
+
+
+def job(folder: Path, preset: Any = SMALL, **changes: Any) -> Job:
+    return dataclasses.replace(Job(PATH, preset, (), 0, folder), **changes)
+
+
+def quiet(report: Report) -> None:
+    """Looks away."""
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kwargs"),
+    [
+        (PATH, {"scenario": "s_curve", "noise": 1.0, "actuators": "lagged"}),
+        (OMNI, {"scenario": "discs", "num_beams": 8, "robot": "omni4"}),
+    ],
+)
+def test_worlds_are_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs: dict[str, Any]) -> None:
+    clock, count = 25, 6
+    worlds = Worlds(env_id, [(2, {**kwargs, "max_episode_steps": clock}), (4, {**kwargs, "max_episode_steps": clock})])
+    dummy = DummyVecEnv([lambda: gymnasium.make(env_id, max_episode_steps=clock, **kwargs)] * count)
+    for env in (worlds, dummy):
+        env.seed(5)
+    np.testing.assert_array_equal(worlds.reset(), dummy.reset())
+    rng, late, done = np.random.default_rng(0), 0, 0
+    space = worlds.action_space
+    for step in range(70):
+        # the first robot drives straight out of bounds or into something, the others at random
+        actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
+        actions[0] = 0.0
+        actions[0, 0] = space.high[0]
+        ours, theirs = worlds.step(actions), dummy.step(actions)
+        for mine, other in zip(ours[:3], theirs[:3], strict=True):
+            np.testing.assert_array_equal(mine, np.asarray(other, mine.dtype), err_msg=f"step {step}")
+        for i in np.flatnonzero(ours[2]):
+            np.testing.assert_array_equal(ours[3][i]["terminal_observation"], theirs[3][i]["terminal_observation"])
+            assert ours[3][i]["TimeLimit.truncated"] == theirs[3][i]["TimeLimit.truncated"]
+            late += ours[3][i]["TimeLimit.truncated"]
+            done += 1
+    assert late >= 10
+    assert done >= late
+
+
+def weights(folder: Path) -> list[Any]:
+    state = checkpoints.read_state(folder)
+    assert state is not None
+    return [array for name, array in sorted(state[0].items())]
+
+
+def curve_but_for_seconds(folder: Path) -> list[list[str]]:
+    rows = [line.split(",") for line in (folder / checkpoints.CURVE).read_text().splitlines()]
+    column = rows[0].index("seconds")
+    return [row[:column] + row[column + 1 :] for row in rows]
+
+
+class Killed(Exception):
+    """Stands for a power cut."""
+
+
+def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
+    train(job(tmp_path / "whole"), quiet)
+    for name, last in (("early", 1), ("between", 3), ("late", 5)):
+        folder = tmp_path / name
+        count = 0
+
+        def cut(report: Report, last: int = last) -> None:
+            nonlocal count
+            count += 1
+            if count == last:
+                raise Killed
+
+        with pytest.raises(Killed):
+            train(job(folder), cut)
+        train(job(folder, resume=True), quiet)
+        for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
+            np.testing.assert_array_equal(mine, other)
+        assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "run"
+    train(job(folder), quiet)
+    before = (folder / checkpoints.LAST).read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        checkpoints.write_state(folder, {"a": np.zeros(3)}, {})
+    assert (folder / checkpoints.LAST).read_bytes() == before
+    assert not list(folder.glob("*.part"))
+
+
+def test_the_agent_drives_as_the_network_that_was_trained(tmp_path: Path) -> None:
+    run = _Run(job(tmp_path / "run"))
+    run.go(quiet, threading.Event())
+    agent = load_agent(tmp_path / "run" / "best")
+    inputs = np.random.default_rng(0).normal(size=(100, agent.network.sizes[0])).astype(np.float32)
+    network = Network.of(policy_layers(run.learner.ppo.policy))
+    with torch.no_grad():
+        mean = run.learner.ppo.policy.get_distribution(torch.from_numpy(inputs)).mode().numpy()
+    assert np.abs(network(inputs) - mean).max() < 1e-5
+    assert agent.card["training"]["frames"] > 0
+
+
+def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_wall() -> None:
+    open_field = GOAL_SCENARIOS["open_field"](0.3)[0]
+    ways, low = way_field(open_field, 0.3)
+    shape = np.array([[0, *ways.shape]])
+
+    def left(x: float, y: float) -> float:
+        out = np.empty(1)
+        left_from(ways.ravel(), shape, low[None], np.zeros(1, np.int64), np.array([x]), np.array([y]), out)
+        return float(out[0])
+
+    goal = np.array(open_field.goal[:2])
+    start = np.array(open_field.start[:2])
+    for share in (0.0, 0.3, 0.7):
+        at = start + share * (goal - start)
+        assert left(*at) == pytest.approx(np.hypot(*(goal - at)), rel=0.05, abs=0.1)
+    held = GOAL_SCENARIOS["held_by_wall"](0.3)[0]
+    ways, low = way_field(held, 0.3)
+    column, row = np.rint((np.array(held.start[:2]) - low) / 0.1).astype(int)
+    # around the end of a wall of 3 m halfway, 0.3 m off it: two legs of at least hypot(1.5, 1.8) m
+    assert 2.0 * np.hypot(1.5, 1.8) < ways[row, column] < 2.0 * np.hypot(1.5, 1.8) + 1.5
+
+
+# ---- what is refused
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["wayfield/Nowhere-v0"], "has no preset"),
+        ([PATH, "--preset", "path_folowing"], "Did you mean 'path_following'"),
+        ([PATH, "--preset", "omni3_goal"], "is for wayfield/OmniGoalObstacles-v0"),
+        ([PATH, "--set", "learning_rat=1"], "Did you mean 'learning_rate'"),
+        ([PATH, "--set", "reward.eror_cost=1"], "Did you mean 'error_cost'"),
+        ([PATH, "--set", "reward=1"], "has parts"),
+        ([PATH, "--set", "epochs=many"], "whole number"),
+        ([PATH, "--set", "learning_rate=nan"], "finite"),
+        ([PATH, "--set", "learning_rate"], "key=value"),
+        ([PATH, "--steps", "0"], "steps is 0"),
+        ([PATH, "--resume"], "no run to resume"),
+    ],
+)
+def test_wrong_input_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([*arguments, "--out", str(tmp_path / "out")])
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_with_another_run_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    train(job(folder), quiet)
+    other = dataclasses.replace(SMALL, name="another")
+    for wrong, said in (
+        (job(folder), "--resume"),
+        (job(folder, preset=other, resume=True), "preset 'path_following', not 'another'"),
+        (job(folder, env_id=OMNI, resume=True), "env_id"),
+        (job(folder, seed=1, resume=True), "seed"),
+        (job(folder, settings=("epochs=2",), resume=True), "settings"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            train(wrong, quiet)
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "dear.txt").write_text("diary")
+    with pytest.raises(ValueError, match="not empty"):
+        train(job(tmp_path / "letters"), quiet)
+    (folder / checkpoints.LAST).write_bytes(b"damaged")
+    with pytest.raises(ValueError, match="damaged"):
+        train(job(folder, resume=True), quiet)
+
+
+def test_settings_take_the_place_of_numbers_of_every_kind() -> None:
+    preset = overridden(
+        preset_for(PATH, None),
+        ["steps=2_000_000", "hidden=32,16", "reward.jerk_cost=0.1", "activation=relu", "shortest_ways=true"],
+    )
+    assert (preset.steps, preset.hidden, preset.reward.jerk_cost) == (2_000_000, (32, 16), 0.1)
+    assert (preset.activation, preset.shortest_ways) == ("relu", True)
