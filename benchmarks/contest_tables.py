@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 
 import wayfield.policies
 from wayfield.benchmarks.aggregates import better, interval, iqm, mean
-from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest
+from wayfield.benchmarks.contests import CONTESTS, TRAINED, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.intervals import wilson
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.tables import Table
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.policies.agent import load_agent
+from wayfield.policies.ppo import shipped
+from wayfield.policies.tuned import tuning_runs
 
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
@@ -104,6 +107,8 @@ def contest_tables(
             found[f"{stem}_families"] = family_table(test, command)
             found[f"{stem}_tiers"] = tier_table(test, command)
             found[f"{stem}_better"] = better_table(test, command)
+            if any(policy in TRAINED for policy, _ in test.entries):
+                found[f"{stem}_seeds"] = seed_table(test, command)
     return found
 
 
@@ -150,6 +155,17 @@ def by_scenario(rows: Sequence[Row], numbers: Array) -> tuple[Array, list[str]]:
     return table, list(families.values())
 
 
+def cost(entry: Entry, contest: Contest, row: Row) -> tuple[str, str]:
+    """Returns how many numbers an entry is made of, and what they were learned from."""
+    policy, gains_name = entry
+    if policy in TRAINED:
+        card = load_agent(next(iter(shipped(contest.task, row["robot"]).values()))).card
+        return f"{card['network']['parameters']:,}", f"{card['training']['steps'] / 1e6:.1f} M frames"
+    fields = dataclasses.fields(wayfield.policies.make(policy))  # type: ignore[arg-type]
+    runs = tuning_runs(policy, contest.name) if gains_name == "tuned" else 0
+    return str(len(fields)), f"{runs:,} runs" if runs else ""
+
+
 def standings_table(
     standings: Standings, seen: Mapping[Entry, list[Row]], decisions: Sequence[Mapping[str, str]], command: str
 ) -> Table:
@@ -158,20 +174,23 @@ def standings_table(
     lines = []
     for entry, rows in standings.entries.items():
         policy, gains_name = entry
-        cells = [policy, gains_name, wayfield.policies.make(policy).knows, success_cell(rows)]
+        cells = [policy, gains_name, wayfield.policies.make(policy).knows, *cost(entry, standings.contest, rows[0])]
+        cells.append(success_cell(rows))
         cells += [_cell(column, rows, standings.contest) for column in columns]
         times = [each for each in decisions if (each["policy"], each["gains_name"]) == entry and each["batch"] == "1"]
         cells.append(f"{float(times[0]['p99_ms']):.2f}" if times else "")
         cells.append(_gap(seen.get(entry, []), rows, standings.contest))
         lines.append(cells)
-    header = ["policy", "gains", "knows", "success"]
+    header = ["policy", "gains", "knows", "parameters", "learned from", "success"]
     header += [column.header for column in columns]
     header += ["compute p99 (ms)", _GAP_HEADERS[standings.contest.name]]
     count = len(next(iter(standings.entries.values())))
     note = (
         f"{count} test scenarios, each policy in the same ones, from the same starts with the same seeds; success with "
         "its 95 % Wilson interval; numbers are interquartile means over the episodes (SPL, SCT, BARN and shares: means)"
-        ", brackets 95 % bootstrap intervals, stratified by family. A failure counts as "
+        ", brackets 95 % bootstrap intervals, stratified by family. Rows of trained agents hold every seed that ships; "
+        "their intervals, that of success too, resample seeds and scenarios. Learned from: runs on "
+        f"{TRANSFER_SPLIT} scenarios, or frames of {CONTROL_PERIOD:g} s on training scenarios. A failure counts as "
         f"{_IMPUTED[standings.contest.name]}; times without 'imputed', speed and effort are of the successes. Compute: "
         "one decision of one robot, measured alone. Gap: what the entry does better on the "
         f"{TRANSFER_SPLIT} split, on which gains were tuned, than on test. "
@@ -217,6 +236,33 @@ def tier_table(standings: Standings, command: str) -> Table:
         lines,
         _short_note(standings.contest, command) + " Tiers go by a geometric quantity of the scenario.",
     )
+
+
+def seed_table(standings: Standings, command: str) -> Table:
+    """Returns each trained agent by itself, beside the documented controller: a seed that is under it has failed."""
+    contest = standings.contest
+    documented = standings.entries.get((contest.policies[0], "default"))
+
+    def standing(rows: Sequence[Row]) -> tuple[float, float]:
+        return float(values(rows, "success").mean()), -float(iqm(costs(rows, contest)))
+
+    lines = []
+    for (policy, _), rows in standings.entries.items():
+        if policy not in TRAINED:
+            continue
+        for gains in dict.fromkeys(row["gains"] for row in rows):
+            mine = [row for row in rows if row["gains"] == gains]
+            won, _ = standing(mine)
+            over = "" if documented is None else "yes" if standing(mine) > standing(documented) else "no"
+            error = f"{float(iqm(costs(mine, contest))):.4f}"
+            lines.append([policy, gains, f"{100.0 * won:.1f}", error, over])
+    what = "RMS error (m)" if contest.cost != "time" else "imputed (s)"
+    note = (
+        f"Success in per cent, then interquartile mean over the test scenarios. Over {contest.policies[0]}: more "
+        f"successes, or as many at a lower cost. Made by `{command}`, wayfield {_version()}."
+    )
+    header = ["policy", "seed", "success (%)", what, f"over {contest.policies[0]}"]
+    return Table(f"{standings.title}: trained agents", header, lines, note)
 
 
 def better_table(standings: Standings, command: str) -> Table:

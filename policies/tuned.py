@@ -13,16 +13,29 @@ def tuned_gains(name: str, suite: str) -> dict[str, Any]:
     Raises:
         ValueError: if the file is damaged or belongs to another policy; the message names it.
     """
+    content = _shipped(name, suite)
+    return dict(content["gains"]) if content else {}
+
+
+def tuning_runs(name: str, suite: str) -> int:
+    """Returns how many episodes were driven to find the tuned gains of a policy for a suite; 0 when none ship.
+
+    Raises:
+        ValueError: as `tuned_gains`.
+    """
+    content = _shipped(name, suite)
+    return int(content["trials"]) * int(content["scenarios"]) if content else 0
+
+
+def _shipped(name: str, suite: str) -> dict[str, Any]:
     if not re.fullmatch(r"[a-z0-9_]+", name) or not re.fullmatch(r"[a-z0-9-]+", suite):
         raise ValueError(f"policy {name!r} and suite {suite!r} must be plain names")
     file = resources.files("wayfield.policies") / "gains" / suite / f"{name}.json"
-    if not file.is_file():
-        return {}
-    return read_gains(file.read_text(encoding="utf-8"), str(file), name)
+    return read_gains(file.read_text(encoding="utf-8"), str(file), name) if file.is_file() else {}
 
 
 def read_gains(text: str, source: str, name: str) -> dict[str, Any]:
-    """Returns the gains in the text of a gains file.
+    """Returns the content of a gains file: the gains and their budget.
 
     Raises:
         ValueError: if the text is no gains file of that policy; the message names the source.
@@ -36,4 +49,7 @@ def read_gains(text: str, source: str, name: str) -> dict[str, Any]:
     gains = content.get("gains")
     if not isinstance(gains, dict) or not all(isinstance(v, int | float | str | bool) for v in gains.values()):
         raise ValueError(f"{source}: gains is {gains!r}; it must map names to plain values")
-    return gains
+    for key in ("trials", "scenarios"):
+        if type(content.get(key)) is not int:
+            raise ValueError(f"{source}: {key} must be a whole number, got {content.get(key)!r}")
+    return dict(content)

@@ -111,7 +111,7 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         kind = jobs[0].preset.task
 
         def show(report: Report) -> None:
-            fields = {} if report.row is None else {"score": _scores(report.row, kind)}
+            fields: Any = {} if report.row is None else {"score": _scores(report.row, kind)}
             bar.update(tasks[report.seed], completed=report.frames, **fields)
 
         return train_all(jobs, at_once, show)

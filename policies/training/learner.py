@@ -35,9 +35,10 @@ class Learner:
         self.seconds = {"environment": 0.0, "rollout policy": 0.0, "update": 0.0, "validation": 0.0}
         self.env = make_worlds(preset, env_id)
         self.env.seed(seed)
+        self._timed = Timed(self.env, self.seconds)
         self.ppo = PPO(
             "MlpPolicy",
-            Timed(self.env, self.seconds),
+            self._timed,
             learning_rate=_anneal(preset.learning_rate, preset.final_learning_rate),
             n_steps=preset.horizon,
             batch_size=min(preset.batch_size, preset.num_envs * preset.horizon),
@@ -64,7 +65,7 @@ class Learner:
             began = time.perf_counter()
             teach(self.ppo, self.env, preset.teacher, preset.lessons, preset.lesson_rate, seed)
             self.seconds = dict.fromkeys(self.seconds, 0.0) | {"lessons": time.perf_counter() - began}
-            self.ppo.env._seconds = self.seconds
+            self._timed.seconds = self.seconds
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
         self.ppo.num_timesteps = preset.lessons if preset.teacher else 0
 
@@ -78,7 +79,7 @@ class Learner:
         self.env.share = self.frames / self.preset.steps
         began = time.perf_counter()
         inside = self.seconds["environment"]
-        self.ppo.collect_rollouts(self.ppo.env, self._callback, self.ppo.rollout_buffer, self.ppo.n_steps)
+        self.ppo.collect_rollouts(self._timed, self._callback, self.ppo.rollout_buffer, self.ppo.n_steps)
         middle = time.perf_counter()
         self.seconds["rollout policy"] += middle - began - (self.seconds["environment"] - inside)
         self.ppo._update_current_progress_remaining(self.frames, self.preset.steps)
@@ -143,7 +144,7 @@ class Timed(VecEnv):
 
     def __init__(self, env: VecEnv, seconds: dict[str, float]) -> None:
         self._env = env
-        self._seconds = seconds
+        self.seconds = seconds
         super().__init__(env.num_envs, env.observation_space, env.action_space)
 
     def reset(self) -> Any:
@@ -158,7 +159,7 @@ class Timed(VecEnv):
         """Passes on, and counts."""
         began = time.perf_counter()
         result = self._env.step_wait()
-        self._seconds["environment"] += time.perf_counter() - began
+        self.seconds["environment"] += time.perf_counter() - began
         return result
 
     def seed(self, seed: int | None = None) -> Any:

@@ -30,8 +30,10 @@ def teach(ppo: PPO, env: Shaped, teacher: str, frames: int, learning_rate: float
         [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()], learning_rate
     )
     _, callback = ppo._setup_learn(frames)
+    timed = ppo.env
+    assert timed is not None
     while ppo.num_timesteps < CRITIC_SHARE * frames:
-        ppo.collect_rollouts(ppo.env, callback, ppo.rollout_buffer, ppo.n_steps)
+        ppo.collect_rollouts(timed, callback, ppo.rollout_buffer, ppo.n_steps)
         for _ in range(EPOCHS):
             for data in ppo.rollout_buffer.get(BATCH):
                 values = policy.predict_values(data.observations).flatten()

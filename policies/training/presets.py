@@ -115,6 +115,7 @@ _PATH = Preset(
     validations=10,
 )
 
+_GOAL_FEATURES = GoalFeatures(frames=2, stride=5)
 _OMNI3_GOAL = Preset(
     name="omni3_goal",
     env_ids=("wayfield/OmniGoalObstacles-v0",),
@@ -127,7 +128,7 @@ _OMNI3_GOAL = Preset(
         (0.45, _SCAN | {"scenario": "all/train"}),
     ),
     validation=_SCAN | {"scenario": "all/validation"},
-    features=GoalFeatures(frames=2, stride=5),
+    features=_GOAL_FEATURES,
     actions=Actions("planar"),
     reward=GoalReward(),
     bar="at least 75 % success on all/validation, lagged",
@@ -146,7 +147,7 @@ _OMNI4_GOAL = dataclasses.replace(
     _OMNI3_GOAL,
     name="omni4_goal",
     robot="omni4",
-    features=dataclasses.replace(_OMNI3_GOAL.features, hull_radius=ROBOTS["omni4"].hull_radius),
+    features=dataclasses.replace(_GOAL_FEATURES, hull_radius=ROBOTS["omni4"].hull_radius),
 )
 
 _DIFF_GOAL = dataclasses.replace(
@@ -154,7 +155,7 @@ _DIFF_GOAL = dataclasses.replace(
     name="diff_drive_goal",
     env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
     robot="p3dx",
-    features=dataclasses.replace(_OMNI3_GOAL.features, hull_radius=ROBOTS["p3dx"].hull_radius, frame="body"),
+    features=dataclasses.replace(_GOAL_FEATURES, hull_radius=ROBOTS["p3dx"].hull_radius, frame="body"),
     actions=Actions("unicycle", 2.0),
 )
 

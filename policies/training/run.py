@@ -149,7 +149,7 @@ class _Run:
         layers = self.learner.layers()
         network = Network.of(layers, self.preset.activation)
         card = self._card(layers, {})
-        agent = Agent(network, self.preset.features, self.preset.actions, card, self.preset.speed)
+        agent: Any = Agent(network, self.preset.features, self.preset.actions, card, self.preset.speed)
         score = validate(agent, self.job.env_id, self.kwargs, VALIDATION_CLOCK[self.preset.task])
         self.learner.seconds["validation"] += time.perf_counter() - began
         row = {

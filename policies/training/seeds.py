@@ -48,7 +48,7 @@ def train_all(jobs: Sequence[Job], at_once: int, report: Callable[[Report], None
     return [last.get(k, Report(job.seed, 0, job.preset.steps)) for k, job in enumerate(jobs)]
 
 
-def _work(k: int, job: Job, reports: "multiprocessing.queues.Queue[tuple[int, Report, bool]]") -> None:  # type: ignore[name-defined]
+def _work(k: int, job: Job, reports: "multiprocessing.queues.Queue[tuple[int, Report, bool]]") -> None:
     try:
         last = train(job, lambda each: reports.put((k, each, False)))
     except KeyboardInterrupt:

@@ -118,7 +118,7 @@ class Shaped(VecEnv):
             gymnasium.spaces.Box(-1.0, 1.0, (perception.actions.size,), np.float32),
         )
 
-    def seed(self, seed: int | None = None) -> list[int | None]:  # type: ignore[override]
+    def seed(self, seed: int | None = None) -> list[int | None]:
         """Seeds the worlds' rows seed, seed + 1, ... and the draws of the speeds."""
         self.generator = np.random.default_rng(seed)
         return list(self.worlds.seed(seed))

@@ -38,7 +38,7 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
     that it took to the goal, 1 where it came too late, and 2 where it collided. Paths are scored by minus the IQM minus
     a quarter of the 95th percentile of the costs, goals by minus their mean.
     """
-    probe = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", **kwargs).unwrapped
+    probe: Any = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", **kwargs).unwrapped
     count = len(probe.task.scenarios)
     env = gymnasium.make_vec(
         env_id, count, vectorization_mode="vector_entry_point", max_episode_steps=clock, **kwargs
@@ -54,7 +54,7 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
     squares, along = np.zeros(count), np.zeros(count)
     before = env.batch.states.copy()
     while alive.any():
-        observations, rewards, terminated, truncated, info = env.step(pilot.act(observations))
+        observations, rewards, terminated, truncated, info = env.step(pilot.act(observations))  # type: ignore[arg-type]
         now = env.batch.states
         steps += alive
         returns += np.where(alive, rewards, 0.0)

@@ -82,8 +82,7 @@ class Worlds(VecEnv):
         """
         self._steps = [part.step(actions[rows]) for part, rows in zip(self.parts, self.rows, strict=True)]
         observations, rewards, terminated, truncated = (
-            np.concatenate([step[k] for step in self._steps])  # type: ignore[arg-type]
-            for k in range(4)
+            np.concatenate([step[k] for step in self._steps]) for k in range(4)
         )
         self._tell([step[4] for step in self._steps])
         return observations, rewards, terminated, truncated, self.told

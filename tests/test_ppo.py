@@ -1,0 +1,82 @@
+"""The agents that ship: each loads, drives the robot that its card names, and is refused elsewhere."""
+
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import wayfield  # noqa: F401  registers the ids
+from wayfield import policies
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.policies.agent import load_agent
+from wayfield.policies.policy import Pilot
+from wayfield.policies.ppo import shipped
+
+PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
+KINDS = (("path_following", "p3dx"), ("goal_reaching", "p3dx"))
+AGENTS = [(*kind, seed, folder) for kind in KINDS for seed, folder in shipped(*kind).items()]
+
+
+def test_ten_seeds_of_each_kind_ship_and_are_small() -> None:
+    for kind in KINDS:
+        assert list(shipped(*kind)) == list(range(10)), kind
+    home = Path(str(resources.files("wayfield.policies"))) / "agents"
+    assert sum(file.stat().st_size for file in home.rglob("*") if file.is_file()) < 10e6
+
+
+@pytest.mark.parametrize(("task", "robot", "seed", "folder"), AGENTS)
+def test_each_loads_and_its_card_says_how_it_was_made(task: str, robot: str, seed: int, folder: Path) -> None:
+    agent = load_agent(folder)
+    assert agent.card["task"] == task
+    assert agent.card["robots"] == [robot]
+    assert agent.card["training"]["seed"] == seed
+    assert agent.card["training"]["frames"] <= agent.card["training"]["steps"] * 1.01
+    assert "train.py" in agent.card["training"]["command"]
+    assert agent.num_parameters == agent.card["network"]["parameters"]
+
+
+def test_agents_follow_paths_at_the_speed_they_are_asked_for() -> None:
+    env: Any = gymnasium.make_vec(PATH_ID, 10, scenario="circles/validation", actuators="lagged")
+    paces = []
+    for speed in (0.4, 0.8):
+        seen, _ = env.reset(seed=0, options={"scenario": list(range(10))})
+        pilot = Pilot(policies.make("ppo", seed=0, speed=speed), env)
+        pilot.reset()
+        far = np.zeros(10)
+        for k in range(200):
+            seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+            assert not (terminated | truncated)[info["cross_track_error"] > 0.2].any()
+            if k == 199:
+                far = np.abs(info["cross_track_error"])
+        assert np.median(far) < 0.03
+        paces.append(float(info["arc_length"].mean()) / 10.0)
+    # the first seconds go to the start beside the path
+    assert 0.3 < paces[0] < 0.41
+    assert 0.6 < paces[1] < 0.81
+
+
+def test_other_seeds_robots_and_scans_are_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="no agent of seed 99 ships for path_following with p3dx; there are seeds"):
+        _start(PATH_ID, "ppo", seed=99)
+    with pytest.raises(ValueError, match="needs num_beams=72"):
+        _start(DIFF_GOAL_ID, "ppo")
+    for gains, said in (({"seed": -1}, "seed"), ({"seed": 0.5}, "seed"), ({"speed": -0.1}, "speed")):
+        with pytest.raises(ValueError, match=said):
+            policies.make("ppo", **gains)
+
+
+def _start(env_id: str, name: str, **gains: Any) -> None:
+    env = gymnasium.make(env_id)
+    env.reset(seed=0)
+    Pilot(policies.make(name, **gains), env).reset()
+
+
+def test_a_contest_holds_a_case_for_each_seed() -> None:
+    contest = CONTESTS["path-following"]
+    for gains_names in (("default",), ("tuned",), ("best",), ("default", "tuned")):
+        cases = list(contest.cases("p3dx", "circles", "test", ("ppo",), gains_names))
+        assert [case.gains["seed"] for case in cases] == list(shipped("path_following", "p3dx"))
+        assert {case.gains_name for case in cases} == {"trained"}
