@@ -21,9 +21,9 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
 
 # Okabe and Ito's palette; with the line styles it tells two dozen entries apart.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#B2182B")
 _STYLES = ("-", "--")
-_MARKERS = "osD^vP*X"
+_MARKERS = "osD^vP*Xh"
 
 
 def draw_contest(wanted: tuple[Path, str, str, str]) -> None:

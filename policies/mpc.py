@@ -67,9 +67,9 @@ class Mpc:
     Real-time iteration: the last plan, moved on by a control period, starts at most `iterations` Gauss-Newton steps,
     each a quadratic program of 3 N unknowns within bounds on constant rows, which OSQP starts from the plan and its
     multipliers. A step that changes no command by `tolerance` is the last. A program that OSQP does not solve within
-    `solver_iterations` is counted in the memory's field `qp_failures` and changes nothing: the plan that it should
-    have improved is driven on. After `patience` seconds without any program solved the robot brakes with its nominal
-    acceleration and plans from nothing.
+    `solver_iterations`, not even to ten times its tolerance, is counted in the memory's field `qp_failures` and changes
+    nothing: the plan that it should have improved is driven on. After `patience` seconds without any program solved the
+    robot brakes with its nominal acceleration and plans from nothing.
 
     A unicycle law that never reverses: an omni base drives it without its sideways motion.
 
@@ -274,7 +274,8 @@ class QuadraticProgram:
         self.lower = np.zeros(constraints.shape[0])
         self.upper = np.zeros(constraints.shape[0])
         self.multipliers = np.zeros(constraints.shape[0])
-        self._solved = osqp.SolverStatus.OSQP_SOLVED
+        # the second: to ten times the tolerance, which a plan that is made anew in every control period can do with
+        self._solved = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
         self._solver = osqp.OSQP()
         self._solver.setup(
             scipy.sparse.csc_matrix(pattern + 3 * n * np.eye(3 * n)),
@@ -310,7 +311,7 @@ class QuadraticProgram:
         )
         self._solver.warm_start(self.plan, share * multipliers)
         solution = self._solver.solve(raise_error=False)
-        if solution.info.status_val != self._solved or not np.isfinite(solution.x).all():
+        if solution.info.status_val not in self._solved or not np.isfinite(solution.x).all():
             return False
         self.plan[:] = solution.x
         self.multipliers[:] = solution.y / share

@@ -80,3 +80,18 @@ def test_a_contest_holds_a_case_for_each_seed() -> None:
         cases = list(contest.cases("p3dx", "circles", "test", ("ppo",), gains_names))
         assert [case.gains["seed"] for case in cases] == list(shipped("path_following", "p3dx"))
         assert {case.gains_name for case in cases} == {"trained"}
+
+
+@pytest.mark.parametrize(("task", "robot"), KINDS)
+def test_the_onnx_graph_agrees_with_the_network(task: str, robot: str, tmp_path: Path) -> None:
+    runtime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    from wayfield.policies.onnx import export_onnx
+
+    agent = load_agent(shipped(task, robot)[0])
+    export_onnx(agent, tmp_path / "agent.onnx")
+    session = runtime.InferenceSession(tmp_path / "agent.onnx", providers=["CPUExecutionProvider"])
+    inputs = np.random.default_rng(0).normal(size=(200, int(agent.network.sizes[0]))).astype(np.float32)
+    (actions,) = session.run(["action"], {"features": inputs})
+    assert np.abs(actions - np.clip(agent.network(inputs), -1.0, 1.0)).max() < 1e-5
+    assert [file.name for file in tmp_path.iterdir()] == ["agent.onnx"]

@@ -108,7 +108,7 @@ _PATH = Preset(
     actions=Actions("unicycle", 4.0),
     reward=PathReward(error_cost=40.0, error_rate=15.0),
     bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.0148 m, tuned pure pursuit's",
-    measured="not yet",
+    measured="10 of 10 seeds reach it within 20 s and end after 86 to 103 s, two side by side on two cores",
     steps=8_000_000,
     slowest=0.3,
     fastest=1.1,
@@ -131,8 +131,8 @@ _OMNI3_GOAL = Preset(
     features=_GOAL_FEATURES,
     actions=Actions("planar"),
     reward=GoalReward(),
-    bar="at least 75 % success on all/validation, lagged",
-    measured="not yet",
+    bar="at least 90 % success and at most 3 % collisions on clutter_10/validation, lagged",
+    measured="one run: 70 % and no collision after 9 M frames, 200 s; it was still rising",
     robot="omni3",
     steps=9_000_000,
     discount=0.99,
@@ -146,6 +146,7 @@ _OMNI3_GOAL = Preset(
 _OMNI4_GOAL = dataclasses.replace(
     _OMNI3_GOAL,
     name="omni4_goal",
+    measured="no whole run yet",
     robot="omni4",
     features=dataclasses.replace(_GOAL_FEATURES, hull_radius=ROBOTS["omni4"].hull_radius),
 )
@@ -153,6 +154,7 @@ _OMNI4_GOAL = dataclasses.replace(
 _DIFF_GOAL = dataclasses.replace(
     _OMNI3_GOAL,
     name="diff_drive_goal",
+    measured="9 of 10 seeds reach it, none collides; 150 to 260 s, two side by side on two cores",
     env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
     robot="p3dx",
     features=dataclasses.replace(_GOAL_FEATURES, hull_radius=ROBOTS["p3dx"].hull_radius, frame="body"),
