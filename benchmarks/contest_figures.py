@@ -120,9 +120,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     axis.yaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("mean speed (m/s)")
     axis.set_ylabel("RMS cross-track error (cm)")
-    axis.set_title(
-        f"{contest.title}: speed and accuracy (rings: some runs left the corridor, each counts as 1 m)", loc="left"
-    )
+    axis.set_title(f"{contest.title}: speed and accuracy (rings: some runs failed, each counts as 1 m)", loc="left")
     axis.legend(fontsize=8, ncols=2)
     return figure
 

@@ -314,8 +314,9 @@ def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str
     levels += [level for level in dict.fromkeys(row["disturbance"] for row in rows) if level not in levels]
     for entry, mine in by_entry(rows).items():
         groups = [[row for row in mine if row["disturbance"] == level] for level in levels]
-        lines.append([label(entry), *(_short_cell(group, contest) for group in groups)])
-    return Table(f"{title}: disturbances", ["policy", *levels], lines, _short_note(contest, command))
+        lines.append([label(entry), *(_short_cell(group, contest, success_cell(group)) for group in groups)])
+    note = f"{_short_note(contest, command)} Brackets: 95 % intervals, Wilson's or for trained agents bootstrap."
+    return Table(f"{title}: disturbances", ["policy", *levels], lines, note)
 
 
 def success_cell(rows: Sequence[Row]) -> str:
@@ -340,12 +341,12 @@ def _cell(column: Column, rows: Sequence[Row], contest: Contest) -> str:
     return text
 
 
-def _short_cell(rows: Sequence[Row], contest: Contest) -> str:
-    """Returns the share of successes in per cent, and behind it the IQM of the cost over the successes."""
+def _short_cell(rows: Sequence[Row], contest: Contest, success: str = "") -> str:
+    """Returns the share of successes in per cent, or what is given in its place, and the IQM of the successes' cost."""
     if not rows:
         return ""
     won = [row for row in rows if number(row, "success") == 1.0]
-    text = f"{100.0 * len(won) / len(rows):.0f}"
+    text = success or f"{100.0 * len(won) / len(rows):.0f}"
     if won:
         decimals = 3 if contest.cost != "time" else 1
         text += f" | {float(iqm(values(won, contest.cost))):.{decimals}f}"
