@@ -22,8 +22,8 @@ import rich.table
 
 from wayfield.benchmarks.cases import DIFF_DRIVE_GOAL_REACHING, Case
 from wayfield.benchmarks.command_line import Names, OneLineErrors
+from wayfield.benchmarks.contest_tables import success_interval
 from wayfield.benchmarks.contests import CONTESTS
-from wayfield.benchmarks.intervals import wilson
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.suite import Setting, episodes
@@ -71,7 +71,7 @@ def settings_of(world: int, file: str, names: tuple[str, ...], actuators: str) -
         for gains_name, gains in CONTEST.gain_sets(name, "p3dx", ("default", "tuned")):
             case = Case(
                 "barn",
-                f"world {world}",
+                "worlds",
                 DIFF_DRIVE_GOAL_REACHING,
                 file,
                 name,
@@ -139,7 +139,7 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, coun
     for entry in dict.fromkeys((row["policy"], row["gains_name"]) for row in rows):
         mine = [row for row in rows if (row["policy"], row["gains_name"]) == entry]
         won = [row for row in mine if number(row, "success") == 1.0]
-        low, high = wilson(len(won), len(mine))
+        low, high = success_interval(mine)
         table.add_row(
             *entry,
             f"{len(won)}/{len(mine)}",

@@ -320,10 +320,15 @@ def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str
 
 
 def success_cell(rows: Sequence[Row]) -> str:
-    """Returns the share of successes in per cent with its 95 % interval: Wilson's, or for trained agents bootstrap."""
+    """Returns the share of successes in per cent with its 95 % interval."""
+    low, high = success_interval(rows)
+    return f"{100.0 * values(rows, 'success').mean():.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+
+
+def success_interval(rows: Sequence[Row]) -> tuple[float, float]:
+    """Returns the 95 % interval of the share of successes: Wilson's, or for trained agents the bootstrap's."""
     table, families = by_scenario(rows, values(rows, "success"))
-    low, high = wilson(int(table.sum()), len(table)) if table.shape[1] == 1 else interval(table, families, mean)
-    return f"{100.0 * table.mean():.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+    return wilson(int(table.sum()), len(table)) if table.shape[1] == 1 else interval(table, families, mean)
 
 
 def _cell(column: Column, rows: Sequence[Row], contest: Contest) -> str:

@@ -18,7 +18,8 @@ from wayfield.benchmarks.trajectory import Trajectory
 Run = tuple[Row, Trajectory]
 Experiments = Mapping[str, Sequence[Run]]
 
-# Okabe and Ito's palette, which stays apart under every common colour blindness; a policy keeps its colour everywhere.
+# Okabe and Ito's palette, which stays apart under every common colour blindness, and two more; a policy keeps its
+# colour in all figures of documents and paths. Zero and random are drawn only where nobody else is.
 COLOURS = {
     "lookahead_documented": "#D55E00",
     "lookahead_retuned": "#0072B2",
@@ -26,6 +27,13 @@ COLOURS = {
     "apf_documented": "#D55E00",
     "apf_escape": "#0072B2",
     "apf_corrected": "#009E73",
+    "pure_pursuit": "#009E73",
+    "regulated_pure_pursuit": "#CC79A7",
+    "smooth_pose": "#E69F00",
+    "stanley": "#56B4E9",
+    "lqr": "#000000",
+    "mpc": "#8C6D1F",
+    "ppo": "#B2182B",
     "random": "#CC79A7",
     "zero": "#E69F00",
 }

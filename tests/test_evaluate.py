@@ -210,7 +210,7 @@ def test_an_impossible_folder_is_refused_before_anything_runs(tmp_path, monkeypa
     taken = tmp_path / "taken"
     (taken / "episodes.csv").mkdir(parents=True)
     for out in (file, file / "below", taken, "/proc/wayfield"):
-        result = evaluate("--out", out)
+        result = evaluate("--suite", "documents", "--out", out)
         assert result.exit_code == 1, out
         assert len(result.stderr.splitlines()) == 1
         assert "--out" in result.stderr

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.paths import Path, PathPool
 from wayfield.policies import Pilot, mpc
-from wayfield.policies.mpc import Mpc
+from wayfield.policies.mpc import Mpc, QuadraticProgram
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -356,15 +356,20 @@ def test_it_stops_at_the_end_of_the_path() -> None:
 # When a program is not solved.
 
 
-def test_without_a_solution_from_the_start_it_stands_and_counts() -> None:
-    drive = Drive("s_curve", Mpc(solver_iterations=1)).go(20)
+def test_without_a_solution_from_the_start_it_stands_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(QuadraticProgram, "solve", lambda *_: False)
+    drive = Drive("s_curve").go(20)
     assert drive.failures == 20
     assert not np.array(drive.actions).any()
 
 
-def test_without_a_solution_it_drives_its_plan_on_then_brakes() -> None:
+def test_iterations_that_do_not_suffice_are_a_failure() -> None:
+    assert Drive("s_curve", Mpc(solver_iterations=1)).go(20).failures > 0
+
+
+def test_without_a_solution_it_drives_its_plan_on_then_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = Drive("straight").go(80)
-    drive.pilot.policy = Mpc(solver_iterations=1, patience=0.5)
+    monkeypatch.setattr(QuadraticProgram, "solve", lambda *_: False)
     before = drive.actions[-1][0]
     speeds = np.array(drive.go(30).actions)[-30:, 0]
     assert drive.failures == 30
@@ -372,7 +377,7 @@ def test_without_a_solution_it_drives_its_plan_on_then_brakes() -> None:
     assert speeds[:10] == pytest.approx(before, abs=1e-3)
     assert speeds[10:] == pytest.approx(np.maximum(before - 1.0 * DT * np.arange(1, 21), 0.0), abs=1e-3)
     # and it starts again as soon as programs are solved
-    drive.pilot.policy = Mpc()
+    monkeypatch.undo()
     drive.go(40)
     assert drive.failures == 30
     assert drive["vx"][-1] > 0.4
