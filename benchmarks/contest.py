@@ -110,11 +110,12 @@ def _key(setting: Setting, code: str) -> str:
 
 
 def _source_digest() -> str:
-    """Returns a digest of the package's source files, so that parts of another version are not taken for this one's."""
+    """Returns a digest of source files and agents, so that parts of another version are not taken for this one's."""
     digest = hashlib.sha256()
     for module in (wayfield.envs, wayfield.policies, benchmarks):
-        for file in sorted(pathlib.Path(module.__path__[0]).rglob("*.py")):
-            digest.update(file.read_bytes())
+        for file in sorted(pathlib.Path(module.__path__[0]).rglob("*")):
+            if file.suffix in (".py", ".json", ".safetensors"):
+                digest.update(file.read_bytes())
     return digest.hexdigest()
 
 

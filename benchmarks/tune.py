@@ -12,7 +12,6 @@ import json
 import math
 import os
 import statistics
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from wayfield.benchmarks.results import number
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import Map, workers
 from wayfield.envs.scenarios import splits
+from wayfield.policies.agent import write_whole
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,10 +160,7 @@ def folder_of(suite: str) -> Path:
 def write_gains(file: Path, content: Mapping[str, Any]) -> None:
     """Writes a gains file, whole or not at all."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".part", delete=False, encoding="utf-8") as stage:
-        stage.write(json.dumps(content, indent=2) + "\n")
-    os.chmod(stage.name, 0o644)
-    os.replace(stage.name, file)
+    write_whole(file, (json.dumps(content, indent=2) + "\n").encode())
 
 
 @click.command("tune", cls=OneLineErrors)

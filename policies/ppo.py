@@ -42,8 +42,7 @@ class Ppo:
         Raises:
             ValueError: if none ships for the task and robot, or none of this seed.
         """
-        agent = _loaded(TASKS[briefing.layout.kind], briefing.robot.name, self.seed)
-        return dataclasses.replace(agent, speed=self.speed) if self.speed else agent
+        return _loaded(TASKS[briefing.layout.kind], briefing.robot.name, self.seed, self.speed)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the agent's empty memory.
@@ -65,10 +64,10 @@ def shipped(task: str, robot: str) -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
-@functools.lru_cache(maxsize=64)
-def _loaded(task: str, robot: str, seed: int) -> Agent:
+@functools.lru_cache(maxsize=128)
+def _loaded(task: str, robot: str, seed: int, speed: float) -> Agent:
     folders = shipped(task, robot)
     if seed not in folders:
         there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
         raise ValueError(f"no agent of seed {seed} ships for {task} with {robot}; there are {there}")
-    return load_agent(folders[seed])
+    return load_agent(folders[seed], **({"speed": speed} if speed else {}))

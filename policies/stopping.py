@@ -1,15 +1,18 @@
 """What a robot that sees only its range scan must know before it moves: the hits, the free arc, the room to stop."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
 from wayfield.envs.records import lag_factors
+from wayfield.policies.policy import check_scan
 
 SECTORS = 36  # of the memory of what was seen near the robot, three columns each
 RECALL_RANGE = 1.2  # m
@@ -58,6 +61,33 @@ def full_twists(briefing: Briefing, twist: NDArray[np.float64]) -> NDArray[np.fl
     full = np.zeros((len(twist), 3))
     full[:, briefing.robot.twist_axes] = twist
     return full
+
+
+def sensed(policy: Any, observation: goal_reaching.Observation, briefing: Briefing) -> tuple[Any, ...]:
+    """Returns what the kernels of DWA and VFH+ take before memory and twists: what is sensed, the robot, the gains.
+
+    Raises:
+        ValueError: if the scan has another number of beams than the briefing.
+    """
+    check_scan(policy, observation.ranges, briefing)
+    all_round = sees_all_round(briefing)
+    return (
+        observation.ranges,
+        beam_directions(briefing),
+        briefing.max_range,
+        observation.goal,
+        observation.pose,
+        observation.goal_heading_error,
+        observation.waypoints_left,
+        full_twists(briefing, observation.twist),
+        plant_model(briefing),
+        briefing.robot.wheel_matrix,
+        briefing.robot.hull_radius,
+        briefing.actuators.lag + briefing.dt,
+        briefing.robot.holonomic and all_round,
+        all_round,
+        tuple(map(float, vars(policy).values())),
+    )
 
 
 @inlined

@@ -19,15 +19,12 @@ from wayfield.policies.stopping import (
     SECTORS,
     admissible,
     arrived,
-    beam_directions,
     braking_speed,
     find_approaching,
     find_hits,
     free_time,
     fresh_scans,
-    full_twists,
-    plant_model,
-    sees_all_round,
+    sensed,
     set_command,
     step_and_stop,
     turn_towards,
@@ -145,28 +142,8 @@ class VfhPlus:
         Raises:
             ValueError: if the scan has another number of beams than the briefing.
         """
-        check_scan(self, observation.ranges, briefing)
         twists = np.empty((len(memory), 3))
-        all_round = sees_all_round(briefing)
-        steer(
-            observation.ranges,
-            beam_directions(briefing),
-            briefing.max_range,
-            observation.goal,
-            observation.pose,
-            observation.goal_heading_error,
-            observation.waypoints_left,
-            full_twists(briefing, observation.twist),
-            plant_model(briefing),
-            briefing.robot.wheel_matrix,
-            briefing.robot.hull_radius,
-            briefing.actuators.lag + briefing.dt,
-            briefing.robot.holonomic and all_round,
-            all_round,
-            tuple(map(float, vars(self).values())),
-            memory,
-            twists,
-        )
+        steer(*sensed(self, observation, briefing), memory, twists)
         return twists[:, briefing.robot.twist_axes]
 
 
