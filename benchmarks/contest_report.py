@@ -147,6 +147,8 @@ def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Ta
             rows, trajectories = run_contest(settings, folder, share)
         except (KeyboardInterrupt, SystemExit):
             raise Interrupted(folder, len(settings)) from None
+        except ValueError as error:  # a damaged agent
+            raise click.ClickException(str(error)) from None
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
         if not options.ladder:

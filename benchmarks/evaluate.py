@@ -185,7 +185,10 @@ def _documents(
         except OSError as error:
             raise click.ClickException(f"--out {str(folder)!r} cannot be written: {error}") from None
         share = stack.enter_context(workers(count))
-        rows, trajectories = run(settings, share)
+        try:
+            rows, trajectories = run(settings, share)
+        except ValueError as error:  # a damaged agent
+            raise click.ClickException(str(error)) from None
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
         shown = _report(stage, cases, share)

@@ -1,5 +1,6 @@
 """The agents that ship: each loads, drives the robot that its card names, and is refused elsewhere."""
 
+import shutil
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -7,10 +8,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
 from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.evaluate import main
+from wayfield.policies import ppo
 from wayfield.policies.agent import load_agent
 from wayfield.policies.policy import Pilot
 from wayfield.policies.ppo import shipped
@@ -80,6 +84,25 @@ def test_a_contest_holds_a_case_for_each_seed() -> None:
         cases = list(contest.cases("p3dx", "circles", "test", ("ppo",), gains_names))
         assert [case.gains["seed"] for case in cases] == list(shipped("path_following", "p3dx"))
         assert {case.gains_name for case in cases} == {"trained"}
+
+
+@pytest.mark.parametrize("arguments", [("--suite", "path-following", "--families", "circles"), ("--path", "way.csv")])
+def test_a_damaged_agent_ends_an_evaluation_in_one_line(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("way.csv").write_text("x,y\n0,0\n2,0\n3,1\n")
+    shutil.copytree(shipped("path_following", "p3dx")[0], "agent")
+    (tmp_path / "agent" / "weights.safetensors").write_bytes(b"nothing")
+    monkeypatch.setattr(ppo, "shipped", lambda *_: dict.fromkeys(range(10), tmp_path / "agent"))
+    ppo._loaded.cache_clear()
+    options = ("--policies", "ppo", "--episodes", "1", "--workers", "1", "--out", "out")
+    run = CliRunner().invoke(main, [*arguments, *options])
+    ppo._loaded.cache_clear()
+    assert run.exit_code == 1
+    assert "weights.safetensors is damaged" in run.stderr.splitlines()[-1]
+    assert "Traceback" not in run.output
+    assert not Path("out/episodes.csv").exists()
 
 
 @pytest.mark.parametrize(("task", "robot"), KINDS)
