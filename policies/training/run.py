@@ -14,8 +14,9 @@ from typing import Any
 
 import torch
 from numpy.typing import NDArray
+from torch.utils.tensorboard.writer import SummaryWriter
 
-from wayfield.policies.agent import FORMAT, Agent, Network, load_agent, save_agent, weights_digest
+from wayfield.policies.agent import FORMAT, Agent, Network, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner
 from wayfield.policies.training.presets import Preset
@@ -115,7 +116,8 @@ class _Run:
             checkpoints.write_run(
                 job.folder, job.described() | {"command": job.command, "threads": job.threads, "versions": versions()}
             )
-        self.writer = _writer(job.folder, self.learner.frames)
+        purged = self.learner.frames + 1 if self.learner.frames else None  # what was cut off is drawn anew
+        self.writer = SummaryWriter(str(job.folder / "tensorboard"), purge_step=purged)
 
     def go(self, report: Callable[[Report], None], interrupted: threading.Event) -> Report:
         while self.updates < self.total and not interrupted.is_set() and not self._given_up():
@@ -239,29 +241,6 @@ def versions() -> dict[str, str]:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[package] = importlib.metadata.version(package)
     return found
-
-
-def finished_agent(folder: Path) -> Agent:
-    """Returns the best agent of a run's folder."""
-    return load_agent(folder / checkpoints.BEST)
-
-
-class _Silent:
-    """Stands in for TensorBoard's writer where it is not installed."""
-
-    def add_scalar(self, name: str, value: float, step: int) -> None:
-        """Does nothing."""
-
-    def close(self) -> None:
-        """Does nothing."""
-
-
-def _writer(folder: Path, frames: int) -> Any:
-    try:
-        from torch.utils.tensorboard.writer import SummaryWriter
-    except ImportError:
-        return _Silent()
-    return SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1 if frames else None)
 
 
 @contextlib.contextmanager

@@ -62,7 +62,7 @@ class Worlds(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Moves every robot by one control period; one whose episode ends starts the next at once."""
-        observations, rewards, terminated, truncated, told = self.advance(self._actions)
+        observations, rewards, terminated, truncated, _ = self.advance(self._actions)
         ended = terminated | truncated
         infos = [_NOTHING] * self.num_envs
         for i in np.flatnonzero(ended).tolist():
@@ -70,7 +70,6 @@ class Worlds(VecEnv):
                 "terminal_observation": self.final_observation(i),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
             }
-        self.told = told
         return observations, rewards.astype(np.float32), ended, infos
 
     def advance(
@@ -89,10 +88,8 @@ class Worlds(VecEnv):
 
     def final_observation(self, i: int) -> NDArray[np.float32]:
         """Returns the last observation of the episode of row i that the last step ended."""
-        for step, rows in zip(self._steps, self.rows, strict=True):
-            if i < rows.stop:
-                return np.asarray(step[4]["final_obs"][i - rows.start], np.float32)
-        raise IndexError(i)
+        k = self._part(i)
+        return np.asarray(self._steps[k][4]["final_obs"][i - self.rows[k].start], np.float32)
 
     def final_observations(self, ended: NDArray[np.int64]) -> NDArray[np.float32]:
         """Returns the last observations (n, size) of the rows that the last step ended."""
@@ -110,10 +107,6 @@ class Worlds(VecEnv):
                 pieces.append(values)
             self.told[name] = np.concatenate(pieces)
 
-    def states(self, name: str) -> NDArray[Any]:
-        """Returns a field of all robots' states."""
-        return np.concatenate([part.batch.states[name] for part in self.parts])
-
     def close(self) -> None:
         """Closes the parts."""
         for part in self.parts:
@@ -125,7 +118,7 @@ class Worlds(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Returns an attribute of each row's part."""
-        return [getattr(self._part_of(i), attr_name) for i in self._get_indices(indices)]
+        return [getattr(self.parts[self._part(i)], attr_name) for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuses: robots of a batch have no attributes of their own."""
@@ -135,11 +128,9 @@ class Worlds(VecEnv):
         """Refuses: robots of a batch have no methods of their own."""
         raise NotImplementedError("robots of a batch share their methods")
 
-    def _part_of(self, i: int) -> NativeVectorEnv:
-        for part, rows in zip(self.parts, self.rows, strict=True):
-            if i < rows.stop:
-                return part
-        raise IndexError(i)
+    def _part(self, i: int) -> int:
+        """Returns which world row i belongs to."""
+        return next(k for k, rows in enumerate(self.rows) if i < rows.stop)
 
     # ---- all that decides what comes next, as plain arrays and numbers
 
