@@ -17,7 +17,6 @@ from wayfield.benchmarks.cases import (
     Case,
 )
 from wayfield.envs.scenarios import splits
-from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.ppo import shipped
 
 PATH_POLICIES = (
@@ -67,7 +66,7 @@ class Contest:
             for gains_name, gains in self.gain_sets(name, robot, gains_names):
                 conditions = {"robot": robot} | ({} if disturbance == "none" else {"disturbance": disturbance})
                 if speed is not None:
-                    gains |= cruising(name, gains, speed)
+                    gains |= policies.cruising(name, gains, speed)
                 yield Case(
                     self.name,
                     family,
@@ -127,16 +126,6 @@ LADDER_SCENARIOS = 2  # of each family, at each level
 OVERVIEW_SCENARIOS = 1  # of each family, in the overview
 
 OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part
-
-
-def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, float]:
-    """Returns the gains that make a policy cruise at a speed (m/s)."""
-    policy: Any = policies.make(name, **gains)
-    if isinstance(policy, Lookahead):
-        # the law settles at v = k_lin L; the retuned gain stays pure pursuit's equivalent
-        k_lin = speed / policy.lookahead_distance
-        return {"k_lin": k_lin} if name == "lookahead_documented" else {"k_lin": k_lin, "k_ang": 2.0 * k_lin}
-    return {"speed" if hasattr(policy, "speed") else "max_speed": speed}
 
 
 def families(contest: Contest, dynamics: str) -> tuple[str, ...]:

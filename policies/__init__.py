@@ -1,7 +1,7 @@
 """Policies: classical controllers behind one interface, and the pilot that drives an environment with one."""
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -26,7 +26,7 @@ from wayfield.policies.vfh_plus import VfhPlus
 from wayfield.policies.waypoint import Waypoint
 from wayfield.policies.zero import Zero
 
-__all__ = ["POLICIES", "Pilot", "Policy", "make", "tuned_gains"]
+__all__ = ["POLICIES", "Pilot", "Policy", "cruising", "make", "tuned_gains"]
 
 POLICIES: dict[str, Callable[..., Policy]] = {
     # stands still: the floor
@@ -86,3 +86,21 @@ def make(name: str, **gains: Any) -> Policy:
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise ValueError(f"policy {name!r} is unknown.{hint} Choose from {', '.join(map(repr, POLICIES))}.")
     return POLICIES[name](**gains)
+
+
+def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, float]:
+    """Returns the gains that make a policy cruise at a speed (m/s), given its other gains.
+
+    Raises:
+        ValueError: as `make`, or if the policy has no cruising speed.
+        TypeError: as `make`.
+    """
+    policy: Any = make(name, **gains)
+    if isinstance(policy, Lookahead):
+        # the law settles at v = k_lin L; the retuned gain stays pure pursuit's equivalent
+        k_lin = speed / policy.lookahead_distance
+        return {"k_lin": k_lin} if name == "lookahead_documented" else {"k_lin": k_lin, "k_ang": 2.0 * k_lin}
+    for key in ("speed", "max_speed"):
+        if hasattr(policy, key):
+            return {key: speed}
+    raise ValueError(f"policy {name!r} has no cruising speed")

@@ -1,6 +1,7 @@
 """Trained agents: a folder of weights and a card, and the policy that drives with it."""
 
 import dataclasses
+import functools
 import hashlib
 import itertools
 import json
@@ -8,7 +9,7 @@ import math
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 import wayfield.envs  # noqa: F401  registers the ids that cards name
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
+from wayfield.envs.robots import Robot
+from wayfield.policies.base import Base
 from wayfield.policies.features import Actions, Features, GoalFeatures, Numbers, PathFeatures, Perception
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import Policy, check_gain
 
 FORMAT = 1  # of the card
 FEATURES: Mapping[str, type[Any]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}
@@ -79,8 +82,9 @@ class Agent:
     """Drives with a network trained by reinforcement: a = clip(network(features), -1, 1), then `Actions.twists`.
 
     Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
-    what it saw before where the card asks for several frames. Drives the robot and the scan or preview that its card
-    names, and refuses others.
+    what it saw before where the card asks for several frames. With a base it adds to that controller's twist, knows
+    what the controller knows, and keeps the controller's memory too. Drives the robot and the scan or preview that its
+    card names, and refuses others.
     """
 
     network: Network
@@ -88,11 +92,20 @@ class Agent:
     actions: Actions
     card: Mapping[str, Any]
     speed: float = 0.6  # m/s, the most that it drives
-
-    knows: ClassVar[str] = "sensors"
+    base: Base | None = None
 
     def __post_init__(self) -> None:
         check_gain(self, "speed", above=0.0)
+
+    @property
+    def knows(self) -> str:
+        """Returns "sensors", or what the base knows."""
+        return "sensors" if self.controller is None else self.controller.knows
+
+    @functools.cached_property
+    def controller(self) -> Policy | None:
+        """Returns the base's controller at the agent's speed."""
+        return None if self.base is None else self.base.policy(self.speed)
 
     @property
     def observes(self) -> tuple[type, ...]:
@@ -106,7 +119,8 @@ class Agent:
 
     def perception(self, briefing: Briefing) -> Perception:
         """Returns how the agent sees under a briefing."""
-        return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt)
+        based = self.base is not None
+        return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt, based)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory.
@@ -127,16 +141,52 @@ class Agent:
                     f"{name} needs num_beams={asked[0]} over the full circle and max_range={asked[1]:g} m, "
                     f"got {given[0]} and {given[1]:g} m"
                 )
-        return self.perception(briefing).fresh(briefing.num_envs)
+        fresh = self.perception(briefing).fresh(briefing.num_envs)
+        if self.controller is None:
+            return fresh
+        under = self.controller.reset(briefing)
+        kind = [("network", fresh.dtype, fresh.shape[1:]), ("base", under.dtype, under.shape[1:])]
+        memory = np.empty(briefing.num_envs, kind)
+        memory["network"], memory["base"] = fresh, under
+        return memory
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
-        perception = self.perception(briefing)
+        perception, robot = self.perception(briefing), briefing.robot
         speeds = np.full(len(memory), self.speed)
-        inputs, angles = perception.inputs(observation, speeds, memory)
+        asked = None
+        own = memory
+        if self.controller is not None:
+            own, under = memory["network"], memory["base"].copy()
+            asked = self.controller.act(observation, briefing, under)
+            memory["base"] = under
+        inputs, angles = perception.inputs(observation, speeds, own, asked)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
-        perception.remember(inputs, actions, memory)
-        return self.features.guarded(observation, self.actions.twists(actions, speeds, angles, briefing.robot))
+        perception.remember(inputs, actions, own)
+        return self.features.guarded(
+            observation, commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
+        )
+
+
+def commanded(
+    meaning: Actions,
+    base: Base | None,
+    actions: NDArray[Any],
+    asked: NDArray[np.float64] | None,
+    speeds: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    robot: Robot,
+) -> NDArray[np.float64]:
+    """Returns the twists (b, t) that actions (b, 2) command, with what a base asks for under them where there is one.
+
+    Args:
+        asked: (b, t) m/s and rad/s, of the base.
+        speeds: (b,) m/s, asked of the agent.
+        angles: (b,) rad, of the frames of the actions.
+    """
+    if base is None or asked is None:
+        return meaning.twists(actions, speeds, angles, robot)
+    return meaning.added(asked, actions, base.reach, speeds, angles, robot)
 
 
 def save_agent(folder: str | os.PathLike[str], layers: Sequence[tuple[NDArray[Any], NDArray[Any]]], card: Any) -> None:
@@ -189,7 +239,8 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     tensors = read_tensors(file)
     hidden = card["network"]["hidden"]
     features, actions = card_features(card), Actions(**card["actions"])
-    perception = Perception(features, actions, card["network"]["num_twist"], card["dt"])
+    base = card_base(card, folder / CARD)
+    perception = Perception(features, actions, card["network"]["num_twist"], card["dt"], base is not None)
     sizes = [perception.num_inputs, *hidden, actions.size]
     layers = []
     for k, (come, go) in enumerate(itertools.pairwise(sizes)):
@@ -209,7 +260,21 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     if weights_digest(pairs) != card["sha256"]:
         raise ValueError(f"{file} holds other weights than {CARD} was written for: their SHA-256 differs")
     network = Network.of(pairs, card["network"]["activation"])
-    return Agent(network, features, actions, card, **({"speed": card["speed"]} | gains))
+    return Agent(network, features, actions, card, **({"speed": card["speed"], "base": base} | gains))
+
+
+def card_base(card: Mapping[str, Any], file: pathlib.Path) -> Base | None:
+    """Returns the controller that a card's agent adds to; None for one that drives by itself.
+
+    Raises:
+        ValueError: naming the file, if it is no controller of this wayfield with gains of its own.
+    """
+    if card.get("base") is None:
+        return None
+    try:
+        return Base(**card["base"])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{file}: base is {card['base']!r}: {error}") from None
 
 
 def card_features(card: Mapping[str, Any]) -> Features:

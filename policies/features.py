@@ -159,6 +159,24 @@ class Actions:
         turn(a, speeds, angles, out)
         return out
 
+    def added(
+        self, twists: Array, actions: NDArray[Any], reach: float, speeds: Array, angles: Array, robot: Robot
+    ) -> Array:
+        """Returns the twists (b, t) of a controller with what actions (b, 2) add to them; see `base.Base`."""
+        a = reach * actions.astype(np.float64)
+        out = twists.copy()
+        if self.kind == "unicycle":
+            out[:, 0] += 0.5 * speeds * a[:, 0]
+            out[:, -1] += self.yaw_rate * a[:, 1]
+        else:
+            more = np.zeros((len(a), 3))
+            turn(a, speeds, angles, more)
+            out[:, :2] += more[:, :2]
+        planar = slice(0, 2 if robot.holonomic else 1)
+        most = np.maximum(speeds, np.linalg.norm(twists[:, planar], axis=1))
+        out[:, planar] *= (most / np.maximum(np.linalg.norm(out[:, planar], axis=1), most))[:, None]
+        return out
+
     def of_twists(self, twists: Array, speeds: Array, angles: Array) -> Numbers:
         """Returns the actions (b, 2) that come nearest to twists (b, t)."""
         if self.kind == "unicycle":
@@ -172,11 +190,12 @@ class Actions:
 class Perception:
     """From observations to the inputs of a network, with a memory of one row a robot.
 
-    A row holds the last actions, newest first; where trails are kept, whether they have begun, and the trailing points;
+    Where the network adds to a controller, its inputs end with the action that comes nearest to what that asks for. A
+    row holds the last actions, newest first; where trails are kept, whether they have begun, and the trailing points;
     and the numbers of earlier observations, newest first.
     """
 
-    def __init__(self, features: Features, actions: Actions, num_twist: int, dt: float) -> None:
+    def __init__(self, features: Features, actions: Actions, num_twist: int, dt: float, based: bool = False) -> None:
         self.features = features
         self.actions = actions
         self.width = features.width(num_twist)
@@ -186,16 +205,22 @@ class Perception:
         self.trailed = 2 * len(self.trails)
         self.first = self.acted + (self.trailed + 1 if self.trailed else 0)  # number of an earlier observation
         self.kept = (features.frames - 1) * features.stride
-        self.num_inputs = self.width * features.frames + self.acted + self.trailed
+        self.asked = actions.size if based else 0
+        self.num_inputs = self.width * features.frames + self.acted + self.trailed + self.asked
 
     def fresh(self, num_envs: int) -> Numbers:
         """Returns the memory (num_envs, ...) of robots that have seen and done nothing: zeros."""
         return np.zeros((num_envs, self.first + self.kept * self.width), np.float32)
 
-    def inputs(self, observation: Any, speeds: Array, memory: Numbers) -> tuple[Numbers, Array]:
+    def inputs(
+        self, observation: Any, speeds: Array, memory: Numbers, asked: Array | None = None
+    ) -> tuple[Numbers, Array]:
         """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
 
         Draws the trailing points on; call it once a step.
+
+        Args:
+            asked: (b, t) m/s and rad/s, the twists of the controller that the network adds to, if it does.
         """
         inputs = np.empty((len(memory), self.num_inputs), np.float32)
         angles = self.features.observe(observation, speeds, inputs[:, : self.width])
@@ -209,6 +234,8 @@ class Perception:
             old = self.first + (k * self.features.stride - 1) * self.width
             inputs[:, at : at + self.width] = memory[:, old : old + self.width]
             at += self.width
+        if asked is not None:
+            inputs[:, at:] = self.actions.of_twists(asked, speeds, angles)
         return inputs, angles
 
     def remember(self, inputs: Numbers, actions: NDArray[Any], memory: Numbers) -> None:

@@ -10,10 +10,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.agent import CARD, WEIGHTS, Agent, Network, load_agent, save_agent, weights_digest
+from wayfield.policies.base import Base
 from wayfield.policies.features import Actions, GoalFeatures, PathFeatures, Perception
 from wayfield.policies.policy import Pilot
 
@@ -38,9 +42,10 @@ def make_folder(folder: Path, task: str = "path_following", **changes: Any) -> P
 
     path = task == "path_following"
     features = PathFeatures() if path else GoalFeatures()
+    based = changes.get("base") is not None
     actions = Actions("unicycle" if path else "planar")
     num_twist = 2 if path else 3
-    layers = layers_of([Perception(features, actions, num_twist, 0.05).num_inputs, 16, 8, 2])
+    layers = layers_of([Perception(features, actions, num_twist, 0.05, based).num_inputs, 16, 8, 2])
     card = {
         "format": 1, "name": "a test", "env_id": PATH if path else OMNI, "task": task,
         "robots": ["p3dx"] if path else ["omni3"], "dt": 0.05, "speed": 0.6,
@@ -71,9 +76,23 @@ def test_the_network_agrees_with_torch(sizes: list[int]) -> None:
     assert np.abs(Network.of(layers)(x) - y.numpy()).max() < 1e-5
 
 
-@pytest.mark.parametrize(("task", "env_id"), [("path_following", PATH), ("goal_reaching", OMNI)])
-def test_a_robot_in_a_batch_acts_exactly_as_alone(tmp_path: Path, task: str, env_id: str) -> None:
-    agent = load_agent(make_folder(tmp_path, task))
+PURSUIT = {"controller": "regulated_pure_pursuit", "gains": {"min_radius": 0.5}, "reach": 0.25}
+HISTOGRAM = {"controller": "vfh_plus", "gains": {}, "reach": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("task", "env_id", "base"),
+    [
+        ("path_following", PATH, None),
+        ("goal_reaching", OMNI, None),
+        ("path_following", PATH, PURSUIT),
+        ("goal_reaching", OMNI, HISTOGRAM),
+    ],
+)
+def test_a_robot_in_a_batch_acts_exactly_as_alone(
+    tmp_path: Path, task: str, env_id: str, base: dict[str, Any] | None
+) -> None:
+    agent = load_agent(make_folder(tmp_path, task, base=base))
     kwargs = {"num_beams": 72} if task == "goal_reaching" else {}
     envs = gymnasium.make_vec(env_id, 5, vectorization_mode="vector_entry_point", noise=1.0, **kwargs)
     pilot = Pilot(agent, envs)
@@ -92,8 +111,9 @@ def test_a_robot_in_a_batch_acts_exactly_as_alone(tmp_path: Path, task: str, env
         alone = [each.step(action)[0] for each, action in zip(singles, mine, strict=True)]
 
 
-def test_a_row_that_is_reset_forgets(tmp_path: Path) -> None:
-    agent = load_agent(make_folder(tmp_path))
+@pytest.mark.parametrize("base", [None, PURSUIT])
+def test_a_row_that_is_reset_forgets(tmp_path: Path, base: dict[str, Any] | None) -> None:
+    agent = load_agent(make_folder(tmp_path, base=base))
     envs = gymnasium.make_vec(PATH, 3, vectorization_mode="vector_entry_point")
     pilot = Pilot(agent, envs)
     observations, _ = envs.reset(seed=0)
@@ -109,8 +129,6 @@ def test_a_row_that_is_reset_forgets(tmp_path: Path) -> None:
 def test_speeds_stay_within_the_asked_speed(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     actions = rng.uniform(-1.0, 1.0, (500, 2)).astype(np.float32)
-    from wayfield.envs.robots import ROBOTS
-
     forward = Actions("unicycle", 2.0).twists(actions, np.full(500, 0.4), np.zeros(500), ROBOTS["p3dx"])
     assert forward[:, 0].min() >= 0.0
     assert forward[:, 0].max() <= 0.4
@@ -118,6 +136,56 @@ def test_speeds_stay_within_the_asked_speed(tmp_path: Path) -> None:
     planar = Actions("planar").twists(actions, np.full(500, 0.4), rng.uniform(-3.0, 3.0, 500), ROBOTS["omni3"])
     assert np.hypot(planar[:, 0], planar[:, 1]).max() <= 0.4 + 1e-12
     assert not planar[:, 2].any()
+
+
+@pytest.mark.parametrize(
+    ("env_id", "base", "kwargs"),
+    [
+        (PATH, Base("lqr", {"q_e": 60.0}, 0.3), {"scenario": "s_curve", "actuators": "lagged", "noise": 1.0}),
+        (OMNI, Base("dwa", {}, 0.3), {"scenario": "discs", "num_beams": 72, "max_range": 5.0}),
+    ],
+)
+def test_a_network_that_adds_nothing_leaves_its_controller_alone(
+    env_id: str, base: Base, kwargs: dict[str, Any]
+) -> None:
+    path = env_id == PATH
+    features = PathFeatures() if path else GoalFeatures(braking=0.0)
+    actions = Actions("unicycle" if path else "planar")
+    inputs = Perception(features, actions, 2 if path else 3, 0.05, True).num_inputs
+    nothing = Network.of([(np.zeros((2, inputs), np.float32), np.zeros(2, np.float32))])
+    robot = "p3dx" if path else "omni3"
+    agent: Any = Agent(nothing, features, actions, {"robots": [robot], "dt": 0.05}, 0.5, base)
+    controller = base.policy(0.5)
+    assert agent.knows == controller.knows
+    envs = gymnasium.make_vec(env_id, 4, vectorization_mode="vector_entry_point", **kwargs)
+    pilots = [Pilot(agent, envs), Pilot(controller, envs)]
+    observations, _ = envs.reset(seed=0)
+    for pilot in pilots:
+        pilot.reset()
+    for _ in range(60):
+        mine, theirs = (pilot.act(observations) for pilot in pilots)
+        np.testing.assert_array_equal(mine, theirs)
+        observations, *_ = envs.step(mine)
+
+
+@given(seed=st.integers(0, 2**32 - 1), reach=st.floats(0.01, 1.0), planar=st.booleans())
+def test_what_is_added_stays_within_reach_and_speed(seed: int, reach: float, planar: bool) -> None:
+    rng = np.random.default_rng(seed)
+    robot = ROBOTS["omni3" if planar else "p3dx"]
+    axes = len(robot.twist_axes)
+    asked, speeds = rng.uniform(-0.5, 0.5, (50, axes)), rng.uniform(0.1, 0.5, 50)
+    actions = rng.uniform(-1.0, 1.0, (50, 2)).astype(np.float32)
+    meaning = Actions("planar" if planar else "unicycle", 2.0)
+    twists = meaning.added(asked, actions, reach, speeds, rng.uniform(-3.0, 3.0, 50), robot)
+    forward = slice(0, 2 if planar else 1)
+    ours, theirs = (np.linalg.norm(each[:, forward], axis=1) for each in (twists, asked))
+    assert (ours <= np.maximum(speeds, theirs) + 1e-12).all()
+    change = np.linalg.norm((twists - asked)[:, forward], axis=1)
+    assert (change <= reach * speeds * (math.sqrt(2.0) if planar else 0.5) + 1e-9).all()
+    if planar:
+        np.testing.assert_array_equal(twists[:, 2], asked[:, 2])
+    else:
+        np.testing.assert_allclose(twists[:, 1] - asked[:, 1], reach * 2.0 * actions[:, 1], atol=1e-7)
 
 
 def test_an_omni_robot_sees_and_does_the_same_turned() -> None:
@@ -135,16 +203,10 @@ def test_an_omni_robot_sees_and_does_the_same_turned() -> None:
             out = np.empty((1, features.width(3)), np.float32)
             observation = goal_reaching.Observation(np.zeros((1, 3)), t, g, np.zeros(1), np.zeros(1), r)
             frame = features.observe(observation, np.ones(1), out)
-            velocity = Actions("planar").twists(np.array([[0.3, 0.2]], np.float32), np.ones(1), frame, _omni())
+            velocity = Actions("planar").twists(np.array([[0.3, 0.2]], np.float32), np.ones(1), frame, ROBOTS["omni3"])
             seen.append((out, velocity[:, :2]))
         np.testing.assert_allclose(seen[1][0], seen[0][0], atol=1e-6)
         np.testing.assert_allclose(seen[1][1], seen[0][1] @ back.T, atol=1e-9)
-
-
-def _omni() -> Any:
-    from wayfield.envs.robots import ROBOTS
-
-    return ROBOTS["omni3"]
 
 
 def test_features_are_what_their_docstring_says() -> None:
@@ -260,6 +322,26 @@ def test_an_agent_refuses_what_it_was_not_trained_for(
     env.reset(seed=0)
     with pytest.raises(ValueError, match=said):
         Pilot(agent, env).reset()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"controller": "regulated_pursuit"}, "Did you mean 'regulated_pure_pursuit'"),
+        ({"controller": "ppo"}, "a classical one"),
+        ({"controller": "waypoint", "gains": {}}, "no cruising speed"),
+        ({"gains": {"lookahead": 1.0}}, "lookahead"),
+        ({"gains": {"min_radius": -1.0}}, "min_radius"),
+        ({"gains": [1.0]}, "base is"),
+        ({"reach": 0.0}, "reach must be"),
+        ({"more": 1}, "more"),
+    ],
+)
+def test_a_base_that_cannot_be_is_named_with_the_card(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+    folder = make_folder(tmp_path, base=PURSUIT | change)
+    with pytest.raises(ValueError, match=said) as caught:
+        load_agent(folder)
+    assert CARD in str(caught.value)
 
 
 def test_an_agent_refuses_another_task(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from wayfield.policies.agent import Network, load_agent
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.command import main
 from wayfield.policies.training.learner import policy_layers
-from wayfield.policies.training.presets import PRESETS, overridden, preset_for
+from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, _Run, train
 from wayfield.policies.training.ways import left_from, way_field
 from wayfield.policies.training.worlds import Worlds
@@ -103,8 +103,13 @@ class Killed(Exception):
     """Stands for a power cut."""
 
 
-def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
-    train(job(tmp_path / "whole"), quiet)
+TAUGHT = dataclasses.replace(SMALL, controller="lqr", lessons=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
+ADDING = dataclasses.replace(SMALL, controller="lqr", reach=0.2, paces=(0.4, 0.6))
+
+
+@pytest.mark.parametrize("preset", [SMALL, TAUGHT, ADDING], ids=["plain", "taught", "adding"])
+def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, preset: Preset) -> None:
+    train(job(tmp_path / "whole", preset), quiet)
     for name, last in (("early", 1), ("between", 3), ("late", 5)):
         folder = tmp_path / name
         count = 0
@@ -116,8 +121,8 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path) -> 
                 raise Killed
 
         with pytest.raises(Killed):
-            train(job(folder), cut)
-        train(job(folder, resume=True), quiet)
+            train(job(folder, preset), cut)
+        train(job(folder, preset, resume=True), quiet)
         for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
             np.testing.assert_array_equal(mine, other)
         assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
@@ -188,6 +193,11 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
         ([PATH, "--set", "learning_rate=nan"], "finite"),
         ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--steps", "0"], "steps is 0"),
+        ([PATH, "--set", "controller=lqr"], "either teaches"),
+        ([PATH, "--set", "reach=0.2"], "either teaches"),
+        ([PATH, "--preset", "path_following_residual", "--set", "controller=lqrr"], "Did you mean 'lqr'"),
+        ([PATH, "--preset", "path_following_residual", "--set", "controller=dwa"], "does not read"),
+        ([PATH, "--preset", "path_following_cloned", "--steps", "400000"], "lessons must be"),
         ([PATH, "--resume"], "no run to resume"),
     ],
 )

@@ -59,15 +59,15 @@ class Learner:
             verbose=0,
         )
         self.ppo.set_logger(Logger(None, []))
-        if preset.teacher and not taught:
+        if preset.lessons and not taught:
             from wayfield.policies.training.lessons import teach
 
             began = time.perf_counter()
-            teach(self.ppo, self.env, preset.teacher, preset.lessons, preset.lesson_rate, seed)
+            teach(self.ppo, self.env, preset.controller_at, preset.lessons, preset.lesson_rate, seed)
             self.seconds = dict.fromkeys(self.seconds, 0.0) | {"lessons": time.perf_counter() - began}
             self._timed.seconds = self.seconds
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
-        self.ppo.num_timesteps = preset.lessons if preset.teacher else 0
+        self.ppo.num_timesteps = preset.lessons
 
     @property
     def frames(self) -> int:
@@ -189,25 +189,23 @@ class Timed(VecEnv):
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
-    counts = [round(share * preset.num_envs) for share, _ in preset.worlds]
+    paces = preset.paces or (None,)
+    asked = [(share / len(paces), kwargs, pace) for share, kwargs in preset.worlds for pace in paces]
+    counts = [round(share * preset.num_envs) for share, _, _ in asked]
     counts[0] += preset.num_envs - sum(counts)
+    parts = [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True) if count]
     robot = {} if preset.robot is None else {"robot": preset.robot}
     clock = {"max_episode_steps": preset.clock}
-    worlds = Worlds(
-        env_id,
-        [
-            (count, {**robot, **clock, **kwargs})
-            for count, (_, kwargs) in zip(counts, preset.worlds, strict=True)
-            if count
-        ],
-    )
+    worlds = Worlds(env_id, [(count, {**robot, **clock, **kwargs}) for count, kwargs, _ in parts])
     ways = None
     if preset.shortest_ways:
         from wayfield.policies.training.ways import Ways
 
         ways = Ways(worlds)
-    perception = Perception(preset.features, preset.actions, len(worlds.task.robot.twist_axes), worlds.task.options.dt)
-    return Shaped(worlds, perception, preset.reward, (preset.slowest, preset.fastest), preset.discount, ways)
+    robot_kind, dt = worlds.task.robot, worlds.task.options.dt
+    perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
+    speeds: Any = np.array([pace for _, _, pace in parts]) if preset.paces else (preset.slowest, preset.fastest)
+    return Shaped(worlds, perception, preset.reward, speeds, preset.discount, ways, preset.base)
 
 
 def policy_layers(policy: Any) -> Layers:

@@ -1,13 +1,13 @@
 """Behaviour cloning: before PPO, a network learns what a controller would do in the places that it comes to itself."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 
-from wayfield import policies
-from wayfield.policies.policy import Pilot
+from wayfield.policies.policy import Policy
 from wayfield.policies.training.shaping import Shaped
 
 CHUNK = 8  # control periods between gradient steps
@@ -17,12 +17,17 @@ JITTER = 0.1  # standard deviation of what is added to the actions that are driv
 CRITIC_SHARE = 0.2  # of the frames, in which the value function learns what the cloned policy is worth
 
 
-def teach(ppo: PPO, env: Shaped, teacher: str, frames: int, learning_rate: float, seed: int) -> None:
+def teach(
+    ppo: PPO, env: Shaped, teacher: Callable[[float], Policy], frames: int, learning_rate: float, seed: int
+) -> None:
     """Teaches a policy's mean the actions of a controller, then its value function, in a number of frames.
 
     The controller drives at first and the network more and more, each robot one or the other for a chunk, while the
     controller goes on saying what it would do: Ross, Gordon and Bagnell, "A reduction of imitation learning and
     structured prediction to no-regret online learning", AISTATS 2011.
+
+    Args:
+        teacher: the controller at a speed (m/s); `env` asks for one speed in each of its parts.
     """
     _clone(ppo, env, teacher, round((1.0 - CRITIC_SHARE) * frames), learning_rate, np.random.default_rng(seed))
     policy: Any = ppo.policy
@@ -41,34 +46,32 @@ def teach(ppo: PPO, env: Shaped, teacher: str, frames: int, learning_rate: float
 
 
 def _clone(
-    ppo: PPO, env: Shaped, teacher: str, frames: int, learning_rate: float, generator: np.random.Generator
+    ppo: PPO,
+    env: Shaped,
+    teacher: Callable[[float], Policy],
+    frames: int,
+    learning_rate: float,
+    generator: np.random.Generator,
 ) -> None:
     policy: Any = ppo.policy
     optimizer = torch.optim.Adam(
         [*policy.mlp_extractor.policy_net.parameters(), *policy.action_net.parameters()], learning_rate
     )
-    pilots = [Pilot(policies.make(teacher), part) for part in env.worlds.parts]
     inputs = env.reset()
-    for pilot in pilots:
-        pilot.reset()
+    pilots = env.make_pilots(teacher)
     shape = CHUNK, env.num_envs
     seen = np.empty((*shape, inputs.shape[1]), np.float32)
     wanted = np.empty((*shape, 2), np.float32)
     for begun in range(0, frames, CHUNK * env.num_envs):
         alone = generator.random(env.num_envs) < 1.5 * begun / frames
         for k in range(CHUNK):
-            twists = np.concatenate(
-                [pilot.act(env.observations[rows]) for pilot, rows in zip(pilots, env.worlds.rows, strict=True)]
-            )
-            seen[k], wanted[k] = inputs, env.actions_of(twists)
+            seen[k], wanted[k] = inputs, env.actions_of(env.ask(pilots))
             with torch.no_grad():
                 own = policy.get_distribution(torch.from_numpy(inputs)).mode().numpy()
             driven = np.where(alone[:, None], own, wanted[k])
             env.step_async(driven + JITTER * generator.standard_normal(driven.shape, np.float32))
             inputs, _, ended, _ = env.step_wait()
-            for pilot, rows in zip(pilots, env.worlds.rows, strict=True):
-                if ended[rows].any():
-                    pilot.reset(np.flatnonzero(ended[rows]))
+            env.tell(pilots, ended)
         x, y = torch.from_numpy(seen).flatten(0, 1), torch.from_numpy(wanted).flatten(0, 1)
         for _ in range(EPOCHS):
             for rows in torch.from_numpy(generator.permutation(len(x))).split(BATCH):

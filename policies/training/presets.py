@@ -9,8 +9,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
 from wayfield.envs.robots import ROBOTS
+from wayfield.policies.base import Base, controller_at
 from wayfield.policies.features import Actions, Features, GoalFeatures, PathFeatures
+from wayfield.policies.policy import Policy
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward
+from wayfield.policies.tuned import tuned_gains
+
+SUITES = {"path_following": "path-following", "goal_reaching": "goal-obstacles"}  # of tuned gains, by task
 
 World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword arguments of the environment
 
@@ -54,9 +59,12 @@ class Preset:
     fastest: float = 0.6  # m/s
     speed: float = 0.6  # m/s, of validation, and of the agent unless told otherwise
     validations: int = 12  # in a run
-    teacher: str = ""  # a policy that the network is taught to drive like before PPO begins; none
-    lessons: int = 500_000  # frames of that, of `steps`
+    controller: str = ""  # a policy of the suite that the network is taught by or adds to; none
+    controller_gains: Literal["default", "tuned"] = "tuned"
+    lessons: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
     lesson_rate: float = 1e-3
+    reach: float = 0.0  # how much the network may add to the controller's twist, see `Base`; 0: it drives by itself
+    paces: tuple[float, ...] = ()  # m/s, in place of slowest to fastest: each is asked of as many robots as the others
     shortest_ways: bool = False  # progress is measured along the shortest way, which the teacher knows
     patience: int = 0  # validations without a better one after which a run ends; 0 goes on to the last frame
     clock: int = 1200  # control periods of an episode
@@ -82,8 +90,34 @@ class Preset:
                 raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}")
         if self.fastest < self.slowest:
             raise ValueError(f"fastest is {self.fastest}; it must be at least slowest, {self.slowest}")
+        if (self.lessons > 0) + (self.reach > 0.0) != (self.controller != ""):
+            raise ValueError(
+                f"controller is {self.controller!r} with lessons {self.lessons} and reach {self.reach}; a controller "
+                "either teaches (lessons > 0) or is added to (reach > 0)"
+            )
+        if not 0 <= self.lessons < self.steps:
+            raise ValueError(f"lessons must be from 0 to under steps, {self.steps}, got {self.lessons}")
+        if self.controller:
+            if not self.paces or min(self.paces) <= 0.0:
+                raise ValueError(f"paces must be speeds above 0 where there is a controller, got {self.paces}")
+            if self.features.observation not in self.controller_at(self.speed).observes:
+                raise ValueError(f"controller {self.controller!r} does not read observations of {self.task}")
         if not self.hidden or min(self.hidden) < 1:
             raise ValueError(f"hidden must be sizes of at least 1, got {self.hidden}")
+
+    @property
+    def gains(self) -> dict[str, Any]:
+        """Returns the gains of the controller."""
+        return tuned_gains(self.controller, SUITES[self.task]) if self.controller_gains == "tuned" else {}
+
+    @property
+    def base(self) -> Base | None:
+        """Returns the controller that the network adds to."""
+        return Base(self.controller, self.gains, self.reach) if self.reach else None
+
+    def controller_at(self, speed: float) -> Policy:
+        """Returns the controller at a cruising speed (m/s)."""
+        return controller_at(self.controller, self.gains, speed)
 
 
 _LAGGED = {"scenario": "all/train", "actuators": "lagged"}
@@ -114,6 +148,22 @@ _PATH = Preset(
     fastest=1.1,
     validations=10,
 )
+
+# the same tasks in fewer worlds, each at four speeds, for a controller has one
+_PATH_WITH_CONTROLLER = dataclasses.replace(
+    _PATH,
+    worlds=(
+        (0.5, _LAGGED),
+        (0.3, _LAGGED | {"max_episode_steps": 100}),
+        (0.2, _LAGGED | {"disturbance": "moderate"}),
+    ),
+    controller="regulated_pure_pursuit",
+    paces=(0.4, 0.6, 0.8, 1.05),
+    lessons=500_000,
+    measured="not yet",
+)
+_PATH_CLONED = dataclasses.replace(_PATH_WITH_CONTROLLER, name="path_following_cloned")
+_PATH_RESIDUAL = dataclasses.replace(_PATH_WITH_CONTROLLER, name="path_following_residual", lessons=0, reach=0.25)
 
 _GOAL_FEATURES = GoalFeatures(frames=2, stride=5)
 _OMNI3_GOAL = Preset(
@@ -166,6 +216,10 @@ PRESETS = {
     for preset in (
         # a P3DX follows a path
         _PATH,
+        # a P3DX follows a path; the network begins as a copy of a controller
+        _PATH_CLONED,
+        # a P3DX follows a path; the network adds to a controller
+        _PATH_RESIDUAL,
         # an omni3 drives to a goal among obstacles, by its scan
         _OMNI3_GOAL,
         # an omni4 does

@@ -102,8 +102,7 @@ class _Run:
         state = checkpoints.read_state(job.folder) if job.resume else None
         self.learner = Learner(preset, job.env_id, job.seed, taught=state is not None)
         self.updates = 0
-        taught = preset.lessons if preset.teacher else 0
-        self.total = math.ceil((preset.steps - taught) / (preset.num_envs * preset.horizon))
+        self.total = math.ceil((preset.steps - preset.lessons) / (preset.num_envs * preset.horizon))
         self.interval = max(1, round(self.total / preset.validations))
         self.rows: list[dict[str, float]] = []
         self.seconds = 0.0
@@ -151,7 +150,8 @@ class _Run:
         layers = self.learner.layers()
         network = Network.of(layers, self.preset.activation)
         card = self._card(layers, {})
-        agent: Any = Agent(network, self.preset.features, self.preset.actions, card, self.preset.speed)
+        preset = self.preset
+        agent: Any = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
         score = validate(agent, self.job.env_id, self.kwargs, VALIDATION_CLOCK[self.preset.task])
         self.learner.seconds["validation"] += time.perf_counter() - began
         row = {
@@ -213,6 +213,7 @@ class _Run:
             "observation": list(preset.features.fields),
             "features": dataclasses.asdict(preset.features),
             "actions": dataclasses.asdict(preset.actions),
+            **({} if preset.base is None else {"base": dataclasses.asdict(preset.base)}),
             "network": {
                 "hidden": list(preset.hidden),
                 "activation": preset.activation,

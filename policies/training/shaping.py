@@ -1,7 +1,7 @@
 """What a learner sees of the worlds: features, a reward that teaches, and a speed asked for in every episode."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from wayfield.policies.agent import commanded
+from wayfield.policies.base import Base
 from wayfield.policies.features import Perception
+from wayfield.policies.policy import Pilot, Policy
 from wayfield.policies.training.worlds import Worlds
 
 Array = NDArray[np.float64]
@@ -80,9 +83,11 @@ class Shaped(VecEnv):
     """The worlds as the learner meets them: inputs of the network in, actions in [-1, 1] out.
 
     Args:
-        speeds: m/s, the least and the most of the speed that is drawn for every episode.
+        speeds: m/s, the least and the most of the speed that is drawn for every episode; or an array (parts,) with the
+            speed of each of the worlds' parts.
         discount: the learner's gamma; rewards are multiplied by 1 - gamma, so that values are of order one.
-        progress: of the robots (b,), m, in place of what the worlds tell; None takes that.
+        ways: returns the way left (b,), m, whose shortening is the progress; None takes what the worlds tell.
+        base: a controller that the network adds to; needs a speed for each part.
     """
 
     def __init__(
@@ -90,26 +95,30 @@ class Shaped(VecEnv):
         worlds: Worlds,
         perception: Perception,
         reward: Reward,
-        speeds: tuple[float, float],
+        speeds: tuple[float, float] | Array,
         discount: float,
         ways: Callable[[Worlds], Array] | None = None,
+        base: Base | None = None,
     ) -> None:
         self.worlds = worlds
         self.perception = perception
         self.reward = reward
         self.range = speeds
+        self.base = base
+        self.pilots: list[Pilot] = []
         self.scale = 1.0 - discount
         self.ways = ways
         self.share = 0.0  # of the run that is over
         self.dt = worlds.task.options.dt
         self.robot = worlds.task.robot
         self.memory = perception.fresh(worlds.num_envs)
-        self.speeds = np.full(worlds.num_envs, speeds[1])
+        self.speeds = np.full(worlds.num_envs, np.max(speeds))
         self.generator = np.random.default_rng(0)
         self.left = np.zeros(worlds.num_envs)  # m, of the way to the goal
         self.observations = np.empty(0, np.float32)  # of the environment, as they are
         self._inputs = np.empty(0, np.float32)
         self._angles = np.empty(0)
+        self._asked: Array | None = None  # twists (b, t) of the base
         self._actions = np.empty(0)
         width = perception.num_inputs
         super().__init__(
@@ -127,7 +136,9 @@ class Shaped(VecEnv):
         """Starts an episode in every row."""
         observations = self.worlds.reset()
         self.memory[:] = 0.0
-        self.speeds = self.generator.uniform(*self.range, self.num_envs)
+        self._draw_speeds(np.arange(self.num_envs))
+        if self.base is not None:
+            self.pilots = self.make_pilots(self.base.policy)
         if self.ways is not None:
             self.left = self.ways(self.worlds)
         self._see(observations)
@@ -142,7 +153,7 @@ class Shaped(VecEnv):
         actions = self._actions
         perception, size = self.perception, self.perception.actions.size
         change = np.square(actions - self.memory[:, :size]).sum(axis=1) if perception.acted else np.zeros(len(actions))
-        twists = perception.actions.twists(actions, self.speeds, self._angles, self.robot)
+        twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
         twists = perception.features.guarded(self._fields(self.observations), twists)
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
         ended = terminated | truncated
@@ -156,14 +167,43 @@ class Shaped(VecEnv):
         infos: list[dict[str, Any]] = [{}] * self.num_envs
         if len(rows):
             finals = self._fields(self.worlds.final_observations(rows))
-            last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows])
+            # what the base would ask for there is not known: it has been told of the next episode
+            asked = None if self._asked is None else self._asked[rows]
+            last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows], asked)
             for j, i in enumerate(rows.tolist()):
                 late = bool(truncated[i] and not terminated[i])
                 infos[i] = {"terminal_observation": last[j], "TimeLimit.truncated": late}
             self.memory[rows] = 0.0
-            self.speeds[rows] = self.generator.uniform(*self.range, len(rows))
+            self._draw_speeds(rows)
+            self.tell(self.pilots, ended)
         self._see(observations)
         return self._inputs, rewards.astype(np.float32), ended, infos
+
+    def _draw_speeds(self, rows: NDArray[np.int64]) -> None:
+        if isinstance(self.range, tuple):
+            self.speeds[rows] = self.generator.uniform(*self.range, len(rows))
+        else:
+            self.speeds = np.repeat(self.range, [part.num_envs for part in self.worlds.parts])
+
+    def make_pilots(self, policy: Callable[[float], Policy]) -> list[Pilot]:
+        """Returns the pilots of the worlds' parts, ready to act: of the policies of their robots' speeds."""
+        pilots = []
+        for part, rows in zip(self.worlds.parts, self.worlds.rows, strict=True):
+            pilots.append(Pilot(policy(float(self.speeds[rows.start])), part))
+            pilots[-1].reset()
+        return pilots
+
+    def ask(self, pilots: Sequence[Pilot]) -> Array:
+        """Returns the twists (b, t) that pilots of the parts ask for."""
+        return np.concatenate(
+            [pilot.act(self.observations[rows]) for pilot, rows in zip(pilots, self.worlds.rows, strict=True)]
+        )
+
+    def tell(self, pilots: Sequence[Pilot], ended: NDArray[np.bool_]) -> None:
+        """Tells pilots of the parts in which robots (b,) an episode has ended and another begun."""
+        for pilot, rows in zip(pilots, self.worlds.rows, strict=False):
+            if ended[rows].any():
+                pilot.reset(np.flatnonzero(ended[rows]))
 
     def _fields(self, observations: NDArray[np.float32]) -> Any:
         return self.worlds.task.layout.unpack(observations.astype(np.float64))
@@ -174,7 +214,10 @@ class Shaped(VecEnv):
 
     def _see(self, observations: NDArray[np.float32]) -> None:
         self.observations = observations
-        self._inputs, self._angles = self.perception.inputs(self._fields(observations), self.speeds, self.memory)
+        if self.base is not None:
+            self._asked = self.ask(self.pilots)
+        fields = self._fields(observations)
+        self._inputs, self._angles = self.perception.inputs(fields, self.speeds, self.memory, self._asked)
 
     def close(self) -> None:
         """Closes the worlds."""
@@ -200,7 +243,12 @@ class Shaped(VecEnv):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Returns all that decides what comes next, but for the random generators."""
-        return {f"shaped.{name}": getattr(self, name).copy() for name in self.ARRAYS} | self.worlds.arrays()
+        arrays = {f"shaped.{name}": getattr(self, name).copy() for name in self.ARRAYS} | self.worlds.arrays()
+        if self._asked is not None:
+            arrays["shaped._asked"] = self._asked.copy()
+        for k, pilot in enumerate(self.pilots):
+            arrays[f"pilot_{k}"] = np.frombuffer(pilot.memory.tobytes(), np.uint8)
+        return arrays
 
     def generators(self) -> list[Any]:
         """Returns the states of the random generators: its own, then the robots'."""
@@ -212,6 +260,12 @@ class Shaped(VecEnv):
             setattr(self, name, arrays[f"shaped.{name}"].copy())
         self.generator.bit_generator.state = generators[0]
         self.worlds.restore(arrays, generators[1:])
+        if self.base is not None:
+            self._asked = arrays["shaped._asked"].copy()
+            self.pilots = self.make_pilots(self.base.policy)
+            for k, pilot in enumerate(self.pilots):
+                memory = pilot.memory
+                pilot.memory = np.frombuffer(arrays[f"pilot_{k}"].tobytes(), memory.dtype).reshape(memory.shape).copy()
 
     @property
     def seen(self) -> NDArray[np.float32]:
