@@ -1,10 +1,12 @@
 """The contests: policies against each other on frozen test scenarios, in the order of their tables. Pure data.
 
 Every policy meets the same scenarios, starts and disturbances. Gains called "default" are those of the policy's file,
-"tuned" those that were found on the validation split (see `tune`).
+"tuned" those that were found on the validation split (see `tune`), "paper" those that leave a controller what its paper
+gives it: no memory of what is out of sight, no way around traps, nothing foreseen.
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -28,6 +30,9 @@ GOAL_POLICIES = (
     "ppo",
 )
 TRAINED = ("ppo",)
+PAPER: Mapping[str, Mapping[str, float]] = {
+    name: {"patience": math.inf, "recall": 0.0, "foresight": 0.0} for name in ("vfh_plus", "dwa")
+}
 TRANSFER_SPLIT = "validation"  # on which gains are tuned: the generalisation gap is the score here minus that on test
 
 
@@ -50,7 +55,7 @@ class Contest:
         family: str,
         split: str,
         names: Sequence[str],
-        gains_names: Sequence[str] = ("default", "tuned"),
+        gains_names: Sequence[str] = ("default", "tuned", "paper"),
         disturbance: str = "none",
         speed: float | None = None,
     ) -> Iterator[Case]:
@@ -92,6 +97,8 @@ class Contest:
             yield "default", {}
         if tuned and ("tuned" in gains_names or "best" in gains_names):
             yield "tuned", tuned
+        if name in PAPER and "paper" in gains_names:
+            yield "paper", dict(PAPER[name])
 
 
 CONTESTS = {

@@ -31,7 +31,11 @@ from wayfield.envs.scenarios import splits
 DOCUMENTS = "documents"
 SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
-GAINS = {"default": ("default",), "tuned": ("tuned",), "best": ("best",), "both": ("default", "tuned")}
+GAINS = {
+    **{name: (name,) for name in ("default", "tuned", "best", "paper")},
+    "both": ("default", "tuned"),
+    "all": ("default", "tuned", "paper"),
+}
 FAMILIES = tuple(name for task in splits.FAMILIES.values() for name in task)
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 
@@ -58,7 +62,7 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     help="The actuator tier.  [default: ideal; lagged in contests]",
 )
 @click.option("--robot", type=Choice("--robot", ROBOTS), help="The robot of a contest.  [default: p3dx]")
-@click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: both]")
+@click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: all]")
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
     "--path", "path", metavar="FILE", help="Follow the path of a .csv, .txt or .json file instead of a suite."
@@ -133,7 +137,7 @@ def main(
             (*DYNAMICS[dynamics or "kinematic"],),
             actuators or "lagged",
             robot or "p3dx",
-            GAINS[gains or "both"],
+            GAINS[gains or "all"],
             families,
             episodes,
             seed,

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.float32]
 
 LIMIT = 5.0  # beyond which a number tells a network nothing new
+CRUMBS = 4  # numbers before the crumbs: how many, least distance to the goal, distance, time without a lesser one
+NEXT_GOAL = 0.5  # m, by which the distance to the goal grows only where the goal is another
 NEAR = 0.01  # m, under which two points of a path give no direction
 
 
@@ -42,6 +44,7 @@ class PathFeatures:
     frames: int = 1  # observations seen
     stride: int = 1  # control periods between them
 
+    crumbs: ClassVar[int] = 0
     fields: ClassVar[tuple[str, ...]] = ("cross_track_error", "heading_error", "twist", "preview")
     observation: ClassVar[type] = path_following.Observation
 
@@ -76,7 +79,9 @@ class GoalFeatures:
     The goal's heading is not looked at.
 
     A scan alone does not tell a dead end that the robot has just left from a new way. So it sees where it came from:
-    points m that trail behind it, m' = (p - m)/T for each T of `trails`, by its measured positions p.
+    points m that trail behind it, m' = (p - m)/T for each T of `trails`, by its measured positions p; and, where crumbs
+    are dropped, one each crumb_gap of its way, the nearness of the nearest of the last of them in each direction, how
+    much farther than ever before the goal is, and for how long it has come no nearer, t/(t + 5 s).
 
     What the network asks for is guarded: towards a point of the scan at the distance d beyond gap, a robot goes no
     faster than it could stop on d after the time `reaction`: v = a (sqrt(reaction^2 + 2 d / a) - reaction), a the
@@ -96,6 +101,8 @@ class GoalFeatures:
     frame: Literal["goal", "body"] = "goal"
     previous: int = 1  # own actions seen
     trails: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)  # s
+    crumbs: int = 0
+    crumb_gap: float = 0.3  # m
     frames: int = 1  # observations seen
     stride: int = 1  # control periods between them
     gap: float = 0.02  # m
@@ -203,10 +210,15 @@ class Perception:
         self.trails = np.array(features.trails)
         self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
         self.trailed = 2 * len(self.trails)
-        self.first = self.acted + (self.trailed + 1 if self.trailed else 0)  # number of an earlier observation
+        self.dropped = self.acted + (self.trailed + 1 if self.trailed else 0)  # number of what is known by crumbs
+        self.first = self.dropped + (CRUMBS + 2 * features.crumbs if features.crumbs else 0)  # of what was seen before
         self.kept = (features.frames - 1) * features.stride
+        self.dt = dt
         self.asked = actions.size if based else 0
-        self.num_inputs = self.width * features.frames + self.acted + self.trailed + self.asked
+        self.crumbed = (
+            2 + features.num_beams // features.pool if isinstance(features, GoalFeatures) and features.crumbs else 0
+        )
+        self.num_inputs = self.width * features.frames + self.acted + self.trailed + self.crumbed + self.asked
 
     def fresh(self, num_envs: int) -> Numbers:
         """Returns the memory (num_envs, ...) of robots that have seen and done nothing: zeros."""
@@ -230,6 +242,13 @@ class Perception:
             scales = self.features.speed_scale * self.trails
             fill_trails(observation.pose, angles, self.shares, scales, self.acted, memory, at, inputs)
             at += self.trailed
+        if isinstance(self.features, GoalFeatures) and self.crumbed:
+            scales = np.array([self.dt, self.features.crumb_gap, self.features.range_scale])
+            fill_crumbs(
+                observation.pose, observation.goal, angles, scales, self.features.crumbs, self.dropped, memory,
+                inputs[:, at : at + self.crumbed],
+            )  # fmt: skip
+            at += self.crumbed
         for k in range(1, self.features.frames):
             old = self.first + (k * self.features.stride - 1) * self.width
             inputs[:, at : at + self.width] = memory[:, old : old + self.width]
@@ -376,6 +395,43 @@ def fill_trails(poses, angles, shares, scales, first, memory, at, out):
             dy = (memory[i, m + 1] - poses[i, 1]) / scales[k]
             out[i, at + 2 * k] = min(max(cosine * dx + sine * dy, -LIMIT), LIMIT)
             out[i, at + 2 * k + 1] = min(max(cosine * dy - sine * dx, -LIMIT), LIMIT)
+
+
+@compiled
+def fill_crumbs(poses, goals, angles, scales, count, first, memory, out):
+    """Drops crumbs, which a memory holds from `first` on, and fills what is known by them; see `GoalFeatures`."""
+    dt, gap, range_scale = scales
+    directions = out.shape[1] - 2
+    for i in range(out.shape[0]):
+        x = poses[i, 0]
+        y = poses[i, 1]
+        distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
+        dropped = int(memory[i, first])
+        last = first + CRUMBS + 2 * ((dropped - 1) % count)
+        if dropped == 0 or math.hypot(x - memory[i, last], y - memory[i, last + 1]) >= gap:
+            last = first + CRUMBS + 2 * (dropped % count)
+            memory[i, last] = x
+            memory[i, last + 1] = y
+            dropped += 1
+            memory[i, first] = dropped
+        # a goal that jumps away is the next one
+        if dropped == 1 or distance < memory[i, first + 1] or distance > memory[i, first + 2] + NEXT_GOAL:
+            memory[i, first + 1] = distance
+            memory[i, first + 3] = 0.0
+        else:
+            memory[i, first + 3] += dt
+        memory[i, first + 2] = distance
+        out[i, 0] = math.asinh(distance - memory[i, first + 1])
+        out[i, 1] = memory[i, first + 3] / (memory[i, first + 3] + 5.0)
+        out[i, 2:] = 0.0
+        heading = poses[i, 2] + angles[i]
+        for k in range(min(dropped, count)):
+            at = first + CRUMBS + 2 * k
+            dx = memory[i, at] - x
+            dy = memory[i, at + 1] - y
+            turn = wrap_angle(math.atan2(dy, dx) - heading) / (2.0 * math.pi)
+            j = 2 + math.floor(turn * directions + 0.5) % directions
+            out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))
 
 
 @compiled

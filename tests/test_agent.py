@@ -246,6 +246,60 @@ def test_the_memory_holds_the_last_actions_and_the_strided_frames() -> None:
         perception.remember(inputs, np.array([[k, -k]]), memory)
 
 
+def seeker(pose: tuple[float, float, float], goal: tuple[float, float]) -> goal_reaching.Observation:
+    """Returns what one robot in an empty world observes."""
+    far = np.full((1, 72), 5.0)
+    return goal_reaching.Observation(
+        np.array([pose]), np.zeros((1, 3)), np.array([goal]), np.zeros(1), np.zeros(1), far
+    )
+
+
+def test_trailing_points_lie_one_time_constant_behind_a_steady_robot() -> None:
+    features = GoalFeatures(trails=(1.0, 4.0))
+    perception = Perception(features, Actions("planar"), 3, 0.05)
+    memory = perception.fresh(1)
+    at, speed, heading = perception.width + perception.acted, 0.3, 0.7
+    for k in range(1000):
+        way = 0.05 * k * speed
+        pose = (way * math.cos(heading), way * math.sin(heading), 0.2)
+        inputs, _ = perception.inputs(seeker(pose, (5.0, 0.0)), np.ones(1), memory)
+    # (m - p) / (speed_scale T) with m = p - speed T, in the frame of a body that is turned by 0.2
+    behind = -speed / features.speed_scale * np.array([math.cos(heading - 0.2), math.sin(heading - 0.2)])
+    for k in range(2):
+        np.testing.assert_allclose(inputs[0, at + 2 * k : at + 2 * k + 2], behind, rtol=0.03)
+
+
+@given(seed=st.integers(0, 2**32 - 1), planar=st.booleans(), reaction=st.floats(0.0, 0.5), braking=st.floats(0.3, 2.0))
+def test_no_guarded_twist_is_too_fast_to_stop(seed: int, planar: bool, reaction: float, braking: float) -> None:
+    rng = np.random.default_rng(seed)
+    features = GoalFeatures(braking=braking, reaction=reaction)
+    ranges = rng.uniform(0.2, 2.0, (20, 72))
+    twists = rng.uniform(-1.0, 1.0, (20, 3 if planar else 2))
+    seen = goal_reaching.Observation(*[np.zeros((20, 1))] * 5, ranges)
+    guarded = features.guarded(seen, twists.copy())
+    angles = np.arange(72) * 2.0 * math.pi / 72 - math.pi
+    room = np.maximum(ranges - features.hull_radius - features.gap, 0.0)
+    # within the time `reaction` at v and then braking, the way is v reaction + v^2 / (2 braking)
+    towards = guarded[:, :1] * np.cos(angles) + (guarded[:, 1:2] * np.sin(angles) if planar else 0.0)
+    towards = np.maximum(towards, 0.0)
+    assert (towards * reaction + towards**2 / (2.0 * braking) <= room + 1e-9).all()
+    np.testing.assert_array_equal(guarded[:, -1], twists[:, -1])
+    assert (np.linalg.norm(guarded[:, :-1], axis=1) <= np.linalg.norm(twists[:, :-1], axis=1) + 1e-9).all()
+
+
+def test_the_guard_leaves_a_free_way_alone_and_slides_along_a_wall() -> None:
+    features = GoalFeatures()
+    free = np.array([[0.5, 0.2, 0.3]])
+    np.testing.assert_array_equal(features.guarded(seeker((0.0, 0.0, 0.0), (1.0, 0.0)), free.copy()), free)
+    angles = np.arange(72) * 2.0 * math.pi / 72 - math.pi
+    ahead = 0.34 / np.maximum(np.cos(angles), 1e-9)  # a wall at x = 0.34, the hull and the gap end at 0.32
+    ranges = np.minimum(ahead, 5.0)[None]
+    seen = goal_reaching.Observation(*[np.zeros((1, 1))] * 5, ranges)
+    slid = features.guarded(seen, np.array([[0.5, 0.2, 0.0]]))
+    assert 0.0 <= slid[0, 0] < 0.1
+    assert slid[0, 1] > 0.1
+
+
 # ---- files
 
 

@@ -17,10 +17,11 @@ from click.testing import CliRunner, Result
 from wayfield import policies
 from wayfield.benchmarks import contest, tune
 from wayfield.benchmarks.contest_tables import better_share
-from wayfield.benchmarks.contests import CONTESTS, cruising
+from wayfield.benchmarks.contests import CONTESTS, PAPER
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
+from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.scenarios import GoalScenario, circle, obstacle_field, splits, wall
 
@@ -96,7 +97,17 @@ def test_every_policy_can_be_told_its_speed() -> None:
     for each in CONTESTS.values():
         if each.cost == "cross_track_rms":
             for name in each.policies:
-                policies.make(name, **cruising(name, {}, 0.45))
+                policies.make(name, **policies.cruising(name, {}, 0.45))
+
+
+def test_a_paper_s_law_is_held_by_a_trap_that_our_additions_leave() -> None:
+    contest = CONTESTS["goal-obstacles"]
+    for name in PAPER:
+        left = {}
+        for case in contest.cases("p3dx", "u_traps_30", "validation", (name,), ("default", "paper")):
+            setting = Setting("a test", case, "kinematic", "lagged", 0, 10)
+            left[case.gains_name] = sum(number(row, "success") for row, _ in episodes(setting))
+        assert left["paper"] < left["default"]
 
 
 def test_a_second_run_gives_the_same_rows(paths: tuple[Path, Result], tmp_path: Path) -> None:

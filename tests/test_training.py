@@ -5,6 +5,7 @@
 import dataclasses
 import errno
 import os
+import signal
 import threading
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,13 @@ pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 
 from stable_baselines3.common.vec_env import DummyVecEnv
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from wayfield.envs.scenarios import GOAL_SCENARIOS
 from wayfield.policies.agent import Network, load_agent
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.command import main
+from wayfield.policies.training.curves import read_curve
 from wayfield.policies.training.learner import policy_layers
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, _Run, train
@@ -126,6 +129,52 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, pre
         for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
             np.testing.assert_array_equal(mine, other)
         assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
+
+
+def test_ctrl_c_saves_and_the_run_goes_on_from_there(tmp_path: Path) -> None:
+    train(job(tmp_path / "whole"), quiet)
+    folder = tmp_path / "run"
+
+    def press(report: Report) -> None:
+        if report.frames == 16 * 8 * 3:
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    stopped = train(job(folder), press)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert not stopped.done
+    assert stopped.frames == 16 * 8 * 3
+    assert train(job(folder, resume=True), quiet).done
+    for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
+        np.testing.assert_array_equal(mine, other)
+
+
+def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    small = ("num_envs=32", "horizon=8", "batch_size=64", "epochs=1", "hidden=8", "validations=1")
+    settings = [word for each in small for word in ("--set", each)]
+    with pytest.raises(SystemExit) as caught:
+        main([PATH, "--steps", "512", "--seeds", "2", "--seed", "3", "--out", str(out), *settings])
+    assert caught.value.code == 0
+    told = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in told] == ["seed 3", "seed 4"]
+    assert all(part in told[0] for part in ("done", "frames/s", "environment", "update", "last validation"))
+    digests = set()
+    for seed in (3, 4):
+        folder = out / f"seed_{seed}"
+        curve = read_curve(folder)
+        assert curve["frames"] == [512.0]
+        digests.add(load_agent(folder / checkpoints.BEST).card["sha256"])
+        events = EventAccumulator(str(folder / "tensorboard"))
+        events.Reload()
+        for name in ("success", "error", "return"):
+            (event,) = events.Scalars(f"wayfield/{name}")
+            assert event.step == 512
+            assert event.value == pytest.approx(curve[name][0], rel=1e-6)
+    assert len(digests) == 2
+    assert (out / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_full_disk_leaves_the_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,6 +36,7 @@ class PathReward:
     leniency: float = 0.2
     jerk_cost: float = 0.02
     stall_cost: float = 2.0
+    final_stall_cost: float = 2.0
     stall_share: float = 0.2  # of the asked speed, under which a robot stalls
     failure: float = 50.0
 
@@ -46,7 +47,8 @@ class PathReward:
         e = (self.leniency + (1.0 - self.leniency) * min(2.0 * share, 1.0)) * np.abs(told["cross_track_error"])
         pace = told["progress"] / (speeds * dt)
         stalled = np.clip(1.0 - pace / self.stall_share, 0.0, 1.0)
-        reward = pace * (1.0 - self.error_cost * e) - self.error_rate * e - self.stall_cost * stalled
+        stall_cost = self.stall_cost + share * (self.final_stall_cost - self.stall_cost)
+        reward = pace * (1.0 - self.error_cost * e) - self.error_rate * e - stall_cost * stalled
         return np.asarray(reward - self.jerk_cost * change - self.failure * told["left_corridor"])
 
 
