@@ -21,6 +21,8 @@ from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map
 from wayfield.envs.scenarios import splits
+from wayfield.policies.agent import CARD, read_card
+from wayfield.policies.ppo import trained
 
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
 WORST = 3  # episodes of each policy whose trajectories are kept
@@ -105,8 +107,11 @@ def slim(trajectory: Trajectory) -> Trajectory:
 def _key(setting: Setting, code: str) -> str:
     """Returns the name of a setting's folder: the same for the same setting and code."""
     family, split = setting.case.scenario.split("/")
+    # agents of one's own may be trained anew in the same folder
+    home, seed = (setting.case.gains.get(name) for name in ("home", "seed"))
+    weights = read_card(trained(home)[seed] / CARD)["sha256"] if home else ""
     geometry = splits.digest(splits.split(CONTESTS[setting.case.document].task, family, split))
-    return hashlib.sha256(f"{setting!r} {geometry} {code}".encode()).hexdigest()[:24]
+    return hashlib.sha256(f"{setting!r} {geometry} {weights} {code}".encode()).hexdigest()[:24]
 
 
 def _source_digest() -> str:

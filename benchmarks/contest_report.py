@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import shlex
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -46,6 +47,7 @@ class ContestOptions:
     families: tuple[str, ...] | None  # None: all
     episodes: int | None  # the first scenarios of each family; None: all
     seed: int
+    homes: tuple[str, ...] = ()  # folders of training runs that take part
 
     @property
     def ladder(self) -> bool:
@@ -70,6 +72,8 @@ class ContestOptions:
             words += ["--episodes", str(self.episodes)]
         if self.seed:
             words += ["--seed", str(self.seed)]
+        for home in self.homes:
+            words += ["--agents", shlex.quote(home)]
         return " ".join(words)
 
     def names(self, contest: Contest) -> tuple[str, ...]:
@@ -85,6 +89,11 @@ class ContestOptions:
         for name in self.policies or ():
             if all(name not in CONTESTS[each].policies for each in self.contests):
                 raise click.UsageError(f"--policies {name!r} takes no part in suite {self.suite!r}")
+        for home in self.homes:
+            if not any(list(CONTESTS[each].own_sets(home, self.robot)) for each in self.contests):
+                raise click.UsageError(f"--agents {home!r} holds no agents for suite {self.suite!r} and {self.robot}")
+        if len({Path(home).resolve().name for home in self.homes}) < len(self.homes):
+            raise click.UsageError(f"--agents must differ in their last names, got {', '.join(self.homes)}")
         found = []
         for contest in (CONTESTS[name] for name in self.contests):
             for plant in self.dynamics:
@@ -104,10 +113,10 @@ class ContestOptions:
         best = ("best",) if len(self.gains_names) > 1 else self.gains_names
         if self.ladder:
             for level in LEVELS:
-                cases = contest.cases(self.robot, family, "test", names, best, disturbance=level)
+                cases = contest.cases(self.robot, family, "test", names, best, level, homes=self.homes)
                 yield from self._settings(contest, plant, cases, LADDER_SCENARIOS)
             return
-        cases = contest.cases(self.robot, family, "test", names, self.gains_names)
+        cases = contest.cases(self.robot, family, "test", names, self.gains_names, homes=self.homes)
         if self.suite == OVERVIEW:
             yield from self._settings(contest, plant, cases, OVERVIEW_SCENARIOS)
             return
@@ -117,7 +126,7 @@ class ContestOptions:
             yield from self._settings(contest, plant, cases)
         if contest.cost != "time":
             for speed in SPEEDS:
-                cases = contest.cases(self.robot, family, "test", names, best, speed=speed)
+                cases = contest.cases(self.robot, family, "test", names, best, speed=speed, homes=self.homes)
                 yield from self._settings(contest, plant, cases, FRONT_SCENARIOS)
 
     def _settings(
@@ -135,7 +144,7 @@ def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Ta
     """Plays a contest in `count` processes, writes its files into the folder, and returns its tables."""
     try:
         settings = options.settings()
-    except ValueError as error:  # a damaged split
+    except ValueError as error:  # a damaged split or agent
         raise click.ClickException(str(error)) from None
     with contextlib.ExitStack() as stack:
         try:
@@ -156,7 +165,9 @@ def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Ta
             cases = [
                 case
                 for name in options.contests
-                for case in timed_cases(name, options.robot, options.names(CONTESTS[name]), options.gains_names)
+                for case in timed_cases(
+                    name, options.robot, options.names(CONTESTS[name]), options.gains_names, options.homes
+                )
             ]
             write_decisions(stage, measured(cases, batches=(1,), rounds=2))
         tables = write_report(stage, options.command, options.ladder, share)

@@ -15,7 +15,7 @@ from wayfield.benchmarks.tables import Table
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.agent import load_agent
-from wayfield.policies.ppo import shipped
+from wayfield.policies.ppo import shipped, trained
 from wayfield.policies.tuned import tuning_runs
 
 Entry = tuple[str, str]  # policy, and the name of its gains
@@ -155,15 +155,19 @@ def by_scenario(rows: Sequence[Row], numbers: Array) -> tuple[Array, list[str]]:
     return table, list(families.values())
 
 
-def cost(entry: Entry, contest: Contest, row: Row) -> tuple[str, str]:
-    """Returns how many numbers an entry is made of, and what they were learned from."""
+def cost(entry: Entry, contest: Contest, row: Row) -> tuple[str, str, str]:
+    """Returns what an entry knows, how many numbers it is made of, and what they were learned from."""
     policy, gains_name = entry
     if policy in TRAINED:
-        card = load_agent(next(iter(shipped(contest.task, row["robot"]).values()))).card
-        return f"{card['network']['parameters']:,}", f"{card['training']['steps'] / 1e6:.1f} M frames"
-    fields = dataclasses.fields(wayfield.policies.make(policy))  # type: ignore[arg-type]
+        home = row["gains"].partition("home=")[2]
+        folders = trained(home) if home else shipped(contest.task, row["robot"])
+        agent = load_agent(next(iter(folders.values())))
+        training = agent.card["training"]
+        taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
+        return agent.knows, f"{agent.num_parameters:,}", f"{training['steps'] / 1e6:.1f} M frames{taught}"
+    made = wayfield.policies.make(policy)
     runs = tuning_runs(policy, contest.name) if gains_name == "tuned" else 0
-    return str(len(fields)), f"{runs:,} runs" if runs else ""
+    return made.knows, str(len(dataclasses.fields(made))), f"{runs:,} runs" if runs else ""  # type: ignore[arg-type]
 
 
 def standings_table(
@@ -174,7 +178,7 @@ def standings_table(
     lines = []
     for entry, rows in standings.entries.items():
         policy, gains_name = entry
-        cells = [policy, gains_name, wayfield.policies.make(policy).knows, *cost(entry, standings.contest, rows[0])]
+        cells = [policy, gains_name, *cost(entry, standings.contest, rows[0])]
         cells.append(success_cell(rows))
         cells += [_cell(column, rows, standings.contest) for column in columns]
         times = [each for each in decisions if (each["policy"], each["gains_name"]) == entry and each["batch"] == "1"]

@@ -7,7 +7,9 @@ gives it: no memory of what is out of sight, no way around traps, nothing forese
 
 import dataclasses
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from wayfield import policies
@@ -19,7 +21,8 @@ from wayfield.benchmarks.cases import (
     Case,
 )
 from wayfield.envs.scenarios import splits
-from wayfield.policies.ppo import shipped
+from wayfield.policies.agent import CARD, read_card
+from wayfield.policies.ppo import shipped, trained
 
 PATH_POLICIES = (
     *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "smooth_pose"),
@@ -58,6 +61,7 @@ class Contest:
         gains_names: Sequence[str] = ("default", "tuned", "paper"),
         disturbance: str = "none",
         speed: float | None = None,
+        homes: Sequence[str] = (),
     ) -> Iterator[Case]:
         """Yields a case for each policy and each set of its gains, on all scenarios of a family's split.
 
@@ -66,9 +70,13 @@ class Contest:
         Args:
             disturbance: a level of the ladder.
             speed: m/s, a cruising speed in place of the policy's own.
+            homes: folders of training runs; those for the task and robot take part, a set each, called like its folder.
         """
-        for name in names:
-            for gains_name, gains in self.gain_sets(name, robot, gains_names):
+        sets = {name: list(self.gain_sets(name, robot, gains_names)) for name in names}
+        for home in homes:
+            sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
+        for name, of_policy in sets.items():
+            for gains_name, gains in of_policy:
                 conditions = {"robot": robot} | ({} if disturbance == "none" else {"disturbance": disturbance})
                 if speed is not None:
                     gains |= policies.cruising(name, gains, speed)
@@ -99,6 +107,20 @@ class Contest:
             yield "tuned", tuned
         if name in PAPER and "paper" in gains_names:
             yield "paper", dict(PAPER[name])
+
+    def own_sets(self, home: str, robot: str) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields the agents in a folder of training runs, if they are for the task and the robot.
+
+        Raises:
+            ValueError: if there are none at all, or a card is damaged.
+        """
+        runs = trained(home)
+        if not runs:
+            raise ValueError(f"{home!r} holds no trained agents: no seed_N{os.sep}best")
+        for seed, folder in runs.items():
+            card = read_card(folder / CARD)
+            if card["task"] == self.task and robot in card["robots"]:
+                yield Path(home).resolve().name, {"seed": seed, "home": home}
 
 
 CONTESTS = {

@@ -103,9 +103,11 @@ def measured(cases: Sequence[Case], batches: Iterable[int] = BATCHES, rounds: in
     ]
 
 
-def timed_cases(contest: str, robot: str, names: Sequence[str], gains_names: Sequence[str]) -> list[Case]:
+def timed_cases(
+    contest: str, robot: str, names: Sequence[str], gains_names: Sequence[str], homes: Sequence[str] = ()
+) -> list[Case]:
     """Returns the cases in which policies are timed; of trained agents one."""
-    cases = CONTESTS[contest].cases(robot, FAMILY[contest], "test", names, gains_names)
+    cases = CONTESTS[contest].cases(robot, FAMILY[contest], "test", names, gains_names, homes=homes)
     return list({(case.policy, case.gains_name): case for case in cases}.values())
 
 

@@ -63,6 +63,13 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 )
 @click.option("--robot", type=Choice("--robot", ROBOTS), help="The robot of a contest.  [default: p3dx]")
 @click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: all]")
+@click.option(
+    "--agents",
+    "homes",
+    multiple=True,
+    metavar="DIR",
+    help="Also the agents of a folder that train.py wrote, in contests; may be repeated.",
+)
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
     "--path", "path", metavar="FILE", help="Follow the path of a .csv, .txt or .json file instead of a suite."
@@ -89,6 +96,7 @@ def main(
     actuators: str | None,
     robot: str | None,
     gains: str | None,
+    homes: tuple[str, ...],
     families: tuple[str, ...] | None,
     path: str | None,
     scale: float | None,
@@ -119,7 +127,7 @@ def main(
         policies = None
     count = count or min(os.cpu_count() or 1, 4)
     if suite is None:
-        narrowed = any((policies, dynamics, actuators, robot, gains, families, path, episodes, video))
+        narrowed = any((policies, dynamics, actuators, robot, gains, homes, families, path, episodes, video))
         suite = DOCUMENTS if narrowed else OVERVIEW
     if suite == OVERVIEW:
         _overview(Path("results") / OVERVIEW if out is None else Path(out), seed, count)
@@ -141,13 +149,14 @@ def main(
             families,
             episodes,
             seed,
+            homes,
         )
         with _ended_by_signals():
             _print(contest_report(options, folder, count))
         click.echo(f"Results are in {folder}{os.sep}")
         return
-    for option, value in (("--robot", robot), ("--gains", gains), ("--families", families)):
-        if value is not None:
+    for option, value in (("--robot", robot), ("--gains", gains), ("--agents", homes), ("--families", families)):
+        if value:
             raise click.UsageError(f"{option} belongs to the contests: --suite {', '.join((*CONTESTS, DISTURBANCES))}")
     dynamics, actuators = dynamics or "both", actuators or "ideal"
     cases = _cases_of_path(path, scale or 1.0, policies) if path is not None else _cases_of_documents(policies)

@@ -1,4 +1,4 @@
-"""The agents that ship: trained with PPO by `train.py`, ten seeds a task and robot, each a folder of `agents/`."""
+"""Agents by their seed: those that ship, ten a task and robot, or those of a folder that `train.py` wrote."""
 
 import dataclasses
 import functools
@@ -20,21 +20,32 @@ TASKS = {path_following.Observation: "path_following", goal_reaching.Observation
 
 @dataclasses.dataclass(frozen=True)
 class Ppo:
-    """Drives with the agent of its seed that ships for the task and the robot it is put in.
+    """Drives with the agent of its seed that ships for the task and the robot it is put in, or with one of your own.
 
     What the network sees and does is stated in the agent's card and in `features`. Learned from the training split of
-    the scenarios; serves the robots that `shipped` names.
+    the scenarios; those that ship serve the robots that `shipped` names.
     """
 
     seed: int = 0  # of the training run
     speed: float = 0.0  # m/s, the most that it drives; 0: the one that it was validated at
+    home: str = ""  # folder of training runs, as train.py's --out; "": the agents that ship
 
-    knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
 
     def __post_init__(self) -> None:
         check_whole(self, "seed")
         check_gain(self, "speed", least=0.0)
+        if not isinstance(self.home, str):
+            raise ValueError(f"Ppo: home must be the name of a folder, got {self.home!r}")
+
+    @property
+    def knows(self) -> str:
+        """Returns what it must be told: of agents that ship "sensors", of others what their card asks for.
+
+        Raises:
+            ValueError: if the folder holds no agent of the seed, or a damaged one.
+        """
+        return self._own().knows if self.home else "sensors"
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent for a briefing.
@@ -42,7 +53,16 @@ class Ppo:
         Raises:
             ValueError: if none ships for the task and robot, or none of this seed.
         """
-        return _loaded(TASKS[briefing.layout.kind], briefing.robot.name, self.seed, self.speed)
+        task, robot = TASKS[briefing.layout.kind], briefing.robot.name
+        if self.home:
+            agent = self._own()
+            if agent.card["task"] != task:
+                raise ValueError(f"{self.home} holds agents for {agent.card['task']}, not for {task}")
+            return agent
+        return _loaded(_of_seed(shipped(task, robot), self.seed, f"ships for {task} with {robot}"), self.speed)
+
+    def _own(self) -> Agent:
+        return _loaded(_of_seed(trained(self.home), self.seed, f"is in {self.home}"), self.speed)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the agent's empty memory.
@@ -59,15 +79,27 @@ class Ppo:
 
 def shipped(task: str, robot: str) -> dict[int, Path]:
     """Returns the folders of the agents that ship for a task ("path_following", "goal_reaching") and robot, by seed."""
-    home = Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}"
+    return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}")
+
+
+def trained(home: str) -> dict[int, Path]:
+    """Returns the folders of the best agents of the training runs in a folder, by seed."""
+    runs = {seed: folder / "best" for seed, folder in _by_seed(Path(home)).items()}
+    return {seed: folder for seed, folder in runs.items() if folder.is_dir()}
+
+
+def _by_seed(home: Path) -> dict[int, Path]:
     found = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_\d+", each.name)}
     return dict(sorted(found.items()))
 
 
-@functools.lru_cache(maxsize=128)
-def _loaded(task: str, robot: str, seed: int, speed: float) -> Agent:
-    folders = shipped(task, robot)
+def _of_seed(folders: dict[int, Path], seed: int, what: str) -> Path:
     if seed not in folders:
         there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
-        raise ValueError(f"no agent of seed {seed} ships for {task} with {robot}; there are {there}")
-    return load_agent(folders[seed], **({"speed": speed} if speed else {}))
+        raise ValueError(f"no agent of seed {seed} {what}; there are {there}")
+    return folders[seed]
+
+
+@functools.lru_cache(maxsize=128)
+def _loaded(folder: Path, speed: float) -> Agent:
+    return load_agent(folder, **({"speed": speed} if speed else {}))

@@ -14,6 +14,7 @@ import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.evaluate import main
+from wayfield.benchmarks.results import read_rows
 from wayfield.policies import ppo
 from wayfield.policies.agent import load_agent
 from wayfield.policies.policy import Pilot
@@ -103,6 +104,67 @@ def test_a_damaged_agent_ends_an_evaluation_in_one_line(
     assert "weights.safetensors is damaged" in run.stderr.splitlines()[-1]
     assert "Traceback" not in run.output
     assert not Path("out/episodes.csv").exists()
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """Returns a folder as train.py leaves it, with the agents of two seeds."""
+    for seed in (1, 4):
+        shutil.copytree(shipped("path_following", "p3dx")[seed], tmp_path / "mine" / f"seed_{seed}" / "best")
+    (tmp_path / "mine" / "seed_7").mkdir()  # has no agent yet
+    return tmp_path / "mine"
+
+
+def test_agents_of_your_own_drive_as_those_that_ship(home: Path) -> None:
+    env: Any = gymnasium.make(PATH_ID, scenario="s_curve", actuators="lagged")
+    seen, _ = env.reset(seed=0)
+    acts = []
+    for gains in ({}, {"home": str(home)}):
+        pilot = Pilot(policies.make("ppo", seed=4, **gains), env)
+        pilot.reset()
+        acts.append(pilot.act(seen))
+    np.testing.assert_array_equal(*acts)
+    with pytest.raises(ValueError, match=r"no agent of seed 0 is in .*mine; there are seeds 1, 4"):
+        _start(PATH_ID, "ppo", home=str(home))
+    with pytest.raises(ValueError, match="agents for path_following, not for goal_reaching"):
+        _start(DIFF_GOAL_ID, "ppo", seed=1, home=str(home))
+    with pytest.raises(ValueError, match="home must be"):
+        policies.make("ppo", home=3)
+
+
+def test_agents_of_your_own_take_part_in_a_contest_under_the_name_of_their_folder(home: Path) -> None:
+    out = home.parent / "out"
+    small = ("--families", "circles", "--episodes", "2", "--workers", "1", "--policies", "pure_pursuit")
+    run = CliRunner().invoke(
+        main, ["--suite", "path-following", *small, "--gains", "default", "--agents", str(home), "--out", str(out)]
+    )
+    assert run.exit_code == 0, run.output
+    rows = [row for row in read_rows(out) if row["split"] == "test"]
+    assert {(row["policy"], row["gains_name"]) for row in rows} == {("pure_pursuit", "default"), ("ppo", "mine")}
+    assert len(rows) == 2 + 2 * 2
+    table = (out / "path_following_p3dx.csv").read_text()
+    assert "ppo,mine,sensors" in table
+    assert f"--agents {home}" in (out / "table.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--suite", "path-following", "--agents", "nowhere"), "'nowhere' holds no trained agents"),
+        (("--suite", "goal-obstacles", "--agents", "mine"), "holds no agents for suite 'goal-obstacles'"),
+        (("--suite", "path-following", "--agents", "mine", "--agents", "mine"), "must differ"),
+        (("--suite", "documents", "--agents", "mine"), "--agents belongs to the contests"),
+    ],
+)
+def test_folders_without_fitting_agents_are_refused_in_one_line(
+    arguments: tuple[str, ...], said: str, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(home.parent)
+    run = CliRunner().invoke(main, [*arguments, "--out", "out"])
+    assert run.exit_code in (1, 2)
+    assert said in run.stderr
+    assert run.stderr.count("\n") == 1
+    assert not Path("out").exists()
 
 
 @pytest.mark.parametrize(("task", "robot"), KINDS)

@@ -33,9 +33,12 @@ from wayfield.policies.training.worlds import Worlds
 
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 
+PLAIN, RESIDUAL = "path_following_plain", "path_following_residual"
+
 # a run of seconds: few robots, few paths
 SMALL = dataclasses.replace(
-    PRESETS["path_following"],
+    PRESETS[PLAIN],
+    paces=(0.6,),
     worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
     validation={"scenario": "s_curve", "actuators": "lagged"},
     num_envs=16,
@@ -156,7 +159,7 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     small = ("num_envs=32", "horizon=8", "batch_size=64", "epochs=1", "hidden=8", "validations=1")
     settings = [word for each in small for word in ("--set", each)]
     with pytest.raises(SystemExit) as caught:
-        main([PATH, "--steps", "512", "--seeds", "2", "--seed", "3", "--out", str(out), *settings])
+        main([PATH, "--preset", PLAIN, "--steps", "512", "--seeds", "2", "--seed", "3", "--out", str(out), *settings])
     assert caught.value.code == 0
     told = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in told] == ["seed 3", "seed 4"]
@@ -242,11 +245,11 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
         ([PATH, "--set", "learning_rate=nan"], "finite"),
         ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--steps", "0"], "steps is 0"),
-        ([PATH, "--set", "controller=lqr"], "either teaches"),
-        ([PATH, "--set", "reach=0.2"], "either teaches"),
-        ([PATH, "--preset", "path_following_residual", "--set", "controller=lqrr"], "Did you mean 'lqr'"),
-        ([PATH, "--preset", "path_following_residual", "--set", "controller=dwa"], "does not read"),
-        ([PATH, "--preset", "path_following_cloned", "--steps", "400000"], "lessons must be"),
+        ([PATH, "--preset", PLAIN, "--set", "controller=lqr"], "either teaches"),
+        ([PATH, "--preset", PLAIN, "--set", "reach=0.2"], "either teaches"),
+        ([PATH, "--preset", RESIDUAL, "--set", "controller=lqrr"], "Did you mean 'lqr'"),
+        ([PATH, "--preset", RESIDUAL, "--set", "controller=dwa"], "does not read"),
+        ([PATH, "--preset", "path_following", "--steps", "400000"], "lessons must be"),
         ([PATH, "--resume"], "no run to resume"),
     ],
 )
@@ -268,7 +271,7 @@ def test_a_folder_with_another_run_is_refused(tmp_path: Path) -> None:
     other = dataclasses.replace(SMALL, name="another")
     for wrong, said in (
         (job(folder), "--resume"),
-        (job(folder, preset=other, resume=True), "preset 'path_following', not 'another'"),
+        (job(folder, preset=other, resume=True), "preset 'path_following_plain', not 'another'"),
         (job(folder, env_id=OMNI, resume=True), "env_id"),
         (job(folder, seed=1, resume=True), "seed"),
         (job(folder, settings=("epochs=2",), resume=True), "settings"),

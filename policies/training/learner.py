@@ -189,8 +189,7 @@ class Timed(VecEnv):
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
-    paces = preset.paces or (None,)
-    asked = [(share / len(paces), kwargs, pace) for share, kwargs in preset.worlds for pace in paces]
+    asked = [(share / len(preset.paces), kwargs, pace) for share, kwargs in preset.worlds for pace in preset.paces]
     counts = [round(share * preset.num_envs) for share, _, _ in asked]
     counts[0] += preset.num_envs - sum(counts)
     parts = [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True) if count]
@@ -204,8 +203,8 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
         ways = Ways(worlds)
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
-    speeds: Any = np.array([pace for _, _, pace in parts]) if preset.paces else (preset.slowest, preset.fastest)
-    return Shaped(worlds, perception, preset.reward, speeds, preset.discount, ways, preset.base)
+    paces = [pace for _, _, pace in parts]
+    return Shaped(worlds, perception, preset.reward, paces, preset.discount, ways, preset.base)
 
 
 def policy_layers(policy: Any) -> Layers:

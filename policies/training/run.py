@@ -223,6 +223,7 @@ class _Run:
             "sha256": weights_digest(layers),
             "training": {
                 **self.job.described(),
+                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.lessons else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),

@@ -1,4 +1,4 @@
-"""What a learner sees of the worlds: features, a reward that teaches, and a speed asked for in every episode."""
+"""What a learner sees of the worlds: features, a reward that teaches, and a speed that is asked for."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -27,16 +27,17 @@ class PathReward:
 
     So an error costs by the metre that is driven with it, as in the tables: a robot beside its path does best to get
     back before it goes on. The true error is meant, whatever the robot measures. The strictness grows from `leniency`
-    to 1 over the first half of a run, and standing still costs more than any corner: a robot that has once learned to
-    stand before corners rarely unlearns it.
+    to 1 over the first half of a run. Standing still costs more than any corner at first, for a robot that has once
+    learned to stand before corners rarely unlearns it; the cost falls to `final_stall_cost` over the run, for a robot
+    that turns towards its path before it goes on hardly moves along it.
     """
 
-    error_cost: float = 30.0  # 1/m
-    error_rate: float = 20.0  # 1/m
+    error_cost: float = 80.0  # 1/m
+    error_rate: float = 15.0  # 1/m
     leniency: float = 0.2
     jerk_cost: float = 0.02
     stall_cost: float = 2.0
-    final_stall_cost: float = 2.0
+    final_stall_cost: float = 0.2
     stall_share: float = 0.2  # of the asked speed, under which a robot stalls
     failure: float = 50.0
 
@@ -85,11 +86,10 @@ class Shaped(VecEnv):
     """The worlds as the learner meets them: inputs of the network in, actions in [-1, 1] out.
 
     Args:
-        speeds: m/s, the least and the most of the speed that is drawn for every episode; or an array (parts,) with the
-            speed of each of the worlds' parts.
+        paces: m/s, the speed that is asked for in each of the worlds' parts.
         discount: the learner's gamma; rewards are multiplied by 1 - gamma, so that values are of order one.
         ways: returns the way left (b,), m, whose shortening is the progress; None takes what the worlds tell.
-        base: a controller that the network adds to; needs a speed for each part.
+        base: a controller that the network adds to.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Shaped(VecEnv):
         worlds: Worlds,
         perception: Perception,
         reward: Reward,
-        speeds: tuple[float, float] | Array,
+        paces: Sequence[float],
         discount: float,
         ways: Callable[[Worlds], Array] | None = None,
         base: Base | None = None,
@@ -105,7 +105,7 @@ class Shaped(VecEnv):
         self.worlds = worlds
         self.perception = perception
         self.reward = reward
-        self.range = speeds
+        self.paces = paces
         self.base = base
         self.pilots: list[Pilot] = []
         self.scale = 1.0 - discount
@@ -114,8 +114,7 @@ class Shaped(VecEnv):
         self.dt = worlds.task.options.dt
         self.robot = worlds.task.robot
         self.memory = perception.fresh(worlds.num_envs)
-        self.speeds = np.full(worlds.num_envs, np.max(speeds))
-        self.generator = np.random.default_rng(0)
+        self.speeds = np.repeat(paces, [part.num_envs for part in worlds.parts])
         self.left = np.zeros(worlds.num_envs)  # m, of the way to the goal
         self.observations = np.empty(0, np.float32)  # of the environment, as they are
         self._inputs = np.empty(0, np.float32)
@@ -130,15 +129,13 @@ class Shaped(VecEnv):
         )
 
     def seed(self, seed: int | None = None) -> list[int | None]:
-        """Seeds the worlds' rows seed, seed + 1, ... and the draws of the speeds."""
-        self.generator = np.random.default_rng(seed)
+        """Seeds the worlds' rows seed, seed + 1, ..."""
         return list(self.worlds.seed(seed))
 
     def reset(self) -> NDArray[np.float32]:
         """Starts an episode in every row."""
         observations = self.worlds.reset()
         self.memory[:] = 0.0
-        self._draw_speeds(np.arange(self.num_envs))
         if self.base is not None:
             self.pilots = self.make_pilots(self.base.policy)
         if self.ways is not None:
@@ -176,22 +173,15 @@ class Shaped(VecEnv):
                 late = bool(truncated[i] and not terminated[i])
                 infos[i] = {"terminal_observation": last[j], "TimeLimit.truncated": late}
             self.memory[rows] = 0.0
-            self._draw_speeds(rows)
             self.tell(self.pilots, ended)
         self._see(observations)
         return self._inputs, rewards.astype(np.float32), ended, infos
 
-    def _draw_speeds(self, rows: NDArray[np.int64]) -> None:
-        if isinstance(self.range, tuple):
-            self.speeds[rows] = self.generator.uniform(*self.range, len(rows))
-        else:
-            self.speeds = np.repeat(self.range, [part.num_envs for part in self.worlds.parts])
-
     def make_pilots(self, policy: Callable[[float], Policy]) -> list[Pilot]:
-        """Returns the pilots of the worlds' parts, ready to act: of the policies of their robots' speeds."""
+        """Returns the pilots of the worlds' parts, ready to act: of policies that have a part's pace."""
         pilots = []
-        for part, rows in zip(self.worlds.parts, self.worlds.rows, strict=True):
-            pilots.append(Pilot(policy(float(self.speeds[rows.start])), part))
+        for part, pace in zip(self.worlds.parts, self.paces, strict=True):
+            pilots.append(Pilot(policy(pace), part))
             pilots[-1].reset()
         return pilots
 
@@ -241,7 +231,7 @@ class Shaped(VecEnv):
         """Refuses."""
         return self.worlds.env_method(method_name, *args, indices=indices, **kwargs)
 
-    ARRAYS = ("memory", "speeds", "left", "observations", "_inputs", "_angles")
+    ARRAYS = ("memory", "left", "observations", "_inputs", "_angles")
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Returns all that decides what comes next, but for the random generators."""
@@ -253,15 +243,14 @@ class Shaped(VecEnv):
         return arrays
 
     def generators(self) -> list[Any]:
-        """Returns the states of the random generators: its own, then the robots'."""
-        return [self.generator.bit_generator.state, *self.worlds.generators()]
+        """Returns the states of the robots' random generators."""
+        return self.worlds.generators()
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], generators: list[Any]) -> None:
         """Puts everything back to where `arrays` and `generators` were taken; `_inputs` is what is seen next."""
         for name in self.ARRAYS:
             setattr(self, name, arrays[f"shaped.{name}"].copy())
-        self.generator.bit_generator.state = generators[0]
-        self.worlds.restore(arrays, generators[1:])
+        self.worlds.restore(arrays, generators)
         if self.base is not None:
             self._asked = arrays["shaped._asked"].copy()
             self.pilots = self.make_pilots(self.base.policy)
