@@ -21,7 +21,7 @@ from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map
 from wayfield.envs.scenarios import splits
-from wayfield.policies.agent import CARD, read_card
+from wayfield.policies.agent import CARD
 from wayfield.policies.ppo import trained
 
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
@@ -109,9 +109,9 @@ def _key(setting: Setting, code: str) -> str:
     family, split = setting.case.scenario.split("/")
     # agents of one's own may be trained anew in the same folder
     home, seed = (setting.case.gains.get(name) for name in ("home", "seed"))
-    weights = read_card(trained(home)[seed] / CARD)["sha256"] if home else ""
+    card = (trained(home)[seed] / CARD).read_text(encoding="utf-8") if home else ""
     geometry = splits.digest(splits.split(CONTESTS[setting.case.document].task, family, split))
-    return hashlib.sha256(f"{setting!r} {geometry} {weights} {code}".encode()).hexdigest()[:24]
+    return hashlib.sha256(f"{setting!r} {geometry} {card} {code}".encode()).hexdigest()[:24]
 
 
 def _source_digest() -> str:

@@ -15,6 +15,7 @@ from wayfield.benchmarks.contests import (
     CONTESTS,
     DISTURBANCES,
     FRONT_SCENARIOS,
+    GAINS_NAMES,
     LADDER_SCENARIOS,
     OVERVIEW,
     OVERVIEW_SCENARIOS,
@@ -90,6 +91,10 @@ class ContestOptions:
             if all(name not in CONTESTS[each].policies for each in self.contests):
                 raise click.UsageError(f"--policies {name!r} takes no part in suite {self.suite!r}")
         for home in self.homes:
+            if not home.strip() or Path(home).resolve().name in GAINS_NAMES:
+                raise click.UsageError(
+                    f"--agents {home!r} needs a name of its own; {', '.join(GAINS_NAMES)} mean something else"
+                )
             if not any(list(CONTESTS[each].own_sets(home, self.robot)) for each in self.contests):
                 raise click.UsageError(f"--agents {home!r} holds no agents for suite {self.suite!r} and {self.robot}")
         if len({Path(home).resolve().name for home in self.homes}) < len(self.homes):
@@ -122,7 +127,7 @@ class ContestOptions:
             return
         yield from self._settings(contest, plant, cases)
         if "tuned" in self.gains_names:
-            cases = contest.cases(self.robot, family, TRANSFER_SPLIT, names, ("tuned",))
+            cases = contest.cases(self.robot, family, TRANSFER_SPLIT, names, ("tuned",), homes=self.homes)
             yield from self._settings(contest, plant, cases)
         if contest.cost != "time":
             for speed in SPEEDS:
@@ -188,7 +193,7 @@ class Interrupted(click.ClickException):
 
 
 def write_report(folder: Path, command: str, ladder: bool, share: Map) -> list[Table]:
-    """Writes tables and figures into a folder, from the files of its run alone; returns the tables."""
+    """Writes tables and figures into a folder, from the files of its run; returns the tables."""
     from wayfield.benchmarks.contest_figures import draw_contest, wanted_figures
 
     rows = read_rows(folder)

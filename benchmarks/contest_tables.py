@@ -1,6 +1,7 @@
-"""The tables of a contest, from the rows of its episodes and the measured decision times alone."""
+"""The tables of a contest, from the rows of its episodes, the measured decision times and the cards of agents."""
 
 import dataclasses
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -159,9 +160,9 @@ def cost(entry: Entry, contest: Contest, row: Row) -> tuple[str, str, str]:
     """Returns what an entry knows, how many numbers it is made of, and what they were learned from."""
     policy, gains_name = entry
     if policy in TRAINED:
-        home = row["gains"].partition("home=")[2]
+        seed, home = re.fullmatch(r"seed=(\d+)(?: home=(.*))?", row["gains"]).groups()  # type: ignore[union-attr]
         folders = trained(home) if home else shipped(contest.task, row["robot"])
-        agent = load_agent(next(iter(folders.values())))
+        agent = load_agent(folders[int(seed)])
         training = agent.card["training"]
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
         return agent.knows, f"{agent.num_parameters:,}", f"{training['steps'] / 1e6:.1f} M frames{taught}"
@@ -192,7 +193,7 @@ def standings_table(
     note = (
         f"{count} test scenarios, each policy in the same ones, from the same starts with the same seeds; success with "
         "its 95 % Wilson interval; numbers are interquartile means over the episodes (SPL, SCT, BARN and shares: means)"
-        ", brackets 95 % bootstrap intervals, stratified by family. Rows of trained agents hold every seed that ships; "
+        ", brackets 95 % bootstrap intervals, stratified by family. Rows of trained agents hold every seed; "
         "their intervals, that of success too, resample seeds and scenarios. Learned from: runs on "
         f"{TRANSFER_SPLIT} scenarios, or frames of {CONTROL_PERIOD:g} s on training scenarios. A failure counts as "
         f"{_IMPUTED[standings.contest.name]}; times without 'imputed', speed and effort are of the successes. Compute: "

@@ -33,6 +33,7 @@ GOAL_POLICIES = (
     "ppo",
 )
 TRAINED = ("ppo",)
+GAINS_NAMES = ("default", "tuned", "paper", "best", "trained")
 PAPER: Mapping[str, Mapping[str, float]] = {
     name: {"patience": math.inf, "recall": 0.0, "foresight": 0.0} for name in ("vfh_plus", "dwa")
 }
@@ -65,7 +66,7 @@ class Contest:
     ) -> Iterator[Case]:
         """Yields a case for each policy and each set of its gains, on all scenarios of a family's split.
 
-        Trained agents have one set, "trained", whatever is asked for, and a case for each seed that ships.
+        Trained agents have one set, "trained", whatever is asked for, and a case for each seed.
 
         Args:
             disturbance: a level of the ladder.

@@ -33,7 +33,6 @@ SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
 GAINS = {
     **{name: (name,) for name in ("default", "tuned", "best", "paper")},
-    "both": ("default", "tuned"),
     "all": ("default", "tuned", "paper"),
 }
 FAMILIES = tuple(name for task in splits.FAMILIES.values() for name in task)
@@ -126,10 +125,12 @@ def main(
     if policies is not None and "all" in policies:
         policies = None
     count = count or min(os.cpu_count() or 1, 4)
+    narrowed = any((policies, dynamics, actuators, robot, gains, homes, families, path, episodes, video))
     if suite is None:
-        narrowed = any((policies, dynamics, actuators, robot, gains, homes, families, path, episodes, video))
         suite = DOCUMENTS if narrowed else OVERVIEW
     if suite == OVERVIEW:
+        if narrowed:
+            raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed and --workers")
         _overview(Path("results") / OVERVIEW if out is None else Path(out), seed, count)
         return
     if path is None and suite != DOCUMENTS:

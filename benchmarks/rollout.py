@@ -90,6 +90,8 @@ def roll_out(
 
 def _faults(memory: NDArray[Any], i: int) -> int:
     """Returns how often robot i's policy had to fall back on something else, which it counts in its memory."""
+    if "base" in (memory.dtype.names or ()):
+        memory = memory["base"]  # of the controller that an agent adds to
     return sum(int(memory[name][i]) for name in FAULTS if name in (memory.dtype.names or ()))
 
 

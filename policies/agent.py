@@ -238,7 +238,7 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     file = folder / WEIGHTS
     tensors = read_tensors(file)
     hidden = card["network"]["hidden"]
-    features, actions = card_features(card), Actions(**card["actions"])
+    features, actions = card_features(card, folder / CARD)
     base = card_base(card, folder / CARD)
     perception = Perception(features, actions, card["network"]["num_twist"], card["dt"], base is not None)
     sizes = [perception.num_inputs, *hidden, actions.size]
@@ -260,7 +260,10 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     if weights_digest(pairs) != card["sha256"]:
         raise ValueError(f"{file} holds other weights than {CARD} was written for: their SHA-256 differs")
     network = Network.of(pairs, card["network"]["activation"])
-    return Agent(network, features, actions, card, **({"speed": card["speed"], "base": base} | gains))
+    try:
+        return Agent(network, features, actions, card, **({"speed": card["speed"], "base": base} | gains))
+    except ValueError as error:
+        raise ValueError(f"{folder / CARD}: {error}") from None
 
 
 def card_base(card: Mapping[str, Any], file: pathlib.Path) -> Base | None:
@@ -272,20 +275,31 @@ def card_base(card: Mapping[str, Any], file: pathlib.Path) -> Base | None:
     if card.get("base") is None:
         return None
     try:
-        return Base(**card["base"])
+        base = Base(**card["base"])
+        if FEATURES[card["task"]].observation not in base.policy(1.0).observes:
+            raise ValueError(f"controller {base.controller!r} does not read observations of {card['task']}")
+        return base
     except (TypeError, ValueError) as error:
         raise ValueError(f"{file}: base is {card['base']!r}: {error}") from None
 
 
-def card_features(card: Mapping[str, Any]) -> Features:
-    """Returns the features that a card describes."""
-    features: Features = FEATURES[card["task"]](**card["features"] | {"trails": tuple(card["features"]["trails"])})
-    return features
+def card_features(card: Mapping[str, Any], file: pathlib.Path) -> tuple[Features, Actions]:
+    """Returns the features and actions that a card describes.
+
+    Raises:
+        ValueError: naming the file, if a value of theirs is of the wrong kind or out of range.
+    """
+    trails = card["features"]["trails"]
+    try:
+        trails = tuple(trails) if isinstance(trails, list) else trails
+        return FEATURES[card["task"]](**card["features"] | {"trails": trails}), Actions(**card["actions"])
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
 
 
 _CARD_KINDS = {
     "env_id": str, "robots": list, "task": str, "dt": float, "speed": float, "features": dict, "actions": dict,
-    "network": dict, "sha256": str,
+    "network": dict, "sha256": str, "training": dict,
 }  # fmt: skip
 
 
@@ -308,6 +322,8 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
     for key, kind in _CARD_KINDS.items():
         if not isinstance(card.get(key), kind):
             raise ValueError(f"{file}: {key} must be a {kind.__name__}, got {card.get(key)!r}")
+    if not all(isinstance(each, str) for each in card["robots"]):
+        raise ValueError(f"{file}: robots must be names, got {card['robots']!r}")
     if card["env_id"] not in gymnasium.registry:
         ours = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
         raise ValueError(f"{file} is for {card['env_id']}, which this wayfield does not have; it has {', '.join(ours)}")
@@ -318,6 +334,8 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         if set(card[key]) != names:
             odd = ", ".join(sorted(set(card[key]) ^ names))
             raise ValueError(f"{file}: {key} must have exactly {', '.join(sorted(names))}; not so: {odd}")
+    if type(card["training"].get("steps")) is not int:
+        raise ValueError(f"{file}: training.steps must be a whole number, got {card['training'].get('steps')!r}")
     network = card["network"]
     hidden = network.get("hidden")
     if not isinstance(hidden, list) or not all(type(n) is int and n > 0 for n in hidden):

@@ -14,6 +14,8 @@ from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import wrap_angle
 from wayfield.envs.robots import Robot
+from wayfield.envs.task import choose
+from wayfield.policies.policy import check_gain, check_whole
 from wayfield.policies.steering import unicycle_twists
 
 Array = NDArray[np.float64]
@@ -45,6 +47,13 @@ class PathFeatures:
     stride: int = 1  # control periods between them
 
     crumbs: ClassVar[int] = 0
+
+    def __post_init__(self) -> None:
+        check_seen(self)
+        for name in ("error_scale", "preview_scale", "turn_scale", "speed_scale", "yaw_scale"):
+            check_gain(self, name, above=0.0)
+        check_whole(self, "num_preview")
+
     fields: ClassVar[tuple[str, ...]] = ("cross_track_error", "heading_error", "twist", "preview")
     observation: ClassVar[type] = path_following.Observation
 
@@ -109,6 +118,19 @@ class GoalFeatures:
     braking: float = 0.7  # m/s^2; 0: nothing is guarded
     reaction: float = 0.2  # s
 
+    def __post_init__(self) -> None:
+        check_seen(self)
+        for name in ("max_range", "range_scale", "distance_scale", "speed_scale", "yaw_scale", "crumb_gap"):
+            check_gain(self, name, above=0.0)
+        for name in ("hull_radius", "margin", "gap", "braking", "reaction"):
+            check_gain(self, name, least=0.0)
+        check_whole(self, "crumbs")
+        check_whole(self, "num_beams", least=1)
+        check_whole(self, "pool", least=1)
+        if self.num_beams % self.pool:
+            raise ValueError(f"GoalFeatures: pool must divide num_beams, got {self.pool} and {self.num_beams}")
+        choose("frame", self.frame, ("goal", "body"))
+
     fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "ranges")
     observation: ClassVar[type] = goal_reaching.Observation
 
@@ -140,6 +162,16 @@ class GoalFeatures:
 Features = PathFeatures | GoalFeatures
 
 
+def check_seen(features: Features) -> None:
+    """Raises ValueError, naming the field, its value and its range, unless what both features have is right."""
+    check_whole(features, "previous")
+    for name in ("frames", "stride"):
+        check_whole(features, name, least=1)
+    trails = features.trails
+    if not isinstance(trails, tuple) or not all(type(each) in (int, float) and each > 0.0 for each in trails):
+        raise ValueError(f"{type(features).__name__}: trails must be times > 0 s, got {trails!r}")
+
+
 @dataclasses.dataclass(frozen=True)
 class Actions:
     """What the outputs of a network mean, each clipped to [-1, 1].
@@ -150,6 +182,10 @@ class Actions:
 
     kind: Literal["unicycle", "planar"] = "unicycle"
     yaw_rate: float = 2.0  # rad/s
+
+    def __post_init__(self) -> None:
+        choose("kind", self.kind, ("unicycle", "planar"))
+        check_gain(self, "yaw_rate", above=0.0)
 
     @property
     def size(self) -> int:
@@ -405,17 +441,19 @@ def fill_crumbs(poses, goals, angles, scales, count, first, memory, out):
     for i in range(out.shape[0]):
         x = poses[i, 0]
         y = poses[i, 1]
-        distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
+        # as the memory keeps it: what was rounded up there would else be undercut by a robot that stands
+        distance = np.float32(math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1]))
         dropped = int(memory[i, first])
+        begins = dropped == 0
         last = first + CRUMBS + 2 * ((dropped - 1) % count)
-        if dropped == 0 or math.hypot(x - memory[i, last], y - memory[i, last + 1]) >= gap:
+        if begins or math.hypot(x - memory[i, last], y - memory[i, last + 1]) >= gap:
             last = first + CRUMBS + 2 * (dropped % count)
             memory[i, last] = x
             memory[i, last + 1] = y
             dropped += 1
             memory[i, first] = dropped
         # a goal that jumps away is the next one
-        if dropped == 1 or distance < memory[i, first + 1] or distance > memory[i, first + 2] + NEXT_GOAL:
+        if begins or distance < memory[i, first + 1] or distance > memory[i, first + 2] + NEXT_GOAL:
             memory[i, first + 1] = distance
             memory[i, first + 3] = 0.0
         else:

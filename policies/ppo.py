@@ -45,7 +45,7 @@ class Ppo:
         Raises:
             ValueError: if the folder holds no agent of the seed, or a damaged one.
         """
-        return self._own().knows if self.home else "sensors"
+        return self._own.knows if self.home else "sensors"
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent for a briefing.
@@ -55,14 +55,14 @@ class Ppo:
         """
         task, robot = TASKS[briefing.layout.kind], briefing.robot.name
         if self.home:
-            agent = self._own()
-            if agent.card["task"] != task:
-                raise ValueError(f"{self.home} holds agents for {agent.card['task']}, not for {task}")
-            return agent
-        return _loaded(_of_seed(shipped(task, robot), self.seed, f"ships for {task} with {robot}"), self.speed)
+            if self._own.card["task"] != task:
+                raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
+            return self._own
+        return _shipped(task, robot, self.seed, self.speed)
 
+    @functools.cached_property
     def _own(self) -> Agent:
-        return _loaded(_of_seed(trained(self.home), self.seed, f"is in {self.home}"), self.speed)
+        return _loaded(trained(self.home), self.seed, self.speed, f"is in {self.home}")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the agent's empty memory.
@@ -89,17 +89,17 @@ def trained(home: str) -> dict[int, Path]:
 
 
 def _by_seed(home: Path) -> dict[int, Path]:
-    found = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_\d+", each.name)}
+    found = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_(0|[1-9]\d*)", each.name)}
     return dict(sorted(found.items()))
 
 
-def _of_seed(folders: dict[int, Path], seed: int, what: str) -> Path:
+def _loaded(folders: dict[int, Path], seed: int, speed: float, what: str) -> Agent:
     if seed not in folders:
         there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
         raise ValueError(f"no agent of seed {seed} {what}; there are {there}")
-    return folders[seed]
+    return load_agent(folders[seed], **({"speed": speed} if speed else {}))
 
 
 @functools.lru_cache(maxsize=128)
-def _loaded(folder: Path, speed: float) -> Agent:
-    return load_agent(folder, **({"speed": speed} if speed else {}))
+def _shipped(task: str, robot: str, seed: int, speed: float) -> Agent:
+    return _loaded(shipped(task, robot), seed, speed, f"ships for {task} with {robot}")

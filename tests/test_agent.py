@@ -51,6 +51,7 @@ def make_folder(folder: Path, task: str = "path_following", **changes: Any) -> P
         "robots": ["p3dx"] if path else ["omni3"], "dt": 0.05, "speed": 0.6,
         "features": dataclasses.asdict(features), "actions": dataclasses.asdict(actions),
         "network": {"hidden": [16, 8], "num_twist": num_twist, "activation": "tanh"}, "sha256": weights_digest(layers),
+        "training": {"steps": 1000},
     }  # fmt: skip
     save_agent(folder, layers, card | changes)
     return folder
@@ -328,6 +329,9 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
 
         return change
 
+    def changed(**values: Any) -> Any:
+        return json.loads((whole / CARD).read_text())["features"] | values
+
     def spoil(folder: Path) -> None:
         content = bytearray((folder / WEIGHTS).read_bytes())
         content[-5] ^= 1
@@ -349,6 +353,23 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
         "features": (edit(features={"size": 3}), "features"),
         "task": (edit(task="flying"), "flying"),
         "robots": (edit(robots="p3dx"), "robots"),
+        **{
+            f"features_{k}": (edit(features=changed(**{name: value})), name)
+            for k, (name, value) in enumerate(
+                [
+                    *(("trails", each) for each in ("abc", None, 5, ["a"], [0.0])),
+                    *(("frames", each) for each in (0, 1.5, "2")),
+                    *(("stride", 0), ("previous", 1.0), ("previous", -1), ("num_preview", None)),
+                    *(("error_scale", each) for each in (0.0, "x", None)),
+                ]
+            )
+        },
+        "kind": (edit(actions={"kind": "bogus", "yaw_rate": 2.0}), "kind"),
+        "yaw_rate": (edit(actions={"kind": "unicycle", "yaw_rate": None}), "yaw_rate"),
+        "speed": (edit(speed=math.nan), "speed"),
+        "untrained": (edit(training=None), "training"),
+        "steps": (edit(training={}), "steps"),
+        "robots_of": (edit(robots=[3]), "robots"),
         "hidden": (edit(network={"hidden": [0], "num_twist": 2, "activation": "tanh"}), "hidden"),
     }
     for name, (change, said) in cases.items():
@@ -396,6 +417,23 @@ def test_a_base_that_cannot_be_is_named_with_the_card(tmp_path: Path, change: di
     with pytest.raises(ValueError, match=said) as caught:
         load_agent(folder)
     assert CARD in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("pool", each) for each in (0, "x", 5)),
+        *(("num_beams", each) for each in (None, 0)),
+        *(("crumbs", each) for each in ("a", -1)),
+        *(("frame", each) for each in ("bogus", 3)),
+        *(("braking", each) for each in ("x", -1.0, math.inf)),
+        ("range_scale", None),
+        ("crumb_gap", 0.0),
+    ],
+)
+def test_features_that_cannot_be_are_named(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=name):
+        GoalFeatures(**{name: value})
 
 
 def test_an_agent_refuses_another_task(tmp_path: Path) -> None:

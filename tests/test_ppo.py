@@ -96,10 +96,10 @@ def test_a_damaged_agent_ends_an_evaluation_in_one_line(
     shutil.copytree(shipped("path_following", "p3dx")[0], "agent")
     (tmp_path / "agent" / "weights.safetensors").write_bytes(b"nothing")
     monkeypatch.setattr(ppo, "shipped", lambda *_: dict.fromkeys(range(10), tmp_path / "agent"))
-    ppo._loaded.cache_clear()
+    ppo._shipped.cache_clear()
     options = ("--policies", "ppo", "--episodes", "1", "--workers", "1", "--out", "out")
     run = CliRunner().invoke(main, [*arguments, *options])
-    ppo._loaded.cache_clear()
+    ppo._shipped.cache_clear()
     assert run.exit_code == 1
     assert "weights.safetensors is damaged" in run.stderr.splitlines()[-1]
     assert "Traceback" not in run.output

@@ -36,7 +36,7 @@ def read_run(folder: pathlib.Path) -> dict[str, Any] | None:
         description = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ValueError(f"{file} is damaged: {error}") from None
-    if not isinstance(description, dict) or not {"env_id", "preset", "settings", "seed"} <= set(description):
+    if not isinstance(description, dict) or not {"env_id", "preset", "settings", "steps", "seed"} <= set(description):
         raise ValueError(f"{file} does not describe a training run")
     return description
 

@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from wayfield.policies.training.checkpoints import BEST
+from wayfield.policies.training.checkpoints import BEST, CURVE
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, check_folder
@@ -52,7 +52,7 @@ class _OneLine(click.Command):
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: results/training/PRESET."
 )
 @click.option("--resume", is_flag=True, help="Go on with the runs in the folder.")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A number of the preset; may be repeated.")
+@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A value of the preset; may be repeated.")
 def main(
     env_id: str,
     name: str | None,
@@ -95,10 +95,11 @@ def main(
         last = _trained(jobs, min(cores, seeds))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    draw_curves(
-        [job.folder for job in jobs], preset.task, folder / "curves.png", f"{env_id}, preset {preset.name}: validation"
-    )
-    return _told(jobs, last, preset)
+    status = _told(jobs, last, preset)
+    drawn = [job.folder for job in jobs if (job.folder / CURVE).exists()]
+    if drawn:
+        draw_curves(drawn, preset.task, folder / "curves.png", f"{env_id}, preset {preset.name}: validation")
+    return status
 
 
 def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
@@ -133,7 +134,7 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
             status = 1
             continue
         total = sum(report.seconds.values())
-        shares = ", ".join(f"{name} {value / total:.0%}" for name, value in report.seconds.items()) if total else ""
+        shares = ", ".join(f"{name} {value / total:.0%}" for name, value in report.seconds.items() if value)
         training = total - report.seconds.get("validation", 0.0)
         speed = f"{report.frames / training:,.0f} frames/s" if training else "nothing"
         found = _scores(report.row, preset.task) if report.row else "no validation yet"

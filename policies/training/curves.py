@@ -17,25 +17,20 @@ PANELS = {
 
 
 def read_curve(folder: Path) -> dict[str, list[float]]:
-    """Returns the columns of a run's learning curve; empty where there is none yet."""
-    file = folder / CURVE
-    if not file.exists():
-        return {}
-    with open(file, newline="", encoding="utf-8") as stream:
+    """Returns the columns of a run's learning curve."""
+    with open(folder / CURVE, newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    return {name: [float(row[name]) for row in rows] for name in rows[0]} if rows else {}
+    return {name: [float(row[name]) for row in rows] for name in rows[0]}
 
 
 def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> None:
-    """Draws the validation curves of all runs over frames, a thin line each, to an image file."""
+    """Draws the validation curves of runs over frames, a thin line each, to an image file."""
     from matplotlib.figure import Figure
 
     figure = Figure((10.0, 3.2), layout="constrained")
     panels = figure.subplots(1, 3)
     for folder in folders:
         curve = read_curve(folder)
-        if not curve:
-            continue
         frames = [each / 1e6 for each in curve["frames"]]
         for panel, (name, _) in zip(panels, PANELS[task], strict=True):
             panel.plot(frames, curve[name], linewidth=1.0, alpha=0.8, label=folder.name)
@@ -46,7 +41,6 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
             panel.set_ylim(-0.02, 1.02)
         elif task == "path_following":
             panel.set_yscale("log")
-    if folders:
-        panels[0].legend(fontsize="small", frameon=False)
+    panels[0].legend(fontsize="small", frameon=False)
     figure.suptitle(title, fontsize="medium")
     figure.savefig(file)

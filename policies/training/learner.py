@@ -1,7 +1,7 @@
 """stable-baselines3's PPO on a preset's worlds, with all of its state as plain arrays and numbers."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.policies.features import Perception
+from wayfield.policies.training.lessons import teach
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.shaping import Shaped
 from wayfield.policies.training.worlds import Worlds
@@ -30,9 +31,10 @@ class _Nothing(BaseCallback):
 class Learner:
     """One update at a time, so that a run can stop between any two; `state` and `restore` go round exactly."""
 
-    def __init__(self, preset: Preset, env_id: str, seed: int, taught: bool = False) -> None:
+    def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
         self.preset = preset
-        self.seconds = {"environment": 0.0, "rollout policy": 0.0, "update": 0.0, "validation": 0.0}
+        self.seed = seed
+        self.seconds = dict.fromkeys(("lessons", "environment", "rollout policy", "update", "validation"), 0.0)
         self.env = make_worlds(preset, env_id)
         self.env.seed(seed)
         self._timed = Timed(self.env, self.seconds)
@@ -59,15 +61,20 @@ class Learner:
             verbose=0,
         )
         self.ppo.set_logger(Logger(None, []))
-        if preset.lessons and not taught:
-            from wayfield.policies.training.lessons import teach
-
-            began = time.perf_counter()
-            teach(self.ppo, self.env, preset.controller_at, preset.lessons, preset.lesson_rate, seed)
-            self.seconds = dict.fromkeys(self.seconds, 0.0) | {"lessons": time.perf_counter() - began}
-            self._timed.seconds = self.seconds
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
-        self.ppo.num_timesteps = preset.lessons
+
+    def teach(self) -> Iterator[int]:
+        """Gives the lessons of the preset, and yields the number of frames seen so far."""
+        preset, seconds = self.preset, self._timed.seconds
+        self._timed.seconds = dict(seconds)  # the environment's part of the lessons counts as lessons
+        began = time.perf_counter()
+        frames = 0
+        for frames in teach(self.ppo, self.env, preset.controller_at, preset.lessons, preset.lesson_rate, self.seed):
+            self.seconds["lessons"] = time.perf_counter() - began
+            yield frames
+        self._timed.seconds = seconds
+        _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
+        self.ppo.num_timesteps = frames
 
     @property
     def frames(self) -> int:
@@ -192,7 +199,9 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
     asked = [(share / len(preset.paces), kwargs, pace) for share, kwargs in preset.worlds for pace in preset.paces]
     counts = [round(share * preset.num_envs) for share, _, _ in asked]
     counts[0] += preset.num_envs - sum(counts)
-    parts = [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True) if count]
+    if min(counts) < 1:
+        raise ValueError(f"num_envs is {preset.num_envs}: too few robots for {len(asked)} worlds and paces")
+    parts = [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True)]
     robot = {} if preset.robot is None else {"robot": preset.robot}
     clock = {"max_episode_steps": preset.clock}
     worlds = Worlds(env_id, [(count, {**robot, **clock, **kwargs}) for count, kwargs, _ in parts])

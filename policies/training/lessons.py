@@ -1,6 +1,6 @@
 """Behaviour cloning: before PPO, a network learns what a controller would do in the places that it comes to itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,10 @@ CRITIC_SHARE = 0.2  # of the frames, in which the value function learns what the
 
 def teach(
     ppo: PPO, env: Shaped, teacher: Callable[[float], Policy], frames: int, learning_rate: float, seed: int
-) -> None:
-    """Teaches a policy's mean the actions of a controller, then its value function, in a number of frames.
+) -> Iterator[int]:
+    """Teaches a policy's mean the actions of a controller, then its value function, in a number of frames or just over.
+
+    Yields the frames seen so far.
 
     The controller drives at first and the network more and more, each robot one or the other for a chunk, while the
     controller goes on saying what it would do: Ross, Gordon and Bagnell, "A reduction of imitation learning and
@@ -29,7 +31,10 @@ def teach(
     Args:
         teacher: the controller at a speed (m/s); `env` asks for one speed in each of its parts.
     """
-    _clone(ppo, env, teacher, round((1.0 - CRITIC_SHARE) * frames), learning_rate, np.random.default_rng(seed))
+    cloned = round((1.0 - CRITIC_SHARE) * frames)
+    seen = 0
+    for seen in _clone(ppo, env, teacher, cloned, learning_rate, np.random.default_rng(seed)):
+        yield seen
     policy: Any = ppo.policy
     optimizer = torch.optim.Adam(
         [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()], learning_rate
@@ -37,12 +42,13 @@ def teach(
     _, callback = ppo._setup_learn(frames)
     timed = ppo.env
     assert timed is not None
-    while ppo.num_timesteps < CRITIC_SHARE * frames:
+    while ppo.num_timesteps < frames - seen:
         ppo.collect_rollouts(timed, callback, ppo.rollout_buffer, ppo.n_steps)
         for _ in range(EPOCHS):
             for data in ppo.rollout_buffer.get(BATCH):
                 values = policy.predict_values(data.observations).flatten()
                 _descend(optimizer, torch.nn.functional.mse_loss(values, data.returns))
+        yield seen + ppo.num_timesteps
 
 
 def _clone(
@@ -52,7 +58,7 @@ def _clone(
     frames: int,
     learning_rate: float,
     generator: np.random.Generator,
-) -> None:
+) -> Iterator[int]:
     policy: Any = ppo.policy
     optimizer = torch.optim.Adam(
         [*policy.mlp_extractor.policy_net.parameters(), *policy.action_net.parameters()], learning_rate
@@ -76,6 +82,7 @@ def _clone(
         for _ in range(EPOCHS):
             for rows in torch.from_numpy(generator.permutation(len(x))).split(BATCH):
                 _descend(optimizer, torch.nn.functional.mse_loss(policy.get_distribution(x[rows]).mode(), y[rows]))
+        yield begun + CHUNK * env.num_envs
 
 
 def _descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:

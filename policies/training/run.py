@@ -91,7 +91,7 @@ def train(job: Job, report: Callable[[Report], None]) -> Report:
     check_folder(job)
     torch.set_num_threads(job.threads)
     run = _Run(job)
-    with _interruptible() as interrupted:
+    with interruptible() as interrupted:
         return run.go(report, interrupted)
 
 
@@ -100,7 +100,7 @@ class _Run:
         self.job = job
         self.preset = preset = job.preset
         state = checkpoints.read_state(job.folder) if job.resume else None
-        self.learner = Learner(preset, job.env_id, job.seed, taught=state is not None)
+        self.learner = Learner(preset, job.env_id, job.seed)
         self.updates = 0
         self.total = math.ceil((preset.steps - preset.lessons) / (preset.num_envs * preset.horizon))
         self.interval = max(1, round(self.total / preset.validations))
@@ -109,8 +109,12 @@ class _Run:
         self.best: Layers = []
         self.best_row: dict[str, float] = {}
         self.kwargs = dict(preset.validation) | ({} if preset.robot is None else {"robot": preset.robot})
+        self.taught = state is not None or not preset.lessons
         if state is not None:
-            self._restore(*state)
+            try:
+                self._restore(*state)
+            except (KeyError, IndexError, TypeError, RuntimeError, StopIteration, ValueError) as error:
+                raise ValueError(f"{job.folder / checkpoints.LAST} is damaged or of another run: {error}") from None
         elif not job.resume:
             checkpoints.write_run(
                 job.folder, job.described() | {"command": job.command, "threads": job.threads, "versions": versions()}
@@ -119,6 +123,15 @@ class _Run:
         self.writer = SummaryWriter(str(job.folder / "tensorboard"), purge_step=purged)
 
     def go(self, report: Callable[[Report], None], interrupted: threading.Event) -> Report:
+        if not self.taught:
+            began = time.perf_counter()
+            for frames in self.learner.teach():
+                report(dataclasses.replace(self._report(None), frames=frames))
+                if interrupted.is_set():  # lessons are short: they are given anew
+                    self.writer.close()
+                    return dataclasses.replace(self._report(None), frames=0)
+            self.taught = True
+            self.seconds = time.perf_counter() - began
         while self.updates < self.total and not interrupted.is_set() and not self._given_up():
             began = time.perf_counter()
             logged = self.learner.update()
@@ -153,13 +166,15 @@ class _Run:
         preset = self.preset
         agent: Any = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
         score = validate(agent, self.job.env_id, self.kwargs, VALIDATION_CLOCK[self.preset.task])
-        self.learner.seconds["validation"] += time.perf_counter() - began
+        took = time.perf_counter() - began
+        self.learner.seconds["validation"] += took
+        self.seconds += took
         row = {
             "frames": float(self.learner.frames),
             "updates": float(self.updates),
             "seconds": round(self.seconds, 1),
             **dataclasses.asdict(score),
-            **{name: logged[name] for name in ("reward", "approx_kl", "std", "explained_variance") if name in logged},
+            **{name: logged[name] for name in ("approx_kl", "std", "explained_variance") if name in logged},
         }
         row["return"], row["reward"] = score.reward, logged["reward"]
         self.rows.append(row)
@@ -227,9 +242,13 @@ class _Run:
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),
+                "run_frames": self.learner.frames,
+                "run_seconds": round(self.seconds, 1),
                 "versions": versions(),
             },
-            "validation": {name: row[name] for name in row if name in _SCORES},
+            "validation": {
+                name: None if math.isnan(value) else value for name, value in row.items() if name in _SCORES
+            },
         }
 
 
@@ -246,7 +265,7 @@ def versions() -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def _interruptible() -> Iterator[threading.Event]:
+def interruptible() -> Iterator[threading.Event]:
     """Yields an event that Ctrl-C sets, so that a run can end between two updates; a second Ctrl-C cuts it off."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from wayfield.policies.agent import commanded
 from wayfield.policies.base import Base
 from wayfield.policies.features import Perception
-from wayfield.policies.policy import Pilot, Policy
+from wayfield.policies.policy import Pilot, Policy, check_gain
 from wayfield.policies.training.worlds import Worlds
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ class PathReward:
     """Reward of a step along a path, with progress ds, cross-track error e, asked speed u and actions a:
 
         ds / (u dt) (1 - strictness error_cost |e|) - strictness error_rate |e| - jerk_cost |a - a_before|^2
-        - stall_cost max(0, 1 - ds / (stall_share u dt)) - failure [left corridor]
+        - stall_cost clip(1 - ds / (stall_share u dt), 0, 1) - failure [left corridor]
 
     So an error costs by the metre that is driven with it, as in the tables: a robot beside its path does best to get
     back before it goes on. The true error is meant, whatever the robot measures. The strictness grows from `leniency`
@@ -40,6 +40,9 @@ class PathReward:
     final_stall_cost: float = 0.2
     stall_share: float = 0.2  # of the asked speed, under which a robot stalls
     failure: float = 50.0
+
+    def __post_init__(self) -> None:
+        check_gain(self, "stall_share", above=0.0)
 
     def __call__(
         self, told: Mapping[str, NDArray[Any]], speeds: Array, change: Array, dt: float, share: float
@@ -67,6 +70,9 @@ class GoalReward:
     jerk_cost: float = 0.02
     success: float = 20.0
     collision: float = 60.0
+
+    def __post_init__(self) -> None:
+        check_gain(self, "near", above=0.0)
 
     def __call__(
         self, told: Mapping[str, NDArray[Any]], speeds: Array, change: Array, dt: float, share: float

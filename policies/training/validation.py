@@ -40,6 +40,7 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
     """
     probe: Any = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", **kwargs).unwrapped
     count = len(probe.task.scenarios)
+    probe.close()
     env = gymnasium.make_vec(
         env_id, count, vectorization_mode="vector_entry_point", max_episode_steps=clock, **kwargs
     ).unwrapped
