@@ -108,8 +108,8 @@ def _key(setting: Setting, code: str) -> str:
     """Returns the name of a setting's folder: the same for the same setting and code."""
     family, split = setting.case.scenario.split("/")
     # agents of one's own may be trained anew in the same folder
-    home, seed = (setting.case.gains.get(name) for name in ("home", "seed"))
-    card = (trained(home)[seed] / CARD).read_text(encoding="utf-8") if home else ""
+    gains = setting.case.gains
+    card = (trained(gains["home"])[gains["seed"]] / CARD).read_text(encoding="utf-8") if "home" in gains else ""
     geometry = splits.digest(splits.split(CONTESTS[setting.case.document].task, family, split))
     return hashlib.sha256(f"{setting!r} {geometry} {card} {code}".encode()).hexdigest()[:24]
 

@@ -1,7 +1,7 @@
 """The one door that every policy stands behind, and the pilot that drives an environment with a policy."""
 
 import math
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,13 @@ class Policy(Protocol):
     handed to every `act`, and changed in place there; memory[i] is robot i's.
     """
 
-    knows: ClassVar[str]
-    """What it must be told before an episode: "sensors" (nothing), "path", "goal" or "map"."""
+    @property
+    def knows(self) -> str:
+        """Returns what it must be told before an episode: "sensors" (nothing), "path", "goal" or "map"."""
 
-    observes: ClassVar[tuple[type, ...]]
-    """The observation types it can read, of one task or of several."""
+    @property
+    def observes(self) -> tuple[type, ...]:
+        """Returns the observation types it can read, of one task or of several."""
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns fresh memory, shape (b, ...), for episodes that start under the briefing."""

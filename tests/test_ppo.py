@@ -21,7 +21,10 @@ from wayfield.policies.policy import Pilot
 from wayfield.policies.ppo import shipped
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
-KINDS = (("path_following", "p3dx"), ("goal_reaching", "p3dx"))
+KINDS = (
+    ("path_following", "p3dx"),
+    *(("goal_reaching", robot) for robot in ("p3dx", "omni3", "omni4")),
+)
 AGENTS = [(*kind, seed, folder) for kind in KINDS for seed, folder in shipped(*kind).items()]
 
 

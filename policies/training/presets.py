@@ -198,7 +198,7 @@ _OMNI3_GOAL = dataclasses.replace(
     env_ids=("wayfield/OmniGoalObstacles-v0",),
     features=dataclasses.replace(_GOAL_FEATURES, crumbs=32, hull_radius=ROBOTS["omni3"].hull_radius),
     actions=Actions("planar"),
-    measured="not yet",
+    measured="4 of 10 seeds reach it, one collides there; 210 to 239 s, two side by side on two cores",
     robot="omni3",
     controller="vfh_plus",
     lessons=1_500_000,
@@ -210,7 +210,7 @@ _OMNI4_GOAL = dataclasses.replace(
     _OMNI3_GOAL,
     name="omni4_goal",
     robot="omni4",
-    features=dataclasses.replace(_OMNI3_GOAL.features, hull_radius=ROBOTS["omni4"].hull_radius),
+    features=dataclasses.replace(_GOAL_FEATURES, crumbs=32, hull_radius=ROBOTS["omni4"].hull_radius),
 )
 
 PRESETS = {
