@@ -35,8 +35,8 @@ class Ppo:
     def __post_init__(self) -> None:
         check_whole(self, "seed")
         check_gain(self, "speed", least=0.0)
-        if not isinstance(self.home, str):
-            raise ValueError(f"Ppo: home must be the name of a folder, got {self.home!r}")
+        if not isinstance(self.home, str) or (self.home and not trained(self.home)):
+            raise ValueError(f"Ppo: home must be a folder of training runs, with seed_N/best in it, got {self.home!r}")
 
     @property
     def knows(self) -> str:
