@@ -209,6 +209,7 @@ _OMNI3_GOAL = dataclasses.replace(
 _OMNI4_GOAL = dataclasses.replace(
     _OMNI3_GOAL,
     name="omni4_goal",
+    measured="8 of 10 seeds reach it, none collides there; 199 to 244 s, two side by side on two cores",
     robot="omni4",
     features=dataclasses.replace(_GOAL_FEATURES, crumbs=32, hull_radius=ROBOTS["omni4"].hull_radius),
 )
