@@ -323,7 +323,7 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
         ([PATH, "--set", "reward.stall_share=0"], "stall_share"),
         ([PATH, "--set", "paces=0.5,fast"], "paces must be a finite number"),
         ([PATH, "--set", "gains=default"], "key 'gains' is unknown"),
-        ([PATH, "--set", "num_envs=32"], "too few robots"),
+        ([PATH, "--set", "num_envs=4"], "too few robots"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=lqrr"], "Did you mean 'lqr'"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=dwa"], "does not read"),
         ([PATH, "--preset", "path_following", "--steps", "400000"], "lessons must be"),

@@ -29,7 +29,8 @@ class PathReward:
     back before it goes on. The true error is meant, whatever the robot measures. The strictness grows from `leniency`
     to 1 over the first half of a run. Standing still costs more than any corner at first, for a robot that has once
     learned to stand before corners rarely unlearns it; the cost falls to `final_stall_cost` over the run, for a robot
-    that turns towards its path before it goes on hardly moves along it.
+    that turns towards its path before it goes on hardly moves along it. Where errors cost so much that the best corner
+    is worth less than standing still, runs collapse late.
     """
 
     error_cost: float = 80.0  # 1/m
