@@ -140,7 +140,7 @@ _PATH_PLAIN = Preset(
     actions=Actions("unicycle", 4.0),
     reward=PathReward(),
     bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.0148 m, tuned pure pursuit's",
-    measured="not yet",
+    measured="5 of 5 seeds reach it; 107 to 216 s, two side by side on two cores beside other work",
     steps=8_000_000,
     paces=(0.4, 0.6, 0.8, 1.05),
     validations=10,
@@ -159,7 +159,13 @@ _PATH_TAUGHT = dataclasses.replace(
 )
 
 # what it adds to is there from the first step on, as what was taught is: it learns with the same reward and steps
-_PATH_ADDING = dataclasses.replace(_PATH_TAUGHT, name="path_following_residual", lessons=0, reach=0.25)
+_PATH_ADDING = dataclasses.replace(
+    _PATH_TAUGHT,
+    name="path_following_residual",
+    measured="5 of 5 seeds reach it; 155 to 216 s, two side by side on two cores beside other work",
+    lessons=0,
+    reach=0.25,
+)
 
 _GOAL_FEATURES = GoalFeatures(frames=2, stride=5)
 _DIFF_GOAL = Preset(
