@@ -66,12 +66,12 @@ def quiet(report: Report) -> None:
 @pytest.mark.parametrize(
     ("env_id", "kwargs"),
     [
-        (PATH, {"scenario": "s_curve", "noise": 1.0, "actuators": "lagged"}),
+        (PATH, {"scenario": "circle", "noise": 1.0, "actuators": "lagged"}),
         (OMNI, {"scenario": "discs", "num_beams": 8, "robot": "omni4"}),
     ],
 )
 def test_worlds_are_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs: dict[str, Any]) -> None:
-    clock, count = 25, 6
+    clock, count = 60, 6
     worlds = Worlds(env_id, [(2, {**kwargs, "max_episode_steps": clock}), (4, {**kwargs, "max_episode_steps": clock})])
     dummy = DummyVecEnv([lambda: gymnasium.make(env_id, max_episode_steps=clock, **kwargs)] * count)
     for env in (worlds, dummy):
@@ -79,7 +79,7 @@ def test_worlds_are_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs:
     np.testing.assert_array_equal(worlds.reset(), dummy.reset())
     rng, late, done = np.random.default_rng(0), 0, 0
     space = worlds.action_space
-    for step in range(70):
+    for step in range(150):
         # the first robot drives straight out of bounds or into something, the others at random
         actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
         actions[0] = 0.0
@@ -92,7 +92,7 @@ def test_worlds_are_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs:
             assert ours[3][i]["TimeLimit.truncated"] == theirs[3][i]["TimeLimit.truncated"]
             late += ours[3][i]["TimeLimit.truncated"]
             done += 1
-    assert late >= 10
+    assert late >= 8
     assert done > late
 
 

@@ -196,15 +196,9 @@ class Timed(VecEnv):
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
-    asked = [(share / len(preset.paces), kwargs, pace) for share, kwargs in preset.worlds for pace in preset.paces]
-    counts = [round(share * preset.num_envs) for share, _, _ in asked]
-    counts[0] += preset.num_envs - sum(counts)
-    if min(counts) < 1:
-        raise ValueError(f"num_envs is {preset.num_envs}: too few robots for {len(asked)} worlds and paces")
-    parts = [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True)]
     robot = {} if preset.robot is None else {"robot": preset.robot}
     clock = {"max_episode_steps": preset.clock}
-    worlds = Worlds(env_id, [(count, {**robot, **clock, **kwargs}) for count, kwargs, _ in parts])
+    worlds = Worlds(env_id, [(count, {**robot, **clock, **kwargs}) for count, kwargs, _ in preset.parts])
     ways = None
     if preset.shortest_ways:
         from wayfield.policies.training.ways import Ways
@@ -212,7 +206,7 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
         ways = Ways(worlds)
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
-    paces = [pace for _, _, pace in parts]
+    paces = [pace for _, _, pace in preset.parts]
     return Shaped(worlds, perception, preset.reward, paces, preset.discount, ways, preset.base)
 
 

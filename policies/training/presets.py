@@ -95,6 +95,8 @@ class Preset:
                 raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}")
         if not self.paces or min(self.paces) <= 0.0:
             raise ValueError(f"paces must be speeds above 0, got {self.paces}")
+        if min(count for count, _, _ in self.parts) < 1:
+            raise ValueError(f"num_envs is {self.num_envs}: too few robots for {len(self.parts)} worlds and paces")
         if (self.lessons > 0) + (self.reach > 0.0) != (self.controller != ""):
             raise ValueError(
                 f"controller is {self.controller!r} with lessons {self.lessons} and reach {self.reach}; a controller "
@@ -106,6 +108,14 @@ class Preset:
             raise ValueError(f"controller {self.controller!r} does not read observations of {self.task}")
         if not self.hidden or min(self.hidden) < 1:
             raise ValueError(f"hidden must be sizes of at least 1, got {self.hidden}")
+
+    @property
+    def parts(self) -> list[tuple[int, Mapping[str, Any], float]]:
+        """Returns the number of robots, the keyword arguments and the pace (m/s) of each part of the worlds."""
+        asked = [(share / len(self.paces), kwargs, pace) for share, kwargs in self.worlds for pace in self.paces]
+        counts = [round(share * self.num_envs) for share, _, _ in asked]
+        counts[0] += self.num_envs - sum(counts)
+        return [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True)]
 
     @property
     def gains(self) -> dict[str, Any]:
