@@ -61,5 +61,7 @@ if __name__ == "__main__":
         sys.exit("onnx: give the agent's folder and the file to write")
     try:
         export_onnx(load_agent(sys.argv[1]), sys.argv[2])
-    except (ImportError, OSError, ValueError) as error:
+    except ModuleNotFoundError as error:
+        sys.exit(f'onnx: {error.name} is missing; pip install -c constraints.txt -e ".[onnx]"')
+    except (OSError, ValueError) as error:
         sys.exit(f"onnx: {error}")
