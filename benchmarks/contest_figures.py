@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.contest_tables import by_entry, by_scenario, costs, label, values
+from wayfield.benchmarks.aggregates import iqm, mean
+from wayfield.benchmarks.contest_tables import by_entry, front_points, label, values
 from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.benchmarks.figures import PATH_COLOUR, RC, floor_plan, goal_mark, obstacle_patches
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
@@ -102,14 +102,11 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     swept = [row for row in rows if row["split"] == "front"]
     figure, axis = plt.subplots(figsize=(8.6, 5.6), layout="constrained")
     for k, (entry, mine) in enumerate(by_entry(swept).items()):
-        points = []
-        for speed in dict.fromkeys(row["speed"] for row in mine):
-            group = [row for row in mine if row["speed"] == speed]
-            error = costs(group, contest)
-            low, high = interval(*by_scenario(group, error), iqm)
-            lost = bool((values(group, "success") == 0.0).any())
-            points.append((float(iqm(values(group, "mean_speed"))), float(iqm(error)), low, high, lost))
-        pace, error, lows, highs, lossy = map(np.array, zip(*points, strict=True))
+        points = front_points(contest, mine)
+        pace, error, lows, highs = (
+            np.array([getattr(point, name) for point in points]) for name in ("pace", "error", "low", "high")
+        )
+        lossy = np.array([point.lost for point in points])
         colour = _COLOURS[k % len(_COLOURS)]
         axis.plot(pace, 100.0 * error, "-", color=colour, marker=_MARKERS[k % len(_MARKERS)], label=label(entry))
         axis.fill_between(pace, 100.0 * lows, 100.0 * highs, color=colour, alpha=0.12, linewidth=0)

@@ -108,6 +108,9 @@ def contest_tables(
             found[f"{stem}_families"] = family_table(test, command)
             found[f"{stem}_tiers"] = tier_table(test, command)
             found[f"{stem}_better"] = better_table(test, command)
+            swept = [row for row in mine if row["split"] == "front"]
+            if swept:
+                found[f"{stem}_front"] = front_table(contest, title, swept, command)
             if any(policy in TRAINED for policy, _ in test.entries):
                 found[f"{stem}_seeds"] = seed_table(test, command)
     return found
@@ -310,6 +313,46 @@ def better_share(rows_a: Sequence[Row], rows_b: Sequence[Row], cost: str) -> tup
     shares = better(*sides)
     low, high = interval(shares, families, mean)
     return float(shares.mean()), low, high
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """One entry at one cruising speed."""
+
+    asked: str  # m/s, the cruising speed
+    pace: float  # m/s, IQM of the mean speeds
+    error: float  # m, IQM of the costs
+    low: float  # m, of the error's 95 % interval
+    high: float
+    lost: bool  # whether a run has failed
+
+
+def front_points(contest: Contest, rows: Sequence[Row]) -> list[Point]:
+    """Returns the points of the speed-accuracy front of one entry."""
+    points = []
+    for asked in dict.fromkeys(row["speed"] for row in rows):
+        group = [row for row in rows if row["speed"] == asked]
+        error = costs(group, contest)
+        low, high = interval(*by_scenario(group, error), iqm)
+        pace = float(iqm(values(group, "mean_speed")))
+        lost = bool((values(group, "success") == 0.0).any())
+        points.append(Point(asked, pace, float(iqm(error)), low, high, lost))
+    return points
+
+
+def front_table(contest: Contest, title: str, rows: Sequence[Row], command: str) -> Table:
+    """Returns the error and the mean speed of each entry at each cruising speed that it was asked for."""
+    asked = list(dict.fromkeys(row["speed"] for row in rows))
+    lines = []
+    for entry, mine in by_entry(rows).items():
+        points = {point.asked: point for point in front_points(contest, mine)}
+        found = [points[speed] for speed in asked]
+        lines.append([label(entry), *(f"{p.error:.4f} [{p.low:.4f}, {p.high:.4f}] | {p.pace:.2f}" for p in found)])
+    note = (
+        "RMS error in m with its 95 % bootstrap interval, a failure counted as 1 m | mean speed in m/s; interquartile "
+        f"means over the test scenarios of the front. Made by `{command}`, wayfield {_version()}."
+    )
+    return Table(f"{title}: asked for (m/s)", ["policy", *asked], lines, note)
 
 
 def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str) -> Table:

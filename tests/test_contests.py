@@ -85,10 +85,21 @@ def test_the_worst_episodes_keep_their_trajectories(paths: tuple[Path, Result]) 
 
 
 def test_the_front_sweeps_the_speed(paths: tuple[Path, Result]) -> None:
-    rows = [row for row in read_rows(paths[0]) if row["split"] == "front" and row["experiment"] == "circles"]
+    swept = [row for row in read_rows(paths[0]) if row["split"] == "front"]
+    rows = [row for row in swept if row["experiment"] == "circles"]
     for policy in ("pure_pursuit", "lookahead_retuned"):
         pace = {float(row["speed"]): number(row, "mean_speed") for row in rows if row["policy"] == policy}
         assert len(pace) == 6
+        with open(paths[0] / "path_following_p3dx_front.csv", newline="") as file:
+            cells = {row["policy"]: row for row in csv.DictReader(file)}
+        for asked, cell in list(cells[policy].items())[1:]:
+            of_speed = [row for row in swept if row["policy"] == policy and row["speed"] == asked]
+            error, shown = (float(part.split("[")[0]) for part in cell.split("|"))
+            paces = [number(row, "mean_speed") for row in of_speed]
+            # a run that left the corridor counts as 1 m
+            errors = [number(row, "cross_track_rms") if number(row, "success") else 1.0 for row in of_speed]
+            assert min(paces) - 0.005 <= shown <= max(paces) + 0.005
+            assert min(errors) - 0.00005 <= error <= max(errors) + 0.00005
         # the documented law settles a little under k_lin L in bends
         assert all(0.75 * speed < found < 1.05 * speed for speed, found in pace.items())
 

@@ -322,6 +322,8 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
         ([PATH, "--set", "features.stride=0"], "stride"),
         ([PATH, "--set", "reward.stall_share=0"], "stall_share"),
         ([PATH, "--set", "paces=0.5,fast"], "paces must be a finite number"),
+        ([PATH, "--set", "controller=LQR"], "controller='LQR' is unknown"),
+        ([PATH, "--set", "features.num_preview=4", "--steps", "600000"], "the agent knows 4"),
         ([PATH, "--set", "gains=default"], "key 'gains' is unknown"),
         ([PATH, "--set", "num_envs=4"], "too few robots"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=lqrr"], "Did you mean 'lqr'"),

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
 from wayfield.envs.robots import ROBOTS
+from wayfield.envs.task import choose
+from wayfield.policies import POLICIES
 from wayfield.policies.base import Base, controller_at
 from wayfield.policies.features import Actions, Features, GoalFeatures, PathFeatures
 from wayfield.policies.policy import Policy
@@ -102,6 +104,8 @@ class Preset:
                 f"controller is {self.controller!r} with lessons {self.lessons} and reach {self.reach}; a controller "
                 "either teaches (lessons > 0) or is added to (reach > 0)"
             )
+        if self.controller:
+            choose("controller", self.controller, POLICIES)
         if not 0 <= self.lessons < self.steps:
             raise ValueError(f"lessons must be from 0 to under steps, {self.steps}, got {self.lessons}")
         if self.controller and self.features.observation not in self.controller_at(self.speed).observes:
