@@ -105,11 +105,13 @@ def main(
 def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
     """Returns the last reports of the jobs, and shows how far they are."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    console = Console(stderr=True)
     with Progress(
         *columns,
         TimeRemainingColumn(),
         TextColumn("{task.fields[score]}"),
-        console=Console(stderr=True),
+        console=console,
+        disable=not console.is_terminal,
         transient=True,  # what is left is what `_told` says, or one line about what went wrong
     ) as bar:
         tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.preset.steps, score="") for job in jobs}
