@@ -1,6 +1,17 @@
 """Compares the classical controllers with the published figures, and with one another: python evaluate.py --help"""
 
+import os
+import signal
 import sys
+
+
+def _interrupted(*_: object) -> None:
+    os.write(2, b"evaluate: interrupted; nothing was written\n")
+    os._exit(130)  # half-imported modules may turn an exception into anything
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, _interrupted)
 
 try:
     from wayfield.benchmarks.evaluate import main
@@ -8,4 +19,5 @@ except ModuleNotFoundError as error:
     sys.exit(f'evaluate: {error.name} is missing; pip install -c constraints.txt -e ".[all]"')
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     main()

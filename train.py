@@ -1,7 +1,17 @@
 """Trains agents by PPO: python train.py --help"""
 
 import os
+import signal
 import sys
+
+
+def _interrupted(*_: object) -> None:
+    os.write(2, b"train: interrupted; nothing was written\n")
+    os._exit(130)  # half-imported modules may turn an exception into anything
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, _interrupted)
 
 # threads that wait must not spin: beside other work a spinning thread makes an update twenty times slower
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -12,4 +22,5 @@ except ModuleNotFoundError as error:
     sys.exit(f'train: {error.name} is missing; pip install -c constraints.txt -e ".[train]"')
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     main()

@@ -14,6 +14,7 @@ import json
 import math
 import os
 import tempfile
+import zlib
 from pathlib import Path
 
 import click
@@ -21,13 +22,17 @@ import rich.console
 import rich.table
 
 from wayfield.benchmarks.cases import DIFF_DRIVE_GOAL_REACHING, Case
-from wayfield.benchmarks.command_line import Names, OneLineErrors
-from wayfield.benchmarks.contest_tables import success_interval
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, TRAINED
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.standings import success_interval
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import workers
+from wayfield.envs.checks import MOST_POINTS, shown
+from wayfield.envs.command_line import Names, OneLineErrors
+from wayfield.envs.readers import of_folder, reader
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import circle, goal_scenarios
 
 CYLINDERS = "cylinders.csv.gz"
 START = (-2.25, 3.0, math.pi / 2)  # x, y (m), heading (rad)
@@ -35,8 +40,15 @@ GOAL = (-2.25, 13.0, math.pi / 2)
 TOLERANCE = 1.0  # m
 CLOCK = 2000  # control periods, 100 s
 CONTEST = CONTESTS["goal-obstacles"]
+_NUMBERS = ("x", "y", "radius")
 
 
+def _sample_worlds(folder: Path) -> None:
+    rows = ["world,x_m,y_m,radius_m", "0,-2,8,0.1", "0,-3,7,0.1", "1,-2.5,8,0.1"]
+    (folder / CYLINDERS).write_bytes(gzip.compress("\n".join(rows).encode()))
+
+
+@reader("BARN worlds", CYLINDERS, _sample_worlds, of_folder)
 def worlds(folder: Path) -> dict[int, list[dict[str, float | str]]]:
     """Returns the obstacles of each world, as scenario files name them.
 
@@ -46,19 +58,27 @@ def worlds(folder: Path) -> dict[int, list[dict[str, float | str]]]:
     """
     found: dict[int, list[dict[str, float | str]]] = {}
     file = folder / CYLINDERS
+    place = 0  # the last line that was read whole
     try:
         with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
-            for place, row in enumerate(csv.DictReader(lines), 2):
+            for place, row in enumerate(csv.DictReader(lines, strict=True), 2):
+                if place > MOST_POINTS:
+                    raise ValueError(f"{file} has more than {MOST_POINTS} lines, which no set of worlds has")
                 try:
-                    circle: dict[str, float | str] = {
-                        "kind": "circle",
-                        **{name: float(row[f"{name}_m"]) for name in ("x", "y", "radius")},
-                    }
-                    found.setdefault(int(row["world"]), []).append(circle)
+                    world, numbers = int(row["world"]), {name: float(row[f"{name}_m"]) for name in _NUMBERS}
                 except (KeyError, TypeError, ValueError):
-                    raise ValueError(f"{file}:{place}: {row} lacks a number world, x_m, y_m or radius_m") from None
-    except (gzip.BadGzipFile, EOFError, UnicodeDecodeError) as error:
-        raise ValueError(f"{file} is no gzipped table: {error}") from None
+                    raise ValueError(
+                        f"{file}:{place}: {shown(row)} lacks a number world, x_m, y_m or radius_m"
+                    ) from None
+                try:
+                    circle(**numbers)
+                except ValueError as error:
+                    raise ValueError(f"{file}:{place}: {error}") from None
+                found.setdefault(world, []).append({"kind": "circle", **numbers})
+    except csv.Error as error:
+        raise ValueError(f"{file}:{place + 1}: {error}") from None
+    except (gzip.BadGzipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
+        raise ValueError(f"{file}:{place + 1}: it is no gzipped table: {error}") from None
     if not found:
         raise ValueError(f"{file} holds no cylinders")
     return found
@@ -80,6 +100,7 @@ def settings_of(world: int, file: str, names: tuple[str, ...], actuators: str) -
                 CLOCK,
                 gains_name=gains_name,
                 every_scenario=True,
+                split="worlds",
             )
             found.append(Setting("barn", case, "kinematic", actuators, 0, 1))
     return found
@@ -87,7 +108,8 @@ def settings_of(world: int, file: str, names: tuple[str, ...], actuators: str) -
 
 def _row(setting: Setting) -> Row:
     ((row, _),) = episodes(setting)
-    return row
+    seed = setting.case.gains["seed"] if setting.case.policy in TRAINED else ""
+    return row | {"split": setting.case.split, "agent_seed": str(seed)}
 
 
 @click.command("barn", cls=OneLineErrors)
@@ -117,10 +139,16 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, coun
                 "heading_tolerance": math.pi,
             }
             file.write_text(json.dumps(content), encoding="utf-8")
-            settings += settings_of(world, str(file), policies or CONTEST.policies, "lagged")
-        with workers(count or min(os.cpu_count() or 1, 4)) as share:
             try:
-                rows = list(tracked(share(_row, settings), len(settings), "runs"))
+                goal_scenarios(str(file), ROBOTS["p3dx"].hull_radius)
+            except ValueError as error:
+                # the scratch file is gone when this is read: the table is what can be looked at
+                fault = str(error).removeprefix(f"{file}: ")
+                raise click.UsageError(f"{folder / CYLINDERS}: world {world}: {fault}") from None
+            settings += settings_of(world, str(file), policies or CONTEST.policies, "lagged")
+        with workers(count or min(os.cpu_count() or 1, 4)) as in_parallel:
+            try:
+                rows = list(tracked(in_parallel(_row, settings), len(settings), "runs"))
             except ValueError as error:  # a world without a way has no shortest one to compare with
                 raise click.UsageError(f"FOLDER {str(folder)!r}: {error}") from None
     table = rich.table.Table(title=f"BARN, {len(found)} worlds, p3dx, lagged actuators", title_justify="left")

@@ -2,15 +2,41 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
+
+from wayfield.policies.policy import Policy
 
 PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"
-OMNI_PATH_FOLLOWING = "wayfield/OmniPathFollowing-v0"
 DIFF_DRIVE_GOAL_REACHING = "wayfield/DiffDriveGoalObstacles-v0"
 
 # One figure, or the lower and upper end of a published range.
 Figure = float | tuple[float, float]
+
+
+class Entrant(Protocol):
+    """A policy from outside of the package: plain data that travels to other processes and makes the policy there."""
+
+    @property
+    def name(self) -> str:
+        """Returns how tables call it."""
+
+    @property
+    def gains_name(self) -> str:
+        """Returns "own", with the gains that were given."""
+
+    @property
+    def gains(self) -> Mapping[str, Any]:
+        """Returns the gains that were given."""
+
+    def make(self, gains: Mapping[str, Any]) -> Policy:
+        """Returns the policy with these gains; ValueError, in one line, if it cannot be made."""
+
+    def cruising(self, speed: float) -> dict[str, Any] | None:
+        """Returns the gains that make it cruise at a speed (m/s); None if it has no cruising speed."""
+
+    def described(self) -> tuple[str, str]:
+        """Returns how many numbers it is made of and what they were learned from, in words; "" where not known."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +58,15 @@ class Case:
     gains_name: str = "default"  # where the gains come from
     speed: float | None = None  # m/s, of a point of the speed-accuracy front
     every_scenario: bool = False  # episode i takes scenario i of the bank, instead of one that is drawn
+    split: str = ""  # of a contest's scenarios
+    entrant: Entrant | None = None  # who makes the policy if the package does not
+
+    @property
+    def place(self) -> dict[str, str]:
+        """Returns the columns that say where the case belongs: document and experiment, or contest and family."""
+        if self.split:
+            return {"contest": self.document, "family": self.experiment}
+        return {"document": self.document, "experiment": self.experiment}
 
     @property
     def gains_text(self) -> str:

@@ -4,96 +4,97 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.aggregates import iqm, mean
-from wayfield.benchmarks.contest_tables import by_entry, front_points, label, values
-from wayfield.benchmarks.contests import CONTESTS, Contest
-from wayfield.benchmarks.figures import PATH_COLOUR, RC, floor_plan, goal_mark, obstacle_patches
+from wayfield.benchmarks.contests import CONTESTS, COST, Contest
+from wayfield.benchmarks.drawing import (
+    PATH_COLOUR,
+    colour,
+    floor_plan,
+    goal_mark,
+    look,
+    obstacle_patches,
+    plt,
+    saved,
+)
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
+from wayfield.benchmarks.standings import COMPARED, by_entry, check_columns, front_points, label, values
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
-
-# Okabe and Ito's palette; with the line styles it tells two dozen entries apart.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#B2182B")
-_STYLES = ("-", "--")
-_MARKERS = "osD^vP*Xh"
 
 
 def draw_contest(wanted: tuple[Path, str, str, str]) -> None:
     """Draws a figure as .svg and .png, given the folder of the run, the contest, the robot and the figure's name."""
     folder, name, robot, figure_name = wanted
     contest = CONTESTS[name]
-    rows = [row for row in read_rows(folder) if row["document"] == name and row["robot"] == robot]
-    with plt.rc_context(RC):
-        figure = FIGURES[figure_name](contest, rows, folder)
-        stem = f"{name.replace('-', '_')}_{robot}_{figure_name}"
-        figure.savefig(folder / f"{stem}.svg", metadata={"Date": None})
-        figure.savefig(folder / f"{stem}.png", dpi=130)
-        plt.close(figure)
+    rows = [row for row in read_rows(folder) if row["contest"] == name and row["robot"] == robot]
+    saved(lambda: FIGURES[figure_name](contest, rows, folder), folder / f"{contest.stem}_{robot}_{figure_name}")
 
 
 def wanted_figures(folder: Path, rows: Sequence[Row], ladder: bool) -> list[tuple[Path, str, str, str]]:
-    """Returns the arguments of `draw_contest` for every figure that the rows of a run allow."""
-    pairs = dict.fromkeys((row["document"], row["robot"]) for row in rows)
+    """Returns the arguments of `draw_contest` for every figure that the rows of a run allow.
+
+    Raises:
+        ValueError: if the rows are not those of a contest of this version.
+    """
+    check_columns(rows)
+    pairs = dict.fromkeys((row["contest"], row["robot"]) for row in rows)
     found = []
     for name, robot in pairs:
         if ladder:
             found.append((folder, name, robot, "ladder"))
             continue
         found += [(folder, name, robot, figure) for figure in ("families", "worst")]
-        if any(row["document"] == name and row["split"] == "front" for row in rows):
+        if any(row["contest"] == name and row["split"] == "front" for row in rows):
             found.append((folder, name, robot, "front"))
     return found
 
 
 def families(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
-    """Returns the heat map: success of each entry in each family, with the error behind it for path following."""
+    """Returns the heat map: success of each entry in each family, or the cost behind it, as the contest has it."""
     del folder
-    entries = by_entry(row for row in rows if row["split"] == "test")
-    names = list(dict.fromkeys(row["experiment"] for row in rows))
+    entries = by_entry(row for row in rows if row["split"] in COMPARED)
+    names = list(dict.fromkeys(row["family"] for row in rows))
     success = np.full((len(entries), len(names)), np.nan)
     cost = np.full_like(success, np.nan)
     for i, mine in enumerate(entries.values()):
         for j, family in enumerate(names):
-            group = [row for row in mine if row["experiment"] == family]
+            group = [row for row in mine if row["family"] == family]
             won = [row for row in group if number(row, "success") == 1.0]
             success[i, j] = len(won) / len(group) if group else np.nan
-            cost[i, j] = float(iqm(values(won, contest.cost))) if won else np.nan
-    by_error = contest.cost != "time"
+            cost[i, j] = float(iqm(values(won, contest.spec.cost.metric))) if won else np.nan
+    heat = contest.heat
+    by_cost = heat.metric == COST
     figure, axis = plt.subplots(figsize=(3.2 + 0.62 * len(names), 1.9 + 0.33 * len(entries)), layout="constrained")
-    shown = np.log10(np.maximum(cost, 1e-3)) if by_error else success
-    image = axis.imshow(
-        shown,
-        cmap="viridis_r" if by_error else "viridis",
-        aspect="auto",
-        vmin=-3.0 if by_error else 0.0,
-        vmax=0.0 if by_error else 1.0,
-    )
+    low, high = np.log10(heat.ends) if by_cost else heat.ends
+    shown = np.log10(np.maximum(cost, heat.ends[0])) if by_cost else success
+    image = axis.imshow(shown, cmap=heat.map_name, aspect="auto", vmin=low, vmax=high)
     axis.grid(False)
     for i in range(len(entries)):
         for j in range(len(names)):
-            if by_error:
-                text = "lost" if np.isnan(cost[i, j]) else f"{100.0 * cost[i, j]:.1f}"
-                if not np.isnan(cost[i, j]) and success[i, j] < 1.0:
-                    text += f"\n{100.0 * success[i, j]:.0f} %"
-            else:
-                text = f"{100.0 * success[i, j]:.0f}"
-            shade = float(image.norm(float(shown[i, j]))) if not np.isnan(shown[i, j]) else 0.0  # type: ignore[arg-type]
-            light = shade < 0.55 if not by_error else shade > 0.45
-            white = light and not np.isnan(shown[i, j])
-            axis.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if white else "black")
+            text = _heat_cell(contest, success[i, j], cost[i, j])
+            *light, _ = image.cmap(image.norm(shown[i, j])) if not np.isnan(shown[i, j]) else (1.0, 1.0, 1.0, 1.0)
+            dark = float(np.dot(light, (0.2126, 0.7152, 0.0722))) < 0.5  # relative luminance
+            axis.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
     axis.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=45, ha="right")
     axis.set_yticks(range(len(entries)), [label(entry) for entry in entries])
-    what = "RMS cross-track error of the successes (cm)" if by_error else "success (%)"
-    axis.set_title(f"{contest.title}: {what} by family, test split", loc="left")
+    split = next(row["split"] for mine in entries.values() for row in mine)
+    axis.set_title(f"{contest.spec.title}: {heat.title} by family, {split} scenarios", loc="left")
     return figure
+
+
+def _heat_cell(contest: Contest, success: float, cost: float) -> str:
+    """Returns the text of a cell of the heat map; a share of successes stands under a cost where some have failed."""
+    heat = contest.heat
+    if heat.metric != COST:
+        return f"{heat.factor * success:.{heat.decimals}f}"
+    if np.isnan(cost):
+        return "lost"
+    text = f"{heat.factor * cost:.{heat.decimals}f}"
+    return text if success == 1.0 else f"{text}\n{100.0 * success:.0f} %"
 
 
 def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
@@ -107,17 +108,18 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
             np.array([getattr(point, name) for point in points]) for name in ("pace", "error", "low", "high")
         )
         lossy = np.array([point.lost for point in points])
-        colour = _COLOURS[k % len(_COLOURS)]
-        axis.plot(pace, 100.0 * error, "-", color=colour, marker=_MARKERS[k % len(_MARKERS)], label=label(entry))
-        axis.fill_between(pace, 100.0 * lows, 100.0 * highs, color=colour, alpha=0.12, linewidth=0)
-        axis.plot(pace[lossy], 100.0 * error[lossy], "o", color="white", markeredgecolor=colour, markersize=9, zorder=4)
-    axis.set_yscale("log")
-    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
+        axis.plot(pace, error, **look(k), label=label(entry))
+        axis.fill_between(pace, lows, highs, color=colour(k), alpha=0.12, linewidth=0)
+        axis.plot(pace[lossy], error[lossy], "o", color="white", markeredgecolor=colour(k), markersize=9, zorder=4)
+    if contest.log_cost:
+        axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+        axis.yaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("mean speed (m/s)")
-    axis.set_ylabel("RMS cross-track error (cm)")
-    axis.set_title(f"{contest.title}: speed and accuracy (rings: some runs failed, each counts as 1 m)", loc="left")
+    axis.set_ylabel(f"{contest.spec.cost.name} ({contest.spec.cost.unit})")
+    rings = f"rings: some runs failed, each counts as {contest.counted}"
+    axis.set_title(f"{contest.spec.title}: speed and accuracy ({rings})", loc="left")
     axis.legend(fontsize=8, ncols=2)
     return figure
 
@@ -128,33 +130,28 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     levels = [level for level in LEVELS if any(row["disturbance"] == level for row in rows)]
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.6, 8.0), layout="constrained", sharex=True)
     for k, (entry, mine) in enumerate(by_entry(rows).items()):
-        style: dict[str, Any] = {
-            "color": _COLOURS[k % len(_COLOURS)],
-            "linestyle": _STYLES[k // len(_COLOURS) % len(_STYLES)],
-            "marker": _MARKERS[k % len(_MARKERS)],
-            "markersize": 4.5,
-        }
+        style = look(k) | {"markersize": 4.5}
         groups = [[row for row in mine if row["disturbance"] == level] for level in levels]
-        share = [float(mean(values(group, "success"))) if group else np.nan for group in groups]
+        success = [float(mean(values(group, "success"))) if group else np.nan for group in groups]
         won = [[row for row in group if number(row, "success") == 1.0] for group in groups]
-        cost = [float(iqm(values(group, contest.cost))) if group else np.nan for group in won]
-        top.plot(range(len(levels)), 100.0 * np.array(share), label=label(entry), **style)
+        cost = [float(iqm(values(group, contest.spec.cost.metric))) if group else np.nan for group in won]
+        top.plot(range(len(levels)), 100.0 * np.array(success), label=label(entry), **style)
         bottom.plot(range(len(levels)), np.array(cost), **style)
     top.set_ylabel("success (%)")
     top.set_ylim(-3.0, 103.0)
-    bottom.set_ylabel("time of the successes (s)" if contest.cost == "time" else "RMS error of the successes (m)")
-    if contest.cost != "time":
+    bottom.set_ylabel(f"{contest.spec.cost.name} of the successes ({contest.spec.cost.unit})")
+    if contest.log_cost:
         bottom.set_yscale("log")
     bottom.set_xticks(range(len(levels)), levels)
     bottom.set_xlabel("level of disturbance")
-    top.set_title(f"{contest.title}: under disturbances", loc="left")
+    top.set_title(f"{contest.spec.title}: under disturbances", loc="left")
     figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return figure
 
 
 def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     """Returns the three worst test episodes of each entry over their scenarios."""
-    tested = by_entry(row for row in rows if row["split"] == "test")
+    tested = by_entry(row for row in rows if row["split"] in COMPARED)
     entries = {entry: [row for row in mine if row["trajectory"]] for entry, mine in tested.items()}
     trajectories = read_trajectories(folder, {row["trajectory"] for mine in entries.values() for row in mine})
     columns = max(len(mine) for mine in entries.values())
@@ -166,7 +163,7 @@ def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
             axis.set_visible(False)
         for axis, row in zip(line, mine, strict=False):
             _driven_scene(axis, trajectories[row["trajectory"]])
-            floor_plan(axis, f"{label(entry)}\n{row['experiment']} {row['episode']}: {_ending(contest, row)}")
+            floor_plan(axis, f"{label(entry)}\n{row['family']} {row['episode']}: {_ending(contest, row)}")
             axis.title.set_fontsize(8)
             axis.set_xlabel("")
             axis.set_ylabel("")
@@ -181,17 +178,17 @@ def _driven_scene(axis: Any, trajectory: Trajectory) -> None:
     if len(trajectory.goals) and not len(trajectory.path):
         goal_mark(axis, trajectory.goals[-1])
     x, y = trajectory.poses[:, :2].T
-    axis.plot(x, y, color=_COLOURS[0], linewidth=1.2)
+    axis.plot(x, y, color=colour(0), linewidth=1.2)
     axis.plot(x[0], y[0], "o", color="black", markersize=4, zorder=5)
-    axis.plot(x[-1], y[-1], "s", color=_COLOURS[1], markersize=4, markeredgecolor="black", zorder=5)
+    axis.plot(x[-1], y[-1], "s", color=colour(1), markersize=4, markeredgecolor="black", zorder=5)
 
 
 def _ending(contest: Contest, row: Row) -> str:
     for name in ("collision", "left_corridor", "timeout"):
         if number(row, name) == 1.0:
             return name.replace("_", " ")
-    unit = "s" if contest.cost == "time" else "m RMS"
-    return f"{number(row, contest.cost):.3g} {unit}"
+    cost = contest.spec.cost
+    return f"{cost.name} {number(row, cost.metric):.3g} {cost.unit}"
 
 
 FIGURES: Mapping[str, Callable[[Contest, Sequence[Row], Path], Figure]] = {

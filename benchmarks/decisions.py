@@ -18,17 +18,19 @@ import numpy as np
 import rich.console
 import rich.table
 
-import wayfield.policies
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.command_line import Names, OneLineErrors
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.results import read_table
 from wayfield.benchmarks.rollout import make_policy, make_vector
-from wayfield.policies.policy import Pilot
+from wayfield.envs.command_line import Choice, Names, OneLineErrors
+from wayfield.envs.readers import of_folder, reader
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies.pilot import Pilot
 
 DECISIONS = "decisions.csv"
 BATCHES = (1, 256)
-FAMILY = {"path-following": "splines", "goal-obstacles": "clutter_10"}  # where they are timed
+_TIMED = tuple(dict.fromkeys(name for contest in CONTESTS.values() for name in contest.policies))
 STEPS = {1: 200, 256: 20}  # decisions of a round
 
 
@@ -103,14 +105,6 @@ def measured(cases: Sequence[Case], batches: Iterable[int] = BATCHES, rounds: in
     ]
 
 
-def timed_cases(
-    contest: str, robot: str, names: Sequence[str], gains_names: Sequence[str], homes: Sequence[str] = ()
-) -> list[Case]:
-    """Returns the cases in which policies are timed; of trained agents one."""
-    cases = CONTESTS[contest].cases(robot, FAMILY[contest], "test", names, gains_names, homes=homes)
-    return list({(case.policy, case.gains_name): case for case in cases}.values())
-
-
 def write_decisions(folder: Path, timings: Iterable[Timing]) -> None:
     """Writes the decision times as CSV."""
     rows = [timing.row for timing in timings]
@@ -120,28 +114,36 @@ def write_decisions(folder: Path, timings: Iterable[Timing]) -> None:
         writer.writerows(rows)
 
 
+_SAMPLE = "policy,gains_name,robot,batch,median_ms,p99_ms,per_second\nlqr,default,p3dx,1,0.1,0.2,10000\n"
+
+
+@reader("decisions", DECISIONS, {DECISIONS: _SAMPLE}, of_folder)
 def read_decisions(folder: Path) -> list[dict[str, str]]:
-    """Returns the decision times of a run."""
-    with open(folder / DECISIONS, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    """Returns the decision times of a run.
+
+    Raises:
+        ValueError: if the file is no such table; the message names file and line.
+    """
+    return read_table(folder / DECISIONS)
 
 
 @click.command("decisions", cls=OneLineErrors)
-@click.option("--policies", type=Names("--policies", wayfield.policies.POLICIES), help="Only these.  [default: all]")
-@click.option("--robot", type=click.Choice(["p3dx", "omni3", "omni4"]), default="p3dx", show_default=True)
+@click.option("--policies", type=Names("--policies", _TIMED), help="Only these.  [default: all]")
+@click.option("--robot", type=Choice("--robot", ROBOTS), default="p3dx", show_default=True)
 @click.option("--rounds", type=click.IntRange(min=1), default=3, show_default=True, help="Turns of each policy.")
 def main(policies: tuple[str, ...] | None, robot: str, rounds: int) -> None:
     """Prints how many decisions each policy takes a second."""
     table = rich.table.Table(title=f"Decisions, {robot}, median of {rounds} rounds", title_justify="left")
     for header in ("policy", "robots", "decisions/s", "median of a call (ms)", "p99 (ms)"):
         table.add_column(header, justify="left" if header == "policy" else "right")
-    cases = [
-        case
-        for name, contest in CONTESTS.items()
-        for case in timed_cases(
-            name, robot, [p for p in contest.policies if not policies or p in policies], ("default",)
-        )
-    ]
+    found: dict[tuple[str, str], Case] = {}  # of trained agents one
+    for contest in CONTESTS.values():
+        names = tuple(name for name in contest.policies if not policies or name in policies)
+        for case in contest.cases(robot, Course(contest.timed_on, "test"), Entrants(names, ("default",))):
+            found[contest.name, case.policy] = case
+    cases = list(found.values())
+    if not cases:
+        raise click.UsageError(f"--policies {', '.join(policies or ())} cannot be timed with robot {robot}")
     for timing in measured(cases, rounds=rounds):
         table.add_row(
             timing.case.policy,

@@ -1,6 +1,7 @@
 """The command line: runs a suite, prints its tables, and writes its episodes, trajectories, tables and figures."""
 
 import contextlib
+import dataclasses
 import importlib.util
 import os
 import signal
@@ -8,40 +9,38 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import rich.console
 
 import wayfield.policies
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.command_line import Choice, Names, OneLineErrors, Scale
-from wayfield.benchmarks.contest_report import ContestOptions, contest_report
-from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, OVERVIEW
+from wayfield.benchmarks.contest_options import ContestOptions
+from wayfield.benchmarks.contest_report import contest_report, holding
+from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, GAINS, OVERVIEW, Course
+from wayfield.benchmarks.document_tables import document_tables
 from wayfield.benchmarks.documents import documents
-from wayfield.benchmarks.own_path import POLICIES as PATH_POLICIES
-from wayfield.benchmarks.own_path import own_path
+from wayfield.benchmarks.own_policies import own_policy, told_of_models
+from wayfield.benchmarks.own_scenario import own_cases, own_courses
 from wayfield.benchmarks.progress import tracked
-from wayfield.benchmarks.results import TABLE, read_rows, staging, write_rows, write_trajectories
+from wayfield.benchmarks.results import TABLE, read_rows, readable, write_rows, write_trajectories
+from wayfield.benchmarks.run_folder import Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, run
-from wayfield.benchmarks.tables import Table, tables
+from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import Map, workers
+from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, Scale, words_given
 from wayfield.envs.robots import ACTUATORS, ROBOTS
-from wayfield.envs.scenarios import splits
+from wayfield.envs.scenarios import TASKS
 
 DOCUMENTS = "documents"
 SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
-GAINS = {
-    **{name: (name,) for name in ("default", "tuned", "best", "paper")},
-    "all": ("default", "tuned", "paper"),
-}
-FAMILIES = tuple(name for task in splits.FAMILIES.values() for name in task)
+FAMILIES = tuple(name for spec in TASKS.values() for name in spec.families)
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 
 
-@click.command(
-    "evaluate", cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
-)
+@click.command("evaluate", cls=OneLineErrors, context_settings={"max_content_width": 100})
 @click.option(
     "--suite",
     type=Choice("--suite", SUITES),
@@ -69,18 +68,38 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     metavar="DIR",
     help="Also the agents of a folder that train.py wrote, in contests; may be repeated.",
 )
+@click.option(
+    "--policy",
+    "own",
+    multiple=True,
+    metavar="SOURCE",
+    help="Also a policy of your own, in contests: module:Class, with gains as key=value behind it in the same word, or "
+    "a model.zip of stable-baselines3, which can run code when it is loaded; may be repeated.",
+)
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
-    "--path", "path", metavar="FILE", help="Follow the path of a .csv, .txt or .json file instead of a suite."
+    "--path",
+    "path",
+    metavar="FILE",
+    help="A path (.csv, .txt, .json) or a goal scenario (.json) of your own, instead of a suite.",
 )
-@click.option("--scale", type=Scale(), help="Multiplies the path's coordinates: 0.02 or 1:50.  [default: 1]")
+@click.option(
+    "--scenarios",
+    metavar="FOLDER",
+    help="A contest on the scenario files of a folder, paths or goals (.csv, .txt, .json), instead of a suite.",
+)
+@click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
 @click.option(
     "--episodes",
     type=click.IntRange(min=1),
     help="Episodes of each case, with the seeds S, S + 1, ...; in contests the first scenarios of each family.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S", help="The first seed.")
-@click.option("--out", metavar="DIR", help="Folder of the results.  [default: results/<suite>]")
+@click.option("--seed", type=SEED, default=0, show_default=True, metavar="S", help="The first seed.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    help="Folder of the results.  [default: results/SUITE, and what differs from the defaults]",
+)
 @click.option("--video", is_flag=True, help="Film a few representative cases as well.")
 @click.option(
     "--workers",
@@ -88,23 +107,7 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     type=click.IntRange(min=1),
     help="Processes that share the work.  [default: a core each, at most 4]",
 )
-def main(
-    suite: str | None,
-    policies: tuple[str, ...] | None,
-    dynamics: str | None,
-    actuators: str | None,
-    robot: str | None,
-    gains: str | None,
-    homes: tuple[str, ...],
-    families: tuple[str, ...] | None,
-    path: str | None,
-    scale: float | None,
-    episodes: int | None,
-    seed: int,
-    out: str | None,
-    video: bool,
-    count: int | None,
-) -> None:
+def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
     (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
     goal-obstacles), and under growing disturbances (disturbances); or the documents and a test scenario a family
@@ -114,104 +117,252 @@ def main(
     (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
     is interrupted goes on where it was when the same command is given again.
     """
-    _need("matplotlib", "evaluate")
-    if video:
-        _need("pygame", "render")
-        _need("moviepy", "render")
-    if out is not None and not out.strip():
-        raise click.UsageError("--out is empty; it must name a folder")
-    if scale is not None and path is None:
-        raise click.UsageError("--scale belongs to --path FILE")
-    if policies is not None and "all" in policies:
-        policies = None
-    count = count or min(os.cpu_count() or 1, 4)
-    narrowed = any((policies, dynamics, actuators, robot, gains, homes, families, path, episodes, video))
-    if suite is None:
-        suite = DOCUMENTS if narrowed else OVERVIEW
-    if suite == OVERVIEW:
-        if narrowed:
-            raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed and --workers")
-        _overview(Path("results") / OVERVIEW if out is None else Path(out), seed, count)
-        return
-    if path is None and suite != DOCUMENTS:
-        if video:
+    asked = Asked(**given)
+    asked.check()
+    if asked.path is not None:
+        asked.run_path()
+    elif asked.scenarios is not None:
+        asked.run_scenarios()
+    elif asked.wanted == OVERVIEW:
+        asked.run_overview()
+    elif asked.wanted == DOCUMENTS:
+        asked.run_documents()
+    else:
+        contests = tuple(CONTESTS) if asked.wanted == DISTURBANCES else (asked.wanted,)
+        asked.run_contest(asked.wanted, contests)
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """The options of the command as they were given."""
+
+    suite: str | None
+    policies: tuple[str, ...] | None
+    dynamics: str | None
+    actuators: str | None
+    robot: str | None
+    gains: str | None
+    homes: tuple[str, ...]
+    own: tuple[str, ...]
+    families: tuple[str, ...] | None
+    path: str | None
+    scenarios: str | None
+    scale: float | None
+    episodes: int | None
+    seed: int
+    out: str | None
+    video: bool
+    count: int | None
+
+    @property
+    def command(self) -> str:
+        """Returns the command that was given."""
+        return readable(" ".join(["python evaluate.py", words_given()]).strip())
+
+    @property
+    def processes(self) -> int:
+        """Returns how many processes share the work."""
+        return self.count or min(os.cpu_count() or 1, 4)
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """Returns the policies that were named; None for all."""
+        return None if self.policies is not None and "all" in self.policies else self.policies
+
+    @property
+    def narrowed(self) -> bool:
+        """Returns whether there are other options than those that every suite takes."""
+        few = (self.names, self.dynamics, self.actuators, self.robot, self.gains, self.homes, self.own, self.families)
+        return any((*few, self.path, self.scenarios, self.episodes, self.video))
+
+    @property
+    def wanted(self) -> str:
+        """Returns the suite that was asked for, or follows."""
+        return self.suite or (DOCUMENTS if self.narrowed else OVERVIEW)
+
+    @property
+    def differing(self) -> dict[str, Any]:
+        """Returns what is not as by default, by its name, for the name of the folder; None and nothing else is."""
+        return {
+            "robot": self.robot if self.robot != "p3dx" else None,
+            "agents": tuple(Path(home).resolve().name for home in self.homes),
+            "own": tuple(readable(text) for text in self.own),
+            **{"policies": self.names, "families": self.families},
+            **{"scale": self.scale, "episodes": self.episodes, "seed": self.seed},
+        }
+
+    def folder(self, name: str, differing: dict[str, Any]) -> Path:
+        """Returns the folder of the results."""
+        return Path(self.out) if self.out is not None else default_folder(name, differing)
+
+    def check(self) -> None:
+        """Refuses options that are empty or belong elsewhere, and to start where something is missing."""
+        _need("matplotlib", "evaluate")
+        if self.video:
+            _need("pygame", "render")
+            _need("moviepy", "render")
+        for option, value, what in (
+            ("--out", self.out, "folder"),
+            ("--path", self.path, "file"),
+            ("--scenarios", self.scenarios, "folder"),
+        ):
+            if value is not None and not value.strip():
+                raise click.UsageError(f"{option} is empty; it must name a {what}")
+        instead = [
+            option
+            for option, value in (("--suite", self.suite), ("--path", self.path), ("--scenarios", self.scenarios))
+            if value is not None
+        ]
+        if len(instead) > 1:
+            raise click.UsageError(f"{instead[1]} takes the place of {instead[0]}: give one of them")
+        if self.scale is not None and self.path is None and self.scenarios is None:
+            raise click.UsageError("--scale belongs to --path FILE or --scenarios FOLDER")
+        if self.wanted == OVERVIEW:
+            if self.narrowed:
+                raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed and --workers")
+        elif self.path is not None or (self.wanted == DOCUMENTS and self.scenarios is None):
+            self._check_no_contest()
+        elif self.video:
             raise click.UsageError(f"--video belongs to --suite {DOCUMENTS}")
-        if dynamics == "both":
+        elif self.dynamics == "both":
             raise click.UsageError("--dynamics both belongs to the documents; a contest is run on one plant")
-        folder = Path("results") / suite if out is None else Path(out)
+        elif self.scenarios is not None and self.families is not None:
+            raise click.UsageError("--families belongs to the frozen scenarios; of --scenarios each file is a family")
+
+    def _check_no_contest(self) -> None:
+        for option, value in (
+            *(("--robot", self.robot), ("--gains", self.gains), ("--agents", self.homes), ("--policy", self.own)),
+            ("--families", self.families),
+        ):
+            if value:
+                raise click.UsageError(
+                    f"{option} belongs to the contests: --suite {', '.join((*CONTESTS, DISTURBANCES))}"
+                )
+
+    def run_overview(self) -> None:
+        """Runs the documents, and the contests on a scenario of each family."""
+        folder = self.folder(OVERVIEW, self.differing)
+        options = ContestOptions(
+            *(OVERVIEW, tuple(CONTESTS), None, DYNAMICS["kinematic"], "lagged", "p3dx", GAINS["best"], None, None),
+            self.seed,
+            command=self.command,
+        )
+        with holding(folder / "contests", options.run):  # is it free? Better told before the documents are run
+            pass
+        self._run_cases(DOCUMENTS, documents(), folder / DOCUMENTS)
+        with _ended_by_signals():
+            _print(contest_report(options, folder / "contests", self.processes))
+        print(f"Results are in {folder}{os.sep}")
+
+    def run_documents(self) -> None:
+        """Runs the experiments of the documents."""
+        differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
+        self._run_cases(DOCUMENTS, _cases_of_documents(self.names), self.folder(DOCUMENTS, differing))
+
+    def run_path(self) -> None:
+        """Runs all that can do it on a path, or in a goal scenario, of the user's own."""
+        assert self.path is not None
+        with _one_line("--path", self.path):
+            cases = own_cases(self.path, self.scale, self.names)
+        differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
+        folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
+        self._run_cases(cases[0].document, cases, folder)
+
+    def run_scenarios(self) -> None:
+        """Runs a contest on the scenario files of a folder."""
+        assert self.scenarios is not None
+        with _one_line("--scenarios", self.scenarios):
+            contest, courses = own_courses(self.scenarios, self.scale, self.robot or "p3dx")
+        self.run_contest(contest.name, (contest.name,), courses)
+
+    def run_contest(self, suite: str, contests: tuple[str, ...], courses: tuple[Course, ...] = ()) -> None:
+        """Runs contests, on the frozen scenarios or on courses of the user's own."""
+        with _one_line("--policy", ""):
+            own = tuple(own_policy(text) for text in self.own)
+        for warning in told_of_models(own):
+            click.echo(f"evaluate: {warning}", err=True)
         options = ContestOptions(
             suite,
-            tuple(CONTESTS) if suite == DISTURBANCES else (suite,),
-            policies,
-            (*DYNAMICS[dynamics or "kinematic"],),
-            actuators or "lagged",
-            robot or "p3dx",
-            GAINS[gains or "all"],
-            families,
-            episodes,
-            seed,
-            homes,
+            contests,
+            self.names,
+            DYNAMICS[self.dynamics or "kinematic"],
+            self.actuators or "lagged",
+            self.robot or "p3dx",
+            GAINS[self.gains or "all"],
+            self.families,
+            self.episodes,
+            self.seed,
+            self.homes,
+            own,
+            courses,
+            self.command,
         )
+        differing = (
+            ({"scenarios": Path(self.scenarios).resolve().name} if self.scenarios is not None else {})
+            | self.differing
+            | _conditions(self.dynamics, "kinematic", self.actuators, "lagged")
+            | {"gains": self.gains if self.gains != "all" else None}
+        )
+        folder = self.folder(suite, differing)
         with _ended_by_signals():
-            _print(contest_report(options, folder, count))
-        click.echo(f"Results are in {folder}{os.sep}")
-        return
-    for option, value in (("--robot", robot), ("--gains", gains), ("--agents", homes), ("--families", families)):
-        if value:
-            raise click.UsageError(f"{option} belongs to the contests: --suite {', '.join((*CONTESTS, DISTURBANCES))}")
-    dynamics, actuators = dynamics or "both", actuators or "ideal"
-    cases = _cases_of_path(path, scale or 1.0, policies) if path is not None else _cases_of_documents(policies)
-    name = suite if path is None else "path"
-    folder = Path("results") / name if out is None else Path(out)
-    _documents(name, cases, DYNAMICS[dynamics], actuators, seed, episodes, folder, count, video)
+            _print(contest_report(options, folder, self.processes))
+        print(f"Results are in {folder}{os.sep}")
+
+    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path) -> None:
+        """Runs cases of the documents or of a path, prints their tables, writes their files, and says where."""
+        plants = DYNAMICS[self.dynamics or "both"]
+        actuators = self.actuators or "ideal"
+        settings = [
+            Setting(name, case, plant, actuators, self.seed, self.episodes or case.episodes)
+            for case in cases
+            for plant in plants
+        ]
+        from wayfield.benchmarks.document_figures import stem_of
+
+        kinds = dict.fromkeys(stem_of(case.document) for case in cases)
+        films = ("video/*.mp4",) if self.video else ()
+        figures = [f"{kind}_*.{suffix}" for kind in kinds for suffix in ("svg", "png")]
+        this = Run(name, self.command, (*figures, *films))
+        with (
+            _ended_by_signals(),
+            holding(folder, this),
+            staging(folder, this) as stage,
+            workers(self.processes) as in_parallel,
+        ):
+            try:
+                rows, trajectories = run(settings, in_parallel)
+            except ValueError as error:  # a damaged agent
+                raise click.ClickException(str(error)) from None
+            write_rows(stage, rows)
+            write_trajectories(stage, trajectories)
+            shown = _report(stage, cases, in_parallel)
+            if self.video:
+                from wayfield.benchmarks.video import film
+
+                film(stage / "video", cases, plants[0], actuators, self.seed)
+        _print(shown)
+        print(f"Results are in {folder}{os.sep}")
 
 
-def _overview(folder: Path, seed: int, count: int) -> None:
-    """Runs the documents, and the contests on a scenario of each family."""
-    _documents(DOCUMENTS, documents(), DYNAMICS["both"], "ideal", seed, None, folder / DOCUMENTS, count, video=False)
-    options = ContestOptions(
-        OVERVIEW, tuple(CONTESTS), None, DYNAMICS["kinematic"], "lagged", "p3dx", GAINS["best"], None, None, seed
-    )
-    with _ended_by_signals():
-        _print(contest_report(options, folder / "contests", count))
-    click.echo(f"Results are in {folder}{os.sep}")
+def _conditions(dynamics: str | None, plant: str, actuators: str | None, tier: str) -> dict[str, Any]:
+    """Returns plants and actuators where they are not the default ones."""
+    return {
+        "plant": dynamics if dynamics != plant else None,
+        "tier": actuators if actuators != tier else None,
+    }
 
 
-def _documents(
-    name: str,
-    cases: Sequence[Case],
-    plants: Sequence[str],
-    actuators: str,
-    seed: int,
-    episodes: int | None,
-    folder: Path,
-    count: int,
-    video: bool,
-) -> None:
-    """Runs cases of the documents or of a path, prints their tables and writes their files."""
-    settings = [
-        Setting(name, case, plant, actuators, seed, episodes or case.episodes) for case in cases for plant in plants
-    ]
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(_ended_by_signals())
-        try:
-            stage = stack.enter_context(staging(folder))
-        except OSError as error:
-            raise click.ClickException(f"--out {str(folder)!r} cannot be written: {error}") from None
-        share = stack.enter_context(workers(count))
-        try:
-            rows, trajectories = run(settings, share)
-        except ValueError as error:  # a damaged agent
-            raise click.ClickException(str(error)) from None
-        write_rows(stage, rows)
-        write_trajectories(stage, trajectories)
-        shown = _report(stage, cases, share)
-        if video:
-            from wayfield.benchmarks.video import film
-
-            film(stage / "video", cases, plants[0], actuators, seed)
-    _print(shown)
-    click.echo(f"Results are in {folder}{os.sep}")
+@contextlib.contextmanager
+def _one_line(option: str, value: str) -> Iterator[None]:
+    """Turns what is wrong with the value of an option into a line that names the option."""
+    try:
+        yield
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename and str(error.filename) != value else ""
+        raise click.UsageError(f"{option} {value!r} cannot be read: {error.strerror or error}{where}") from None
+    except ValueError as error:
+        text = str(error)
+        raise click.UsageError(text if text.startswith("--") else f"{option} {text}") from None
 
 
 @contextlib.contextmanager
@@ -241,31 +392,16 @@ def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
     return tuple(case for case in cases if case.policy in policies)
 
 
-def _cases_of_path(file: str, scale: float, policies: tuple[str, ...] | None) -> tuple[Case, ...]:
-    """Returns the cases on a path of the user's own."""
-    for name in policies or ():
-        if name not in PATH_POLICIES:
-            raise click.UsageError(
-                f"--policies {name!r} does not follow paths; choose from {', '.join(map(repr, PATH_POLICIES))}"
-            )
-    try:
-        return own_path(file, scale, policies or PATH_POLICIES)
-    except OSError as error:
-        raise click.UsageError(f"--path {file!r} cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise click.UsageError(f"--path {error}") from None
-
-
-def _report(folder: Path, cases: Iterable[Case], share: Map) -> list[Table]:
+def _report(folder: Path, cases: Iterable[Case], in_parallel: Map) -> list[Table]:
     """Writes tables and figures into a folder, from its episodes and trajectories alone; returns the tables."""
-    from wayfield.benchmarks.figures import FIGURES, draw
+    from wayfield.benchmarks.document_figures import FIGURES, draw
 
     rows = read_rows(folder)
-    shown = tables(rows, cases)
+    shown = document_tables(rows, cases)
     (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
-    documents = dict.fromkeys(row["document"] for row in rows)
-    wanted = [(folder, document, name) for document in documents for name in FIGURES[document]]
-    for _ in tracked(share(draw, wanted), len(wanted), "figures"):
+    found = dict.fromkeys(row["document"] for row in rows)
+    wanted = [(folder, document, name) for document in found for name in FIGURES[document]]
+    for _ in tracked(in_parallel(draw, wanted), len(wanted), "figures"):
         pass
     return shown
 
@@ -287,4 +423,5 @@ def _print(shown: Iterable[Table]) -> None:
         note = table.note
         if columns < len(table.header):
             note += f" Left out for want of width: {', '.join(table.header[columns:])}; all columns are in table.md."
-        print(textwrap.fill(note, min(console.width, _NOTE_WIDTH)) + "\n")
+        # a command in it shall stay one that can be copied
+        print(textwrap.fill(note, min(console.width, _NOTE_WIDTH), break_on_hyphens=False) + "\n")

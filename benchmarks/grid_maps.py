@@ -6,6 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.checks import shown
+from wayfield.envs.readers import reader
+
 _FREE = frozenset(".GS")  # floor, and swamp, which is walked into from the floor
 _BLOCKED = frozenset("@OTW")  # out of bounds, trees, and water, which is not
 
@@ -20,6 +23,7 @@ class GridProblem(NamedTuple):
     optimal_length: float  # octile, no corner cut, as printed: to about 1e-8
 
 
+@reader("grid map", "a.map", {"a.map": "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n..S.\n"})
 def grid_map(file: str | os.PathLike[str]) -> NDArray[np.bool_]:
     """Returns the blocked cells (rows, columns) of a .map file; row 0 is its first line.
 
@@ -33,7 +37,7 @@ def grid_map(file: str | os.PathLike[str]) -> NDArray[np.bool_]:
     size = {}
     for number, words in ((2, head[1]), (3, head[2])):
         if len(words) != 2 or words[0] not in ("height", "width") or not words[1].isdigit() or int(words[1]) < 1:
-            raise ValueError(f"{file}:{number}: {lines[number - 1]!r} is no height or width")
+            raise ValueError(f"{file}:{number}: {shown(lines[number - 1])} is no height or width")
         size[words[0]] = int(words[1])
     if len(size) < 2:
         raise ValueError(f"{file}: height and width must both be given")
@@ -50,6 +54,7 @@ def grid_map(file: str | os.PathLike[str]) -> NDArray[np.bool_]:
     return np.array([[cell in _BLOCKED for cell in row] for row in rows])
 
 
+@reader("grid problems", "a.scen", {"a.scen": "version 1\n0\ta.map\t4\t3\t0\t0\t3\t2\t4.41\n"})
 def grid_problems(file: str | os.PathLike[str]) -> list[GridProblem]:
     """Returns the problems of a .scen file.
 

@@ -1,19 +1,20 @@
-"""The files of a benchmark run: written whole or not at all, and read back."""
+"""The files of a benchmark run: written whole or not at all, known again by their digests, and read back."""
 
-import contextlib
 import csv
 import dataclasses
 import math
-import os
-import shutil
-import tempfile
-from collections.abc import Container, Iterator, Sequence
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs.checks import MOST_BYTES, shown
+from wayfield.envs.readers import of_folder, reader
 
 EPISODES = "episodes.csv"
 TRAJECTORIES = "trajectories.npz"
@@ -21,34 +22,7 @@ TABLE = "table.md"
 
 Row = dict[str, str]  # one episode: a column's text by its name, empty where it does not apply
 
-
-@contextlib.contextmanager
-def staging(out: Path) -> Iterator[Path]:
-    """Yields an empty folder on the same disk as `out`; what lies in it at the end is moved into `out`, file by file.
-
-    On an error or an interruption the folder is deleted and `out` is as it was.
-
-    Raises:
-        OSError: at once, if nothing can be written to `out`.
-    """
-    above = out
-    while not above.exists() and above != above.parent:
-        above = above.parent
-    if not above.is_dir():
-        raise NotADirectoryError(f"{above} is a file, not a folder")
-    for name in (EPISODES, TRAJECTORIES, TABLE):
-        if (out / name).is_dir():
-            raise IsADirectoryError(f"{out / name} is a folder, not a file")
-    stage = Path(tempfile.mkdtemp(prefix=".wayfield-", dir=above))
-    try:
-        yield stage
-        for file in sorted(stage.rglob("*")):
-            if file.is_file():
-                target = out / file.relative_to(stage)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(file, target)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+_FIELDS = tuple(field.name for field in dataclasses.fields(Trajectory))
 
 
 def write_rows(folder: Path, rows: Sequence[Row]) -> None:
@@ -60,10 +34,36 @@ def write_rows(folder: Path, rows: Sequence[Row]) -> None:
         writer.writerows(rows)
 
 
+@reader("episodes", EPISODES, {EPISODES: "policy,episode,success,time\npure_pursuit,0,1,12.5\nlqr,0,0,\n"}, of_folder)
 def read_rows(folder: Path) -> list[Row]:
-    """Returns the episodes of a run."""
-    with open(folder / EPISODES, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    """Returns the episodes of a run.
+
+    Raises:
+        ValueError: if the file is no such table; the message names file and line.
+        OSError: if it cannot be opened.
+    """
+    return read_table(folder / EPISODES)
+
+
+def read_table(file: Path) -> list[Row]:
+    """Returns the rows of a CSV file with a header, each by the names of its columns.
+
+    Raises:
+        ValueError: if it is no such table; the message names file and line.
+        OSError: if it cannot be opened.
+    """
+    rows: list[Row] = []
+    with open(file, newline="", encoding="utf-8") as lines:
+        reader = csv.DictReader(lines, strict=True)
+        try:
+            for row in reader:
+                if None in row or None in row.values():
+                    count = len(reader.fieldnames or ())
+                    raise ValueError(f"the row has more or fewer cells than the {count} columns of the header")
+                rows.append(row)
+        except (csv.Error, ValueError) as error:
+            raise ValueError(f"{file}:{max(reader.reader.line_num, 1)}: {error}") from None
+    return rows
 
 
 def text(value: float) -> str:
@@ -73,29 +73,82 @@ def text(value: float) -> str:
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
+def readable(name: str) -> str:
+    """Returns a name from the system as text: its bytes need not be UTF-8, nor the locale take them for it."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
 def number(row: Row, name: str) -> float:
-    """Returns the number in a cell; NaN when it is empty or missing."""
-    return float(row.get(name) or math.nan)
+    """Returns the number in a cell; NaN when it is empty or missing.
+
+    Raises:
+        ValueError: if it holds anything else; the message names the column.
+    """
+    cell = row.get(name)
+    try:
+        return float(cell or math.nan)
+    except ValueError:
+        raise ValueError(f"column {name!r} holds {shown(cell)}; it must be a number or empty") from None
 
 
 def write_trajectories(folder: Path, trajectories: dict[str, Trajectory]) -> None:
     """Writes the trajectories, each of their fields as the array `<key>/<field>`; empty arrays are left out."""
     arrays = {
-        f"{key}/{field.name}": array
+        f"{key}/{field}": array
         for key, trajectory in trajectories.items()
-        for field in dataclasses.fields(trajectory)
-        if (array := np.asarray(getattr(trajectory, field.name))).size
+        for field in _FIELDS
+        if (array := np.asarray(getattr(trajectory, field))).size
     }
-    np.savez_compressed(folder / TRAJECTORIES, allow_pickle=False, **arrays)
+    for name, array in arrays.items():
+        if array.dtype.hasobject:  # would be written as a pickle, which no reader of ours opens
+            raise TypeError(f"{name} is an array of objects, not of numbers")
+    np.savez_compressed(folder / TRAJECTORIES, **arrays)  # type: ignore[arg-type]
 
 
+_DENSEST = 100  # times; numbers of a robot that stands still, whose clock runs on, are packed less densely
+
+
+def _sample_trajectories(folder: Path) -> None:
+    driven = Trajectory(times=np.arange(5.0), poses=np.ones((5, 3)))
+    write_trajectories(folder, {"00000": driven, "00001": driven})
+
+
+@reader("trajectories", TRAJECTORIES, _sample_trajectories, of_folder)
 def read_trajectories(folder: Path, keys: Container[str] | None = None) -> dict[str, Trajectory]:
-    """Returns the trajectories of a run, or those of some keys; the keys are the episodes' column `trajectory`."""
+    """Returns the trajectories of a run, or those of some keys; the keys are the episodes' column `trajectory`.
+
+    Raises:
+        ValueError: if the file is damaged or holds anything else; the message names file and array.
+        OSError: if it cannot be opened.
+    """
+    file, name = folder / TRAJECTORIES, ""
     fields: dict[str, dict[str, Any]] = {}
-    with np.load(folder / TRAJECTORIES, allow_pickle=False) as archive:
-        for name in archive.files:
-            key, field = name.split("/")
-            if keys is None or key in keys:
-                array = archive[name]
-                fields.setdefault(key, {})[field] = array.item() if array.ndim == 0 else array
-    return {key: Trajectory(**values) for key, values in fields.items()}
+    with open(file, "rb") as stream:
+        try:
+            with np.load(stream, allow_pickle=False) as archive:
+                sizes = [(each.file_size, each.compress_size) for each in archive.zip.infolist()]
+                unpacked, packed = (sum(size) for size in zip((0, 0), *sizes, strict=True))
+                if unpacked > max(MOST_BYTES, _DENSEST * packed):
+                    raise ValueError(f"it would unpack to {unpacked} bytes")
+                for name in archive.files:
+                    key, field = name.split("/")
+                    if field not in _FIELDS:
+                        raise ValueError("it is no field of a trajectory")
+                    if keys is None or key in keys:
+                        array = archive[name]
+                        if array.dtype.kind not in "fbiuV" or array.dtype.hasobject:
+                            raise ValueError(f"it holds {array.dtype}, not numbers")
+                        fields.setdefault(key, {})[field] = array.item() if array.ndim == 0 else array
+            found = {}
+            for name, values in fields.items():
+                found[name] = Trajectory(**values)
+            return found
+        except (zipfile.BadZipFile, zlib.error, LookupError, TypeError, ValueError, EOFError, OSError) as error:
+            problem = str(error)
+        except (
+            *(AttributeError, MemoryError, NotImplementedError, OverflowError, SyntaxError, RuntimeError),
+            tokenize.TokenError,  # of NumPy's repair of headers of Python 2
+        ) as error:
+            # a header that asks for more than there is, an archive of another kind, a lone array
+            problem = f"{type(error).__name__} {error}"
+    raise ValueError(f"{file}: {name + ': ' if name else ''}the file is damaged: {' '.join(problem.split())}")

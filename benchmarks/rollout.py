@@ -14,17 +14,24 @@ from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.path_following import PathFollowing
+from wayfield.envs.scenarios import PathScenario
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.lookahead import Lookahead
-from wayfield.policies.policy import Pilot, Policy
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.policy import Policy
 
 # What policies count in their memory under these names: a QP that was not solved, a planner that found no way.
 FAULTS = ("qp_failures", "no_path")
 
 
 def make_policy(case: Case, seed: int) -> Policy:
-    """Returns the case's policy; one that draws at random draws from the seed."""
+    """Returns the case's policy; one that draws at random draws from the seed.
+
+    Raises:
+        ValueError: if there is no such policy, or one of the user's own cannot be made.
+    """
+    if case.entrant is not None:
+        return case.entrant.make(case.gains)
     gains = dict(case.gains)
     if case.policy == "random":
         gains["seed"] = seed
@@ -52,7 +59,7 @@ def roll_out(
 ) -> list[Trajectory]:
     """Returns one trajectory for each of the seeds `seed`, `seed + 1`, ...
 
-    A case of every scenario has one episode for each of the first `episodes` scenarios of its bank.
+    A case of every scenario has one episode for each of the first `episodes` scenarios of its bank, round and round.
 
     Raises:
         TypeError: if the policy cannot read the environment's observations.
@@ -60,7 +67,8 @@ def roll_out(
     """
     env = make_vector(case, dynamics, actuators, episodes)
     pilot = Pilot(make_policy(case, seed), env)
-    chosen = {"scenario": list(range(episodes))} if case.every_scenario else None
+    there = len(env.task.scenarios)
+    chosen = {"scenario": [k % there for k in range(episodes)]} if case.every_scenario else None
     observations, _ = env.reset(seed=seed, options=chosen)
     pilot.reset()
     briefing = env.briefing("map")
@@ -90,8 +98,9 @@ def roll_out(
 
 def _faults(memory: NDArray[Any], i: int) -> int:
     """Returns how often robot i's policy had to fall back on something else, which it counts in its memory."""
-    if "base" in (memory.dtype.names or ()):
-        memory = memory["base"]  # of the controller that an agent adds to
+    for part in ("base", "state"):  # of the controller that an agent adds to; of a law that keeps its scans beside it
+        if part in (memory.dtype.names or ()):
+            memory = memory[part]
     return sum(int(memory[name][i]) for name in FAULTS if name in (memory.dtype.names or ()))
 
 
@@ -125,7 +134,7 @@ def _trajectory(
         success=flags["success"],
         collision=flags["collision"],
     )
-    if isinstance(env.task, PathFollowing):
+    if env.task.spec.scenario is PathScenario:
         return _on_path(driven, env.task, briefing, policy, states, flags)
     assert briefing.goals is not None
     assert briefing.num_goals is not None
@@ -143,7 +152,7 @@ def _trajectory(
 
 def _on_path(
     driven: Trajectory,
-    task: PathFollowing,
+    task: Any,
     briefing: Briefing,
     policy: Policy,
     states: NDArray[Any],

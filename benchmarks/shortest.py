@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance
 from wayfield.envs.scenarios import GoalScenario
-from wayfield.policies.grid_search import theta_star
+from wayfield.policies.parts.grid_search import theta_star
 
 CELL = 0.04  # m
 _BORDER = 1.0  # m, kept around everything: a way may lead round the outermost obstacle

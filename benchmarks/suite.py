@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.progress import tracked
-from wayfield.benchmarks.results import Row, text
+from wayfield.benchmarks.results import Row, readable, text
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map
@@ -27,10 +27,10 @@ class Setting:
     episodes: int
 
 
-def run(settings: Sequence[Setting], workers: Map) -> tuple[list[Row], dict[str, Trajectory]]:
+def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
     """Returns one row for each episode, and the trajectories by the key in the rows' column `trajectory`."""
     order = _compiling_once(settings)
-    done = tracked(workers(episodes, [settings[i] for i in order]), len(settings), "cases")
+    done = tracked(in_parallel(episodes, [settings[i] for i in order]), len(settings), "cases")
     of_setting = dict(zip(order, done, strict=True))
     rows: list[Row] = []
     trajectories: dict[str, Trajectory] = {}
@@ -59,8 +59,7 @@ def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
     case = setting.case
     conditions = {
         "suite": setting.suite,
-        "document": case.document,
-        "experiment": case.experiment,
+        **case.place,
         "scenario": case.scenario,
         "robot": case.env_kwargs.get("robot", ""),
         "disturbance": case.env_kwargs.get("disturbance", "none"),
@@ -73,6 +72,7 @@ def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
         "episode": str(episode),
         "arrival_radius": "" if case.arrival_radius is None else text(case.arrival_radius),
     }
+    conditions = {name: readable(value) for name, value in conditions.items()}
     return conditions | {name: text(value) for name, value in measure(trajectory, case.arrival_radius).items()}
 
 

@@ -1,17 +1,15 @@
 """Finds gains on validation scenarios: python -m wayfield.benchmarks.tune POLICY --suite S --trials N
 
-The score puts success first. Path following: the mean over the scenarios of ln(RMS error / 1 mm) + ln(time / time at
-the cruising speed), where a run that fails counts as 1 m and four times the time; lower is better, and a policy that
-halves its error by taking twice the time gains nothing. Goal reaching: the share of successes, and among equals the
-mean SCT. The first trial is the default gains, so that tuned gains are never worse than those on the scenarios of the
-search.
+The score is the contest's (see `contests`), and puts success first: of path following the logarithm of the error plus
+that of the time, of goal reaching the successes and then the mean SCT. The first trial is the default gains, so that
+tuned gains are never worse than those on the scenarios of the search.
 """
 
 import dataclasses
+import errno
 import json
-import math
 import os
-import statistics
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,14 +17,14 @@ from typing import Any
 import click
 
 import wayfield.policies
-from wayfield.benchmarks.command_line import Choice, OneLineErrors
-from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, families
+from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants
 from wayfield.benchmarks.progress import tracked
-from wayfield.benchmarks.results import number
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import Map, workers
+from wayfield.envs.command_line import SEED, Choice, OneLineErrors
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
-from wayfield.policies.agent import write_whole
+from wayfield.envs.storage import write_whole
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,46 +96,20 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
     "astar_tracker": {"margin": Range(0.03, 0.2), "wanted_clearance": Range(0.05, 0.5)},
 }
 
-FAILED_RMS = 1.0  # m
-FAILED_TIME = 4.0  # times the time at the cruising speed
-CRUISE = 0.6  # m/s
 
-
-def path_score(rows: Sequence[Mapping[str, str]], lengths: Sequence[float]) -> float:
-    """Returns the score of path following, lower is better; lengths (m) are those of the paths."""
-    terms = []
-    for row, length in zip(rows, lengths, strict=True):
-        won = number(dict(row), "success") == 1.0
-        rms = max(number(dict(row), "cross_track_rms"), 1e-3) if won else FAILED_RMS
-        slowness = number(dict(row), "time") * CRUISE / length if won else FAILED_TIME
-        terms.append(math.log(rms / 1e-3) + math.log(max(slowness, 1e-3)))
-    return statistics.fmean(terms)
-
-
-def goal_score(rows: Sequence[Mapping[str, str]]) -> float:
-    """Returns the score of goal reaching, lower is better: minus successes, and minus a mean SCT that is below one."""
-    successes = sum(number(dict(row), "success") for row in rows)
-    return -(successes + statistics.fmean(number(dict(row), "sct") for row in rows)) / len(rows)
-
-
-def score(contest: Contest, settings: Sequence[Setting], share: Map) -> float:
-    """Returns the score of the policy that the settings hold."""
-    played = list(share(_rows, settings))
-    rows = [row for part in played for row in part]
-    if contest.cost == "time":
-        return goal_score(rows)
-    lengths = [length for setting in settings for length in _lengths(setting)]
-    return path_score(rows, lengths)
+def score(contest: Contest, settings: Sequence[Setting], in_parallel: Map) -> float:
+    """Returns the contest's score of the policy that the settings hold, lower is better."""
+    rows = [row for part in in_parallel(_rows, settings) for row in part]
+    scenarios = [
+        scenario
+        for setting in settings
+        for scenario in splits.split(contest.spec.name, setting.case.experiment, setting.case.split)[: setting.episodes]
+    ]
+    return contest.score(rows, scenarios)
 
 
 def _rows(setting: Setting) -> list[dict[str, str]]:
     return [row for row, _ in episodes(setting)]
-
-
-def _lengths(setting: Setting) -> list[float]:
-    """Returns the lengths (m) that the setting's scenarios ask to drive."""
-    scenarios = splits.split("path_following", *setting.case.scenario.split("/"))[: setting.episodes]
-    return [max(each.laps, 1) * each.path.length for each in scenarios]
 
 
 def settings_of(
@@ -145,16 +117,17 @@ def settings_of(
 ) -> list[Setting]:
     """Returns a setting for each family of the validation split."""
     found = []
-    for family in families(contest, "kinematic"):
-        (case,) = contest.cases(robot, family, TRANSFER_SPLIT, (policy,), ("default",))
-        count = min(most, len(splits.split(contest.task, family, TRANSFER_SPLIT)))
+    for family in contest.families("kinematic"):
+        course, entrants = Course(family, TRANSFER_SPLIT), Entrants((policy,), ("default",))
+        (case,) = contest.cases(robot, course, entrants)
+        count = min(most, len(splits.split(contest.spec.name, family, TRANSFER_SPLIT)))
         found.append(Setting("tune", dataclasses.replace(case, gains=dict(gains)), "kinematic", actuators, 0, count))
     return found
 
 
 def folder_of(suite: str) -> Path:
     """Returns where the gains of a suite ship."""
-    return Path(wayfield.policies.__path__[0]) / "gains" / suite
+    return Path(wayfield.policies.__file__).resolve().parent / "gains" / suite  # where links of an install lead
 
 
 def write_gains(file: Path, content: Mapping[str, Any]) -> None:
@@ -168,10 +141,12 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.option("--suite", type=Choice("--suite", CONTESTS), required=True, help="The contest to tune for.")
 @click.option("--trials", type=click.IntRange(min=1), default=40, show_default=True, help="Sets of gains to try.")
 @click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
-@click.option("--robot", type=click.Choice(["p3dx", "omni3", "omni4"]), default="p3dx", show_default=True)
+@click.option("--robot", type=Choice("--robot", ROBOTS), default="p3dx", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the search.")
-@click.option("--out", type=click.Path(path_type=Path), help="The gains file.  [default: where they ship]")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
+@click.option("--out", metavar="FILE", help="The gains file.  [default: results/gains/SUITE/POLICY_ROBOT.json]")
+@click.option("--ship", is_flag=True, help="Write them where the package keeps its gains.")
+@click.option("--force", is_flag=True, help="Replace the file if there is one.")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
 def main(
     policy: str,
@@ -181,7 +156,9 @@ def main(
     robot: str,
     actuators: str,
     seed: int,
-    out: Path | None,
+    out: str | None,
+    ship: bool,
+    force: bool,
     count: int | None,
 ) -> None:
     """Searches the gains of POLICY on the validation split of a suite and writes them with their budget.
@@ -195,12 +172,17 @@ def main(
     contest = CONTESTS[suite]
     if policy not in contest.policies:
         raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}")
+    if out is not None and (ship or not out.strip()):
+        raise click.UsageError("--out is empty; it must name a file" if not ship else "--ship takes the place of --out")
+    shipped = folder_of(suite) / f"{policy}.json"
+    file = shipped if ship else Path(out or f"results/gains/{suite}/{policy}_{robot}.json")
+    _check_file(file, force)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     defaults: Any = wayfield.policies.make(policy)
     ranges = SEARCHED[policy]
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     study.enqueue_trial({name: float(getattr(defaults, name)) for name in ranges})
-    with workers(count or min(os.cpu_count() or 1, 4)) as share:
+    with workers(count or min(os.cpu_count() or 1, 4)) as in_parallel:
         for _ in tracked(range(trials), trials, "trials"):
             trial = study.ask()
             gains = {
@@ -213,7 +195,7 @@ def main(
                 study.tell(trial, state=optuna.trial.TrialState.FAIL)
                 continue
             parts = settings_of(contest, robot, actuators, policy, gains, scenarios)
-            study.tell(trial, score(contest, parts, share))
+            study.tell(trial, score(contest, parts, in_parallel))
     best = {name: rounded(value) for name, value in study.best_params.items()}
     content = {
         "policy": policy,
@@ -223,20 +205,32 @@ def main(
         "score_of_defaults": round(float(study.trials[0].value or 0.0), 6),
         "split": TRANSFER_SPLIT,
         "trials": trials,
-        "scenarios": scenarios * len(families(contest, "kinematic")),
+        "scenarios": scenarios * len(contest.families("kinematic")),
         "robot": robot,
         "actuators": actuators,
         "seed": seed,
         "command": f"python -m wayfield.benchmarks.tune {policy} --suite {suite} --trials {trials} "
         f"--scenarios {scenarios} --robot {robot} --actuators {actuators} --seed {seed}",
     }
-    file = out or folder_of(suite) / f"{policy}.json"
+    # before they are written: a disk that is full then takes nothing away
+    print(f"{policy}: {content['score_of_defaults']:.4f} by default, {content['score']:.4f} with {best}", flush=True)
+    _check_file(file, force)
+    write_gains(file, content)
+    print(f"Written to {file}")
+
+
+def _check_file(file: Path, force: bool) -> None:
+    """Refuses a file that is there, unless it may be replaced, or that cannot be written."""
+    if os.path.lexists(file) and not force:
+        raise click.UsageError(f"{file} is there already; --force replaces it, --out writes elsewhere")
+    above = next(folder for folder in file.absolute().parents if folder.exists())
     try:
-        write_gains(file, content)
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        with tempfile.TemporaryFile(dir=above):  # the rights alone do not tell: root has all of them, in /proc too
+            pass
     except OSError as error:
-        raise click.ClickException(f"--out {str(file)!r} cannot be written: {error}") from None
-    click.echo(f"{policy}: {content['score_of_defaults']:.4f} by default, {content['score']:.4f} with {best}")
-    click.echo(f"Written to {file}")
+        raise click.ClickException(f"--out {str(file)!r} cannot be written: {error.strerror}") from None
 
 
 def rounded(value: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.rollout import make_policy
 from wayfield.policies.lookahead import Lookahead
-from wayfield.policies.policy import Pilot
+from wayfield.policies.pilot import Pilot
 
 LONGEST = 800  # steps of a film
 

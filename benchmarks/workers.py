@@ -2,33 +2,51 @@
 
 import contextlib
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
+
+from wayfield.envs.processes import end_with_parent, interrupts_held
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
 @contextlib.contextmanager
 def workers(count: int) -> Iterator[Map]:
-    """Yields a `map` that works in `count` processes, or in this one when `count` is 1."""
+    """Yields a `map` that works in `count` processes, or in this one when `count` is 1. They end with this one.
+
+    Raises:
+        ChildProcessError: if a process is killed from outside.
+    """
     if count == 1:
         yield map
         return
     # spawned, not forked: compiled code and figures hold threads, which a fork would cut off
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_ignore_interrupt)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
+
+    def share(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        with interrupts_held():  # this starts the processes
+            return pool.map(function, items)
+
     try:
-        yield pool.map
-    except BaseException:
+        yield share
+    except BaseException as error:
         # what is under way may take a minute: nobody who interrupts wants to wait for it
         for child in multiprocessing.active_children():
             child.terminate()
+        if isinstance(error, BrokenProcessPool):
+            raise ChildProcessError(
+                "a worker process was killed, as a system does that runs out of memory; fewer --workers need less"
+            ) from None
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _ignore_interrupt() -> None:
-    """Leaves Ctrl-C to the parent process, which then stops the pool."""
+def _begin(parent: int) -> None:
+    """Leaves Ctrl-C to the parent process, which then stops the pool, and its own end too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)

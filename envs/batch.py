@@ -1,17 +1,21 @@
 """The step order, written once: a batch of robots of one task, whether it holds one robot or thousands."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.briefing import KNOWS, Briefing
+from wayfield.envs.checks import choose, memory, shown
+from wayfield.envs.compiled import machine_code
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.patrols import PATROL
-from wayfield.envs.sensing import BEAM_NOISE_COLUMN, scan_ranges
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Task, choose
+from wayfield.envs.sensing import BEAM_NOISE_COLUMN, Lidar, beam_directions, scan_ranges
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Task
+
+# The arrays that hold all that decides what comes next, but for the generators and the plant.
+STATE_ARRAYS = ("states", "obstacles", "actions", "skip", "noise", "asked")
 
 # Rows of noise drawn at once for a robot: large enough that drawing is cheap, small enough to stay in the cache.
 NOISE_BLOCK = 64
@@ -27,16 +31,13 @@ class Results:
         self.flags = np.empty((len(task.flag_names) + 1, num_envs), np.bool_)
 
 
-def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
-    """Returns what a compiled function runs for arguments of these types, compiling it if need be.
-
-    The types of a batch's arrays never change, and numba's dispatcher takes longer to look at them than one robot takes
-    to step.
-    """
-    signature = tuple(numba.typeof(argument) for argument in arguments)
-    function.compile(signature)
-    code: Callable[..., int] = function.overloads[signature].entry_point
-    return code
+def _coppelia_plant(task: Task, num_envs: int) -> Any:
+    """Returns the plant that drives a simulator, if the extra is there that it needs."""
+    try:
+        from wayfield.envs.coppelia.plant import CoppeliaPlant
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f'dynamics="coppelia" needs {error.name}: pip install "wayfield[coppelia]"') from None
+    return CoppeliaPlant(task, num_envs)
 
 
 class Batch:
@@ -50,16 +51,28 @@ class Batch:
         self.task = task
         self.num_envs = num_envs
         self.action_shape = task.options.max_action.shape
-        self.states = np.zeros(num_envs, task.state_dtype)
-        self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE)
-        self.actions = np.zeros((num_envs, *self.action_shape))
-        self.skip = np.zeros(num_envs, np.bool_)
         disturbance = task.options.disturbance
         drops = disturbance.range_dropout > 0.0
         noises = ("position_noise", "encoder_noise", "range_noise")
         self.noisy = drops or any(task.params[name][0] > 0.0 for name in noises)
         rows = NOISE_BLOCK if self.noisy else 1
-        self.noise = np.zeros((num_envs, rows, BEAM_NOISE_COLUMN + task.num_beams * (1 + drops)))
+        columns = BEAM_NOISE_COLUMN + task.num_beams * (1 + drops)
+        # two observations are alive at a time, and a policy is told the obstacles once more
+        each = (
+            task.state_dtype.itemsize
+            + 2 * OBSTACLE.itemsize * task.max_obstacles
+            + 8 * (rows * columns + 2 * task.layout.size)
+        )
+        memory(
+            f"num_envs={num_envs} (with {task.max_obstacles} obstacles, {task.num_beams} beams and an observation of "
+            f"{task.layout.size} numbers)",
+            num_envs * each,
+        )
+        self.states = np.zeros(num_envs, task.state_dtype)
+        self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE)
+        self.actions = np.zeros((num_envs, *self.action_shape))
+        self.skip = np.zeros(num_envs, np.bool_)
+        self.noise = np.zeros((num_envs, rows, columns))
         # a drawn shove takes a time and a direction
         self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
         self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
@@ -75,26 +88,41 @@ class Batch:
 
             self._phases = COMMAND
             self.plant = PymunkPlant(task, num_envs)
+        elif task.options.dynamics == "coppelia":
+            self._phases = COMMAND
+            self.plant = _coppelia_plant(task, num_envs)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "Batch":
-        """Returns a batch in the same state, on the same task.
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Returns what pickle and copy make a batch in the same state from: machine code is looked up anew.
 
         Raises:
-            TypeError: with the pymunk plant, whose contacts cannot be copied.
+            TypeError: with a simulator outside of this process, which cannot be copied.
         """
-        if self.plant is not None:
-            raise TypeError('dynamics="pymunk" cannot be copied; the kinematic plant can')
-        twin = Batch(self.task, self.num_envs)
-        for name in ("states", "obstacles", "actions", "skip", "noise", "asked"):
-            getattr(twin, name)[...] = getattr(self, name)
-        return twin
+        if self.task.options.dynamics == "coppelia":
+            raise TypeError('dynamics="coppelia" cannot be copied: the simulator is outside of this process')
+        return Batch, (self.task, self.num_envs), {name: getattr(self, name) for name in (*STATE_ARRAYS, "plant")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name in STATE_ARRAYS:
+            getattr(self, name)[...] = state[name]  # in place: the step's arguments are these arrays
+        self.plant = state["plant"]
+
+    def close(self) -> None:
+        """Lets go of what the plant holds outside of this process."""
+        if self.task.options.dynamics == "coppelia":
+            self.plant.close()
 
     def chosen_scenarios(self, options: dict[str, Any] | None) -> NDArray[np.int64] | None:
         """Returns the scenario (num_envs,) that the options of a reset choose for each robot; None when they do not.
 
         Raises:
+            TypeError: if the options are no dict.
             ValueError: if a key is unknown, or the value is no index of the bank for every robot.
         """
+        if options is None:
+            return None
+        if not isinstance(options, Mapping):
+            raise TypeError(f"options must be a dict or None, got {shown(options)}")
         if not options:
             return None
         for key in options:
@@ -103,12 +131,12 @@ class Batch:
         value = options["scenario"]
         try:
             chosen = np.asarray(value)
-        except ValueError:
+        except (ValueError, OverflowError, RecursionError):
             chosen = np.empty(0)
         indices = chosen.dtype.kind in "iu" and chosen.shape in ((), (self.num_envs,))
         if not indices or chosen.min() < 0 or chosen.max() > last:
             kinds = "an int" if self.num_envs == 1 else f"an int or {self.num_envs} ints"
-            raise ValueError(f"options['scenario'] must be {kinds} from 0 to {last}, got {value!r}")
+            raise ValueError(f"options['scenario'] must be {kinds} from 0 to {last}, got {shown(value)}")
         return np.broadcast_to(chosen.astype(np.int64), (self.num_envs,))
 
     def reset(
@@ -191,10 +219,10 @@ class Batch:
         """
         try:
             array = np.asarray(actions)
-        except ValueError as error:
+        except (ValueError, OverflowError, RecursionError) as error:
             raise ValueError(f"action must be an array of shape {shape}: {error}") from None
         if array.dtype.kind not in "fiu":
-            raise TypeError(f"action must hold real numbers, got {array.dtype} from {actions!r}")
+            raise TypeError(f"action must hold real numbers, got {array.dtype} from {shown(actions)}")
         if array.shape != shape:
             raise ValueError(f"action must have shape {shape}, got {array.shape}")
         return array
@@ -233,17 +261,15 @@ class Batch:
         if self.task.num_beams:
             p = self.task.params[0]
             ranges = np.empty((self.num_envs, self.task.num_beams))
-            scan_ranges(
-                self.obstacles,
-                i,
-                count,
-                *(float(state[name]) for name in ("x", "y", "heading")),
-                np.column_stack([np.cos(self.task.beam_angles), np.sin(self.task.beam_angles)]),
-                *(p[name].item() for name in ("first_beam", "beam_step", "max_range")),
+            lidar = Lidar(
+                beam_directions(self.task.beam_angles),
+                p["first_beam"].item(),
+                p["beam_step"].item(),
+                p["max_range"].item(),
                 np.empty((max(count, 1), 2)),
-                ranges,
-                0,
             )
+            pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
+            scan_ranges(lidar, self.obstacles, i, count, pose, ranges, 0)
             drawing["ranges"] = ranges[i]
         return Scene(
             robot=self.task.robot,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs.observation import Layout
 from wayfield.envs.paths import PathPool
 from wayfield.envs.robots import Actuators, Robot
+from wayfield.envs.scenarios.tasks import TaskSpec
 
 KNOWS = ("sensors", "path", "goal", "map")
 
@@ -36,3 +37,9 @@ class Briefing:
     obstacles: NDArray[np.void] | None = None  # (b, m) OBSTACLE records
     num_obstacles: NDArray[np.int64] | None = None  # (b,)
     patrols: NDArray[np.void] | None = None  # (b, m) PATROL records of the obstacles; leg_time 0 where one stands
+
+    @property
+    def task(self) -> TaskSpec:
+        """Returns the task that the robots are in."""
+        assert self.layout.task is not None
+        return self.layout.task

@@ -1,16 +1,37 @@
 """How every kernel of the project is compiled."""
 
+import contextlib
 import functools
 import pathlib
+import pickle
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numba
+from numba.core.caching import FunctionCache
+from numba.core.sigutils import normalize_signature
 
 
 @functools.cache
-def _sources(folder: pathlib.Path) -> tuple[tuple[str, int, int], ...]:
-    """Returns what tells whether a source file of the folder has changed."""
-    return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in sorted(folder.glob("*.py")))
+def _stamps(folder: pathlib.Path, files: str) -> tuple[tuple[str, int, int], ...]:
+    """Returns what tells whether a source file of the folder, of those that the pattern fits, has changed."""
+    return tuple((str(path), path.stat().st_mtime_ns, path.stat().st_size) for path in sorted(folder.glob(files)))
+
+
+def _sources(function: Any) -> tuple[tuple[tuple[str, int, int], ...], ...]:
+    """Returns the stamps of all that a function may call: of envs, and of its own room of the package or its folder."""
+    package, *_ = here = __name__.split(".")[:-1]
+    room = function.__module__.split(".")[:2]
+    envs = _stamps(pathlib.Path(__file__).parent, "**/*.py")
+    if room == here:
+        return (envs,)
+    if room[0] == package:
+        return envs, _stamps(pathlib.Path(sys.modules[".".join(room)].__file__ or "").parent, "**/*.py")
+    return envs, _stamps(pathlib.Path(function.__code__.co_filename).parent, "*.py")
 
 
 def compiled(function: Any) -> Any:
@@ -18,21 +39,128 @@ def compiled(function: Any) -> Any:
 
     IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits.
     """
-    return _cached(numba.njit(cache=True, error_model="numpy")(function))
+    return _cached(numba.njit(error_model="numpy")(function))
 
 
 def inlined(function: Any) -> Any:
     """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
-    return _cached(numba.njit(cache=True, error_model="numpy", forceinline=True)(function))
+    return _cached(numba.njit(error_model="numpy", forceinline=True)(function))
+
+
+def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
+    """Returns what a compiled function runs for arguments of these types, compiling it if need be.
+
+    For arguments whose types never change: numba's dispatcher takes longer to look at a batch's arrays than one robot
+    takes to step.
+    """
+    signature = tuple(numba.typeof(argument) for argument in arguments)
+    function.compile(signature)
+    code: Callable[..., int] = function.overloads[signature].entry_point
+    return code
+
+
+# what reading a damaged index, pickle or bitcode raises; a RuntimeError is LLVM's
+_DAMAGED = (
+    OSError, EOFError, pickle.UnpicklingError, ValueError, LookupError, TypeError, AttributeError, ImportError,
+    MemoryError, OverflowError, RuntimeError,
+)  # fmt: skip
+
+
+class _Cache(FunctionCache):
+    """Numba's disk cache, void once a source file has changed, and never a reason to fail: without it one waits.
+
+    Numba looks for changes in the file of a cached function alone, but a kernel holds the code of all it calls: without
+    the stamp a kernel could go on running what its neighbour files said before an update.
+    """
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, *_sources(function))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Returns what was compiled before; None where it is not to be read, or is damaged."""
+        try:
+            found = super().load_overload(sig, target_context)
+            # two processes that begin together may give the code of two signatures one file, which the later one keeps
+            return found if found is None or tuple(found.signature.args) == normalize_signature(sig)[0] else None
+        except _DAMAGED as error:
+            _warn(f"{self.cache_path}: {type(error).__name__}: {error}")
+            with contextlib.suppress(OSError):
+                self.flush()  # what is damaged would be read again
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keeps what was compiled, if there is room and leave to."""
+        try:
+            super().save_overload(sig, data)
+        except _DAMAGED as error:  # the kernel runs all the same
+            _warn(f"{self.cache_path}: {type(error).__name__}: {error}")
 
 
 def _cached(dispatcher: Any) -> Any:
-    """Returns the dispatcher with a disk cache that is void once a source file has changed, of this folder or its own.
-
-    Numba looks for changes in the file of a cached function alone, but a kernel holds the code of all it calls: without
-    this a kernel could go on running what its neighbour files said before an update.
-    """
-    index = dispatcher._cache._cache_file
-    folders = {pathlib.Path(__file__).parent, pathlib.Path(dispatcher.py_func.__code__.co_filename).parent}
-    index._source_stamp = (index._source_stamp, *map(_sources, sorted(folders)))
+    """Returns the dispatcher with a disk cache where there is a folder for it, as it is otherwise."""
+    dispatcher.compile = _patient(dispatcher.compile)
+    try:
+        dispatcher._cache = _Cache(dispatcher.py_func)
+    except (RuntimeError, OSError) as error:  # a RuntimeError when no folder can be written
+        _warn(f"no folder can be written ({type(error).__name__}); NUMBA_CACHE_DIR names one")
     return dispatcher
+
+
+_CALLBACKS = ("_raw_object_cache_notify", "_raw_object_cache_getbuffer")  # llvmlite's, into which LLVM calls back
+
+
+def _patient(compile_for: Any) -> Any:
+    """Returns `Dispatcher.compile` that loses no signal.
+
+    Python runs the handler of a signal that came while LLVM worked in the first Python code after it, which is LLVM's
+    callback with the machine code. No exception gets out of there: Ctrl-C would be lost, and the machine code with it.
+    A signal that meets the callback therefore waits until the kernel is compiled.
+    """
+
+    @functools.wraps(compile_for)
+    def compile_patiently(sig: Any) -> Any:
+        if threading.current_thread() is not threading.main_thread():  # which alone has signals
+            return compile_for(sig)
+        handlers: dict[int, Any] = {}
+        late: list[int] = []
+
+        def caught(number: int, frame: Any) -> None:
+            within = frame
+            while within is not None and within.f_code.co_name not in _CALLBACKS:
+                within = within.f_back
+            if within is not None:
+                late.append(number)
+            else:
+                handlers[number](number, frame)
+
+        for watched in (signal.SIGINT, signal.SIGTERM):
+            if callable(handler := signal.getsignal(watched)):
+                handlers[watched] = handler
+                signal.signal(watched, caught)
+        try:
+            return compile_for(sig)
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+            for number in late:
+                handlers[number](number, None)
+
+    return compile_patiently
+
+
+@functools.cache
+def _warned() -> list[str]:
+    """Returns what has been said in this process."""
+    return []
+
+
+def _warn(problem: str) -> None:
+    """Says once in a process that compiled code is not kept."""
+    if not _warned():
+        _warned().append(problem)
+        warnings.warn(
+            f"wayfield compiles anew in every process, some seconds: compiled code is not kept: {problem}",
+            RuntimeWarning,
+            stacklevel=4,
+        )

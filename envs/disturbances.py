@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematics
+from wayfield.envs.linear import product, pseudo_inverse
 from wayfield.envs.robots import Robot
 
 SHOVE_FROM = 2.0  # s, a shove comes at a time drawn between these two
@@ -56,7 +57,7 @@ class Disturbance:
         true = kinematics.wheel_matrix(positions, robot.wheel_directions, robot.wheel_radius)
         signs = np.where(np.arange(len(positions)) % 2, -1.0, 1.0)
         true /= (1.0 + signs * self.wheel_radius_error)[:, None]
-        return np.asarray((1.0 - self.slip) * np.linalg.pinv(true) @ robot.wheel_matrix, np.float64)
+        return (1.0 - self.slip) * product(pseudo_inverse(true), robot.wheel_matrix)
 
     @property
     def distorts(self) -> bool:

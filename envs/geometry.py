@@ -6,8 +6,10 @@ query ends on the very surface that the distance query measures to.
 """
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled, inlined
 
@@ -79,6 +81,40 @@ def bearing(y, x):
     angle = 1.5707963267948966 - angle if ay > ax else angle
     angle = 3.141592653589793 - angle if x < 0.0 else angle
     return math.copysign(angle, y)
+
+
+def sines(angles: NDArray[Any]) -> NDArray[np.float64]:
+    """Returns sin and cos, shape (2, k), of angles (k,), rad."""
+    found: NDArray[np.float64] = _sines(np.ascontiguousarray(angles))
+    return found
+
+
+def bearings(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns `bearing` (k,) of vectors with these components, (k,) each."""
+    found: NDArray[np.float64] = _bearings(np.ascontiguousarray(y), np.ascontiguousarray(x))
+    return found
+
+
+@compiled
+def _sines(angles):
+    values = np.empty((2, angles.shape[0]))
+    for i in range(angles.shape[0]):
+        values[0, i], values[1, i] = sin_cos(angles[i])
+    return values
+
+
+@compiled
+def _bearings(y, x):
+    angles = np.empty(x.shape[0])
+    for i in range(x.shape[0]):
+        angles[i] = bearing(y[i], x[i])
+    return angles
+
+
+def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the lengths (...) of vectors (..., 2): a square root has the same bits everywhere, `np.hypot` not."""
+    found: NDArray[np.float64] = np.sqrt(vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1])
+    return found
 
 
 @inlined

@@ -8,14 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, truth, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
-from wayfield.envs.scenarios import GoalScenario, goal_scenarios
+from wayfield.envs.scenarios import TASKS, GoalScenario, goal_scenarios
+from wayfield.envs.sheets import (
+    DIFF_DRIVE_ACTIONS,
+    DIFF_DRIVE_ODOMETRY,
+    OMNI_ACTIONS,
+    OMNI_ODOMETRY,
+    sheet_like,
+)
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, truth, whole
+from wayfield.envs.stepping import Outputs, drawn_scenario, first_not_finite, places, write_motion
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -29,6 +38,12 @@ class Params:
     collision_penalty: float = 5.0  # m
     end_on_success: int = 1  # 0: the episode runs on to the clock, for station keeping
     end_on_contact: int = 1  # 0: contact is survived (pymunk)
+
+    def __post_init__(self) -> None:
+        for name in ("heading_weight", "time_cost", "success_reward", "collision_penalty"):
+            number(name, getattr(self, name), most=MOST_GAIN)
+        for name in ("end_on_success", "end_on_contact"):
+            whole(name, getattr(self, name), 0, 1)
 
 
 STATE = np.dtype(
@@ -90,6 +105,7 @@ class Observation(NamedTuple):
                 Field("waypoints_left", (), 0.0, np.inf),
                 Field("ranges", (num_beams,), 0.0, max_range),
             ),
+            TASKS["goal_reaching"],
         )
 
 
@@ -104,6 +120,8 @@ INFO = (
     "waypoint",
 )
 FLAGS = ("success", "collision")
+NUMBER = places(*INFO, "reward")
+FLAG = places(*FLAGS, "ended")
 DRAWS = 3  # random numbers of a reset, besides the choice of the scenario
 
 
@@ -131,50 +149,29 @@ def track_goal(s, course, goals):
 
 
 @inlined
-def observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out):
+def observe(p, s, course, goals, lidar, obstacles, noise, i, row, out):
     """Writes the observation of one robot."""
     sensing.measure(p, s, noise, i, row)
-    out[i, 0] = s.measured_x
-    out[i, 1] = s.measured_y
-    out[i, 2] = s.measured_heading
-    out[i, 3] = s.measured_vx
-    k = 4
-    if p.holonomic:
-        out[i, k] = s.measured_vy
-        k += 1
-    out[i, k] = s.measured_yaw_rate
+    k = write_motion(s, p.holonomic, i, out)
     sine, cosine = sin_cos(s.measured_heading)
-    out[i, k + 1], out[i, k + 2] = to_body_frame(
+    out[i, k], out[i, k + 1] = to_body_frame(
         s.measured_x, s.measured_y, sine, cosine, goals[s.scenario, s.waypoint, 0], goals[s.scenario, s.waypoint, 1]
     )
-    out[i, k + 3] = wrap_angle(goals[s.scenario, course.num_goals - 1, 2] - s.measured_heading)
-    out[i, k + 4] = course.num_goals - 1 - s.waypoint
-    sensing.scan_ranges(
-        obstacles,
-        i,
-        s.num_obstacles,
-        s.x,
-        s.y,
-        s.heading,
-        beams,
-        p.first_beam,
-        p.beam_step,
-        p.max_range,
-        spans,
-        out,
-        k + 5,
-    )
-    sensing.add_range_noise(p, beams.shape[0], noise, i, row, out, k + 5)
-    sensing.drop_beams(p, beams.shape[0], noise, i, row, out, k + 5)
+    out[i, k + 2] = wrap_angle(goals[s.scenario, course.num_goals - 1, 2] - s.measured_heading)
+    out[i, k + 3] = course.num_goals - 1 - s.waypoint
+    k += 4
+    sensing.scan_ranges(lidar, obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
+    sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
+    sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
 
 
 @inlined
-def judge(p, s, course, goals, beams, obstacles, spans, noise, i, row, out, numbers, flags):
+def judge(p, s, course, goals, lidar, obstacles, noise, i, row, outputs):
     """Measures robot i against its goal and writes its observation, info and flags."""
     before = s.remaining_distance
     turn_before = abs(s.goal_heading_error)
     track_goal(s, course, goals)
-    observe(p, s, course, goals, beams, obstacles, spans, noise, i, row, out)
+    observe(p, s, course, goals, lidar, obstacles, noise, i, row, outputs.observations)
     progress = before - s.remaining_distance
     turn_progress = turn_before - abs(s.goal_heading_error)
     collision = s.contact != 0
@@ -189,24 +186,25 @@ def judge(p, s, course, goals, beams, obstacles, spans, noise, i, row, out, numb
         reward += p.success_reward
     if collision:
         reward -= p.collision_penalty
-    report(p, s, reward, progress, turn_progress, numbers, i)
-    flags[0, i] = success
-    flags[1, i] = collision
-    flags[2, i] = (success and p.end_on_success == 1) or (collision and p.end_on_contact == 1)
+    report(p, s, reward, progress, turn_progress, outputs.numbers, i)
+    flags = outputs.flags
+    flags[FLAG.success, i] = success
+    flags[FLAG.collision, i] = collision
+    flags[FLAG.ended, i] = (success and p.end_on_success == 1) or (collision and p.end_on_contact == 1)
 
 
 @inlined
 def report(p, s, reward, progress, turn_progress, numbers, i):
     """Writes column i of the numbers: INFO, then the reward."""
-    numbers[0, i] = s.steps * p.dt
-    numbers[1, i] = s.goal_distance
-    numbers[2, i] = s.goal_heading_error
-    numbers[3, i] = s.remaining_distance
-    numbers[4, i] = progress
-    numbers[5, i] = turn_progress
-    numbers[6, i] = s.clearance
-    numbers[7, i] = s.waypoint
-    numbers[8, i] = reward
+    numbers[NUMBER.time, i] = s.steps * p.dt
+    numbers[NUMBER.goal_distance, i] = s.goal_distance
+    numbers[NUMBER.goal_heading_error, i] = s.goal_heading_error
+    numbers[NUMBER.remaining_distance, i] = s.remaining_distance
+    numbers[NUMBER.progress, i] = progress
+    numbers[NUMBER.turn_progress, i] = turn_progress
+    numbers[NUMBER.clearance, i] = s.clearance
+    numbers[NUMBER.waypoint, i] = s.waypoint
+    numbers[NUMBER.reward, i] = reward
 
 
 @compiled
@@ -218,12 +216,12 @@ def step_rows(
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
     """
     if phases & COMMAND:
-        for i in range(states.shape[0]):
-            for k in range(actions.shape[1]):
-                if not skip[i] and not math.isfinite(actions[i, k]):
-                    return i
+        bad = first_not_finite(actions, skip)
+        if bad >= 0:
+            return bad
     p = params[0]
-    spans = np.empty((obstacles.shape[1], 2))
+    lidar = sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
+    outputs = Outputs(out, numbers, flags)
     for i in range(states.shape[0]):
         if skip[i]:
             continue
@@ -247,21 +245,7 @@ def step_rows(
             kinematic_plant.drive(p, s, obstacles, i, s.num_obstacles, noise, row)
         if phases & JUDGE:
             s.steps += 1
-            judge(
-                p,
-                s,
-                courses[s.scenario],
-                goals,
-                beams,
-                obstacles,
-                spans,
-                noise,
-                i,
-                row,
-                out,
-                numbers,
-                flags,
-            )
+            judge(p, s, courses[s.scenario], goals, lidar, obstacles, noise, i, row, outputs)
             s.noise_row += 1
     return -1
 
@@ -272,11 +256,11 @@ def reset_rows(
 ):
     """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS) or 2 more."""
     p = params[0]
-    spans = np.empty((obstacles.shape[1], 2))
+    lidar = sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
     for j in range(rows.shape[0]):
         i = rows[j]
         s = states[i]
-        scenario = min(int(draws[j, 0] * courses.shape[0]), courses.shape[0] - 1)
+        scenario = drawn_scenario(draws, j, courses.shape[0])
         s.scenario = scenario
         course = courses[scenario]
         s.num_obstacles = course.num_obstacles
@@ -295,7 +279,7 @@ def reset_rows(
         s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
         s.waypoint = 0
         track_goal(s, course, goals)
-        observe(p, s, course, goals, beams, obstacles, spans, noise, i, 0, out)
+        observe(p, s, course, goals, lidar, obstacles, noise, i, 0, out)
         s.noise_row = 1
         report(p, s, 0.0, 0.0, 0.0, numbers, i)
         flags[:, i] = False
@@ -321,10 +305,11 @@ class GoalReaching(Task):
         **params: Any,
     ) -> None:
         whole("num_beams", num_beams, 0)
-        positive("max_range", max_range)
-        positive("field_of_view", field_of_view)
-        if field_of_view > 2.0 * math.pi:
+        positive("max_range", max_range, least=SHORTEST)
+        positive("field_of_view", field_of_view, most=MOST_GAIN)
+        if not FINEST <= field_of_view <= 2.0 * math.pi:
             raise ValueError(f"field_of_view must be above 0 and at most 2 pi rad, got {field_of_view!r}")
+        field_of_view, max_range = float(field_of_view), float(max_range)
         self.scenarios: tuple[GoalScenario, ...] = goal_scenarios(scenario, options.robot.hull_radius)
         self.options = options
         self.robot = options.robot
@@ -348,7 +333,7 @@ class GoalReaching(Task):
             patrols[i, : len(each.patrols)] = each.patrols
         # no columns, and no work, in a bank where nothing moves
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
-        beams = np.column_stack([np.cos(self.beam_angles), np.sin(self.beam_angles)])
+        beams = sensing.beam_directions(self.beam_angles)
         self.world = (courses, goals, fields, self.patrols, beams)
         self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range)
         self.params = records.record(
@@ -414,7 +399,7 @@ class GoalReaching(Task):
 
 
 class OmniGoalObstacles(SingleEnv):
-    """An omni robot drives to a goal pose, or through waypoints, among obstacles.
+    __doc__ = f"""An omni robot drives to a goal pose, or through waypoints, among obstacles.
 
     ## Description
 
@@ -425,16 +410,7 @@ class OmniGoalObstacles(SingleEnv):
 
     ## Action space
 
-    `Box(3,)` float32 for `action_mode="twist"`, `Box(3,)` or `Box(4,)` for `"wheel_speeds"`. Values beyond the bounds
-    are allowed: the base scales all wheels by one factor, which keeps the direction of motion. Non-finite values, other
-    shapes and other types are errors.
-
-    | index | "twist" | omni3 | omni4 | "wheel_speeds" | omni3 | omni4 |
-    |---|---|---|---|---|---|---|
-    | 0 | v_x, m/s | 1.73 | 1.27 | wheel 1, rad/s | 20 | 30 |
-    | 1 | v_y, m/s | 1.5 | 1.27 | wheel 2, rad/s | 20 | 30 |
-    | 2 | yaw rate, rad/s | 5.0 | 6.92 | wheel 3, rad/s | 20 | 30 |
-    | 3 | | | | wheel 4, rad/s | | 30 |
+    {OMNI_ACTIONS}
 
     ## Observation space
 
@@ -461,7 +437,7 @@ class OmniGoalObstacles(SingleEnv):
 
     At rest at the scenario's start, displaced by uniform draws from +-`start_offset` in x and y (not where that would
     touch an obstacle) and turned by one from +-`start_turn`. A random family such as "discs" draws one of 64 fields;
-    `reset(options={"scenario": k})` starts the k-th instead, and draws all else as without it.
+    `reset(options={{"scenario": k}})` starts the k-th instead, and draws all else as without it.
 
     ## Episode end
 
@@ -483,7 +459,7 @@ class OmniGoalObstacles(SingleEnv):
     |---|---|---|
     | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a .json file |
     | robot | "omni3" | "omni3" or "omni4" |
-    | dynamics | "kinematic" | "kinematic", or "pymunk": mass, wheel slip, contacts, pushable obstacles |
+    | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts, pushable obstacles; "coppelia": see below |
     | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |
     | action_mode | "twist" | "twist" or "wheel_speeds" |
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
@@ -493,12 +469,13 @@ class OmniGoalObstacles(SingleEnv):
     | num_beams, field_of_view, max_range | 32, 2 pi, 5.0 m | the range scan |
     | end_on_success, end_on_contact | True, True | see Episode end |
     | render_mode | None | "rgb_array" or "human" |
+    | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
 
-    "odometry" reads omni3's two passive encoder wheels and IMU, and omni4's drive wheels; "odometry_uncorrected" leaves
-    out the rotation term of the passive wheels, "odometry_plain_sum" uses the forward map that documents B and C
-    print. In the tier "ideal" the wheels turn up to 200 rad/s, so that document B's unsaturated runs can be shown; in
-    the other tiers the bounds of the action space hold. The vector environment takes
-    `autoreset_mode="NextStep"|"SameStep"` besides.
+    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` besides.
+
+    ## Odometry and wheels
+
+    {OMNI_ODOMETRY}
 
     ## Version history
 
@@ -524,6 +501,7 @@ class OmniGoalObstacles(SingleEnv):
         end_on_success: bool = True,
         end_on_contact: bool = True,
         render_mode: str | None = None,
+        address: str | None = None,
     ) -> None:
         truth("end_on_success", end_on_success)
         truth("end_on_contact", end_on_contact)
@@ -533,15 +511,16 @@ class OmniGoalObstacles(SingleEnv):
             GoalReaching(
                 scenario,
                 Options.of(
-                    self.robots[0] if robot is None else robot,
                     self.robots,
-                    dynamics,
-                    actuators,
-                    action_mode,
-                    noise,
-                    pose_source,
-                    shove,
-                    disturbance,
+                    robot=robot,
+                    dynamics=dynamics,
+                    actuators=actuators,
+                    action_mode=action_mode,
+                    noise=noise,
+                    pose_source=pose_source,
+                    shove=shove,
+                    disturbance=disturbance,
+                    address=address,
                 ),
                 num_beams,
                 field_of_view,
@@ -561,28 +540,39 @@ class OmniGoalObstaclesVector(NativeVectorEnv):
 
 
 class DiffDriveGoalObstacles(OmniGoalObstacles):
-    """A Pioneer P3DX drives to a goal pose, or through waypoints, among obstacles.
+    __doc__ = sheet_like(
+        OmniGoalObstacles,
+        "A Pioneer P3DX drives to a goal pose, or through waypoints, among obstacles.",
+        {
+            "Description": """
+                A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most
+                1.2 m/s), which cannot go sideways, shall reach a goal pose among circles, boxes and walls, passing
+                waypoints in their order where the scenario has some. Control period 0.05 s. The hull is a disc of
+                0.25 m. Obstacles with a patrol move by themselves: in each step first to where they are at its end,
+                then the robot drives.
+            """,
+            "Action space": DIFF_DRIVE_ACTIONS,
+            "Observation space": """
+                `Box(9 + n,)` float32, n = `num_beams`; `env.unwrapped.task.layout.unpack(observation)` gives the named
+                fields.
 
-    The task, observation fields, rewards, episode ends, info and arguments are those of `OmniGoalObstacles`, but for
-    the robot: a differential drive (document A) with a hull of 0.25 m, which cannot go sideways.
-
-    ## Action space
-
-    `Box(2,)` float32.
-
-    | index | `action_mode="twist"` | bound | `action_mode="wheel_speeds"` | bound |
-    |---|---|---|---|---|
-    | 0 | forward speed v, m/s | 1.2 | right wheel, rad/s | 12.31 |
-    | 1 | yaw rate w, rad/s | 6.30 | left wheel, rad/s | 12.31 |
-
-    ## Observation space
-
-    `Box(9 + n,)` float32: the field `twist` is forward speed and yaw rate.
-
-    ## Version history
-
-    * v0: first version.
-    """
+                | index | field | meaning | min | max | unit |
+                |---|---|---|---|---|---|
+                | 0, 1 | pose | measured x, y in the world frame | -inf | inf | m |
+                | 2 | pose | measured heading | -pi | pi | rad |
+                | 3, 4 | twist | measured forward speed and yaw rate | -inf | inf | m/s, rad/s |
+                | 5, 6 | goal | the waypoint or goal driven to, body frame | -inf | inf | m |
+                | 7 | goal_heading_error | goal heading minus heading, in (-pi, pi] | -pi | pi | rad |
+                | 8 | waypoints_left | before the goal | 0 | inf | |
+                | 9, ... | ranges | right to left over `field_of_view`, a full circle from behind | 0 | max_range | m |
+            """,
+            "Odometry and wheels": DIFF_DRIVE_ODOMETRY,
+        },
+        {
+            "robot": '"p3dx" | the robot',
+            "pose_source": '"ground_truth" | or "odometry"',
+        },
+    )
 
     robots = ("p3dx",)
 

@@ -10,6 +10,8 @@ from wayfield.envs.sensing import advance_odometry
 # A hull stops this far from a surface when the sweep finds contact, so that rounding never puts it inside.
 SKIN = 1e-9  # m
 STRIDE = 2e-4  # m, the least that a sweep goes at once
+# Where a sweep ends in any case. The longest shove takes 7e5 strides; what is left after is not gone.
+MOST_STRIDES = 1_000_000
 
 
 @inlined
@@ -111,7 +113,9 @@ def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
     heading = s.heading
     gone = 0.0  # share of the step that is known to be free
     blocked = 1.0  # share at which the hull is known to touch, once it does
-    while (blocked - gone) * travel > SKIN:
+    for _ in range(MOST_STRIDES):
+        if not (blocked - gone) * travel > SKIN:
+            break
         if s.contact:
             ahead = 0.5 * (gone + blocked)
         else:

@@ -28,7 +28,7 @@ def wheel_matrix(positions: ArrayLike, directions: ArrayLike, wheel_radius: floa
     """
     px, py = np.asarray(positions, dtype=np.float64).T
     angles = np.asarray(directions, dtype=np.float64)
-    c, s = np.cos(angles), np.sin(angles)
+    s, c = np.array([sin_cos(angle) for angle in angles.tolist()]).T
     return np.column_stack([c, s, px * s - py * c]) / wheel_radius
 
 

@@ -8,6 +8,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wayfield.envs.scenarios.tasks import TaskSpec
+
 Fields = TypeVar("Fields", bound=tuple[Any, ...])
 
 
@@ -31,11 +33,18 @@ class Layout(Generic[Fields]):
 
     kind: type[Fields]
     fields: tuple[Field, ...]
+    task: TaskSpec | None = None  # that they belong to; None: nothing is asked
 
     @functools.cached_property
     def size(self) -> int:
         """Returns the length of the flat observation."""
         return sum(field.size for field in self.fields)
+
+    @functools.cached_property
+    def _places(self) -> tuple[tuple[slice, tuple[int, ...]], ...]:
+        """Returns where each field stands, and its shape: to work it out took longer than most laws."""
+        ends = np.cumsum([field.size for field in self.fields]).tolist()
+        return tuple((slice(end - field.size, end), field.shape) for field, end in zip(self.fields, ends, strict=True))
 
     @property
     def space(self) -> gymnasium.spaces.Box:
@@ -52,12 +61,8 @@ class Layout(Generic[Fields]):
         """
         if observation.shape[-1] != self.size:
             raise ValueError(f"an observation of {self.kind.__name__} has {self.size} numbers, got {observation.shape}")
-        values = []
-        first = 0
-        for field in self.fields:
-            values.append(observation[..., first : first + field.size].reshape((*observation.shape[:-1], *field.shape)))
-            first += field.size
-        return self.kind(*values)
+        batch = observation.shape[:-1]
+        return self.kind(*[observation[..., place].reshape(batch + shape) for place, shape in self._places])
 
     def pack(self, fields: Fields) -> NDArray[np.float32]:
         """Returns the flat observation (..., size) of named fields; the inverse of `unpack`."""

@@ -8,15 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
 from wayfield.envs.patrols import PATROL
-from wayfield.envs.scenarios import PathScenario, path_scenarios
+from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
+from wayfield.envs.sheets import (
+    DIFF_DRIVE_ACTIONS,
+    DIFF_DRIVE_ODOMETRY,
+    OMNI_ACTIONS,
+    OMNI_ODOMETRY,
+    sheet_like,
+)
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task, positive, whole
+from wayfield.envs.stepping import Outputs, drawn_scenario, first_not_finite, places, write_motion
+from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -30,6 +39,14 @@ class Params:
     num_preview: int = 10
     error_scale: float = 0.1  # m, cross-track error at which the reward for progress is halved
     corridor_penalty: float = 10.0  # taken off once, when the corridor is left
+
+    def __post_init__(self) -> None:
+        positive("window", self.window, least=SHORTEST)
+        number("end_tolerance", self.end_tolerance, least=0.0)
+        positive("preview_spacing", self.preview_spacing, least=FINEST)
+        whole("num_preview", self.num_preview, 0)
+        positive("error_scale", self.error_scale, least=FINEST)
+        number("corridor_penalty", self.corridor_penalty, most=MOST_GAIN)
 
 
 STATE = np.dtype(
@@ -89,11 +106,14 @@ class Observation(NamedTuple):
                 Field("arc_length", (), 0.0, np.inf),
                 Field("preview", (num_preview, 2), -np.inf, np.inf),
             ),
+            TASKS["path_following"],
         )
 
 
 INFO = ("time", "arc_length", "progress", "cross_track_error", "heading_error", "completion")
 FLAGS = ("success", "left_corridor", "collision")
+NUMBER = places(*INFO, "reward")
+FLAG = places(*FLAGS, "ended")
 LOOKAHEAD = 0.5  # m, of the marker that frames show
 DRAWS = 2  # random numbers of a reset, besides the choice of the scenario
 
@@ -132,19 +152,11 @@ def observe(p, s, vertices, run, noise, i, row, out):
             s.measured_arc_length,
             s.measured_segment,
         )
-    out[i, 0] = s.measured_x
-    out[i, 1] = s.measured_y
-    out[i, 2] = s.measured_heading
-    out[i, 3] = s.measured_vx
-    k = 4
-    if p.holonomic:
-        out[i, np.uint64(k)] = s.measured_vy
-        k += 1
-    out[i, np.uint64(k)] = s.measured_yaw_rate
-    out[i, np.uint64(k + 1)] = error
-    out[i, np.uint64(k + 2)] = heading_error
-    out[i, np.uint64(k + 3)] = s.measured_arc_length
-    k += 4
+    k = write_motion(s, p.holonomic, i, out)
+    out[i, np.uint64(k)] = error
+    out[i, np.uint64(k + 1)] = heading_error
+    out[i, np.uint64(k + 2)] = s.measured_arc_length
+    k += 3
     sine, cosine = sin_cos(s.measured_heading)
     segment = s.measured_segment
     ahead = along_lap(vertices, run, s.measured_arc_length, segment)
@@ -156,13 +168,13 @@ def observe(p, s, vertices, run, noise, i, row, out):
 
 
 @inlined
-def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
+def judge(p, s, course, vertices, run, noise, i, row, outputs):
     """Measures robot i against its path and writes its observation, info and flags."""
     before = s.arc_length
     s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
         vertices, run, p.window, s.x, s.y, s.heading, s.arc_length, s.segment
     )
-    observe(p, s, vertices, run, noise, i, row, out)
+    observe(p, s, vertices, run, noise, i, row, outputs.observations)
     progress = s.arc_length - before
     success = s.arc_length >= course.finish - p.end_tolerance
     left = abs(s.cross_track_error) > course.corridor
@@ -170,23 +182,24 @@ def judge(p, s, course, vertices, run, noise, i, row, out, numbers, flags):
     reward = progress / (p.max_speed * p.dt * (1.0 + ratio * ratio))
     if left:
         reward -= p.corridor_penalty
-    report(p, s, course, reward, progress, numbers, i)
-    flags[0, i] = success and not left
-    flags[1, i] = left
-    flags[2, i] = s.contact != 0
-    flags[3, i] = success or left
+    report(p, s, course, reward, progress, outputs.numbers, i)
+    flags = outputs.flags
+    flags[FLAG.success, i] = success and not left
+    flags[FLAG.left_corridor, i] = left
+    flags[FLAG.collision, i] = s.contact != 0
+    flags[FLAG.ended, i] = success or left
 
 
 @inlined
 def report(p, s, course, reward, progress, numbers, i):
     """Writes column i of the numbers: INFO, then the reward."""
-    numbers[0, i] = s.steps * p.dt
-    numbers[1, i] = s.arc_length
-    numbers[2, i] = progress
-    numbers[3, i] = s.cross_track_error
-    numbers[4, i] = s.heading_error
-    numbers[5, i] = s.arc_length * course.per_metre
-    numbers[6, i] = reward
+    numbers[NUMBER.time, i] = s.steps * p.dt
+    numbers[NUMBER.arc_length, i] = s.arc_length
+    numbers[NUMBER.progress, i] = progress
+    numbers[NUMBER.cross_track_error, i] = s.cross_track_error
+    numbers[NUMBER.heading_error, i] = s.heading_error
+    numbers[NUMBER.completion, i] = s.arc_length * course.per_metre
+    numbers[NUMBER.reward, i] = reward
 
 
 @compiled
@@ -196,11 +209,11 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
     """
     if phases & COMMAND:
-        for i in range(states.shape[0]):
-            for k in range(actions.shape[1]):
-                if not skip[i] and not math.isfinite(actions[i, k]):
-                    return i
+        bad = first_not_finite(actions, skip)
+        if bad >= 0:
+            return bad
     p = params[0]
+    outputs = Outputs(out, numbers, flags)
     for i in range(states.shape[0]):
         if skip[i]:
             continue
@@ -213,7 +226,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, 
             kinematic_plant.drive(p, s, obstacles, i, 0, noise, row)
         if phases & JUDGE:
             s.steps += 1
-            judge(p, s, courses[s.scenario], vertices, runs[s.scenario], noise, i, row, out, numbers, flags)
+            judge(p, s, courses[s.scenario], vertices, runs[s.scenario], noise, i, row, outputs)
             s.noise_row += 1
     return -1
 
@@ -225,7 +238,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices,
     for j in range(rows.shape[0]):
         i = rows[j]
         s = states[i]
-        scenario = min(int(draws[j, 0] * courses.shape[0]), courses.shape[0] - 1)
+        scenario = drawn_scenario(draws, j, courses.shape[0])
         s.scenario = scenario
         course = courses[scenario]
         run = runs[scenario]
@@ -263,8 +276,6 @@ class PathFollowing(Task):
         self.options = options
         self.robot = options.robot
         self.task_params = Params(**params)
-        whole("num_preview", self.task_params.num_preview, 0)
-        positive("preview_spacing", self.task_params.preview_spacing)
         pool = PathPool.of([each.path for each in self.scenarios])
         courses = np.zeros(len(self.scenarios), COURSE)
         for course, each, run in zip(courses, self.scenarios, pool.runs, strict=True):
@@ -335,7 +346,7 @@ class PathFollowing(Task):
 
 
 class DiffDrivePathFollowing(SingleEnv):
-    """A Pioneer P3DX follows a path.
+    __doc__ = f"""A Pioneer P3DX follows a path.
 
     ## Description
 
@@ -346,13 +357,7 @@ class DiffDrivePathFollowing(SingleEnv):
 
     ## Action space
 
-    `Box(2,)` float32. Values beyond the bounds are allowed: the base scales all wheels by one factor, which keeps the
-    direction of motion. Non-finite values, other shapes and other types are errors.
-
-    | index | `action_mode="twist"` | bound | `action_mode="wheel_speeds"` | bound |
-    |---|---|---|---|---|
-    | 0 | forward speed v, m/s | 1.2 | right wheel, rad/s | 12.31 |
-    | 1 | yaw rate w, rad/s | 6.30 | left wheel, rad/s | 12.31 |
+    {DIFF_DRIVE_ACTIONS}
 
     ## Observation space
 
@@ -374,15 +379,16 @@ class DiffDrivePathFollowing(SingleEnv):
 
     With ds the `progress`, e the `cross_track_error` and `left_corridor` of info:
 
-        reward = ds / (v_max dt) / (1 + (e / 0.1 m)^2) - 10 left_corridor,    v_max = 1.2 m/s, dt = 0.05 s
+        reward = ds / (v_max dt) / (1 + (e / 0.1 m)^2) - 10 left_corridor
 
+    v_max is the bound of the forward speed (index 0 of the twist actions), dt = 0.05 s.
     The first term lies in [0, 1] while the robot drives along the path; it is halved 0.1 m beside it.
 
     ## Starting state
 
     At rest at the scenario's start (by default the path's first point, along it), displaced sideways by a uniform draw
     from +-`start_offset` and turned by one from +-`start_turn` of the scenario. `random_splines` draws one of 64 paths;
-    `reset(options={"scenario": k})` starts the k-th instead, and draws all else as without it.
+    `reset(options={{"scenario": k}})` starts the k-th instead, and draws all else as without it.
 
     ## Episode end
 
@@ -402,18 +408,23 @@ class DiffDrivePathFollowing(SingleEnv):
     |---|---|---|
     | scenario | "random_splines" | a name of `envs.scenarios.PATH_SCENARIOS`, a family ("circuits/train"), or a file |
     | robot | "p3dx" | the robot |
-    | dynamics | "kinematic" | "kinematic", or "pymunk": mass, wheel slip, contacts |
+    | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts; "coppelia": a running CoppeliaSim (p3dx) |
     | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |
     | action_mode | "twist" | "twist" or "wheel_speeds" |
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 % |
-    | pose_source | "ground_truth" | or "odometry": the pose integrated from the encoders |
+    | pose_source | "ground_truth" | or "odometry" |
     | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
     | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: `wayfield.envs.disturbances` |
     | scale | 1.0 | multiplies the path's coordinates |
-    | num_preview, preview_spacing | 10, 0.1 m | the preview |
+    | num_preview, preview_spacing | 10, 0.1 m | the preview; longer than a closed path it goes round again |
     | render_mode | None | "rgb_array" or "human" |
+    | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
 
     The vector environment takes `autoreset_mode="NextStep"|"SameStep"` besides.
+
+    ## Odometry and wheels
+
+    {DIFF_DRIVE_ODOMETRY}
 
     ## Version history
 
@@ -437,20 +448,22 @@ class DiffDrivePathFollowing(SingleEnv):
         num_preview: int = 10,
         preview_spacing: float = 0.1,
         render_mode: str | None = None,
+        address: str | None = None,
     ) -> None:
         super().__init__(
             PathFollowing(
                 scenario,
                 Options.of(
-                    self.robots[0] if robot is None else robot,
                     self.robots,
-                    dynamics,
-                    actuators,
-                    action_mode,
-                    noise,
-                    pose_source,
-                    shove,
-                    disturbance,
+                    robot=robot,
+                    dynamics=dynamics,
+                    actuators=actuators,
+                    action_mode=action_mode,
+                    noise=noise,
+                    pose_source=pose_source,
+                    shove=shove,
+                    disturbance=disturbance,
+                    address=address,
                 ),
                 scale,
                 num_preview=num_preview,
@@ -468,35 +481,41 @@ class DiffDrivePathFollowingVector(NativeVectorEnv):
 
 
 class OmniPathFollowing(DiffDrivePathFollowing):
-    """An omni robot follows a path.
+    __doc__ = sheet_like(
+        DiffDrivePathFollowing,
+        "An omni robot follows a path.",
+        {
+            "Description": """
+                A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four
+                (document C: 0.03 m on 0.13 m) shall stay on a polyline and get to its end, or round a closed one.
+                Control period 0.05 s. Progress is measured by a projection that only moves forward: the nearest point
+                of the path within 1 m of arc length ahead of the last one, so that a path may cross itself.
+            """,
+            "Action space": OMNI_ACTIONS,
+            "Observation space": """
+                `Box(9 + 2 k,)` float32, k = `num_preview`; `env.unwrapped.task.layout.unpack(observation)` gives the
+                named fields.
 
-    The task, observation fields, rewards, episode ends, info and arguments are those of `DiffDrivePathFollowing`, but
-    for the robot: three omni wheels (document B, `robot="omni3"`, the default) or four (document C, `"omni4"`), with
-    the pose sources "odometry_uncorrected" (omni3) and "odometry_plain_sum" besides.
+                | index | field | meaning | min | max | unit |
+                |---|---|---|---|---|---|
+                | 0, 1 | pose | measured x, y in the world frame | -inf | inf | m |
+                | 2 | pose | measured heading | -pi | pi | rad |
+                | 3, 4, 5 | twist | measured v_x, v_y, yaw rate | -inf | inf | m/s, rad/s |
+                | 6 | cross_track_error | distance to the path, + left of it | -inf | inf | m |
+                | 7 | heading_error | heading minus path tangent | -pi | pi | rad |
+                | 8 | arc_length | of the projection, counting over laps | 0 | inf | m |
+                | 9, ... | preview | k points (x, y) every `preview_spacing` ahead, body frame | -inf | inf | m |
 
-    ## Action space
-
-    `Box(3,)` float32 for `action_mode="twist"`, `Box(3,)` or `Box(4,)` for `"wheel_speeds"`.
-
-    | index | "twist" | omni3 | omni4 | "wheel_speeds" | omni3 | omni4 |
-    |---|---|---|---|---|---|---|
-    | 0 | v_x, m/s | 1.73 | 1.27 | wheel 1, rad/s | 20 | 30 |
-    | 1 | v_y, m/s | 1.5 | 1.27 | wheel 2, rad/s | 20 | 30 |
-    | 2 | yaw rate, rad/s | 5.0 | 6.92 | wheel 3, rad/s | 20 | 30 |
-    | 3 | | | | wheel 4, rad/s | | 30 |
-
-    ## Observation space
-
-    `Box(9 + 2 k,)` float32: the field `twist` is v_x, v_y and yaw rate.
-
-    ## Rewards
-
-    v_max is the bound of v_x.
-
-    ## Version history
-
-    * v0: first version.
-    """
+                All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as
+                on a robot.
+            """,
+            "Odometry and wheels": OMNI_ODOMETRY,
+        },
+        {
+            "robot": '"omni3" | "omni3" or "omni4"',
+            "pose_source": '"ground_truth" | or "odometry", "odometry_uncorrected" (omni3), "odometry_plain_sum"',
+        },
+    )
 
     robots = ("omni3", "omni4")
 

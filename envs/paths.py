@@ -7,11 +7,15 @@ closed path keep counting over the laps.
 
 import dataclasses
 import math
+from collections.abc import Sized
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wayfield.envs.checks import MOST_POINTS, shown
 from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import bearing, bearings
+from wayfield.envs.geometry import lengths as lengths_of
 
 VERTEX = np.dtype(
     [
@@ -51,10 +55,12 @@ class Path:
     closed: bool = False
 
     def __init__(self, points: ArrayLike, closed: bool = False) -> None:
+        if (count := len(points) if isinstance(points, Sized) else 0) > MOST_POINTS:
+            raise ValueError(f"path has {count} points; there must be at most {MOST_POINTS}")
         try:
             array = np.array(points, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"path points must be numbers of shape (n, 2): {error}") from None
+        except (TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise ValueError(f"path points must be numbers of shape (n, 2), got {shown(points)}: {error}") from None
         if array.ndim != 2 or array.shape[1] != 2:
             raise ValueError(f"path points must have shape (n, 2), got {array.shape}")
         least = 3 if closed else 2
@@ -66,7 +72,7 @@ class Path:
             raise ValueError(f"path point {bad[0]} is {tuple(array[bad[0]].tolist())}; every coordinate must be finite")
         ring = np.vstack([array, array[:1]]) if closed else array
         steps = np.diff(ring, axis=0)
-        same = np.flatnonzero(np.hypot(steps[:, 0], steps[:, 1]) == 0.0)
+        same = np.flatnonzero(lengths_of(steps) == 0.0)
         if len(same):
             raise ValueError(
                 f"path points {same[0]} and {(same[0] + 1) % len(array)} are both {tuple(array[same[0]].tolist())}; "
@@ -81,13 +87,13 @@ class Path:
         """Returns the VERTEX records, shape (n,) or (n + 1,) when closed."""
         ring = np.vstack([self.points, self.points[:1]]) if self.closed else self.points
         steps = np.diff(ring, axis=0)
-        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        lengths = lengths_of(steps)
         tangents = steps / lengths[:, None]
         vertices = np.empty(len(ring), VERTEX)
         vertices["x"], vertices["y"] = ring.T
         vertices["s"] = np.concatenate([[0.0], np.cumsum(lengths)])
         vertices["ux"], vertices["uy"] = np.vstack([tangents, tangents[-1:]]).T
-        vertices["heading"] = np.arctan2(vertices["uy"], vertices["ux"])
+        vertices["heading"] = bearings(vertices["uy"], vertices["ux"])
         return vertices
 
     @property
@@ -99,7 +105,7 @@ class Path:
     def start_pose(self) -> tuple[float, float, float]:
         """Returns (x, y, heading) of the first point, looking along the path."""
         (x0, y0), (x1, y1) = self.points[:2].tolist()
-        return x0, y0, math.atan2(y1 - y0, x1 - x0)
+        return x0, y0, bearing(y1 - y0, x1 - x0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,8 +130,11 @@ class PathPool:
 
 @inlined
 def vertex(vertices, run, i):
-    """Returns vertex i of a path; an unsigned index needs no test for negative ones, which costs as much."""
-    return vertices[np.uint64(run.first + i)]
+    """Returns vertex i of a path, from 0 to run.segments: every caller counts or clips there.
+
+    An unsigned index needs no test for negative ones, which costs as much.
+    """
+    return vertices[np.uint64(run.first + i)]  # unsigned: not asked whether it counts from the end
 
 
 @compiled
@@ -177,6 +186,7 @@ def nearest_ahead(vertices, run, x, y, s, segment, window, bound=np.inf):
         window = min(window, run.length)
     end = s + window
     wide = window > WIDE
+    turns = 0
     best_squared = bound * bound
     best = bound
     best_s = s
@@ -202,7 +212,7 @@ def nearest_ahead(vertices, run, x, y, s, segment, window, bound=np.inf):
                 squared = ex * ex + ey * ey
                 if squared < best_squared:
                     best_squared = squared
-                    best_s = start + t
+                    best_s = max(start + t, s)  # at the window's start t is s - start, and the sum may fall short
                     best_segment = k
             best = math.sqrt(best_squared)
         elif wide:
@@ -214,7 +224,9 @@ def nearest_ahead(vertices, run, x, y, s, segment, window, bound=np.inf):
                 last = segment_at(vertices, run, clear)
         i = last
         if i == run.segments:
-            if not run.closed:
+            # a window of one lap gets to the path's start once, or twice by rounding
+            turns += 1
+            if not run.closed or turns > 2:
                 return best_s, best_segment
             i = 0
             lap += run.length
@@ -240,17 +252,20 @@ def along_lap(vertices, run, s, segment):
 def walk_to(vertices, run, s, segment):
     """Returns (x, y, s, segment) of the path at arc length s >= that of the segment, walking forward from there.
 
-    s counts from the start of the lap that holds the segment, and comes back counted from the start of its own lap.
-    Beyond the end of an open path the answer is the end point.
+    s counts from the start of the lap that holds the segment, and comes back counted from the start of its own lap,
+    however many laps on that is. Beyond the end of an open path the answer is the end point.
     """
     if s >= run.length:
         if not run.closed:
             end = vertex(vertices, run, run.segments)
             return end.x, end.y, s, run.segments - 1
+        # without a branch, here and below: with one the loop over a preview takes half as long again
         s -= run.length
+        s = max(s - math.floor(s / run.length) * run.length, 0.0)
         segment = 0
     if run.per_metre > 0.0:
-        segment = min(int(s * run.per_metre), run.segments - 1)
+        # clipped as a whole number: s is inside the lap here, and what is no number gives 0 on every processor
+        segment = max(min(int(s * run.per_metre), run.segments - 1), 0)
     while segment > 0 and vertex(vertices, run, segment).s > s:
         segment -= 1
     while segment < run.segments - 1 and vertex(vertices, run, segment + 1).s < s:

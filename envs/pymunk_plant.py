@@ -7,17 +7,20 @@ kinematic plant's, on the same arc; and pymunk is asked only in the sub-steps th
 something pushed still moves.
 """
 
+import array
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import clearance_to, nearest_surface, row_clearance, sin_cos, wrap_angle
+from wayfield.envs.compiled import compiled, machine_code
+from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.kinematics import integrate_arc, sinc
+from wayfield.envs.linear import pseudo_inverse
 from wayfield.envs.patrols import patrol, patrol_at
 from wayfield.envs.records import MAX_WHEELS, lag_factors, record
 from wayfield.envs.robots import Robot
@@ -103,7 +106,7 @@ def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
     if not robot.holonomic:
         # a plain wheel holds across its drive direction too
         for i, ((px, py), angle) in enumerate(zip(robot.wheel_positions, robot.wheel_directions, strict=True)):
-            c, s = math.cos(angle), math.sin(angle)
+            s, c = sin_cos(angle)
             along[i, 1] = -s, c, px * c + py * s
     feels = (along**2 / np.array([robot.mass, robot.mass, robot.inertia])).sum(axis=2).max(axis=1)
     relaxation = np.divide(1.0, feels, out=np.zeros(MAX_WHEELS), where=feels > 0.0)
@@ -117,7 +120,7 @@ def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
             "inertia": robot.inertia,
             "wheels": count,
             "directions": along,
-            "spread": np.linalg.pinv(along.reshape(-1, 3).T).reshape(MAX_WHEELS, 2, 3),
+            "spread": pseudo_inverse(along.reshape(-1, 3)).T.reshape(MAX_WHEELS, 2, 3),
             "relaxation": relaxation,
             "traction": robot.friction * carried / count,
             "substep": substep,
@@ -418,9 +421,19 @@ def finish(p, s, m, obstacles, patrols, i, count, noise, row):
     advance_odometry(p, s, vx, vy, yaw_rate, noise, i, row)
 
 
+class Spaces(NamedTuple):
+    """What kernels and pymunk tell each other, of b robots with m obstacles."""
+
+    progress: NDArray[np.void]  # (b,) PROGRESS records
+    bodies: NDArray[np.void]  # (b, m) BODY records
+    hulls: NDArray[np.void]  # (b,) BODY records
+    waiting: NDArray[np.int64]  # (b,) robots that wait for pymunk; as many as the kernels say
+
+
 @compiled
-def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, progress, bodies, hulls, waiting):
+def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, spaces):
     """Begins a control period for all robots but those in `skip`; returns how many wait for pymunk."""
+    progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
     asked = 0
@@ -447,8 +460,9 @@ def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, pr
 
 
 @compiled
-def resume_rows(params, base, states, obstacles, patrols, counts, noise, progress, bodies, hulls, waiting, asked):
+def resume_rows(params, base, states, obstacles, patrols, counts, noise, spaces, asked):
     """Goes on with the first `asked` rows of `waiting` after pymunk; returns how many wait again."""
+    progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
     again = 0
@@ -470,11 +484,16 @@ class World:
     """The pymunk space around one robot: its hull, what is fixed, what can be pushed, and what moves by a script.
 
     `moving` tells which obstacles the script moves; none if it is shorter than they are.
+
+    A copy is the space built anew and driven through the same steps. pymunk copies a space without the forces that its
+    joints held with, from which the next step goes on: pushed things would part from those of the original.
     """
 
     def __init__(
         self, robot: Robot, obstacles: NDArray[np.void], substep: float, moving: NDArray[np.bool_] | None = None
     ) -> None:
+        self._made_of = (robot, obstacles.copy(), substep, None if moving is None else moving.copy())
+        self._steps = array.array("d")  # what moved in each step: hull, then position and velocity of what is scripted
         self.space = pymunk.Space()
         self.space.iterations = ITERATIONS
         self.space.collision_slop = SLOP
@@ -486,7 +505,7 @@ class World:
         for j, obstacle in enumerate(obstacles):
             if moving is not None and moving[j]:
                 body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-                body.angle = math.atan2(obstacle["sin"], obstacle["cos"])
+                body.angle = bearing(obstacle["sin"].item(), obstacle["cos"].item())
                 self.space.add(body)
                 self.moving.append((j, body))
                 shapes.append(_shape(body, obstacle, 0.0, 0.0, 1.0, 0.0))
@@ -512,7 +531,7 @@ class World:
         inertia = mass * (0.5 * radius**2 if round_one else (length**2 + width**2) / 12.0)
         body = pymunk.Body(mass, inertia)
         body.position = obstacle["x"].item(), obstacle["y"].item()
-        body.angle = math.atan2(obstacle["sin"], obstacle["cos"])
+        body.angle = bearing(obstacle["sin"].item(), obstacle["cos"].item())
         weight = FLOOR_FRICTION * mass * GRAVITY
         hold = pymunk.PivotJoint(self.space.static_body, body, (body.position.x, body.position.y), (0.0, 0.0))
         hold.max_force = weight
@@ -529,19 +548,38 @@ class World:
         self, dt: float, i: int, hulls: NDArray[np.void], bodies: NDArray[np.void], obstacles: NDArray[np.void]
     ) -> None:
         """Moves everything by dt and resolves contacts; reads and writes the BODY records of robot i."""
-        for j, scripted in self.moving:
+        asked = list(hulls[i].item())
+        for j, _ in self.moving:
             vx, vy = bodies["vx"][i, j].item(), bodies["vy"][i, j].item()
             # like the hull: let it arrive where it is to be
-            scripted.position = obstacles["x"][i, j].item() - dt * vx, obstacles["y"][i, j].item() - dt * vy
-            scripted.velocity = vx, vy
+            asked += obstacles["x"][i, j].item() - dt * vx, obstacles["y"][i, j].item() - dt * vy, vx, vy
+        self._steps.extend(asked)
+        self._advance(dt, asked)
         body = self.hull
-        x, y, _, vx, vy, body.angular_velocity = hulls[i].item()
-        body.position = x, y
-        body.velocity = vx, vy
-        self.space.step(dt)
         hulls[i] = (*body.position, 0.0, *body.velocity, body.angular_velocity)
         for j, loose in self.pushable:
             bodies[i, j] = (*loose.position, loose.angle, *loose.velocity, loose.angular_velocity)
+
+    def _advance(self, dt: float, asked: list[float]) -> None:
+        """Moves everything by dt: the hull and what a script moves as `asked`, the rest by its momentum."""
+        body = self.hull
+        x, y, _, vx, vy, body.angular_velocity = asked[:6]
+        body.position = x, y
+        body.velocity = vx, vy
+        for k, (_, scripted) in enumerate(self.moving):
+            x, y, vx, vy = asked[6 + 4 * k : 10 + 4 * k]
+            scripted.position = x, y
+            scripted.velocity = vx, vy
+        self.space.step(dt)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return World, self._made_of, self._steps
+
+    def __setstate__(self, steps: "array.array[float]") -> None:
+        _, _, substep, _ = self._made_of
+        self._steps = steps
+        for asked in np.asarray(steps).reshape(-1, 6 + 4 * len(self.moving)).tolist():
+            self._advance(substep, asked)
 
 
 def _shape(
@@ -580,6 +618,10 @@ class PymunkPlant:
         self.bodies = np.zeros((num_envs, task.max_obstacles), BODY)
         self.hulls = np.zeros(num_envs, BODY)
         self.waiting = np.zeros(num_envs, np.int64)
+        self._start_rows: Callable[..., int] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_start_rows": None}  # machine code is looked up anew
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
         """Forgets what the robots in `rows` touched and pushed."""
@@ -600,7 +642,10 @@ class PymunkPlant:
         counts = self.task.obstacle_counts(states)
         # what every call takes, in this order
         shared: tuple[Any, ...] = (self.task.params, self.base, states, obstacles, self.task.patrols, counts, noise)
-        asked = start_rows(*shared, skip, self.progress, self.bodies, self.hulls, self.waiting)
+        spaces = Spaces(self.progress, self.bodies, self.hulls, self.waiting)
+        if self._start_rows is None:
+            self._start_rows = machine_code(start_rows, *shared, skip, spaces)
+        asked = self._start_rows(*shared, skip, spaces)
         while asked:
             for i in self.waiting[:asked].tolist():
                 world = self.worlds[i]
@@ -610,7 +655,7 @@ class PymunkPlant:
                         self.task.robot, obstacles[i, : counts[i]], self.substep, self._moving(states[i])
                     )
                 world.step(self.substep, i, self.hulls, self.bodies, obstacles)
-            asked = resume_rows(*shared, self.progress, self.bodies, self.hulls, self.waiting, asked)
+            asked = resume_rows(*shared, spaces, asked)
 
     def _moving(self, state: NDArray[np.void]) -> NDArray[np.bool_] | None:
         """Returns which obstacles around a robot a script moves; None where nothing does."""

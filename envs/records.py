@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from wayfield.envs import kinematics
 from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.disturbances import SHOVE_FROM, SHOVE_UNTIL, Disturbance
-from wayfield.envs.robots import Actuators, Robot
+from wayfield.envs.disturbances import SHOVE_FROM, SHOVE_UNTIL
+from wayfield.envs.linear import solve
+from wayfield.envs.robots import Robot
 
 MAX_WHEELS = 4
 
@@ -122,7 +123,7 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
     believed = readings.copy()
     if source == "odometry_uncorrected":
         believed[:2, 2] = 0.0
-    return readings, np.linalg.inv(believed), True
+    return readings, solve(believed, np.eye(3)), True
 
 
 POSE_SOURCES = ("ground_truth", "odometry", "odometry_uncorrected", "odometry_plain_sum")
@@ -134,73 +135,28 @@ ENCODER_NOISE = 0.02  # relative
 RANGE_NOISE = 0.01  # m
 
 
-def robot_params(
-    robot: Robot,
-    actuators: Actuators,
-    *,
-    dt: float,
-    action_mode: str,
-    pose_source: str,
-    noise: float,
-    shove: tuple[float, float, float, float] | None,
-    disturbance: Disturbance,
-) -> dict[str, Any]:
-    """Returns the values of ROBOT_PARAMS (but for the beams, which a task sets)."""
-    encoders, odometry, passive = odometry_matrices(robot, "odometry" if pose_source == "ground_truth" else pose_source)
-    decay, mean = lag_factors(actuators.lag, dt)
-    when, shove_x, shove_y, shove_heading = shove or (-dt, 0.0, 0.0, 0.0)
-    pose_noise, encoder_noise = noise + disturbance.pose_noise, noise + disturbance.encoder_noise
-    right = pose_noise == encoder_noise == 0.0 and not disturbance.distorts
-    return {
-        "dt": dt,
-        "num_wheels": len(robot.wheel_matrix),
-        "twist_action": action_mode == "twist",
-        "holonomic": robot.holonomic,
-        "wheel_matrix": _padded(robot.wheel_matrix, (MAX_WHEELS, 3)),
-        "forward_matrix": _padded(robot.forward_matrix, (3, MAX_WHEELS)),
-        "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
-        "acceleration": actuators.acceleration,
-        "yaw_acceleration": actuators.yaw_acceleration,
-        "lag_decay": decay,
-        "lag_mean": mean,
-        "hull_radius": robot.hull_radius,
-        "perfect_pose": pose_source == "ground_truth" and right,
-        "pose_from_odometry": pose_source != "ground_truth",
-        "passive_encoders": passive,
-        "num_encoders": len(encoders),
-        "encoder_matrix": _padded(encoders, (MAX_WHEELS, 3)),
-        "odometry_matrix": _padded(odometry, (3, MAX_WHEELS)),
-        "position_noise": POSITION_NOISE * pose_noise,
-        "heading_noise": HEADING_NOISE * pose_noise,
-        "encoder_noise": ENCODER_NOISE * encoder_noise,
-        "range_noise": RANGE_NOISE * (noise + disturbance.range_noise),
-        "dropout_below": disturbance.dropout_below,
-        "distorted": disturbance.distorts,
-        "distortion": disturbance.distortion(robot),
-        "side_slip": disturbance.side_slip,
-        "drawn_shove": disturbance.shove,
-        "shove_step": round(when / dt),
-        "shove_x": shove_x,
-        "shove_y": shove_y,
-        "shove_heading": shove_heading,
-    }
+_aligned: dict[np.dtype[Any], np.dtype[Any]] = {}
 
 
-def record(fields: list[Any], values: Mapping[str, Any]) -> NDArray[np.void]:
-    """Returns an array of one record with the given dtype fields; missing and surplus values are errors."""
+def aligned(fields: Any) -> np.dtype[Any]:
+    """Returns the aligned dtype of some fields, for the same fields the same object.
+
+    A compiled call knows the records that it has met by the identity of their dtype; one of another object it compares
+    field by field, which takes longer than most laws.
+    """
     dtype = np.dtype(fields, align=True)
+    return _aligned.setdefault(dtype, dtype)
+
+
+def record(fields: Any, values: Mapping[str, Any]) -> NDArray[np.void]:
+    """Returns an array of one record with the given dtype fields; missing and surplus values are errors."""
+    dtype = aligned(fields)
     if set(dtype.names or ()) != set(values):
         raise TypeError(f"record fields and values differ: {set(dtype.names or ()) ^ set(values)}")
     array = np.zeros(1, dtype)
     for name, value in values.items():
         array[name] = value
     return array
-
-
-def _padded(matrix: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    padded = np.zeros(shape)
-    padded[: matrix.shape[0], : matrix.shape[1]] = matrix
-    return padded
 
 
 @compiled

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -48,6 +49,18 @@ _DRAWN_POINTS = 20_000  # of a polyline, at most
 _FAR_PX = 20_000.0  # pixel coordinates are clipped here, because pygame counts in 32-bit integers
 
 
+@dataclasses.dataclass(frozen=True)
+class Mark:
+    """Something that is shown beside the task: discs at points, or a polyline through them."""
+
+    points: NDArray[np.float64]  # (n, 2) m
+    colour: Colour
+    radius: float = 0.0  # m, of the discs
+    pixels: float = 0.0  # px, the least radius of the discs
+    line: float = 0.0  # px, the width of the polyline; 0: discs
+    outline: bool = False  # whether the discs are rings
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
     """What one frame shows; metres and radians in the world frame."""
@@ -67,6 +80,7 @@ class Scene:
     reference: tuple[float, float] | None = None  # point of the path that is chased
     lookahead: tuple[float, float] | None = None  # look-ahead point of the robot
     start: tuple[float, float] | None = None
+    marks: tuple[Mark, ...] = ()  # drawn over the obstacles, below the robot
     caption: str = ""  # one line
 
 
@@ -318,6 +332,16 @@ def _mark_reference(canvas: Canvas, at: NDArray[np.float64]) -> None:
     canvas.halo_disc(_VERMILLION, at, 3.5)
 
 
+def _draw_mark(canvas: Canvas, view: View, mark: Mark) -> None:
+    pixels = view.pixels_from_world(mark.points)
+    if mark.line > 0.0:
+        canvas.line(mark.colour, _thinned(pixels, 1.0) if len(pixels) > 2 else pixels, mark.line)
+        return
+    radius = max(mark.radius * view.scale, mark.pixels, 1.0)
+    for at in pixels[-_DRAWN_POINTS:]:
+        canvas.disc(mark.colour, at, radius, 1.5 if mark.outline else 0.0)
+
+
 def _draw_goals(canvas: Canvas, view: View, goals: NDArray[np.float64], tolerance: float) -> None:
     if len(goals) == 0:
         return
@@ -388,6 +412,8 @@ def _draw_moment(canvas: Canvas, view: View, scene: Scene) -> None:
     for hit in ray_ends[hits]:
         canvas.disc(_WHITE, hit, 3.5)
         canvas.disc(_SKY, hit, 2.5)
+    for mark in scene.marks:
+        _draw_mark(canvas, view, mark)
     if scene.goals is not None:
         _draw_goals(canvas, view, scene.goals, scene.goal_tolerance)
     if scene.start is not None:
@@ -562,6 +588,7 @@ class Renderer:
     def _show(self, frame: pygame.Surface) -> None:
         if self._window is None or not pygame.display.get_init():
             pygame.display.init()
+            _check_display(pygame.display.get_driver())
             pygame.display.set_caption("wayfield")
             self._window = pygame.display.set_mode(frame.get_size())
             self._clock = pygame.time.Clock()
@@ -570,6 +597,16 @@ class Renderer:
         pygame.event.pump()
         self._clock.tick(self._fps)
         pygame.display.flip()
+
+
+def _check_display(driver: str) -> None:
+    """Raises RuntimeError if SDL, finding no display, took a driver that shows nothing and that nobody asked for."""
+    if driver in ("dummy", "offscreen") and not any(map(os.environ.get, ("SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER"))):
+        pygame.display.quit()
+        raise RuntimeError(
+            'render_mode="human" found no display to open a window on: run it on a desktop (DISPLAY or WAYLAND_DISPLAY '
+            'set), use render_mode="rgb_array", or ask for an unseen window with SDL_VIDEODRIVER=dummy'
+        )
 
 
 def _fitted_text(text: str, width_px: float) -> pygame.Surface:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import kinematics
+from wayfield.envs.geometry import sin_cos
+from wayfield.envs.linear import pseudo_inverse
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,18 +45,13 @@ class Robot:
     @functools.cached_property
     def forward_matrix(self) -> NDArray[np.float64]:
         """Returns the (3, n) map from wheel speeds (rad/s) to twist: the pseudo-inverse of `wheel_matrix`."""
-        return np.asarray(np.linalg.pinv(self.wheel_matrix), np.float64)
+        return pseudo_inverse(self.wheel_matrix)
 
     def wheel_speeds_from_twist(self, twist: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns wheel speeds (..., n) in rad/s from commandable twists (..., len(twist_axes))."""
         # not the matrix product, whose sums depend on how many rows there are: a robot in a batch equals a lone one
         speeds: NDArray[np.float64] = (twist[..., None, :] * self.wheel_matrix[:, self.twist_axes]).sum(axis=-1)
         return speeds
-
-    def twist_from_wheel_speeds(self, wheel_speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns commandable twists (..., len(twist_axes)) from wheel speeds (..., n) in rad/s."""
-        twist: NDArray[np.float64] = (wheel_speeds[..., None, :] * self.forward_matrix[list(self.twist_axes)]).sum(-1)
-        return twist
 
     @functools.cached_property
     def max_twist(self) -> NDArray[np.float64]:
@@ -64,7 +61,8 @@ class Robot:
 
 def _ring(radius: float, degrees: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
     """Returns points on a circle around the base's centre."""
-    return tuple((radius * math.cos(math.radians(a)), radius * math.sin(math.radians(a))) for a in degrees)
+    directions = [sin_cos(math.radians(a)) for a in degrees]
+    return tuple((radius * cosine, radius * sine) for sine, cosine in directions)
 
 
 def _radians(degrees: tuple[float, ...]) -> tuple[float, ...]:

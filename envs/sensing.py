@@ -1,12 +1,13 @@
 """What a robot can measure: its pose, its twist, and the ranges around it."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import inlined
-from wayfield.envs.geometry import ray_to_box, ray_to_circle, sin_cos, wrap_angle
+from wayfield.envs.geometry import ray_to_box, ray_to_circle, sin_cos, sines, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
 # Columns of a row of noise: x, y, heading, four encoders, then one a beam, and where beams drop out one more a beam.
@@ -25,6 +26,11 @@ def beam_angles(num_beams: int, field_of_view: float) -> NDArray[np.float64]:
     if num_beams == 1:
         return np.zeros(1)
     return np.linspace(-0.5 * field_of_view, 0.5 * field_of_view, num_beams)
+
+
+def beam_directions(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the cosines and sines (n, 2) of the directions of beams, rad."""
+    return np.ascontiguousarray(sines(angles)[::-1].T)
 
 
 @inlined
@@ -152,19 +158,32 @@ def box_bearings(px, py, cosine, sine, half_length, half_width, max_range):
     return right - _ANGLE_MARGIN, left + _ANGLE_MARGIN
 
 
+class Lidar(NamedTuple):
+    """A range scanner: beam k looks along first_beam + k beam_step."""
+
+    beams: NDArray[np.float64]  # (num_beams, 2) cosine and sine of the beams in the body frame
+    first_beam: float  # rad, body frame
+    beam_step: float  # rad
+    max_range: float  # m
+    spans: NDArray[np.float64]  # (m, 2) scratch, for at most m obstacles
+
+
 @inlined
-def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step, max_range, spans, ranges, column):
+def scan_ranges(lidar, obstacles, i, count, pose, ranges, column):
     """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
 
-    Beam k looks along heading + first_beam + k * beam_step. Each obstacle is taken into the body frame and asked only
-    about the beams that can meet it, so that the cost goes with what the robot sees, not with beams times obstacles.
+    Each obstacle is taken into the body frame and asked only about the beams that can meet it, so that the cost goes
+    with what the robot sees, not with beams times obstacles.
 
     Args:
+        lidar: a Lidar.
         obstacles: (b, m) OBSTACLE records; the first `count` of row i are used.
-        beams: (num_beams, 2) cosine and sine of the beams in the body frame.
-        spans: (m, 2) scratch.
-        ranges: (b, n) array of any float type.
+        pose: x, y (m), heading (rad).
+        ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
+            from the end.
     """
+    beams, first_beam, beam_step, max_range, spans = lidar
+    x, y, heading = pose
     num_beams = beams.shape[0]
     for k in range(num_beams):
         ranges[i, np.uint64(column + k)] = max_range
@@ -193,8 +212,8 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
     # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
     wraps = abs(num_beams * beam_step - 6.283185307179586) < 1e-9
     for j in range(count):
-        if spans[j, 0] > spans[j, 1]:
-            continue
+        if not spans[j, 0] <= spans[j, 1]:
+            continue  # out of range, or nowhere: what is no number has no beams
         obstacle = obstacles[i, j]
         dx = obstacle.x - x
         dy = obstacle.y - y
@@ -206,13 +225,15 @@ def scan_ranges(obstacles, i, count, x, y, heading, beams, first_beam, beam_step
         right = spans[j, 0] - first_beam
         left = spans[j, 1] - first_beam
         for turn in range(0 if wraps else -1, 1 if wraps else 2):
-            low = math.ceil((right + turn * 6.283185307179586) * inverse_step)
-            high = math.floor((left + turn * 6.283185307179586) * inverse_step)
+            first = (right + turn * 6.283185307179586) * inverse_step
+            last = (left + turn * 6.283185307179586) * inverse_step
+            # clipped while they are floats, so that they are indices of beams whatever the angles are
             if wraps:
-                high = min(high, low + num_beams - 1)
+                low = math.ceil(min(max(-1.0 * num_beams, first), 1.0 * num_beams))
+                high = min(math.floor(min(max(-1.0 * num_beams, last), 2.0 * num_beams)), low + num_beams - 1)
             else:
-                low = max(low, 0)
-                high = min(high, num_beams - 1)
+                low = math.ceil(min(max(0.0, first), 1.0 * num_beams))
+                high = math.floor(min(max(-1.0, last), num_beams - 1.0))
             for k in range(low, high + 1):
                 beam = k
                 if k < 0:

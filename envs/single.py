@@ -1,6 +1,5 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
-import copy
 from typing import Any
 
 import gymnasium
@@ -10,7 +9,9 @@ from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.task import CONTROL_PERIOD, Task, choose
+from wayfield.envs.checks import choose
+from wayfield.envs.checks import seed as check_seed
+from wayfield.envs.task import CONTROL_PERIOD, Task
 
 Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
@@ -50,24 +51,26 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         self._numbers = self._results.numbers[:, 0]
         self._flags = self._results.flags[:, 0]
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "SingleEnv":
-        """Returns an environment in the same state, with a generator in the same state, for planning ahead."""
-        twin = type(self).__new__(type(self))
-        twin.__dict__.update(self.__dict__)
-        twin.batch = copy.deepcopy(self.batch, memo)
-        twin._np_random = copy.deepcopy(self._np_random, memo)
-        twin._generators = [twin.np_random] if self._generators else []
-        twin._trail = list(self._trail)
-        twin.marks = dict(self.marks)
-        twin._renderer = None
-        twin._wire()
-        return twin
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what pickle and copy take: the state, mid-episode too, and the generator; no window."""
+        views = ("_results", "_action", "_numbers", "_flags")
+        return {name: value for name, value in vars(self).items() if name not in views} | {"_renderer": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._wire()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Starts an episode; see gymnasium.Env.reset.
 
         `options={"scenario": k}` starts the scenario with index k of the bank instead of a drawn one.
+
+        Raises:
+            TypeError, ValueError: if the seed is no whole number from 0 to 2^63 - 1, or the options are wrong; the
+                episode goes on as if nothing had been asked.
         """
+        check_seed("seed", seed)
+        seed = None if seed is None else int(seed)
         scenarios = self.batch.chosen_scenarios(options)
         super().reset(seed=seed)
         self._generators = [self.np_random]
@@ -115,7 +118,8 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         return self._draw()
 
     def close(self) -> None:
-        """Closes the window."""
+        """Closes the window; with dynamics="coppelia", leaves the robot standing."""
+        self.batch.close()
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

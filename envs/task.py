@@ -2,18 +2,19 @@
 
 import abc
 import dataclasses
-import difflib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import records
+from wayfield.envs.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown
 from wayfield.envs.disturbances import DISTURBANCES, Disturbance
 from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators, Robot
+from wayfield.envs.scenarios.tasks import TaskSpec
 
 # The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
 COMMAND = 1  # action to the twist asked of the wheels
@@ -36,68 +37,78 @@ class Options:
     shove: tuple[float, float, float, float] | None
     disturbance: Disturbance
     dt: float = CONTROL_PERIOD
+    address: str | None = None  # host:port of the simulator, of the plant that has one
 
     @classmethod
-    def of(
-        cls,
-        robot: str,
-        robots: tuple[str, ...],
-        dynamics: str,
-        actuators: str,
-        action_mode: str,
-        noise: float,
-        pose_source: str,
-        shove: tuple[float, float, float, float] | None,
-        disturbance: str,
-    ) -> "Options":
-        """Returns the options of the given names.
+    def of(cls, robots: tuple[str, ...], **asked: Any) -> "Options":
+        """Returns the options whose values and names are those of the registered classes' arguments.
 
         Args:
-            robots: the names that the environment offers.
-            shove: (time s, dx m, dy m, turn rad): the pose is displaced by this at that time, in the world frame.
+            robots: the names that the environment offers; the first is the default.
+            asked: a value for each field but `dt`. shove: (time s, dx m, dy m, turn rad): the pose is displaced by this
+                at that time, in the world frame.
 
         Raises:
             ValueError: if a name is unknown or a number out of range; the message names the field and the choices.
         """
-        choose("robot", robot, robots)
-        choose("dynamics", dynamics, ("kinematic", "pymunk"))
-        choose("actuators", actuators, tuple(ACTUATORS))
-        choose("action_mode", action_mode, ("twist", "wheel_speeds"))
-        choose("pose_source", pose_source, records.POSE_SOURCES)
-        choose("disturbance", disturbance, DISTURBANCES)
-        if isinstance(noise, bool) or not isinstance(noise, int | float) or not 0.0 <= noise < math.inf:
-            raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {noise!r}")
-        if shove is not None:
-            try:
-                values = np.asarray(shove, dtype=np.float64)
-            except (TypeError, ValueError):
-                values = np.empty(0)
-            if values.shape != (4,) or not np.isfinite(values).all() or values[0] < 0.0:
-                raise ValueError(f"shove must be (time >= 0, dx, dy, turn), four finite numbers, got {shove!r}")
-            shove = (float(values[0]), float(values[1]), float(values[2]), float(values[3]))
-        return cls(
-            ROBOTS[robot],
-            dynamics,
-            ACTUATORS[actuators],
-            action_mode,
-            float(noise),
-            pose_source,
-            shove,
-            DISTURBANCES[disturbance],
-        )
+        if asked["robot"] is None:
+            asked["robot"] = robots[0]
+        for field, choices in (("robot", robots), *_CHOICES.items()):
+            choose(field, asked[field], choices)
+        for field, named in _NAMED.items():
+            asked[field] = named[asked[field]]
+        if asked["address"] is not None and asked["dynamics"] != "coppelia":
+            raise ValueError(f'address={asked["address"]!r} belongs to dynamics="coppelia"')
+        noise = asked["noise"]
+        if not 0.0 <= real(noise) < math.inf:
+            raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {shown(noise)}")
+        asked["noise"] = number("noise", noise, least=0.0, most=MOST_NOISE)
+        if asked["shove"] is not None:
+            asked["shove"] = _shove(asked["shove"])
+        return cls(**asked)
 
     def robot_params(self) -> dict[str, Any]:
-        """Returns the values of records.ROBOT_PARAMS, but for the beams."""
-        return records.robot_params(
-            self.robot,
-            self.actuators,
-            dt=self.dt,
-            action_mode=self.action_mode,
-            pose_source=self.pose_source,
-            noise=self.noise,
-            shove=self.shove,
-            disturbance=self.disturbance,
-        )
+        """Returns the values of records.ROBOT_PARAMS, but for the beams, which a task sets."""
+        robot, actuators, disturbance, dt = self.robot, self.actuators, self.disturbance, self.dt
+        true_pose = self.pose_source == "ground_truth"
+        encoders, odometry, passive = records.odometry_matrices(robot, "odometry" if true_pose else self.pose_source)
+        decay, mean = records.lag_factors(actuators.lag, dt)
+        when, shove_x, shove_y, shove_heading = self.shove or (-dt, 0.0, 0.0, 0.0)
+        pose_noise, encoder_noise = self.noise + disturbance.pose_noise, self.noise + disturbance.encoder_noise
+        right = pose_noise == encoder_noise == 0.0 and not disturbance.distorts
+        return {
+            "dt": dt,
+            "num_wheels": len(robot.wheel_matrix),
+            "twist_action": self.action_mode == "twist",
+            "holonomic": robot.holonomic,
+            "wheel_matrix": _padded(robot.wheel_matrix, (records.MAX_WHEELS, 3)),
+            "forward_matrix": _padded(robot.forward_matrix, (3, records.MAX_WHEELS)),
+            "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
+            "acceleration": actuators.acceleration,
+            "yaw_acceleration": actuators.yaw_acceleration,
+            "lag_decay": decay,
+            "lag_mean": mean,
+            "hull_radius": robot.hull_radius,
+            "perfect_pose": true_pose and right,
+            "pose_from_odometry": not true_pose,
+            "passive_encoders": passive,
+            "num_encoders": len(encoders),
+            "encoder_matrix": _padded(encoders, (records.MAX_WHEELS, 3)),
+            "odometry_matrix": _padded(odometry, (3, records.MAX_WHEELS)),
+            "position_noise": records.POSITION_NOISE * pose_noise,
+            "heading_noise": records.HEADING_NOISE * pose_noise,
+            "encoder_noise": records.ENCODER_NOISE * encoder_noise,
+            "range_noise": records.RANGE_NOISE * (self.noise + disturbance.range_noise),
+            "dropout_below": disturbance.dropout_below,
+            "distorted": disturbance.distorts,
+            "distortion": disturbance.distortion(robot),
+            "side_slip": disturbance.side_slip,
+            "drawn_shove": disturbance.shove,
+            "shove_step": round(when / dt),
+            "shove_x": shove_x,
+            "shove_y": shove_y,
+            "shove_heading": shove_heading,
+        }
 
     @property
     def max_action(self) -> NDArray[np.float64]:
@@ -107,32 +118,34 @@ class Options:
         return np.full(len(self.robot.wheel_matrix), self.robot.rated_wheel_speed)
 
 
-def choose(field: str, value: str, choices: Iterable[str]) -> None:
-    """Raises ValueError, naming the field and the nearest choice, unless the value is one of the choices."""
-    choices = tuple(choices)
-    if value in choices:
-        return
-    near = difflib.get_close_matches(str(value), choices, 1)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
-    raise ValueError(f"{field}={value!r} is unknown.{hint} Choose from {', '.join(map(repr, choices))}.")
+_NAMED: Mapping[str, Mapping[str, Any]] = {"robot": ROBOTS, "actuators": ACTUATORS, "disturbance": DISTURBANCES}
+_CHOICES: Mapping[str, Collection[str]] = {
+    "dynamics": ("kinematic", "pymunk", "coppelia"),
+    "actuators": ACTUATORS,
+    "action_mode": ("twist", "wheel_speeds"),
+    "pose_source": records.POSE_SOURCES,
+    "disturbance": DISTURBANCES,
+}
 
 
-def whole(field: str, value: int, least: int) -> None:
-    """Raises ValueError, naming the field, unless the value is a whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{field} must be a whole number >= {least}, got {value!r}")
+def _shove(shove: Any) -> tuple[float, float, float, float]:
+    """Returns (time s, dx m, dy m, turn rad) of a displacement; ValueError if it is none."""
+    listed = isinstance(shove, tuple | list) or (isinstance(shove, np.ndarray) and shove.ndim == 1)
+    values = [real(each) for each in shove] if listed and len(shove) == 4 else []
+    if not values or not all(map(math.isfinite, values)) or values[0] < 0.0:
+        raise ValueError(f"shove must be (time >= 0, dx, dy, turn), four finite numbers, got {shown(shove)}")
+    return (
+        number("shove[0]", values[0], least=0.0, most=LONGEST),
+        number("shove[1]", values[1], most=FARTHEST_SHOVE),
+        number("shove[2]", values[2], most=FARTHEST_SHOVE),
+        heading("shove[3]", values[3]),
+    )
 
 
-def positive(field: str, value: float) -> None:
-    """Raises ValueError, naming the field, unless the value is a finite number above 0."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 < value < math.inf:
-        raise ValueError(f"{field} must be a finite number > 0, got {value!r}")
-
-
-def truth(field: str, value: bool) -> None:
-    """Raises ValueError, naming the field, unless the value is True or False."""
-    if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"{field} must be True or False, got {value!r}")
+def _padded(matrix: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+    padded = np.zeros(shape)
+    padded[: matrix.shape[0], : matrix.shape[1]] = matrix
+    return padded
 
 
 class Task(abc.ABC):
@@ -157,6 +170,17 @@ class Task(abc.ABC):
     beam_angles: NDArray[np.float64]
     max_obstacles: int
     patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
+        """Returns the task itself: it never changes, and the maps of its bank are large."""
+        del memo
+        return self
+
+    @property
+    def spec(self) -> TaskSpec:
+        """Returns what tells the task from others: the one that its observations belong to."""
+        assert self.layout.task is not None
+        return self.layout.task
 
     @property
     def num_beams(self) -> int:

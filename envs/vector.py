@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import MOST_ENVS, MOST_STEPS, choose, shown, whole
+from wayfield.envs.checks import seed as check_seed
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.task import choose, whole
 
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
 
@@ -37,7 +38,9 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         **kwargs: Any,
     ) -> None:
-        whole("num_envs", num_envs, 1)
+        whole("num_envs", num_envs, 1, MOST_ENVS)
+        if max_episode_steps is not None:
+            whole("max_episode_steps", max_episode_steps, 1, MOST_STEPS)
         if isinstance(autoreset_mode, AutoresetMode):
             autoreset_mode = autoreset_mode.value
         choose("autoreset_mode", autoreset_mode, AUTORESET_MODES)
@@ -48,6 +51,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if self.render_mode == "human":
             raise ValueError('render_mode="human" shows one robot: use gymnasium.make, or "rgb_array" here')
         self.task = env.task
+        env.close()
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.single_observation_space = env.observation_space
@@ -61,6 +65,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._all = np.ones(num_envs, np.bool_)
         self._ended = np.zeros(num_envs, np.bool_)
         self._renderers: list[Any] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what pickle and copy take: the state, mid-episode too, and the generators."""
+        return vars(self) | {"_renderers": []}
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -82,13 +90,18 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """
         scenarios = self.batch.chosen_scenarios(options)
         if isinstance(seed, int | np.integer):
+            check_seed("seed", seed)
+            check_seed(f"seed (of the last of {self.num_envs} robots)", int(seed) + self.num_envs - 1)
             seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
         elif seed is None or isinstance(seed, list | tuple):
             seeds = [None] * self.num_envs if seed is None else list(seed)
         else:
-            raise ValueError(f"seed must be an int, a list of {self.num_envs} ints, or None, got {seed!r}")
+            raise ValueError(f"seed must be an int, a list of {self.num_envs} ints, or None, got {shown(seed)}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
+        for i, each in enumerate(seeds):
+            check_seed(f"seed[{i}]", each)
+        seeds = [None if each is None else int(each) for each in seeds]
         if not self._generators:
             self._generators, self._seeds = map(list, zip(*map(seeding.np_random, seeds), strict=True))
         else:
@@ -148,7 +161,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return tuple(r.draw(self.batch.scene(i, nothing, {})) for i, r in enumerate(self._renderers))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Closes the renderers."""
+        """Closes the renderers; with dynamics="coppelia", leaves the robot standing."""
+        self.batch.close()
         for renderer in self._renderers:
             renderer.close()
         self._renderers = []

@@ -4,4 +4,5 @@ Importing `wayfield` registers the environment ids with Gymnasium and nothing mo
 drawing are loaded when an environment is made, so that the import stays light.
 """
 
+import wayfield.starting  # noqa: I001  before all that takes long
 import wayfield.envs  # noqa: F401  registers the ids

@@ -9,35 +9,40 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, saturation_factor
-from wayfield.policies.detour import COLUMNS, WAYPOINTS, seek
-from wayfield.policies.policy import check_gain, check_scan
-from wayfield.policies.stopping import (
+from wayfield.policies.parts.detour import DETOUR, seek
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.stopping import (
     APPROACH,
     SECTORS,
+    SIGHTS,
+    Scan,
+    Seen,
     admissible,
     arrived,
     braking_speed,
     find_approaching,
     find_hits,
     free_time,
-    fresh_scans,
-    sensed,
+    remembering,
+    sees_all_round,
     set_command,
     step_and_stop,
     turn_towards,
 )
+from wayfield.policies.policy import check_gain
 
 SPEEDS = 7  # of the grid of twists; for an omni base: of changes of velocity
 TURNS = 15  # of the grid of twists; for an omni base: of their directions
 
-# Columns of the memory; the last command is 0 to 2.
-RESTING = 3
-DETOUR = 4
-RECALL = DETOUR + COLUMNS
-SCANS = RECALL + 3 * SECTORS
+STATE = [
+    ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
+    ("resting", np.int64),  # 1: at the goal
+    ("detour", DETOUR),
+    *SIGHTS,
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,10 +70,10 @@ class Dwa:
     surround it, it is driven like a differential drive, so as not to go where it does not look. The robot slows down at
     the goal, rests within stop_radius and turns to the goal heading.
 
-    A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (policies/detour.py);
+    A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (`parts.detour`);
     patience = inf is Fox's law, which a dead end holds. What is near stays known for `recall` seconds after it drops
     out of sight. What comes nearer counts as if it were also where it will be in `foresight` seconds
-    (policies/stopping.py), and a differential drive that sees all around may then back away at up to `retreat`;
+    (`parts.stopping`), and a differential drive that sees all around may then back away at up to `retreat`;
     foresight = 0 takes what moves for standing still, as Fox does. Limits: it takes what it has not seen for free,
     also a thin wall seen end-on between two beams, and does not foresee what crosses its way without coming nearer;
     a differential drive is often run into by a disc that comes straight at it. Serves both kinds of robot.
@@ -109,14 +114,13 @@ class Dwa:
             check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns what each robot remembers, a row of numbers: the columns are named above.
+        """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.
 
         Raises:
             ValueError: if the robot has no range scan.
         """
-        check_scan(self, briefing.beam_angles, briefing)
-        memory = np.hstack([np.zeros((briefing.num_envs, SCANS)), fresh_scans(briefing)])
-        memory[:, DETOUR + WAYPOINTS] = np.nan
+        memory = remembering(self, briefing, STATE)
+        memory["state"]["detour"]["waypoints"] = np.nan
         return memory
 
     def act(
@@ -127,135 +131,176 @@ class Dwa:
         Raises:
             ValueError: if the scan has another number of beams than the briefing.
         """
+        scan = Scan.of(self, observation, briefing, memory)
+        all_round = sees_all_round(briefing)
+        p = params(self, briefing, all_round=all_round, sideways=briefing.robot.holonomic and all_round)
         twists = np.empty((len(memory), 3))
-        choose_twists(*sensed(self, observation, briefing), memory, twists)
+        choose_twists(p, scan, Seen.of(observation, briefing), memory["state"], twists)
         return twists[:, briefing.robot.twist_axes]
 
 
 @compiled
-def choose_twists(
-    ranges, directions, max_range, goals, poses, heading_errors, waypoints_left, twist, plant, wheel_matrix,
-    hull_radius, delay, sideways, all_round, gains, memory, twists,
-):  # fmt: skip
-    """Fills the (b, 3) twists of `Dwa.act`; `sideways`: whether the grid is one of velocities.
+def choose_twists(params, scan, seen, memory, twists):
+    """Fills the (b, 3) twists of `Dwa.act`.
 
-    `all_round`: whether the scan surrounds the robot, so that it may back away.
+    Beside the gains: `sideways`, whether the grid is one of velocities, and `all_round`, whether the scan surrounds the
+    robot, so that it may back away.
     """
-    (max_speed, max_yaw_rate, window, horizon, margin, k_heading, k_clearance, k_velocity, k_progress, k_room,
-     room_range, turn_gain, stop_radius, patience, reach, first_leg, recall, foresight, retreat) = gains  # fmt: skip
-    acceleration, yaw_acceleration, _, _, wheel_limit, dt = plant
-    hits = np.empty((2 * ranges.shape[1] + SECTORS, 3))
+    p = params[0]
+    points = np.empty((2 * scan.ranges.shape[1] + SECTORS, 3))
     candidates = np.empty((SPEEDS * TURNS, 4))  # a twist and its score
-    radius = hull_radius + margin
-    stopping = max_speed * (delay + dt + max_speed / acceleration)
-    farthest = radius + room_range + max(max_speed * horizon, stopping, 3.0)
-    for i in range(ranges.shape[0]):
-        count = find_hits(
-            ranges, i, directions, max_range, farthest, radius, poses, recall, dt, memory, RECALL, hits
-        )  # fmt: skip
-        backwards = 0.0
-        if foresight > 0.0:
+    radius = p.plant.hull_radius + p.margin
+    delay = p.plant.lag + p.plant.dt
+    stopping = p.max_speed * (delay + p.plant.dt + p.max_speed / p.plant.acceleration)
+    farthest = radius + p.room_range + max(p.max_speed * p.horizon, stopping, 3.0)
+    for i in range(scan.ranges.shape[0]):
+        m = memory[i]
+        count = find_hits(p, scan, seen, m, i, farthest, radius, points)
+        slowest = 0.0
+        if p.foresight > 0.0:
             standing = count
-            count = find_approaching(
-                ranges, i, directions, max_range, radius, poses, foresight, dt, memory, SCANS, hits, count
-            )  # fmt: skip
-            backwards = -retreat if all_round and count > standing else 0.0
-        goal_x = goals[i, 0]
-        goal_y = goals[i, 1]
+            count = find_approaching(p, scan, seen, m, i, radius, points, count)
+            slowest = -p.retreat if p.all_round and count > standing else 0.0
+        hits = points[:count]
+        goal_x = seen.goals[i, 0]
+        goal_y = seen.goals[i, 1]
         d = math.sqrt(goal_x * goal_x + goal_y * goal_y)
-        turn = turn_towards(heading_errors[i], turn_gain, max_yaw_rate)
-        chosen = -1
-        if arrived(memory, i, RESTING, d, waypoints_left[i], stop_radius):
-            chosen = 0
-            candidates[0, 0] = 0.0
-            candidates[0, 1] = 0.0
-            candidates[0, 2] = turn
-        else:
-            aim, around = seek(
-                hits, count, poses, bearing(goal_y, goal_x), d, waypoints_left[i], patience, reach, first_leg, dt,
-                memory, i, DETOUR,
-            )  # fmt: skip
-            fastest = max_speed
+        turn = turn_towards(seen.heading_errors[i], p.turn_gain, p.max_yaw_rate)
+        twist = 0.0, 0.0, turn
+        if not arrived(p, m, d, seen.waypoints_left[i]):
+            aim, around = seek(p, hits, seen, m, i)
+            fastest = p.max_speed
             if around:
                 # a goal as far away as an arc can lead
-                d = max_speed * horizon
+                d = p.max_speed * p.horizon
                 goal_x = d * sin_cos(aim)[1]
                 goal_y = d * sin_cos(aim)[0]
-            elif waypoints_left[i] == 0.0:
-                fastest = min(fastest, braking_speed(d, APPROACH * acceleration, delay))
-            # the window; that of an omni base is a disc around its velocity
-            instant = acceleration == np.inf
-            centre_x = 0.0 if instant else memory[i, 0]
-            centre_y = 0.0 if instant else memory[i, 1]
-            change = min(acceleration * window, max_speed)
-            slow = max(memory[i, 0] - acceleration * window, backwards)
-            fast = max(min(memory[i, 0] + acceleration * window, fastest), slow)
-            right = max(memory[i, 2] - yaw_acceleration * window, -max_yaw_rate)
-            left = min(memory[i, 2] + yaw_acceleration * window, max_yaw_rate)
+            elif seen.waypoints_left[i] == 0.0:
+                fastest = min(fastest, braking_speed(d, APPROACH * p.plant.acceleration, delay))
+            if p.sideways:
+                fill_disc(p, m.command, aim, turn, fastest, candidates)
+            else:
+                fill_window(p, m.command, slowest, fastest, candidates)
             for c in range(SPEEDS * TURNS):
-                a = c // TURNS
-                b = c % TURNS
-                if sideways:
-                    sine, cosine = sin_cos(aim + 2.0 * math.pi * b / TURNS)
-                    vx = centre_x + change * a / (SPEEDS - 1) * cosine
-                    vy = centre_y + change * a / (SPEEDS - 1) * sine
-                    w = turn
-                    shorten = min(1.0, fastest / max(math.sqrt(vx * vx + vy * vy), 1e-12))
-                    vx *= shorten
-                    vy *= shorten
-                else:
-                    vx = slow + (fast - slow) * a / (SPEEDS - 1)
-                    vy = 0.0
-                    w = right + (left - right) * b / (TURNS - 1)
-                factor = saturation_factor(wheel_matrix, wheel_matrix.shape[0], wheel_limit, vx, vy, w)
-                vx *= factor
-                vy *= factor
-                w *= factor
-                candidates[c, 0] = vx
-                candidates[c, 1] = vy
-                candidates[c, 2] = w
-                candidates[c, 3] = -np.inf
-                v = math.sqrt(vx * vx + vy * vy)
-                free = free_time(hits, count, vx, vy, w, horizon)
-                if not admissible(free, v, w, plant, delay):
-                    continue
-                if sideways:
-                    off = abs(wrap_angle(aim - bearing(vy, vx))) if v > 1e-6 else math.pi
-                else:
-                    off = abs(wrap_angle(aim - w * (dt + 0.5 * abs(w) / yaw_acceleration)))
-                until = min(free, d / max(v, 1e-9))
-                x, y, _ = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
-                nearer = d - math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
-                gap = room_range
-                if k_room > 0.0:
-                    x, y, _ = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, min(until, 1.0))
-                    nearest = (hull_radius + room_range) ** 2
-                    for j in range(count):
-                        dx = hits[j, 0] - x
-                        dy = hits[j, 1] - y
-                        nearest = min(nearest, dx * dx + dy * dy)
-                    gap = max(math.sqrt(nearest) - hull_radius, 0.0)
-                candidates[c, 3] = (
-                    k_heading * (1.0 - off / math.pi)
-                    + k_clearance * free / horizon
-                    + k_velocity * (v if sideways else vx) / max_speed
-                    + k_progress * nearer / (max_speed * horizon)
-                    + k_room * gap / room_range
-                )
-            for _ in range(SPEEDS * TURNS):
-                best = 0
-                for c in range(1, SPEEDS * TURNS):
-                    if candidates[c, 3] > candidates[best, 3]:
-                        best = c
-                if candidates[best, 3] == -np.inf:
-                    break
-                vx = candidates[best, 0]
-                vy = candidates[best, 1]
-                w = candidates[best, 2]
-                if step_and_stop(plant, hits, count, memory, twist, i, vx, vy, w):
-                    chosen = best
-                    break
-                candidates[best, 3] = -np.inf
-        for k in range(3):
-            twists[i, k] = candidates[chosen, k] if chosen >= 0 else 0.0
-        set_command(plant, wheel_matrix, memory, i, twists[i, 0], twists[i, 1], twists[i, 2])
+                candidates[c, 3] = score(p, hits, candidates[c], aim, d, goal_x, goal_y)
+            twist = best_that_stops(p.plant, hits, m.command, seen.twists[i], candidates)
+        twists[i, 0], twists[i, 1], twists[i, 2] = twist
+        set_command(p.plant, m.command, twists[i, 0], twists[i, 1], twists[i, 2])
+
+
+# The search space, Fox's V_d: what can be reached within `window`, cut to what the wheels can turn.
+
+
+@inlined
+def fill_window(p, command, slowest, fastest, candidates):
+    """Fills the twists of a differential drive: forward speeds from `slowest` to `fastest` (m/s), and yaw rates."""
+    slow = max(command[0] - p.plant.acceleration * p.window, slowest)
+    fast = max(min(command[0] + p.plant.acceleration * p.window, fastest), slow)
+    right = max(command[2] - p.plant.yaw_acceleration * p.window, -p.max_yaw_rate)
+    left = min(command[2] + p.plant.yaw_acceleration * p.window, p.max_yaw_rate)
+    for c in range(SPEEDS * TURNS):
+        v = slow + (fast - slow) * (c // TURNS) / (SPEEDS - 1)
+        w = right + (left - right) * (c % TURNS) / (TURNS - 1)
+        put(p.plant, candidates, c, v, 0.0, w)
+
+
+@inlined
+def fill_disc(p, command, aim, turn, fastest, candidates):
+    """Fills the twists of an omni base: a disc of velocities around its own, in directions counted from `aim` (rad)."""
+    instant = p.plant.acceleration == np.inf
+    centre_x = 0.0 if instant else command[0]
+    centre_y = 0.0 if instant else command[1]
+    change = min(p.plant.acceleration * p.window, p.max_speed)
+    for c in range(SPEEDS * TURNS):
+        a = c // TURNS
+        b = c % TURNS
+        sine, cosine = sin_cos(aim + 2.0 * math.pi * b / TURNS)
+        vx = centre_x + change * a / (SPEEDS - 1) * cosine
+        vy = centre_y + change * a / (SPEEDS - 1) * sine
+        shorten = min(1.0, fastest / max(math.sqrt(vx * vx + vy * vy), 1e-12))
+        put(p.plant, candidates, c, shorten * vx, shorten * vy, turn)
+
+
+@inlined
+def put(plant, candidates, c, vx, vy, w):
+    """Enters a twist, cut to what the wheels can turn."""
+    factor = saturation_factor(plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, vx, vy, w)
+    candidates[c, 0] = factor * vx
+    candidates[c, 1] = factor * vy
+    candidates[c, 2] = factor * w
+
+
+# The objective, Fox's G: a weighted sum of what speaks for a twist, if that is admissible.
+
+
+@inlined
+def score(p, hits, twist, aim, d, goal_x, goal_y):
+    """Returns the value of the objective for a twist; -inf if it is not admissible.
+
+    Args:
+        aim: rad, the direction to the goal.
+        d, goal_x, goal_y: the distance to the goal and where it is, m.
+    """
+    vx = twist[0]
+    vy = twist[1]
+    w = twist[2]
+    v = math.sqrt(vx * vx + vy * vy)
+    free = free_time(hits, vx, vy, w, p.horizon)
+    if not admissible(p.plant, free, v, w):
+        return -np.inf
+    until = min(free, d / max(v, 1e-9))
+    return (
+        p.heading * (1.0 - heading_left(p, aim, vx, vy, w) / math.pi)
+        + p.clearance * free / p.horizon
+        + p.velocity * (v if p.sideways else vx) / p.max_speed
+        + p.progress * approach(vx, vy, w, until, d, goal_x, goal_y) / (p.max_speed * p.horizon)
+        + p.room * gap_ahead(p, hits, vx, vy, w, until) / p.room_range
+    )
+
+
+@inlined
+def heading_left(p, aim, vx, vy, w):
+    """Returns the angle (rad) to the goal that is left once the rotation has been braked, or of an omni's velocity."""
+    if p.sideways:
+        return abs(wrap_angle(aim - bearing(vy, vx))) if math.sqrt(vx * vx + vy * vy) > 1e-6 else math.pi
+    return abs(wrap_angle(aim - w * (p.plant.dt + 0.5 * abs(w) / p.plant.yaw_acceleration)))
+
+
+@inlined
+def approach(vx, vy, w, until, d, goal_x, goal_y):
+    """Returns by how much (m) the goal, `d` away, is nearer at the end of the arc, after `until` (s)."""
+    x, y, _ = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
+    return d - math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
+
+
+@inlined
+def gap_ahead(p, hits, vx, vy, w, until):
+    """Returns the gap (m, at most `room_range`) between hull and hits a second along the arc, or at its end."""
+    if p.room == 0.0:
+        return p.room_range
+    x, y, _ = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, min(until, 1.0))
+    nearest = (p.plant.hull_radius + p.room_range) ** 2
+    for j in range(hits.shape[0]):
+        dx = hits[j, 0] - x
+        dy = hits[j, 1] - y
+        nearest = min(nearest, dx * dx + dy * dy)
+    return max(math.sqrt(nearest) - p.plant.hull_radius, 0.0)
+
+
+@inlined
+def best_that_stops(plant, hits, command, wheels, candidates):
+    """Returns the twist of the highest score after which the robot can still stop; standstill if there is none."""
+    for _ in range(SPEEDS * TURNS):
+        best = 0
+        for c in range(1, SPEEDS * TURNS):
+            if candidates[c, 3] > candidates[best, 3]:
+                best = c
+        if candidates[best, 3] == -np.inf:
+            break
+        vx = candidates[best, 0]
+        vy = candidates[best, 1]
+        w = candidates[best, 2]
+        if step_and_stop(plant, hits, command, wheels, vx, vy, w):
+            return vx, vy, w
+        candidates[best, 3] = -np.inf
+    return 0.0, 0.0, 0.0

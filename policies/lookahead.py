@@ -13,8 +13,9 @@ from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Course, unicycle_twists
 from wayfield.policies.policy import check_gain
-from wayfield.policies.steering import unicycle_twists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,19 +71,14 @@ class Lookahead:
             pose: (b, 3) x, y (m), heading (rad).
             arc_length: (b,) of the robot's own projection, m; where the search window starts.
         """
-        assert briefing.paths is not None
-        errors = np.empty((len(pose), 5))
-        reference_points(
-            briefing.paths.vertices,
-            briefing.paths.runs,
-            briefing.path_index,
-            pose,
-            arc_length,
-            self.lookahead_distance,
-            self.window if self.search == "window" else math.inf,
-            math.nan if self.reference_heading is None else self.reference_heading,
-            errors,
+        p = params(
+            self,
+            briefing,
+            window=self.window if self.search == "window" else math.inf,
+            disc_heading=math.nan if self.reference_heading is None else float(self.reference_heading),
         )
+        errors = np.empty((len(pose), 5))
+        reference_points(p, Course.of(briefing), pose, arc_length, errors)
         return errors
 
     def act(
@@ -97,23 +93,25 @@ class Lookahead:
 
 
 @compiled
-def reference_points(vertices, runs, path_index, poses, arc_lengths, lookahead_distance, window, disc_heading, errors):
+def reference_points(params, course, poses, arc_lengths, errors):
     """Fills the (b, 5) errors of `Lookahead.errors`.
 
     An infinite window searches the whole path, from its start; a NaN disc heading reads the path's tangent.
     """
+    p = params[0]
+    vertices, runs, path_index = course
     for i in range(poses.shape[0]):
         run = runs[path_index[i]]
         x, y, heading = poses[i]
         sine, cosine = sin_cos(heading)
-        ahead_x = x + lookahead_distance * cosine
-        ahead_y = y + lookahead_distance * sine
+        ahead_x = x + p.lookahead_distance * cosine
+        ahead_y = y + p.lookahead_distance * sine
         s = arc_lengths[i]
         lap = math.floor(s / run.length) * run.length if run.closed else 0.0
         segment = segment_at(vertices, run, s - lap)
-        span = 4.0 * lookahead_distance if math.isinf(window) else window
+        span = 4.0 * p.lookahead_distance if math.isinf(p.window) else p.window
         s, segment = nearest_ahead(vertices, run, ahead_x, ahead_y, s, segment, span)
-        if math.isinf(window):
+        if math.isinf(p.window):
             # the nearest point of the whole path, which cannot be farther away than what was just found
             a = vertex(vertices, run, segment)
             along = along_lap(vertices, run, s, segment) - a.s
@@ -126,7 +124,7 @@ def reference_points(vertices, runs, path_index, poses, arc_lengths, lookahead_d
         tangent = vertex(vertices, run, segment)
         along = along_lap(vertices, run, s, segment) - tangent.s
         x, y = to_body_frame(x, y, sine, cosine, tangent.x + along * tangent.ux, tangent.y + along * tangent.uy)
-        reference_heading = tangent.heading if math.isnan(disc_heading) else disc_heading
+        reference_heading = tangent.heading if math.isnan(p.disc_heading) else p.disc_heading
         errors[i, 0] = x
         errors[i, 1] = y
         errors[i, 2] = bearing(y, x)

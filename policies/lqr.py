@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
+from wayfield.envs.linear import product, riccati
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.speed_profile import curvature_at, heading_at, limits, reference_at, speed_at
+from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
 from wayfield.policies.policy import check_gain
-from wayfield.policies.speed_profile import Limits, curvature_at, heading_at, reference_at, speed_at
-from wayfield.policies.steering import unicycle_twists
 
 Array = NDArray[np.float64]
 
@@ -85,28 +87,16 @@ class Lqr:
 
     def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s and rad/s."""
-        assert briefing.paths is not None
         actuators = briefing.actuators
-        limits = Limits.of(briefing, self.speed, self.acceleration, self.lateral_acceleration, self.share)
-        speeds, gains = self.gains(briefing)
-        command = np.empty((2, len(observation.pose)))
-        steer_rows(
-            briefing.paths.vertices,
-            briefing.paths.runs,
-            briefing.path_index,
-            observation.pose,
-            observation.twist,
-            observation.arc_length,
-            speeds,
-            gains,
-            limits,
-            self.rounding,
-            actuators.lag + 0.5 * briefing.dt,
-            actuators.acceleration * briefing.dt,
-            self.max_approach,
-            memory,
-            command,
+        p = params(
+            self,
+            briefing,
+            preview=actuators.lag + 0.5 * briefing.dt,
+            most_change=actuators.acceleration * briefing.dt,
+            **limits(briefing, self.acceleration, self.lateral_acceleration, self.share),
         )
+        command = np.empty((2, len(observation.pose)))
+        steer_rows(p, *self.gains(briefing), Course.of(briefing), Motion.of(observation), memory, command)
         return unicycle_twists(briefing.robot, command[0], command[1])
 
 
@@ -131,64 +121,80 @@ def model(speed: float, dt: float, lag: float) -> tuple[Array, Array]:
 @functools.lru_cache(maxsize=64)
 def gain_table(speed: float, dt: float, lag: float, q_e: float, q_th: float) -> tuple[Array, Array]:
     """Returns speeds (n,) m/s and the optimal gains at each, (n, 3)."""
-    from scipy.linalg import solve_discrete_are
-
     speeds = np.linspace(min(SLOWEST, 0.5 * speed), 1.25 * speed, ROWS)
     gains = np.empty((ROWS, 3))
     cost = np.diag([q_e, q_th, 0.0])
     for v, row in zip(speeds.tolist(), gains, strict=True):
         a, b = model(v, dt, lag)
-        p = solve_discrete_are(a, b, cost, np.eye(1))
-        row[:] = np.linalg.solve(1.0 + b.T @ p @ b, b.T @ p @ a)[0]
+        p = riccati(a, b, cost, 1.0)
+        pull = product(b.T, p)
+        row[:] = product(pull, a)[0] / (1.0 + product(pull, b)[0, 0])
     speeds.setflags(write=False)
     gains.setflags(write=False)
     return speeds, gains
 
 
 @compiled
-def steer_rows(
-    vertices, runs, path_index, poses, twists, arc_lengths, speeds, gains, limits, rounding, preview, most_change,
-    max_approach, memory, command,
-):  # fmt: skip
-    """Fills the command (2, b), v in m/s and w in rad/s, and keeps v in the memory (b, 1)."""
-    for i in range(poses.shape[0]):
+def steer_rows(params, speeds, gains, course, motion, memory, command):
+    """Fills the command (2, b), v in m/s and w in rad/s, and keeps v in the memory (b, 1).
+
+    Beside the gains: `preview` (s), how far ahead w_ref is read, and `most_change` (m/s) of the speed in a period.
+    """
+    p = params[0]
+    vertices, runs, path_index = course
+    for i in range(path_index.shape[0]):
         run = runs[path_index[i]]
-        x, y, heading = poses[i]
-        speed = max(twists[i, 0], 0.0)
-        yaw_rate = twists[i, twists.shape[1] - 1]
-        # the nearest point of the rounded path, from the nearest of the path as it is, which leaps at corners
-        s = arc_lengths[i]
-        tangent = heading_at(vertices, run, s, rounding)
-        along, e = from_path(vertices, run, s, rounding, tangent, x, y)
-        for _ in range(NEWTON_STEPS):
-            beyond = s + min(max(along, -rounding), rounding)
-            there = heading_at(vertices, run, beyond, rounding)
-            # where the path turns back on itself there is no going round the tip
-            if abs(wrap_angle(there - tangent)) > 0.5 * math.pi:
-                break
-            s = beyond
-            tangent = there
-            along, e = from_path(vertices, run, s, rounding, tangent, x, y)
+        x, y, heading = motion.poses[i]
+        speed = max(motion.twists[i, 0], 0.0)
+        yaw_rate = motion.twists[i, motion.twists.shape[1] - 1]
+        s, tangent, e = on_rounded_path(vertices, run, motion.arc_lengths[i], p.rounding, x, y)
         th_e = wrap_angle(heading - tangent)
         facing = max(sin_cos(th_e)[1], 0.0)
-        kappa = curvature_at(vertices, run, s, rounding)
+        kappa = curvature_at(vertices, run, s, p.rounding)
         # beyond the centre of the curve the path coordinates end
         stretch = facing / max(1.0 - kappa * e, 0.5)
-        ahead = s + preview * speed
-        v = facing * speed_at(vertices, run, ahead, rounding, limits)
-        v = min(max(v, memory[i, 0] - most_change), memory[i, 0] + most_change)
+        ahead = s + p.preview * speed
+        v = facing * speed_at(vertices, run, ahead, p.rounding, p)
+        v = min(max(v, memory[i, 0] - p.most_change), memory[i, 0] + p.most_change)
         memory[i, 0] = v
-        row = (speed - speeds[0]) / (speeds[1] - speeds[0])
-        row = min(max(row, 0.0), speeds.shape[0] - 1.0)
-        j = min(int(row), speeds.shape[0] - 2)
-        part = row - j
-        k1 = gains[j, 0] + part * (gains[j + 1, 0] - gains[j, 0])
-        k2 = gains[j, 1] + part * (gains[j + 1, 1] - gains[j, 1])
-        k3 = gains[j, 2] + part * (gains[j + 1, 2] - gains[j, 2])
-        approach = min(max(k1 / k2 * e, -max_approach), max_approach)
-        feed_forward = v * curvature_at(vertices, run, ahead, rounding) * stretch
+        k1, k2, k3 = gains_at(speeds, gains, speed)
+        approach = min(max(k1 / k2 * e, -p.max_approach), p.max_approach)
+        feed_forward = v * curvature_at(vertices, run, ahead, p.rounding) * stretch
         command[0, i] = v
         command[1, i] = feed_forward - k2 * (approach + th_e) - k3 * (yaw_rate - speed * kappa * stretch)
+
+
+@inlined
+def on_rounded_path(vertices, run, s, rounding, x, y):
+    """Returns (s, tangent, e): the nearest point of the rounded path, from the nearest of the path as it is, at s (m).
+
+    The path as it is leaps at corners. tangent in rad; e in m, how far to the left of it (x, y) lies.
+    """
+    tangent = heading_at(vertices, run, s, rounding)
+    along, e = from_path(vertices, run, s, rounding, tangent, x, y)
+    for _ in range(NEWTON_STEPS):
+        beyond = s + min(max(along, -rounding), rounding)
+        there = heading_at(vertices, run, beyond, rounding)
+        # where the path turns back on itself there is no going round the tip
+        if abs(wrap_angle(there - tangent)) > 0.5 * math.pi:
+            break
+        s = beyond
+        tangent = there
+        along, e = from_path(vertices, run, s, rounding, tangent, x, y)
+    return s, tangent, e
+
+
+@inlined
+def gains_at(speeds, gains, speed):
+    """Returns the gains k1, k2, k3 at a speed (m/s), linear between the rows of their table."""
+    row = (speed - speeds[0]) / (speeds[1] - speeds[0])
+    row = min(max(0.0, row), speeds.shape[0] - 1.0)
+    j = min(int(row), speeds.shape[0] - 2)
+    part = row - j
+    k1 = gains[j, 0] + part * (gains[j + 1, 0] - gains[j, 0])
+    k2 = gains[j, 1] + part * (gains[j + 1, 1] - gains[j, 1])
+    k3 = gains[j, 2] + part * (gains[j + 1, 2] - gains[j, 2])
+    return k1, k2, k3
 
 
 @compiled

@@ -3,28 +3,30 @@
 import dataclasses
 import functools
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import MOST_WHOLE
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, sinc
 from wayfield.envs.paths import segment_at, vertex
-from wayfield.envs.records import lag_factors
-from wayfield.policies.policy import check_gain
-from wayfield.policies.steering import unicycle_twists
+from wayfield.envs.records import aligned, lag_factors, record
+from wayfield.policies.parts.steering import unicycle_twists
+from wayfield.policies.policy import check_gain, check_whole
 
 Array = NDArray[np.float64]
 
+MOST_HORIZON = 500  # steps: the Hessian grows with their square
 BEHIND = 0.1  # m, of the path behind the robot's projection that its place on the path is looked for on
 BLEND = 0.02  # m, on either side of a vertex, over which the path's heading turns there; at most half a segment
 SPACING = 0.02  # m, between the control points of the path ahead
 
-MODEL = np.dtype(
+MODEL = aligned(
     [
         ("substeps", np.int64),  # control periods in a step
         ("dt", np.float64),  # control period, s
@@ -42,6 +44,16 @@ MODEL = np.dtype(
         ("eagerness", np.float64),
     ]
 )
+
+
+class Program(NamedTuple):
+    """A quadratic program of 3 n unknowns z: minimise z'Hz/2 + g'z within bounds of constant rows."""
+
+    hessian: Array  # (3 n, 3 n), its upper triangle
+    gradient: Array  # (3 n,)
+    plan: Array  # (3 n,) z: what it is made around, and then its solution
+    lower: Array  # (rows,)
+    upper: Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,10 +113,8 @@ class Mpc:
             check_gain(self, name, least=0.0)
         if self.eagerness > 1.0:
             raise ValueError(f"Mpc: eagerness must be a number from 0 to 1, got {self.eagerness!r}")
-        for name in ("horizon", "iterations", "solver_iterations"):
-            check_gain(self, name, least=1)
-            if not isinstance(getattr(self, name), int | np.integer):
-                raise ValueError(f"Mpc: {name} must be a whole number, got {getattr(self, name)!r}")
+        for name, most in (("horizon", MOST_HORIZON), ("iterations", MOST_WHOLE), ("solver_iterations", 1_000_000)):
+            check_whole(self, name, least=1, most=most)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""
@@ -150,26 +160,14 @@ class Mpc:
             memory["age"][i] += 1
             for _ in range(self.iterations):
                 slope = linearise(
-                    model,
-                    path,
-                    start,
-                    observation.twist,
-                    memory["command"],
-                    commands,
-                    progress,
-                    i,
-                    program.hessian,
-                    program.gradient,
-                    program.plan,
-                    program.lower,
-                    program.upper,
+                    model, path, start, observation.twist, memory["command"], commands, progress, i, program.arrays
                 )
                 if not program.solve(slope, multipliers[i]):
                     memory["qp_failures"][i] += 1
                     break
                 memory["age"][i] = 0
                 multipliers[i] = program.multipliers
-                if take_plan(program.plan, start, commands, progress, i) < self.tolerance:
+                if take_plan(program.arrays.plan, start, commands, progress, i) < self.tolerance:
                     break
             brake = memory["age"][i] * briefing.dt > self.patience
             if brake:
@@ -202,26 +200,24 @@ class Mpc:
         """Returns one MODEL record, (1,): the robot, its actuators and the weights of the sum."""
         robot, actuators, step = briefing.robot, briefing.actuators, self.step_of(briefing)
         lag_decay, lag_mean = lag_factors(actuators.lag, briefing.dt)
-        return np.array(
-            [
-                (
-                    round(step / briefing.dt),
-                    briefing.dt,
-                    lag_decay,
-                    lag_mean,
-                    actuators.acceleration,
-                    actuators.yaw_acceleration,
-                    robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
-                    self.speed,
-                    self.turn_radius,
-                    2.0 * self.position * step,
-                    2.0 * self.heading * step,
-                    2.0 * self.acceleration / step,
-                    2.0 * self.yaw_acceleration / step,
-                    self.eagerness,
-                )
-            ],
+        return record(
             MODEL,
+            {
+                "substeps": round(step / briefing.dt),
+                "dt": briefing.dt,
+                "lag_decay": lag_decay,
+                "lag_mean": lag_mean,
+                "acceleration": actuators.acceleration,
+                "yaw_acceleration": actuators.yaw_acceleration,
+                "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
+                "speed": self.speed,
+                "turn_radius": self.turn_radius,
+                "position": 2.0 * self.position * step,
+                "heading": 2.0 * self.heading * step,
+                "speed_change": 2.0 * self.acceleration / step,
+                "yaw_rate_change": 2.0 * self.yaw_acceleration / step,
+                "eagerness": self.eagerness,
+            },
         )
 
 
@@ -268,21 +264,23 @@ class QuadraticProgram:
         self.rows, self.columns = (each.astype(np.int64) for each in np.nonzero(pattern.T)[::-1])
         self.scale = 1.0 / np.repeat(units, [n, n, n, n, n * len(wheels), 1])
         constraints = scipy.sparse.csc_matrix(scipy.sparse.diags(self.scale) @ scipy.sparse.block_array(rows))
-        self.hessian = np.zeros((3 * n, 3 * n))
-        self.gradient = np.zeros(3 * n)
-        self.plan = np.zeros(3 * n)
-        self.lower = np.zeros(constraints.shape[0])
-        self.upper = np.zeros(constraints.shape[0])
+        self.arrays = Program(
+            hessian=np.zeros((3 * n, 3 * n)),
+            gradient=np.zeros(3 * n),
+            plan=np.zeros(3 * n),
+            lower=np.zeros(constraints.shape[0]),
+            upper=np.zeros(constraints.shape[0]),
+        )
         self.multipliers = np.zeros(constraints.shape[0])
         # the second: to ten times the tolerance, which a plan that is made anew in every control period can do with
         self._solved = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
         self._solver = osqp.OSQP()
         self._solver.setup(
             scipy.sparse.csc_matrix(pattern + 3 * n * np.eye(3 * n)),
-            self.gradient,
+            self.arrays.gradient,
             constraints,
-            self.lower,
-            self.upper,
+            self.arrays.lower,
+            self.arrays.upper,
             verbose=False,
             scaling=0,
             adaptive_rho=False,
@@ -294,9 +292,10 @@ class QuadraticProgram:
         )
 
     def solve(self, slope: float, multipliers: Array) -> bool:
-        """Puts the solution into `plan` and `multipliers`, started from `plan` and the given ones; False if none.
+        """Puts the solution into `arrays.plan` and `multipliers`, started from them; False if none.
 
         Args:
+            multipliers: that it starts from.
             slope: the largest derivative of the sum at the plan. Far from the path it is steep, and so are the
                 multipliers: OSQP would take as many times longer if the sum were not divided by it.
         """
@@ -304,16 +303,16 @@ class QuadraticProgram:
             return False
         share = 1.0 / max(slope, 1.0)
         self._solver.update(
-            q=share * self.gradient,
-            l=self.scale * self.lower,
-            u=self.scale * self.upper,
-            Px=share * self.hessian[self.rows, self.columns],
+            q=share * self.arrays.gradient,
+            l=self.scale * self.arrays.lower,
+            u=self.scale * self.arrays.upper,
+            Px=share * self.arrays.hessian[self.rows, self.columns],
         )
-        self._solver.warm_start(self.plan, share * multipliers)
+        self._solver.warm_start(self.arrays.plan, share * multipliers)
         solution = self._solver.solve(raise_error=False)
         if solution.info.status_val not in self._solved or not np.isfinite(solution.x).all():
             return False
-        self.plan[:] = solution.x
+        self.arrays.plan[:] = solution.x
         self.multipliers[:] = solution.y / share
         return True
 
@@ -471,7 +470,7 @@ def locate(vertices, runs, path_index, model, poses, arc_lengths, i, path, start
     last = min(sigma_seen + math.pi * m.turn_radius, end)
     best = np.inf
     sigma = 0.0
-    for j in range(1, int(last / SPACING) + 2):
+    for j in range(1, min(int(last / SPACING) + 2, path.shape[0])):
         dx = x - path[j, 0]
         dy = y - path[j, 1]
         turn = wrap_angle(heading - path[j, 2])
@@ -492,113 +491,177 @@ def locate(vertices, runs, path_index, model, poses, arc_lengths, i, path, start
     start[4] = end
 
 
+class Slopes(NamedTuple):
+    """The derivatives of the state by the commands of the steps so far, (n,) each.
+
+    Those of the lagging speed by v and of the lagging yaw rate by w are the same.
+    """
+
+    lagging: Array
+    x_v: Array
+    y_v: Array
+    x_w: Array
+    y_w: Array
+    heading_w: Array
+
+
 @compiled
-def linearise(model, path, start, twists, last, commands, progress, i, hessian, gradient, plan, lower, upper):
+def linearise(model, path, start, twists, last, commands, progress, i, program):
     """Fills the quadratic program of robot i around its plan.
 
-    Returns the largest derivative of the sum at the plan. The Hessian is Gauss and Newton's, its upper triangle. The
-    arrays hold the state's derivatives by the commands of the steps so far; those of the lagging speed by v and of the
-    lagging yaw rate by w are the same.
+    Returns the largest derivative of the sum at the plan. The Hessian is Gauss and Newton's, its upper triangle.
     """
     m = model[0]
     n = progress.shape[1]
+    unknowns = program.plan
+    put_plan(commands, progress, i, start, unknowns)
+    program.hessian[:] = 0.0
+    program.gradient[:] = 0.0
+    slopes = Slopes(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    pose = start[0], start[1], start[2]
+    twist = twists[i, 0], twists[i, twists.shape[1] - 1]
+    before = last[i, 0], last[i, 1]
+    for k in range(n):
+        after = unknowns[k], unknowns[n + k]
+        for j in range(m.substeps):
+            pose, twist = drive_on(m, pose, twist, before, after, (j + 1) / m.substeps, k, slopes)
+        before = after
+        add_path_errors(m, path, pose, k, slopes, program)
+    add_pay(m, program.gradient)
+    add_changes(m, last[i], program)
+    slope = 0.0
+    for a in range(3 * n):
+        slope = max(slope, abs(program.gradient[a]))
+    centre(program)
+    bound(m, start, last[i], program)
+    return slope
+
+
+@inlined
+def put_plan(commands, progress, i, start, unknowns):
+    """Fills the unknowns with robot i's plan."""
+    n = progress.shape[1]
     sigma = start[3]
     for k in range(n):
-        plan[k] = commands[i, 0, k]
-        plan[n + k] = commands[i, 1, k]
+        unknowns[k] = commands[i, 0, k]
+        unknowns[n + k] = commands[i, 1, k]
         sigma += progress[i, k]
-        plan[2 * n + k] = sigma
-    hessian[:] = 0.0
-    gradient[:] = 0.0
-    lagging = np.zeros(n)
-    dx_v = np.zeros(n)
-    dy_v = np.zeros(n)
-    dx_w = np.zeros(n)
-    dy_w = np.zeros(n)
-    dth_w = np.zeros(n)
-    x = start[0]
-    y = start[1]
-    heading = start[2]
-    v = twists[i, 0]
-    w = twists[i, twists.shape[1] - 1]
-    from_v = last[i, 0]
-    from_w = last[i, 1]
-    for k in range(n):
-        for j in range(m.substeps):
-            share = (j + 1) / m.substeps
-            command_v = from_v + share * (plan[k] - from_v)
-            command_w = from_w + share * (plan[n + k] - from_w)
-            mean_v = command_v + m.lag_mean * (v - command_v)
-            mean_w = command_w + m.lag_mean * (w - command_w)
-            v = command_v + m.lag_decay * (v - command_v)
-            w = command_w + m.lag_decay * (w - command_w)
-            to_x, to_y, _ = integrate_arc(x, y, heading, mean_v, 0.0, mean_w, m.dt)
-            half_turn = 0.5 * mean_w * m.dt
-            sine, cosine = sin_cos(heading + half_turn)
-            chord = sinc(half_turn)
-            bend = sinc_slope(half_turn)
-            x_v = m.dt * chord * cosine
-            y_v = m.dt * chord * sine
-            x_w = 0.5 * m.dt * m.dt * mean_v * (bend * cosine - chord * sine)
-            y_w = 0.5 * m.dt * m.dt * mean_v * (bend * sine + chord * cosine)
-            for a in range(k + 1):
-                held = share if a == k else (1.0 - share if a == k - 1 else 0.0)
-                mean = held + m.lag_mean * (lagging[a] - held)
-                lagging[a] = held + m.lag_decay * (lagging[a] - held)
-                dx_v[a] += x_v * mean
-                dy_v[a] += y_v * mean
-                dx_w[a] += x_w * mean - (to_y - y) * dth_w[a]
-                dy_w[a] += y_w * mean + (to_x - x) * dth_w[a]
-                dth_w[a] += m.dt * mean
-            x = to_x
-            y = to_y
-            heading += m.dt * mean_w
-        from_v = plan[k]
-        from_w = plan[n + k]
-        s = 2 * n + k
-        px, py, pth, px_s, py_s, pth_s = on_path(path, plan[s])
-        ex = m.position * (x - px)
-        ey = m.position * (y - py)
-        eth = m.heading * (heading - pth)
-        for a in range(k + 1):
-            gradient[a] += ex * dx_v[a] + ey * dy_v[a]
-            gradient[n + a] += ex * dx_w[a] + ey * dy_w[a] + eth * dth_w[a]
-            for b in range(a, k + 1):
-                hessian[a, b] += m.position * (dx_v[a] * dx_v[b] + dy_v[a] * dy_v[b])
-                hessian[n + a, n + b] += (
-                    m.position * (dx_w[a] * dx_w[b] + dy_w[a] * dy_w[b]) + m.heading * dth_w[a] * dth_w[b]
-                )
-            for b in range(k + 1):
-                hessian[a, n + b] += m.position * (dx_v[a] * dx_w[b] + dy_v[a] * dy_w[b])
-            hessian[a, s] = -m.position * (dx_v[a] * px_s + dy_v[a] * py_s)
-            hessian[n + a, s] = -m.position * (dx_w[a] * px_s + dy_w[a] * py_s) - m.heading * dth_w[a] * pth_s
-        hessian[s, s] = m.position * (px_s * px_s + py_s * py_s) + m.heading * pth_s * pth_s
-        gradient[s] = -ex * px_s - ey * py_s - eth * pth_s
+        unknowns[2 * n + k] = sigma
+
+
+@inlined
+def drive_on(m, pose, twist, before, after, share, k, slopes):
+    """Returns pose and lagging twist after a control period of step k, and moves their derivatives on.
+
+    Args:
+        before, after: the commands (v, w) of the step before and of this one.
+        share: of the change between them that is done by the end of the period.
+    """
+    x, y, heading = pose
+    v, w = twist
+    command_v = before[0] + share * (after[0] - before[0])
+    command_w = before[1] + share * (after[1] - before[1])
+    mean_v = command_v + m.lag_mean * (v - command_v)
+    mean_w = command_w + m.lag_mean * (w - command_w)
+    v = command_v + m.lag_decay * (v - command_v)
+    w = command_w + m.lag_decay * (w - command_w)
+    to_x, to_y, _ = integrate_arc(x, y, heading, mean_v, 0.0, mean_w, m.dt)
+    half_turn = 0.5 * mean_w * m.dt
+    sine, cosine = sin_cos(heading + half_turn)
+    chord = sinc(half_turn)
+    bend = sinc_slope(half_turn)
+    x_v = m.dt * chord * cosine
+    y_v = m.dt * chord * sine
+    x_w = 0.5 * m.dt * m.dt * mean_v * (bend * cosine - chord * sine)
+    y_w = 0.5 * m.dt * m.dt * mean_v * (bend * sine + chord * cosine)
+    for a in range(k + 1):
+        held = share if a == k else (1.0 - share if a == k - 1 else 0.0)
+        mean = held + m.lag_mean * (slopes.lagging[a] - held)
+        slopes.lagging[a] = held + m.lag_decay * (slopes.lagging[a] - held)
+        slopes.x_v[a] += x_v * mean
+        slopes.y_v[a] += y_v * mean
+        slopes.x_w[a] += x_w * mean - (to_y - y) * slopes.heading_w[a]
+        slopes.y_w[a] += y_w * mean + (to_x - x) * slopes.heading_w[a]
+        slopes.heading_w[a] += m.dt * mean
+    return (to_x, to_y, heading + m.dt * mean_w), (v, w)
+
+
+@inlined
+def add_path_errors(m, path, pose, k, slopes, program):
+    """Adds the squares of step k's distance to the place that it aims at and of its heading error."""
+    hessian = program.hessian
+    gradient = program.gradient
+    _, dx_v, dy_v, dx_w, dy_w, dth_w = slopes
+    n = gradient.shape[0] // 3
+    s = 2 * n + k
+    px, py, pth, px_s, py_s, pth_s = on_path(path, program.plan[s])
+    ex = m.position * (pose[0] - px)
+    ey = m.position * (pose[1] - py)
+    eth = m.heading * (pose[2] - pth)
+    for a in range(k + 1):
+        gradient[a] += ex * dx_v[a] + ey * dy_v[a]
+        gradient[n + a] += ex * dx_w[a] + ey * dy_w[a] + eth * dth_w[a]
+        for b in range(a, k + 1):
+            hessian[a, b] += m.position * (dx_v[a] * dx_v[b] + dy_v[a] * dy_v[b])
+            hessian[n + a, n + b] += (
+                m.position * (dx_w[a] * dx_w[b] + dy_w[a] * dy_w[b]) + m.heading * dth_w[a] * dth_w[b]
+            )
+        for b in range(k + 1):
+            hessian[a, n + b] += m.position * (dx_v[a] * dx_w[b] + dy_v[a] * dy_w[b])
+        hessian[a, s] = -m.position * (dx_v[a] * px_s + dy_v[a] * py_s)
+        hessian[n + a, s] = -m.position * (dx_w[a] * px_s + dy_w[a] * py_s) - m.heading * dth_w[a] * pth_s
+    hessian[s, s] = m.position * (px_s * px_s + py_s * py_s) + m.heading * pth_s * pth_s
+    gradient[s] = -ex * px_s - ey * py_s - eth * pth_s
+
+
+@inlined
+def add_pay(m, gradient):
+    """Takes off what progress is paid with: `eagerness` of it for early progress, the rest for the last place."""
+    n = gradient.shape[0] // 3
     for k in range(n):
         gradient[2 * n + k] -= m.eagerness * 2.0 / (n + 1)
     gradient[3 * n - 1] -= 1.0 - m.eagerness
+
+
+@inlined
+def add_changes(m, last, program):
+    """Adds the squares of the accelerations, from the last command (2,) on."""
+    hessian = program.hessian
+    gradient = program.gradient
+    n = gradient.shape[0] // 3
     for j in range(2):
         weight = m.yaw_rate_change if j else m.speed_change
-        before = last[i, j]
+        before = last[j]
         for k in range(n):
             a = j * n + k
-            change = weight * (plan[a] - before)
-            before = plan[a]
+            change = weight * (program.plan[a] - before)
+            before = program.plan[a]
             gradient[a] += change
             hessian[a, a] += weight
             if k:
                 gradient[a - 1] -= change
                 hessian[a - 1, a] -= weight
                 hessian[a - 1, a - 1] += weight
-    slope = 0.0
-    for a in range(3 * n):
-        slope = max(slope, abs(gradient[a]))
-    # around zero instead of the plan
-    for a in range(3 * n):
-        for b in range(a, 3 * n):
-            gradient[a] -= hessian[a, b] * plan[b]
+
+
+@inlined
+def centre(program):
+    """Makes a gradient at the plan one at zero."""
+    hessian = program.hessian
+    gradient = program.gradient
+    for a in range(gradient.shape[0]):
+        for b in range(a, gradient.shape[0]):
+            gradient[a] -= hessian[a, b] * program.plan[b]
             if b > a:
-                gradient[b] -= hessian[a, b] * plan[a]
+                gradient[b] -= hessian[a, b] * program.plan[a]
+
+
+@inlined
+def bound(m, start, last, program):
+    """Fills the bounds of the rows of `QuadraticProgram`."""
+    lower = program.lower
+    upper = program.upper
+    n = program.gradient.shape[0] // 3
     step = m.substeps * m.dt
     lower[:n] = 0.0
     upper[:n] = m.speed
@@ -609,15 +672,14 @@ def linearise(model, path, start, twists, last, commands, progress, i, hessian, 
     lower[3 * n : 4 * n] = 0.0
     upper[3 * n : 4 * n] = m.speed * step
     for j in range(2):
-        lower[(1 + j) * n] += last[i, j]
-        upper[(1 + j) * n] += last[i, j]
+        lower[(1 + j) * n] += last[j]
+        upper[(1 + j) * n] += last[j]
     lower[3 * n] += start[3]
     upper[3 * n] += start[3]
     lower[4 * n : -1] = -m.wheel_speed_limit
     upper[4 * n : -1] = m.wheel_speed_limit
     lower[-1] = -np.inf
     upper[-1] = start[4]
-    return slope
 
 
 @inlined
@@ -631,16 +693,16 @@ def sinc_slope(angle):
 
 
 @compiled
-def take_plan(plan, start, commands, progress, i):
+def take_plan(unknowns, start, commands, progress, i):
     """Makes a solution the plan of robot i; returns the largest change of a command (m/s or rad/s)."""
     n = progress.shape[1]
     largest = 0.0
     sigma = start[3]
     for k in range(n):
         for j in range(2):
-            largest = max(largest, abs(plan[j * n + k] - commands[i, j, k]))
-            commands[i, j, k] = plan[j * n + k]
-        progress[i, k] = max(plan[2 * n + k] - sigma, 0.0)
+            largest = max(largest, abs(unknowns[j * n + k] - commands[i, j, k]))
+            commands[i, j, k] = unknowns[j * n + k]
+        progress[i, k] = max(unknowns[2 * n + k] - sigma, 0.0)
         sigma += progress[i, k]
     return largest
 

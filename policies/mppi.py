@@ -7,11 +7,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, records
+from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
+from wayfield.envs.records import lag_factors
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.stopping import Seen, beam_directions, sees_all_round, set_command
 from wayfield.policies.policy import check_gain, check_switch, check_whole
 
 
@@ -87,20 +91,24 @@ class Mppi:
     def __post_init__(self) -> None:
         for name in ("samples", "steps"):
             check_whole(self, name, least=2)
-        check_whole(self, "seed")
+        check_whole(self, "seed", most=LAST_SEED)
         for name in ("step_time", "temperature", "max_speed", "max_yaw_rate", "influence", "cell", "reach"):
             check_gain(self, name, above=0.0)
         for field in dataclasses.fields(self):
             if field.type is float:
                 check_gain(self, field.name, least=0.0)
         check_switch(self, "detour")
+        if not self.reach / self.cell <= MOST_CELLS:
+            raise ValueError(
+                f"{type(self).__name__}: reach must be at most {MOST_CELLS} cells ({self.cell:g} m), got {self.reach!r}"
+            )
         if not self.noise_correlation < 1.0:
             raise ValueError(
                 f"{type(self).__name__}: noise_correlation must be a number < 1, got {self.noise_correlation!r}"
             )
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns each robot's number of decisions (which numbers its noise), last command and last plan.
+        """Returns what each robot remembers, (b,): its number of decisions, last command and last plan.
 
         Raises:
             ValueError: if the robot has no beams.
@@ -109,81 +117,53 @@ class Mppi:
             raise ValueError(
                 f"{type(self).__name__} sees obstacles by range beams, but num_beams is 0; give 32 or more"
             )
-        return np.zeros((briefing.num_envs, PLAN + 3 * self.steps))
+        kept = [
+            ("decisions", np.int64),  # so far, which numbers the noise
+            ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
+            ("plan", np.float64, (self.steps, 3)),
+        ]
+        return np.zeros(briefing.num_envs, kept)
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
-        axes = list(briefing.robot.twist_axes)
-        measured = np.zeros((len(memory), 3))
-        measured[:, axes] = observation.twist
         twists = np.empty((len(memory), 3))
         decide(
             self.params(briefing),
-            briefing.robot.wheel_matrix,
-            np.column_stack([np.cos(briefing.beam_angles), np.sin(briefing.beam_angles)]),
-            # one kernel for every batch: slices of a single row would be compiled anew
+            beam_directions(briefing),
             np.ascontiguousarray(observation.ranges),
-            np.ascontiguousarray(observation.goal),
-            np.ascontiguousarray(observation.goal_heading_error),
-            np.ascontiguousarray(observation.waypoints_left),
-            measured,
+            Seen.of(observation, briefing),
             memory,
             twists,
         )
-        return twists[:, axes]
+        return twists[:, list(briefing.robot.twist_axes)]
 
     def params(self, briefing: Briefing) -> NDArray[np.void]:
-        """Returns the gains and what the briefing says of the robot, a record of PARAMS."""
-        robot, actuators, angles = briefing.robot, briefing.actuators, briefing.beam_angles
-        gains = {name: getattr(self, name) for name in GAINS}
-        gains["step_time"] = max(self.step_time, briefing.dt)
-        sees_around = len(angles) > 1 and len(angles) * (angles[1] - angles[0]) > 2.0 * math.pi - 1e-6
-        if not sees_around:
-            gains["max_reverse"] = 0.0
-        decay, mean = records.lag_factors(actuators.lag, gains["step_time"])
-        return records.record(
-            PARAMS,
-            gains
-            | {
-                "dt": briefing.dt,
-                "holonomic": robot.holonomic,
-                "hull_radius": robot.hull_radius,
-                "max_range": briefing.max_range,
-                "sees_around": sees_around,
-                "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
-                "acceleration": actuators.acceleration,
-                "yaw_acceleration": actuators.yaw_acceleration,
-                "lag_decay": decay,
-                "lag_mean": mean,
-                "half": math.ceil(self.reach / self.cell),
-            },
+        """Returns what the law reads, see `params.params`."""
+        all_round = sees_all_round(briefing)
+        step_time = max(self.step_time, briefing.dt)
+        decay, mean = lag_factors(briefing.actuators.lag, step_time)
+        return params(
+            self,
+            briefing,
+            step_time=step_time,
+            max_reverse=self.max_reverse if all_round else 0.0,
+            max_range=briefing.max_range,
+            all_round=all_round,
+            step_decay=decay,  # as `lag_decay` and `lag_mean`, over a step of the plan
+            step_mean=mean,
+            half=math.ceil(self.reach / self.cell),  # cells from the robot to the side of the grid
         )
 
 
-PLAN = 4  # column of the memory where the plan begins, behind the count and the command
+MOST_CELLS = 500  # from the robot to the side of the grid
 FAR = 1e3  # m, longer than any way
 WALL_SLOWNESS = 60.0  # metres of way that a metre through an obstacle counts for
-GAINS = tuple(field.name for field in dataclasses.fields(Mppi))
-PARAMS = [
-    *((name, np.int64 if name in ("samples", "steps", "detour", "seed") else np.float64) for name in GAINS),
-    ("dt", np.float64),
-    ("holonomic", np.int64),
-    ("hull_radius", np.float64),
-    ("max_range", np.float64),
-    ("sees_around", np.int64),  # 1: beams all around
-    ("wheel_speed_limit", np.float64),
-    ("acceleration", np.float64),
-    ("yaw_acceleration", np.float64),
-    ("lag_decay", np.float64),  # over a step of the plan
-    ("lag_mean", np.float64),
-    ("half", np.int64),  # cells from the robot to the side of the grid
-]
 
 
 @compiled
-def decide(params, wheel_matrix, beams, ranges, goals, heading_errors, legs_left, measured, memory, twists):
+def decide(params, beams, ranges, seen, memory, twists):
     """Fills the (b, 3) twists of `Mppi` and moves its memory on."""
     p = params[0]
     side = 2 * p.half + 1
@@ -195,66 +175,36 @@ def decide(params, wheel_matrix, beams, ranges, goals, heading_errors, legs_left
     costs = np.empty(p.samples)
     weights = np.empty(p.samples)
     for i in range(memory.shape[0]):
-        goal_x = goals[i, 0]
-        goal_y = goals[i, 1]
-        turn = heading_errors[i]
-        last_leg = legs_left[i] < 0.5
+        m = memory[i]
+        wheels = seen.twists[i]
+        goal_x = seen.goals[i, 0]
+        goal_y = seen.goals[i, 1]
+        turn = seen.heading_errors[i]
+        last_leg = seen.waypoints_left[i] < 0.5
+        goal = goal_x, goal_y, turn, last_leg
         if last_leg and math.sqrt(goal_x * goal_x + goal_y * goal_y) <= p.arrival_radius:
-            vx = p.turn_gain * goal_x if p.holonomic else 0.0
-            vy = p.turn_gain * goal_y if p.holonomic else 0.0
-            yaw_rate = min(max(p.turn_gain * turn, -p.max_yaw_rate), p.max_yaw_rate)
-            memory[i, PLAN:] = 0.0
+            twists[i, 0] = p.turn_gain * goal_x if p.plant.holonomic else 0.0
+            twists[i, 1] = p.turn_gain * goal_y if p.plant.holonomic else 0.0
+            twists[i, 2] = min(max(p.turn_gain * turn, -p.max_yaw_rate), p.max_yaw_rate)
+            m.plan[:] = 0.0
         else:
             count = find_hits(p, beams, ranges, i, hits)
             measure_clearances(p, hits, count, clearances)
             if p.detour:
                 measure_ways(p, clearances, goal_x, goal_y, slowness, ways)
-            move_on(p, memory, i)
-            sample(p, memory, i, plans)
+            move_on(p, m.plan)
+            sample(p, m.decisions, m.plan, plans)
             for k in range(p.samples):
-                costs[k] = roll_out(
-                    p, wheel_matrix, plans, k, measured, memory, i, goal_x, goal_y, turn, last_leg, clearances, ways
-                )
+                costs[k] = roll_out(p, plans[k], m.command, wheels, goal, clearances, ways)
             best = weigh(costs, p.temperature, weights)
             average(plans, weights, p.samples)
-            mean_cost = roll_out(
-                p,
-                wheel_matrix,
-                plans,
-                p.samples,
-                measured,
-                memory,
-                i,
-                goal_x,
-                goal_y,
-                turn,
-                last_leg,
-                clearances,
-                ways,
-            )
+            mean_cost = roll_out(p, plans[p.samples], m.command, wheels, goal, clearances, ways)
             chosen = p.samples if mean_cost <= costs[best] + 0.01 * p.collision_cost else best
-            for t in range(p.steps):
-                for c in range(3):
-                    memory[i, PLAN + 3 * t + c] = plans[chosen, t, c]
-            vx = plans[chosen, 0, 0]
-            vy = plans[chosen, 0, 1]
-            yaw_rate = plans[chosen, 0, 2]
-        twists[i, 0] = vx
-        twists[i, 1] = vy
-        twists[i, 2] = yaw_rate
-        factor = saturation_factor(wheel_matrix, wheel_matrix.shape[0], p.wheel_speed_limit, vx, vy, yaw_rate)
-        memory[i, 1], memory[i, 2], memory[i, 3] = limit_acceleration(
-            memory[i, 1],
-            memory[i, 2],
-            memory[i, 3],
-            factor * vx,
-            factor * vy,
-            factor * yaw_rate,
-            p.acceleration,
-            p.yaw_acceleration,
-            p.dt,
-        )
-        memory[i, 0] += 1.0
+            m.plan[:] = plans[chosen]
+            for c in range(3):
+                twists[i, c] = plans[chosen, 0, c]
+        set_command(p.plant, m.command, twists[i, 0], twists[i, 1], twists[i, 2])
+        m.decisions += 1
 
 
 # What the scan shows.
@@ -281,7 +231,7 @@ def find_hits(p, beams, ranges, i, hits):
             hits[count - 1, 2] = 1.0  # on the next beam; looked at below
         last = k
         count += 1
-    closed = count > 2 and p.sees_around and ranges[i, 0] < p.max_range - 1e-4 and last == beams.shape[0] - 1
+    closed = count > 2 and p.all_round and ranges[i, 0] < p.max_range - 1e-4 and last == beams.shape[0] - 1
     if closed:
         hits[count - 1, 2] = 1.0
     for h in range(count):
@@ -291,7 +241,7 @@ def find_hits(p, beams, ranges, i, hits):
         dx = hits[after, 0] - hits[h, 0]
         dy = hits[after, 1] - hits[h, 1]
         gap = math.sqrt(dx * dx + dy * dy)
-        if gap < 2.0 * p.hull_radius:
+        if gap < 2.0 * p.plant.hull_radius:
             continue
         before = (h - 1) % count
         behind = (after + 1) % count
@@ -322,7 +272,7 @@ def measure_clearances(p, hits, count, clearances):
     Exact at the nodes; each hit is asked only about those it can matter to.
     """
     side = clearances.shape[0]
-    cap = p.hull_radius + max(p.influence, p.margin) + 2.0 * p.cell
+    cap = p.plant.hull_radius + max(p.influence, p.margin) + 2.0 * p.cell
     inverse = 1.0 / p.cell
     clearances[:, :] = cap * cap
     for h in range(count):
@@ -350,7 +300,7 @@ def measure_clearances(p, hits, count, clearances):
                 clearances[i, j] = min(clearances[i, j], ex * ex + ey * ey)
     for i in range(side):
         for j in range(side):
-            clearances[i, j] = math.sqrt(clearances[i, j]) - p.hull_radius
+            clearances[i, j] = math.sqrt(clearances[i, j]) - p.plant.hull_radius
 
 
 @compiled
@@ -372,7 +322,7 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
             border = i == 0 or j == 0 or i == side - 1 or j == side - 1
             if border or straight < 2.0 * p.cell:
                 # the border of the grid is no way through what stands on it
-                ways[i, j] = straight + WALL_SLOWNESS * closed * p.hull_radius
+                ways[i, j] = straight + WALL_SLOWNESS * closed * p.plant.hull_radius
             else:
                 ways[i, j] = FAR
     for _ in range(8):
@@ -417,8 +367,9 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
 def look_up(p, grid, x, y):
     """Returns the grid's value at a point, bilinear between four nodes; beyond the grid that at its border."""
     top = 2.0 * p.half - 1e-9
-    u = min(max(x / p.cell + p.half, 0.0), top)
-    v = min(max(y / p.cell + p.half, 0.0), top)
+    # constants first: what is no number gives an index too
+    u = min(max(0.0, x / p.cell + p.half), top)
+    v = min(max(0.0, y / p.cell + p.half), top)
     i = int(u)
     j = int(v)
     u -= i
@@ -432,16 +383,20 @@ def look_up(p, grid, x, y):
 
 
 @compiled
-def move_on(p, memory, i):
-    """Moves the plan on by a control period, between whose steps it is linear; its last twist is kept."""
-    whole = math.floor(p.dt / p.step_time)
-    share = p.dt / p.step_time - whole
+def move_on(p, plan):
+    """Moves a plan (steps, 3) on by a control period, between whose steps it is linear; its last twist is kept."""
     last = p.steps - 1
+    whole = math.floor(min(p.plant.dt / p.step_time, 1.0 * last))
+    share = p.plant.dt / p.step_time - whole
     for t in range(p.steps):
-        a = PLAN + 3 * min(t + whole, last)
-        b = PLAN + 3 * min(t + whole + 1, last)
+        a = min(t + whole, last)
+        b = min(t + whole + 1, last)
         for c in range(3):
-            memory[i, PLAN + 3 * t + c] = (1.0 - share) * memory[i, a + c] + share * memory[i, b + c]
+            plan[t, c] = (1.0 - share) * plan[a, c] + share * plan[b, c]
+
+
+# Noise by its number, so that a lone robot draws what it draws in a batch. The bits are unsigned: shifts bring in
+# zeros, and products wrap around.
 
 
 @inlined
@@ -465,7 +420,7 @@ def two_normals(key, number):
 def clamp(p, vx, vy, yaw_rate):
     """Returns the nearest twist that a plan may hold."""
     yaw_rate = min(max(yaw_rate, -p.max_yaw_rate), p.max_yaw_rate)
-    if p.holonomic:
+    if p.plant.holonomic:
         speed = math.sqrt(vx * vx + vy * vy)
         if speed > p.max_speed:
             vx *= p.max_speed / speed
@@ -475,15 +430,13 @@ def clamp(p, vx, vy, yaw_rate):
 
 
 @compiled
-def sample(p, memory, i, plans):
-    """Fills the plans of robot i: its last one, standstill, and that last one with noise, clamped."""
-    for t in range(p.steps):
-        for c in range(3):
-            plans[0, t, c] = memory[i, PLAN + 3 * t + c]
-            plans[1, t, c] = 0.0
+def sample(p, decisions, plan, plans):
+    """Fills the plans of a robot's next decision: its last one, standstill, and that last one with noise, clamped."""
+    plans[0] = plan
+    plans[1] = 0.0
     key = scramble(np.uint64(p.seed))
     fresh = math.sqrt(1.0 - p.noise_correlation * p.noise_correlation)
-    number = int(memory[i, 0]) * p.samples * p.steps * 2
+    number = decisions * p.samples * p.steps * 2
     for k in range(2, p.samples):
         ex = 0.0
         ey = 0.0
@@ -494,7 +447,7 @@ def sample(p, memory, i, plans):
             n_x, n_turn = two_normals(key, number + 2 * (k * p.steps + t))
             ex = keep * ex + new * p.speed_noise * n_x
             turn = keep * turn + new * p.yaw_noise * n_turn
-            if p.holonomic:
+            if p.plant.holonomic:
                 n_y, _ = two_normals(key, number + 2 * (k * p.steps + t) + 1)
                 ey = keep * ey + new * p.speed_noise * n_y
             keep = p.noise_correlation
@@ -532,17 +485,24 @@ def average(plans, weights, row):
 
 
 @compiled
-def roll_out(p, wheel_matrix, plans, k, measured, memory, i, goal_x, goal_y, heading_error, last_leg, clearances, ways):
-    """Returns the cost (m) of plan k, from the pose at the origin."""
+def roll_out(p, plan, command, wheels, goal, clearances, ways):
+    """Returns the cost (m) of a plan (steps, 3), from the pose at the origin.
+
+    Args:
+        command, wheels: (3,) the last command and the measured twist, m/s and rad/s.
+        goal: x, y (m, body frame), heading error (rad), and whether it is the last leg.
+    """
+    plant = p.plant
+    goal_x, goal_y, heading_error, last_leg = goal
     x = 0.0
     y = 0.0
     heading = 0.0
-    wheel_vx = measured[i, 0]
-    wheel_vy = measured[i, 1]
-    wheel_yaw_rate = measured[i, 2]
-    vx = memory[i, 1]
-    vy = memory[i, 2]
-    yaw_rate = memory[i, 3]
+    wheel_vx = wheels[0]
+    wheel_vy = wheels[1]
+    wheel_yaw_rate = wheels[2]
+    vx = command[0]
+    vy = command[1]
+    yaw_rate = command[2]
     # a hull that is inside the margin already may come out, and not go much nearer
     least = min(p.margin, 0.5 * look_up(p, clearances, x, y))
     inverse_influence = 1.0 / p.influence
@@ -550,10 +510,12 @@ def roll_out(p, wheel_matrix, plans, k, measured, memory, i, goal_x, goal_y, hea
     running = 0.0
     way = 0.0
     for t in range(p.steps):
-        to_vx = plans[k, t, 0]
-        to_vy = plans[k, t, 1]
-        to_yaw_rate = plans[k, t, 2]
-        factor = saturation_factor(wheel_matrix, wheel_matrix.shape[0], p.wheel_speed_limit, to_vx, to_vy, to_yaw_rate)
+        to_vx = plan[t, 0]
+        to_vy = plan[t, 1]
+        to_yaw_rate = plan[t, 2]
+        factor = saturation_factor(
+            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, to_vx, to_vy, to_yaw_rate
+        )
         vx, vy, yaw_rate = limit_acceleration(
             vx,
             vy,
@@ -561,16 +523,16 @@ def roll_out(p, wheel_matrix, plans, k, measured, memory, i, goal_x, goal_y, hea
             factor * to_vx,
             factor * to_vy,
             factor * to_yaw_rate,
-            p.acceleration,
-            p.yaw_acceleration,
+            plant.acceleration,
+            plant.yaw_acceleration,
             p.step_time,
         )
-        mean_vx = vx + p.lag_mean * (wheel_vx - vx)
-        mean_vy = vy + p.lag_mean * (wheel_vy - vy)
-        mean_yaw_rate = yaw_rate + p.lag_mean * (wheel_yaw_rate - yaw_rate)
-        wheel_vx = vx + p.lag_decay * (wheel_vx - vx)
-        wheel_vy = vy + p.lag_decay * (wheel_vy - vy)
-        wheel_yaw_rate = yaw_rate + p.lag_decay * (wheel_yaw_rate - yaw_rate)
+        mean_vx = vx + p.step_mean * (wheel_vx - vx)
+        mean_vy = vy + p.step_mean * (wheel_vy - vy)
+        mean_yaw_rate = yaw_rate + p.step_mean * (wheel_yaw_rate - yaw_rate)
+        wheel_vx = vx + p.step_decay * (wheel_vx - vx)
+        wheel_vy = vy + p.step_decay * (wheel_vy - vy)
+        wheel_yaw_rate = yaw_rate + p.step_decay * (wheel_yaw_rate - yaw_rate)
         x, y, heading = integrate_arc(x, y, heading, mean_vx, mean_vy, mean_yaw_rate, p.step_time)
         gap = look_up(p, clearances, x, y)
         dx = goal_x - x
@@ -587,9 +549,9 @@ def roll_out(p, wheel_matrix, plans, k, measured, memory, i, goal_x, goal_y, hea
             p.goal_weight * way
             + p.obstacle_weight * near * near
             + p.turn_weight * to_yaw_rate * to_yaw_rate
-            + p.reverse_weight * max(-to_vx, 0.0) * (1 - p.holonomic)
+            + p.reverse_weight * max(-to_vx, 0.0) * (1 - plant.holonomic)
             + p.sway_weight * abs(to_vy)
         )
-        if p.holonomic and last_leg:
+        if plant.holonomic and last_leg:
             running += p.heading_weight * abs(wrap_angle(heading_error - heading))
     return running * inverse_steps + p.terminal_weight * way

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import nearest_surface, sin_cos
-from wayfield.envs.patrols import PATROL, patrol_at
+from wayfield.envs.patrols import patrol_at
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Map, velocity_twists
 from wayfield.policies.policy import check_gain, check_whole
-from wayfield.policies.steering import velocity_twists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Orca:
             check_gain(self, name, above=0.0)
         for name in ("margin", "perturbation", "tracking_error", "arrival_radius"):
             check_gain(self, name, least=0.0)
-        check_whole(self, "seed")
+        check_whole(self, "seed", most=LAST_SEED)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the number of decisions of each robot, (b,): its clock, by which it knows where things move to."""
@@ -100,37 +102,20 @@ class Orca:
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
         robot = briefing.robot
-        obstacles = briefing.obstacles
-        assert obstacles is not None
-        patrols = briefing.patrols
-        if patrols is None:
-            patrols = np.zeros(obstacles.shape, PATROL)
         velocity = np.empty((len(memory), 2))
         forward = np.empty(len(memory))
+        side = 1.0 if np.random.default_rng(self.seed).random() < 0.5 else -1.0
+        p = params(
+            self,
+            briefing,
+            tracking_error=0.0 if robot.holonomic else self.tracking_error,
+            perturbation=side * self.perturbation,
+        )
         measured = np.zeros((len(memory), 2))
         measured[:, : len(robot.twist_axes) - 1] = observation.twist[:, :-1]
-        side = 1.0 if np.random.default_rng(self.seed).random() < 0.5 else -1.0
-        find_velocities(
-            obstacles,
-            briefing.num_obstacles,
-            patrols,
-            # one kernel for every batch: slices of a single row would be compiled anew
-            np.ascontiguousarray(observation.pose),
-            measured,
-            np.ascontiguousarray(observation.goal),
-            memory * briefing.dt,
-            robot.hull_radius + self.margin,
-            0.0 if robot.holonomic else self.tracking_error,
-            self.horizon,
-            self.wall_horizon,
-            self.recovery,
-            self.sensing_radius,
-            self.max_speed,
-            self.k,
-            side * self.perturbation,
-            velocity,
-            forward,
-        )
+        # one kernel for every batch: slices of a single row would be compiled anew
+        poses, goals = np.ascontiguousarray(observation.pose), np.ascontiguousarray(observation.goal)
+        find_velocities(p, Map.of(briefing), poses, measured, goals, memory, velocity, forward)
         memory += 1.0
         distance = np.hypot(observation.goal[:, 0], observation.goal[:, 1])
         arrived = (distance <= self.arrival_radius) & (observation.waypoints_left < 0.5)
@@ -164,91 +149,87 @@ def tracking_drift(angle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @compiled
-def find_velocities(
-    obstacles,
-    counts,
-    patrols,
-    poses,
-    measured,
-    goals,
-    times,
-    room,
-    tracking_error,
-    horizon,
-    wall_horizon,
-    recovery,
-    sensing_radius,
-    max_speed,
-    k,
-    perturbation,
-    velocities,
-    forward,
-):
-    """Fills the (b, 2) velocities of `Orca`, body frame, m/s, and the (b,) speeds at which the way ahead is free."""
-    radius = room + tracking_error
-    lines = np.empty((obstacles.shape[1], 3))
-    scratch = np.empty((obstacles.shape[1], 3))
-    for i in range(poses.shape[0]):
-        x, y = poses[i, 0], poses[i, 1]
+def find_velocities(params, told, poses, measured, goals, memory, velocities, forward):
+    """Fills the (b, 2) velocities of `Orca`, body frame, m/s, and the (b,) speeds at which the way ahead is free.
+
+    Beside the gains: `perturbation` with its side, and `tracking_error` 0 for an omni base.
+    """
+    p = params[0]
+    lines = np.empty((told.obstacles.shape[1], 3))
+    scratch = np.empty((told.obstacles.shape[1], 3))
+    for i in range(velocities.shape[0]):
         sine, cosine = sin_cos(poses[i, 2])
-        vx = cosine * measured[i, 0] - sine * measured[i, 1]
-        vy = sine * measured[i, 0] + cosine * measured[i, 1]
-        # what stands comes first: standstill keeps those half-planes, and they are never given up
-        total = 0
-        hard = 0
-        forward[i] = max_speed
-        for kind in range(2):
-            for j in range(counts[i]):
-                obstacle = obstacles[i, j]
-                is_disc = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
-                moves = patrols[i, j].leg_time > 0.0
-                if moves != (kind == 1):
-                    continue
-                # seen from where the obstacle is now, the robot is moved instead
-                ox = 0.0
-                oy = 0.0
-                o_vx = 0.0
-                o_vy = 0.0
-                if moves:
-                    now_x, now_y, o_vx, o_vy = patrol_at(patrols[i, j], times[i])
-                    ox = now_x - obstacle.x
-                    oy = now_y - obstacle.y
-                distance, near_x, near_y = nearest_surface(obstacle, x - ox, y - oy)
-                nx = near_x
-                ny = near_y
-                if distance > sensing_radius:
-                    continue
-                if is_disc:
-                    nx, ny, b = disc_half_plane(
-                        obstacle.x + ox - x,
-                        obstacle.y + oy - y,
-                        obstacle.radius + radius,
-                        vx - o_vx,
-                        vy - o_vy,
-                        horizon,
-                        recovery,
-                    )
-                else:
-                    b = (radius - distance) / (wall_horizon if distance > radius else recovery)
-                if not moves:
-                    b = min(b, 0.0)
-                    ahead = -(near_x * cosine + near_y * sine)
-                    if ahead > 0.0:
-                        forward[i] = min(forward[i], max(distance - room, 0.0) / (wall_horizon * ahead))
-                lines[total, 0] = nx
-                lines[total, 1] = ny
-                lines[total, 2] = b + nx * o_vx + ny * o_vy
-                total += 1
-            if kind == 0:
-                hard = total
-        goal_distance = math.sqrt(goals[i, 0] ** 2 + goals[i, 1] ** 2)
-        speed = min(k, max_speed / max(goal_distance, 1e-12))
-        turn_s, turn_c = sin_cos(perturbation * min(goal_distance, 1.0))
-        gx = speed * (turn_c * goals[i, 0] - turn_s * goals[i, 1])
-        gy = speed * (turn_s * goals[i, 0] + turn_c * goals[i, 1])
-        ux, uy = best_velocity(lines, total, hard, max_speed, cosine * gx - sine * gy, sine * gx + cosine * gy, scratch)
+        total, hard = fill_lines(p, told, poses, measured, i, memory[i] * p.plant.dt, lines, forward)
+        goal_x = goals[i, 0]
+        goal_y = goals[i, 1]
+        goal_distance = math.sqrt(goal_x**2 + goal_y**2)
+        speed = min(p.k, p.max_speed / max(goal_distance, 1e-12))
+        turn_s, turn_c = sin_cos(p.perturbation * min(goal_distance, 1.0))
+        gx = speed * (turn_c * goal_x - turn_s * goal_y)
+        gy = speed * (turn_s * goal_x + turn_c * goal_y)
+        wanted_x = cosine * gx - sine * gy
+        wanted_y = sine * gx + cosine * gy
+        ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted_x, wanted_y, scratch)
         velocities[i, 0] = cosine * ux + sine * uy
         velocities[i, 1] = cosine * uy - sine * ux
+
+
+@inlined
+def fill_lines(p, told, poses, measured, i, time, lines, forward):
+    """Fills the half-planes of robot i, rows (nx, ny, b) in the world frame, and the speed at which it may drive ahead.
+
+    Returns how many they are, and how many of them belong to what stands: these come first, since standstill keeps
+    them, and they are never given up.
+    """
+    room = p.plant.hull_radius + p.margin
+    radius = room + p.tracking_error
+    x = poses[i, 0]
+    y = poses[i, 1]
+    sine, cosine = sin_cos(poses[i, 2])
+    vx = cosine * measured[i, 0] - sine * measured[i, 1]
+    vy = sine * measured[i, 0] + cosine * measured[i, 1]
+    total = 0
+    hard = 0
+    forward[i] = p.max_speed
+    for kind in range(2):
+        for j in range(told.counts[i]):
+            obstacle = told.obstacles[i, j]
+            moves = told.patrols[i, j].leg_time > 0.0
+            if moves != (kind == 1):
+                continue
+            # seen from where the obstacle is now, the robot is moved instead
+            ox = 0.0
+            oy = 0.0
+            o_vx = 0.0
+            o_vy = 0.0
+            if moves:
+                now_x, now_y, o_vx, o_vy = patrol_at(told.patrols[i, j], time)
+                ox = now_x - obstacle.x
+                oy = now_y - obstacle.y
+            distance, near_x, near_y = nearest_surface(obstacle, x - ox, y - oy)
+            if distance > p.sensing_radius:
+                continue
+            if obstacle.half_length == 0.0 and obstacle.half_width == 0.0:
+                px = obstacle.x + ox - x
+                py = obstacle.y + oy - y
+                reach = obstacle.radius + radius
+                nx, ny, b = disc_half_plane(px, py, reach, vx - o_vx, vy - o_vy, p.horizon, p.recovery)
+            else:
+                nx = near_x
+                ny = near_y
+                b = (radius - distance) / (p.wall_horizon if distance > radius else p.recovery)
+            if not moves:
+                b = min(b, 0.0)
+                ahead = -(near_x * cosine + near_y * sine)
+                if ahead > 0.0:
+                    forward[i] = min(forward[i], max(distance - room, 0.0) / (p.wall_horizon * ahead))
+            lines[total, 0] = nx
+            lines[total, 1] = ny
+            lines[total, 2] = b + nx * o_vx + ny * o_vy
+            total += 1
+        if kind == 0:
+            hard = total
+    return total, hard
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""The one door that every policy stands behind, and the pilot that drives an environment with a policy."""
+"""The one door that every policy stands behind, and the checks of gains and scans that policies share."""
 
 import math
 from typing import Any, Protocol
@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.single import SingleEnv
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.checks import MOST_GAIN, MOST_WHOLE, real, refuse, truth, whole
+from wayfield.envs.robots import ROBOTS, Robot
 
 Array = NDArray[np.float64]
 
@@ -36,40 +36,53 @@ class Policy(Protocol):
 
 
 def check_gain(
-    policy: object, name: str, *, above: float = -math.inf, least: float = -math.inf, finite: bool = True
+    policy: object,
+    name: str,
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = MOST_GAIN,
+    finite: bool = True,
 ) -> None:
-    """Raises ValueError, naming the gain, its value and its range, unless it is a number in that range."""
+    """Raises ValueError, naming the gain, its value and its range, unless it is a number in that range.
+
+    Infinity is in the range where it need not be `finite`.
+    """
     value = getattr(policy, name)
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool) and not math.isnan(value)
-    if number and value > above and value >= least and (math.isfinite(value) or not finite):
-        return
-    wanted = "a finite number" if finite else "a number"
-    if above > -math.inf:
-        wanted += f" > {above:g}"
-    elif least > -math.inf:
-        wanted += f" >= {least:g}"
-    raise ValueError(f"{type(policy).__name__}: {name} must be {wanted}, got {value!r}")
+    found = real(value)
+    if math.isinf(found) and not isinstance(value, float | np.floating):
+        found = math.nan  # a whole number too large for a float is not infinity
+    field = f"{type(policy).__name__}: {name}"
+    if not (found > above and found >= least and (math.isfinite(found) or not finite)):
+        wanted = "a finite number" if finite else "a number"
+        if above > -math.inf:
+            wanted += f" > {above:g}"
+        elif least > -math.inf:
+            wanted += f" >= {least:g}"
+        refuse(field, value, wanted)
+    if math.isfinite(found) and not -most <= found <= most:
+        refuse(field, value, f"at most {most:g} in size")
 
 
-def check_whole(policy: object, name: str, *, least: int = 0) -> None:
+def check_whole(policy: object, name: str, *, least: int = 0, most: int = MOST_WHOLE) -> None:
     """Raises ValueError, naming the gain, its value and its range, unless it is a whole number in that range."""
-    value = getattr(policy, name)
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{type(policy).__name__}: {name} must be a whole number >= {least}, got {value!r}")
+    whole(f"{type(policy).__name__}: {name}", getattr(policy, name), least, most)
 
 
 def check_switch(policy: object, name: str) -> None:
     """Raises ValueError, naming the gain and its value, unless it is True or False."""
-    if not isinstance(getattr(policy, name), bool):
-        raise ValueError(f"{type(policy).__name__}: {name} must be True or False, got {getattr(policy, name)!r}")
+    truth(f"{type(policy).__name__}: {name}", getattr(policy, name))
 
 
-def check_holonomic(policy: Policy, briefing: Briefing) -> None:
-    """Raises ValueError, naming policy and robot, unless the robot can drive sideways."""
-    if not briefing.robot.holonomic:
-        raise ValueError(
-            f"{type(policy).__name__} drives omni robots only; robot {briefing.robot.name!r} cannot go sideways"
-        )
+def check_robot(policy: Policy, robot: Robot) -> None:
+    """Raises ValueError, naming policy and robot, unless the robot can all that the policy needs.
+
+    A policy that needs more than wheels that turn it says so in `needs`, names of what a `Robot` says that it can.
+    """
+    for need in getattr(policy, "needs", ()):
+        if not getattr(robot, need):
+            able = ", ".join(name for name, each in ROBOTS.items() if getattr(each, need))
+            raise ValueError(f"{type(policy).__name__} drives {need} robots only ({able}), not {robot.name!r}")
 
 
 def check_scan(policy: Policy, ranges: Array, briefing: Briefing) -> None:
@@ -79,56 +92,3 @@ def check_scan(policy: Policy, ranges: Array, briefing: Briefing) -> None:
         raise ValueError(f"{type(policy).__name__} needs a range scan; num_beams is 0 and must be at least 1")
     if ranges.shape[-1] != beams:
         raise ValueError(f"{type(policy).__name__}: ranges has {ranges.shape[-1]} values, the scan has {beams} beams")
-
-
-class Pilot:
-    """Drives an environment, single or native vector, with a policy.
-
-    Call `reset` after the environment's reset, then `act` with each observation: it unpacks the named fields and turns
-    the policy's twists into actions of the environment's action mode.
-
-    Raises:
-        TypeError: if the policy cannot read the environment's observations.
-    """
-
-    def __init__(self, policy: Policy, env: Any) -> None:
-        base = env.unwrapped
-        if not isinstance(base, SingleEnv | NativeVectorEnv):
-            raise TypeError(
-                f"Pilot drives environments of wayfield, single or native vector, not {type(base).__name__}"
-            )
-        kind = base.task.layout.kind
-        if kind not in policy.observes:
-            reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
-            gives = f"{kind.__module__}.{kind.__name__}"
-            raise TypeError(f"{type(policy).__name__} reads {reads}, but {type(base).__name__} gives {gives}")
-        self.policy = policy
-        self._env = base
-        self._shape = base.action_space.shape
-        self._started = False
-        self.briefing: Briefing
-        self.memory: NDArray[Any]
-
-    def reset(self, rows: NDArray[Any] | None = None) -> None:
-        """Tells the policy of the episodes that have just begun, in all rows or in the given ones."""
-        self.briefing = self._env.briefing(self.policy.knows)
-        self._started = True
-        memory = self.policy.reset(self.briefing)
-        if rows is None:
-            self.memory = memory
-        else:
-            self.memory[rows] = memory[rows]
-
-    def act(self, observation: NDArray[Any]) -> Array:
-        """Returns the action for the observation, with the environment's own shapes.
-
-        Raises:
-            RuntimeError: before the first `reset`.
-        """
-        if not self._started:
-            raise RuntimeError("call the pilot's reset after the environment's, before act")
-        fields = self.briefing.layout.unpack(np.atleast_2d(observation).astype(np.float64))
-        twists = self.policy.act(fields, self.briefing, self.memory)
-        if self.briefing.action_mode == "wheel_speeds":
-            twists = self.briefing.robot.wheel_speeds_from_twist(twists)
-        return twists.reshape(self._shape)

@@ -10,10 +10,18 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import nearest_surface
+from wayfield.envs.geometry import lengths, nearest_surface, sines
 from wayfield.envs.patrols import patrol
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import velocity_twists
 from wayfield.policies.policy import check_gain, check_switch
-from wayfield.policies.steering import velocity_twists
+
+MEMORY = np.dtype(
+    [
+        ("side", np.float64),  # on which the robot passes an obstacle, +1 left, -1 right, 0 undecided
+        ("steps", np.float64),  # since the episode began, where something moves
+    ]
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,8 +67,8 @@ class PotentialField:
         check_switch(self, "escape")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns (b, 2): on which side a robot passes an obstacle, +1 left, -1 right, 0 undecided; and its steps."""
-        return np.zeros((briefing.num_envs, 2))
+        """Returns the side and the steps of each robot, MEMORY records (b,)."""
+        return np.zeros(briefing.num_envs, MEMORY)
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -69,30 +77,32 @@ class PotentialField:
         obstacles = obstacles_now(briefing, memory)
         to_goal = world_from_body(observation.goal, observation.pose)
         away = observation.pose[:, None, :2] - np.stack([obstacles["x"], obstacles["y"]], axis=-1)
-        distance = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-6)
+        distance = np.maximum(lengths(away), 1e-6)
         standing = np.arange(distance.shape[1]) < briefing.num_obstacles[:, None]  # type: ignore[index]
         distance[~standing] = np.inf
         attraction = self.k_att * to_goal
         near = distance <= self.tau
         strength = np.where(near, self.k_rep / distance**4, 0.0)
-        repulsion = np.einsum("bm,bmk->bk", strength, away)
+        repulsion = np.zeros_like(attraction)
+        for j in range(distance.shape[1]):  # one after the other: a lone robot sums as one of many does
+            repulsion += strength[:, j, None] * away[:, j]
         force = attraction + repulsion
         if self.escape and distance.shape[1]:
-            l_c = norm(attraction) / (norm(repulsion) + 0.0001)
+            l_c = lengths(attraction) / (lengths(repulsion) + 0.0001)
             nearest = distance.argmin(axis=1)
             to_obstacle = -np.take_along_axis(away, nearest[:, None, None], axis=1)[:, 0]
             trapped = (l_c <= self.tau_l) & near.any(axis=1)
-            choose_side(memory[:, 0], trapped, to_obstacle, to_goal)
-            turned = memory[:, :1] * np.column_stack([repulsion[:, 1], -repulsion[:, 0]])
+            choose_side(memory["side"], trapped, to_obstacle, to_goal)
+            turned = memory["side"][:, None] * np.column_stack([repulsion[:, 1], -repulsion[:, 0]])
             force += np.where(trapped[:, None], turned, 0.0)
-        force *= np.minimum(1.0, self.max_speed / np.maximum(norm(force), 1e-12))[:, None]
+        force *= np.minimum(1.0, self.max_speed / np.maximum(lengths(force), 1e-12))[:, None]
         twists = velocity_twists(
             briefing.robot,
             body_from_world(force, observation.pose),
             observation.goal_heading_error,
             self.k_att if briefing.robot.holonomic else self.turn_gain,
         )
-        return np.where((norm(to_goal) <= self.stop_radius)[:, None], 0.0, twists)
+        return np.where((lengths(to_goal) <= self.stop_radius)[:, None], 0.0, twists)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,8 +139,8 @@ class CorrectedField:
             check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns (b, 2): on which side a robot passes an obstacle, +1 left, -1 right, 0 undecided; and its steps."""
-        return np.zeros((briefing.num_envs, 2))
+        """Returns the side and the steps of each robot, MEMORY records (b,)."""
+        return np.zeros(briefing.num_envs, MEMORY)
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -138,18 +148,9 @@ class CorrectedField:
         """Returns the twists (b, t): m/s and rad/s."""
         to_goal = world_from_body(observation.goal, observation.pose)
         force = np.empty_like(to_goal)
+        obstacles = obstacles_now(briefing, memory)
         corrected_forces(
-            obstacles_now(briefing, memory),
-            briefing.num_obstacles,
-            observation.pose,
-            to_goal,
-            briefing.robot.hull_radius,
-            self.k,
-            self.eta,
-            self.rho_0,
-            self.max_speed,
-            memory,
-            force,
+            params(self, briefing), obstacles, briefing.num_obstacles, observation.pose, to_goal, memory, force
         )
         return velocity_twists(
             briefing.robot,
@@ -160,51 +161,53 @@ class CorrectedField:
 
 
 @compiled
-def corrected_forces(obstacles, counts, poses, to_goal, hull_radius, k, eta, rho_0, max_speed, memory, forces):
+def corrected_forces(params, obstacles, counts, poses, to_goal, memory, forces):
     """Fills the (b, 2) forces of `CorrectedField`, in the world frame, and keeps the sides up to date."""
+    p = params[0]
     for i in range(poses.shape[0]):
+        m = memory[i]
         ex, ey = to_goal[i]
         d = math.sqrt(ex * ex + ey * ey)
-        shorten = min(k, max_speed / max(d, 1e-12))
+        shorten = min(p.k, p.max_speed / max(d, 1e-12))
         fx = shorten * ex
         fy = shorten * ey
         ahead = False
         for j in range(counts[i]):
             distance, nx, ny = nearest_surface(obstacles[i, j], poses[i, 0], poses[i, 1])
             # a touching hull is pushed away with the force of a millimetre's gap
-            rho = max(distance - hull_radius, 1e-3)
-            if rho > rho_0:
+            rho = max(distance - p.plant.hull_radius, 1e-3)
+            if rho > p.rho_0:
                 continue
-            gap = 1.0 / rho - 1.0 / rho_0
-            push = eta * gap * d * d / (rho * rho)
-            pull = eta * gap * gap
+            gap = 1.0 / rho - 1.0 / p.rho_0
+            push = p.eta * gap * d * d / (rho * rho)
+            pull = p.eta * gap * gap
             fx += pull * ex
             fy += pull * ey
             if nx * ex + ny * ey < 0.0:
                 ahead = True
-                if memory[i, 0] == 0.0:
+                if m.side == 0.0:
                     # left when the goal is left of the obstacle, or in line with it
-                    memory[i, 0] = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
-                fx += push * memory[i, 0] * ny
-                fy -= push * memory[i, 0] * nx
+                    m.side = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
+                fx += push * m.side * ny
+                fy -= push * m.side * nx
             else:
                 fx += push * nx
                 fy += push * ny
         if not ahead:
-            memory[i, 0] = 0.0
-        cut = min(1.0, max_speed / max(math.sqrt(fx * fx + fy * fy), 1e-12))
+            m.side = 0.0
+        cut = min(1.0, p.max_speed / max(math.sqrt(fx * fx + fy * fy), 1e-12))
         forces[i, 0] = cut * fx
         forces[i, 1] = cut * fy
 
 
-def obstacles_now(briefing: Briefing, memory: NDArray[np.float64]) -> NDArray[np.void]:
+def obstacles_now(briefing: Briefing, memory: NDArray[np.void]) -> NDArray[np.void]:
     """Returns the obstacles (b, m) where they are now, with those on patrol moved on, and counts the step in memory."""
     assert briefing.obstacles is not None
     if briefing.patrols is None or not briefing.patrols["leg_time"].any():
         return briefing.obstacles
     obstacles = briefing.obstacles.copy()
-    move(briefing.patrols, obstacles, briefing.num_obstacles, memory[:, 1] * briefing.dt)
-    memory[:, 1] += 1.0
+    move(briefing.patrols, obstacles, briefing.num_obstacles, memory["steps"] * briefing.dt)
+    memory["steps"] += 1.0
     return obstacles
 
 
@@ -222,7 +225,7 @@ def choose_side(
     to_goal: NDArray[np.float64],
 ) -> None:
     """Sets the side of the robots that get trapped, and clears it where the obstacle lies behind."""
-    side[np.einsum("bk,bk->b", to_obstacle, to_goal) <= 0.0] = 0.0
+    side[to_obstacle[:, 0] * to_goal[:, 0] + to_obstacle[:, 1] * to_goal[:, 1] <= 0.0] = 0.0
     cross = to_obstacle[:, 0] * to_goal[:, 1] - to_obstacle[:, 1] * to_goal[:, 0]
     # observations have single precision: what is in line to that precision is in line
     goal_side = np.where(cross >= -1e-6, 1.0, -1.0)
@@ -230,14 +233,9 @@ def choose_side(
     side[undecided] = goal_side[undecided]
 
 
-def norm(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the lengths (b,) of vectors (b, 2)."""
-    return np.hypot(vectors[:, 0], vectors[:, 1])
-
-
 def world_from_body(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the vectors (b, 2) turned from the body frames of the poses (b, 3) into the world frame."""
-    sine, cosine = np.sin(pose[:, 2]), np.cos(pose[:, 2])
+    sine, cosine = sines(pose[:, 2])
     return np.column_stack(
         [cosine * vectors[:, 0] - sine * vectors[:, 1], sine * vectors[:, 0] + cosine * vectors[:, 1]]
     )
@@ -245,7 +243,7 @@ def world_from_body(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> 
 
 def body_from_world(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the vectors (b, 2) turned from the world frame into the body frames of the poses (b, 3)."""
-    sine, cosine = np.sin(pose[:, 2]), np.cos(pose[:, 2])
+    sine, cosine = sines(pose[:, 2])
     return np.column_stack(
         [cosine * vectors[:, 0] + sine * vectors[:, 1], cosine * vectors[:, 1] - sine * vectors[:, 0]]
     )

@@ -10,9 +10,16 @@ from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import sin_cos
-from wayfield.policies.carrot import distance_left, place_on_lap, point_at_distance, pursuit_curvature, stopping_speed
+from wayfield.policies.parts.carrot import (
+    distance_left,
+    place_on_lap,
+    point_at_distance,
+    pursuit_curvature,
+    stopping_speed,
+)
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
 from wayfield.policies.policy import check_gain
-from wayfield.policies.steering import unicycle_twists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,33 +64,24 @@ class PurePursuit:
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
         del memory
-        assert briefing.paths is not None
+        p = params(self, briefing, deceleration=min(self.deceleration, briefing.actuators.acceleration))
         twists = np.empty((len(observation.pose), 2))
-        pursue(
-            briefing.paths.vertices,
-            briefing.paths.runs,
-            briefing.path_index,
-            observation.pose,
-            observation.arc_length,
-            self.lookahead_distance,
-            self.speed,
-            min(self.deceleration, briefing.actuators.acceleration),
-            self.window,
-            twists,
-        )
+        pursue(p, Course.of(briefing), Motion.of(observation), twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
 @compiled
-def pursue(vertices, runs, path_index, poses, arc_lengths, lookahead_distance, speed, deceleration, window, twists):
+def pursue(params, course, motion, twists):
     """Fills the (b, 2) speeds and yaw rates of `PurePursuit.act`."""
-    for i in range(poses.shape[0]):
+    p = params[0]
+    vertices, runs, path_index = course
+    for i in range(path_index.shape[0]):
         run = runs[path_index[i]]
-        x, y, heading = poses[i]
+        x, y, heading = motion.poses[i]
         sine, cosine = sin_cos(heading)
-        along, segment = place_on_lap(vertices, run, arc_lengths[i])
-        px, py = point_at_distance(vertices, run, x, y, along, segment, lookahead_distance, window)
+        along, segment = place_on_lap(vertices, run, motion.arc_lengths[i])
+        px, py = point_at_distance(vertices, run, x, y, along, segment, p.lookahead_distance, p.window)
         curvature, _, _ = pursuit_curvature(x, y, sine, cosine, px, py)
-        v = min(speed, stopping_speed(distance_left(run, along), deceleration))
+        v = min(p.speed, stopping_speed(distance_left(run, along), p.deceleration))
         twists[i, 0] = v
         twists[i, 1] = v * curvature

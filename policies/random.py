@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import LAST_SEED
 from wayfield.policies.policy import check_whole
 
 
@@ -24,7 +25,7 @@ class Random:
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
 
     def __post_init__(self) -> None:
-        check_whole(self, "seed")
+        check_whole(self, "seed", most=LAST_SEED)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns a generator for each robot, so that robot i acts alike in every batch that holds it."""

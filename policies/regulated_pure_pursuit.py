@@ -12,10 +12,12 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import saturation_factor
-from wayfield.policies.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
+from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
 from wayfield.policies.policy import check_gain
-from wayfield.policies.steering import unicycle_twists
 
+MOST_SAMPLES = 10_000.0  # of the way ahead
 SAMPLING = 0.05  # m, between the places ahead whose bend limits the speed
 
 
@@ -78,108 +80,82 @@ class RegulatedPurePursuit:
         self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s, which the base can set within one control period."""
-        assert briefing.paths is not None
-        actuators = briefing.actuators
-        robot = briefing.robot
-        limit = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
-        pursue(
-            briefing.paths.vertices,
-            briefing.paths.runs,
-            briefing.path_index,
-            observation.pose,
-            observation.arc_length,
-            (self.speed, self.min_speed, self.min_radius, self.bend_span),
-            (self.min_lookahead, self.max_lookahead, self.lookahead_time),
-            (self.rotate_angle, self.max_yaw_rate, min(self.yaw_acceleration, actuators.yaw_acceleration)),
-            min(self.deceleration, actuators.acceleration),
-            (actuators.acceleration, actuators.yaw_acceleration, actuators.lag, briefing.dt),
-            robot.wheel_matrix,
-            limit,
-            memory,
+        p = params(
+            self,
+            briefing,
+            deceleration=min(self.deceleration, briefing.actuators.acceleration),
+            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
         )
-        return unicycle_twists(robot, memory[:, 0], memory[:, 1])
+        pursue(p, Course.of(briefing), Motion.of(observation), memory)
+        return unicycle_twists(briefing.robot, memory[:, 0], memory[:, 1])
 
 
 @compiled
-def pursue(
-    vertices,
-    runs,
-    path_index,
-    poses,
-    arc_lengths,
-    bends,
-    lookahead,
-    rotation,
-    deceleration,
-    base,
-    wheel_matrix,
-    limit,
-    commands,
-):
+def pursue(params, course, motion, commands):
     """Replaces the (b, 2) last commands by the next ones of `RegulatedPurePursuit.act`."""
-    min_lookahead, max_lookahead, lookahead_time = lookahead
-    rotate_angle, max_yaw_rate, rotation_braking = rotation
-    acceleration, yaw_acceleration, lag, dt = base
-    for i in range(poses.shape[0]):
+    p = params[0]
+    plant = p.plant
+    vertices, runs, path_index = course
+    for i in range(path_index.shape[0]):
         run = runs[path_index[i]]
-        x, y, heading = poses[i]
+        x, y, heading = motion.poses[i]
         v0 = commands[i, 0]
         w0 = commands[i, 1]
         sine, cosine = sin_cos(heading)
-        along, segment = place_on_lap(vertices, run, arc_lengths[i])
-        distance = min(max(lookahead_time * v0, min_lookahead), max_lookahead)
+        along, segment = place_on_lap(vertices, run, motion.arc_lengths[i])
+        distance = min(max(p.lookahead_time * v0, p.min_lookahead), p.max_lookahead)
         px, py, _ = pose_ahead(vertices, run, along, segment, distance)
         curvature, px, py = pursuit_curvature(x, y, sine, cosine, px, py)
         angle = bearing(py, px)
-        v_low = max(v0 - acceleration * dt, 0.0)
-        w_low = w0 - yaw_acceleration * dt
-        w_high = w0 + yaw_acceleration * dt
-        if abs(angle) > rotate_angle:
+        v_low = max(v0 - plant.acceleration * plant.dt, 0.0)
+        w_low = w0 - plant.yaw_acceleration * plant.dt
+        w_high = w0 + plant.yaw_acceleration * plant.dt
+        if abs(angle) > p.rotate_angle:
             v = v_low
-            w = math.copysign(min(max_yaw_rate, math.sqrt(2.0 * rotation_braking * abs(angle))), angle)
+            w = math.copysign(min(p.max_yaw_rate, math.sqrt(2.0 * p.yaw_acceleration * abs(angle))), angle)
             w = min(max(w, w_low), w_high)
         else:
-            v_max = speed_ahead(vertices, run, along, segment, bends, deceleration, lag * v0)
-            v_max *= saturation_factor(wheel_matrix, wheel_matrix.shape[0], limit, v_max, 0.0, curvature * v_max)
-            v_high = max(min(v0 + acceleration * dt, v_max), v_low)
+            v_max = speed_ahead(p, vertices, run, along, segment, plant.lag * v0)
+            v_max *= saturation_factor(
+                plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, v_max, 0.0, curvature * v_max
+            )
+            v_high = max(min(v0 + plant.acceleration * plant.dt, v_max), v_low)
             v, w = fastest_on_line(curvature, v_low, v_high, w_low, w_high)
         # off the line a wheel may still be asked for too much; braking makes room for at least a part of the last turn
-        most = widest_turn(wheel_matrix, limit, v)
+        most = widest_turn(plant, v)
         if w_low > most or w_high < -most:
             v = v_low
-            most = widest_turn(wheel_matrix, limit, v)
+            most = widest_turn(plant, v)
         commands[i, 0] = v
         commands[i, 1] = min(max(w, -most), most)
 
 
 @inlined
-def widest_turn(wheel_matrix, limit, v):
-    """Returns the yaw rate (rad/s) that is left, to either side, when wheels that turn at `limit` (rad/s) drive v."""
+def widest_turn(plant, v):
+    """Returns the yaw rate (rad/s) that is left, to either side, when wheels that turn at their limit drive v (m/s)."""
     most = np.inf
-    for k in range(wheel_matrix.shape[0]):
-        most = min(most, (limit - abs(wheel_matrix[k, 0] * v)) / abs(wheel_matrix[k, 2]))
+    for k in range(plant.num_wheels):
+        left = plant.wheel_speed_limit - abs(plant.wheel_matrix[k, 0] * v)
+        most = min(most, left / abs(plant.wheel_matrix[k, 2]))
     return max(most, 0.0)
 
 
 @inlined
-def speed_ahead(vertices, run, along, segment, bends, deceleration, blind):
+def speed_ahead(p, vertices, run, along, segment, blind):
     """Returns the speed (m/s) that leaves room to slow down for every bend ahead and for the end of the path.
 
     Args:
-        bends: speed, min_speed, min_radius and bend_span of `RegulatedPurePursuit`.
-        deceleration: m/s^2.
         blind: m, driven before the wheels follow a command.
     """
-    speed, min_speed, min_radius, span = bends
-    v_max = min(speed, stopping_speed(distance_left(run, along), deceleration))
-    reach = blind + 0.5 * speed * speed / deceleration
-    for j in range(int(reach / SAMPLING) + 1):
+    v_max = min(p.speed, stopping_speed(distance_left(run, along), p.deceleration))
+    reach = blind + 0.5 * p.speed * p.speed / p.deceleration
+    for j in range(int(min(max(0.0, reach / SAMPLING), MOST_SAMPLES)) + 1):
         ahead = j * SAMPLING
         _, _, enter = pose_ahead(vertices, run, along, segment, ahead)
-        _, _, leave = pose_ahead(vertices, run, along, segment, ahead + span)
+        _, _, leave = pose_ahead(vertices, run, along, segment, ahead + p.bend_span)
         turn = abs(wrap_angle(leave - enter))
-        v = max(speed * min(1.0, span / max(min_radius * turn, 1e-12)), min_speed)
-        v_max = min(v_max, math.sqrt(v * v + 2.0 * deceleration * max(ahead - blind, 0.0)))
+        v = max(p.speed * min(1.0, p.bend_span / max(p.min_radius * turn, 1e-12)), p.min_speed)
+        v_max = min(v_max, math.sqrt(v * v + 2.0 * p.deceleration * max(ahead - blind, 0.0)))
     return v_max
 
 

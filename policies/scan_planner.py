@@ -10,61 +10,52 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos
-from wayfield.policies.grid_search import pulled, search, traced
-from wayfield.policies.policy import check_gain, check_scan
-from wayfield.policies.polyline_tracker import (
+from wayfield.policies.parts.polyline_tracker import (
     PLAN,
     PolylineTracker,
     clearance_at,
     clearance_prices,
     command,
     free_arc,
-    lay,
-    nearest_free,
-    plan_arrays,
     plan_is_clear,
+    plan_way,
     point_at,
     project,
-    relax,
     stopping_speed,
     track,
 )
-from wayfield.policies.scan_map import (
+from wayfield.policies.parts.scan_map import (
     BARRED,
     CELLS,
+    CHART,
     SUB,
     enter_point,
     enter_scan,
+    forget,
     mark,
     move_grid,
     stamps,
 )
-from wayfield.policies.stopping import (
+from wayfield.policies.parts.stopping import (
     SECTORS,
-    beam_directions,
+    SIGHTS,
+    Scan,
+    Seen,
     find_approaching,
     find_hits,
-    fresh_scans,
-    full_twists,
-    plant_model,
+    remembering,
     sees_all_round,
     step_and_stop,
 )
+from wayfield.policies.policy import check_gain
 
-POINTS = 512  # of a plan
-
-MEMORY = [
+STATE = [
     *PLAN,
-    ("points", np.float64, (POINTS, 2)),
-    ("arc", np.float64, (POINTS,)),
-    ("planned_at", np.int64),  # step of the last search
     ("forgotten", np.int64),  # how often the map was
-    ("seen", np.float64, (3 * SECTORS,)),  # of `find_hits`
     ("nearest", np.float64),  # m, the surface nearest to the robot
     ("closing", np.float64),  # m/s, at which that comes nearer by itself
-    ("grid", np.uint8, (CELLS, CELLS)),
-    ("evidence", np.int8, (CELLS, CELLS)),
-    ("spots", np.uint16, (CELLS, CELLS)),
+    *SIGHTS,
+    *CHART,
 ]
 
 NEAR = 1.5  # m, within which the hits themselves are looked at
@@ -126,16 +117,12 @@ class ScanPlanner(PolylineTracker):
             check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty map and no plan for each robot: `MEMORY` records (b,), with the scans to see motion by.
+        """Returns an empty map and no plan for each robot, (b,): a record of STATE and the scans of `remembering`.
 
         Raises:
             ValueError: if there are no beams.
         """
-        check_scan(self, briefing.beam_angles, briefing)
-        scans = fresh_scans(briefing)
-        memory = np.zeros(briefing.num_envs, np.dtype([*MEMORY, ("scans", np.float64, scans.shape[1:])]))
-        memory["scans"] = scans
-        return memory
+        return remembering(self, briefing, STATE)
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -145,9 +132,8 @@ class ScanPlanner(PolylineTracker):
         Raises:
             ValueError: if the scan has another number of beams than the briefing.
         """
-        check_scan(self, observation.ranges, briefing)
+        scan = Scan.of(self, observation, briefing, memory)
         radius = briefing.robot.hull_radius
-        reach = radius + self.wanted_clearance + 1.5 * self.cell
         prices = np.array(
             [
                 clearance_prices(radius + self.margin, radius + self.wanted_clearance, self.weight),
@@ -155,297 +141,234 @@ class ScanPlanner(PolylineTracker):
                 clearance_prices(radius + 0.5 * self.wanted_clearance, 0.0, 0.0),  # where lines are drawn straight
             ]
         )
-        decide(
-            self.limits(briefing),
-            (self.cell, self.margin, self.give, self.wanted_clearance, self.astray, self.creep),
-            (round(self.period / briefing.dt), round(self.pause / briefing.dt)),
-            prices,
-            beam_directions(briefing),
-            briefing.max_range,
-            sees_all_round(briefing),
-            observation.pose,
-            observation.goal,
-            observation.goal_heading_error,
-            observation.waypoints_left,
-            observation.ranges,
-            (memory["grid"], memory["evidence"], memory["spots"], stamps(self.cell, reach)),
-            plan_arrays(memory),
-            (memory["target"], memory["steps"], memory["plans"], memory["no_path"], memory["planned_at"]),
-            memory["forgotten"],
-            (memory["seen"], memory["scans"], self.foresight),
-            (memory["nearest"], memory["closing"], self.evade_within, self.evade_time),
-            plant_model(briefing),
-            full_twists(briefing, observation.twist),
+        p = self.params(
+            briefing,
+            theta=False,
+            snap=4.5 * self.cell,
+            spacing=1.0,
+            rounds=20,
+            recall=RECALL,
+            period_steps=round(self.period / briefing.dt),
+            pause_steps=round(self.pause / briefing.dt),
+            all_round=sees_all_round(briefing),
         )
-        return self.twists(briefing, memory)
+        table = stamps(self.cell, radius + self.wanted_clearance + 1.5 * self.cell)
+        decide(p, prices, table, scan, Seen.of(observation, briefing), memory["state"])
+        return self.twists(briefing, memory["state"])
 
 
 @compiled
-def decide(
-    limits, mapping, timing, prices, beams, max_range, full_circle, poses, goals, heading_errors, waypoints_left,
-    ranges, chart, plan, log, forgotten, recalled, evading, model, twists,
-):  # fmt: skip
+def decide(params, prices, table, scan, seen, memory):
     """Sets the commands of all robots: enters the scans, plans where it must be, and tracks."""
-    cell_size, margin, give, wanted, astray, creep = mapping
-    seen, scans, foresight = recalled
-    grid, evidence, spots, _ = chart
-    points, arc, num_points, segments, arrived, stuck, commands, origin, cell = plan
-    target, steps, plans, no_path, planned_at = log
-    size = grid.shape[1]
-    # the brakes are those of this law
-    plant = (limits.acceleration, limits.yaw_acceleration, *model[2:])
-    hits = np.empty((2 * beams.shape[0] + SECTORS, 3))
-    scratch_size = 1
-    costs = np.empty(0)
-    estimates = np.empty(0)
-    parents = np.empty(0, np.int32)
-    heap = np.empty(0, np.int32)
-    places = np.empty(0, np.int32)
-    for i in range(poses.shape[0]):
-        x = poses[i, 0]
-        y = poses[i, 1]
-        heading = poses[i, 2]
-        sine, cosine = sin_cos(heading)
-        goal_x = x + cosine * goals[i, 0] - sine * goals[i, 1]
-        goal_y = y + sine * goals[i, 0] + cosine * goals[i, 1]
-        # half-way to the goal, but no more than a quarter of the grid away
-        quarter = 0.25 * size * cell_size
-        middle_x = x + min(max(0.5 * (goal_x - x), -quarter), quarter)
-        middle_y = y + min(max(0.5 * (goal_y - y), -quarter), quarter)
-        if steps[i] == 0:
-            cell[i] = cell_size
-            origin[i, 0] = middle_x - 2.0 * quarter
-            origin[i, 1] = middle_y - 2.0 * quarter
-        off = max(abs(x - origin[i, 0] - 2.0 * quarter), abs(y - origin[i, 1] - 2.0 * quarter))
-        if off > 1.6 * quarter:
-            move_grid(chart, i, origin, cell, middle_x, middle_y)
-            num_points[i] = 0
-        enter_scan(chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius)
-        count = find_hits(
-            ranges, i, beams, max_range, NEAR, limits.hull_radius + 0.5 * limits.skin, poses, RECALL, limits.dt, seen,
-            0, hits,
-        )  # fmt: skip
-        foreseen = find_approaching(
-            ranges, i, beams, max_range, limits.hull_radius, poses, foresight, limits.dt, scans, 0, hits, count
-        )
+    p = params[0]
+    points = np.empty((2 * scan.ranges.shape[1] + SECTORS, 3))
+    for i in range(scan.ranges.shape[0]):
+        m = memory[i]
+        x = seen.poses[i, 0]
+        y = seen.poses[i, 1]
+        pose = x, y, seen.poses[i, 2]
+        sine, cosine = sin_cos(seen.poses[i, 2])
+        goal_x = x + cosine * seen.goals[i, 0] - sine * seen.goals[i, 1]
+        goal_y = y + sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
+        place_grid(p, m, x, y, goal_x, goal_y)
+        enter_scan(m, table, scan, i, pose, p.plant.hull_radius)
+        count = find_hits(p, scan, seen, m, i, NEAR, p.plant.hull_radius + 0.5 * p.skin, points)
+        foreseen = find_approaching(p, scan, seen, m, i, p.plant.hull_radius, points, count)
         for j in range(count, foreseen):
-            enter_point(
-                chart, i, origin, cell, x + cosine * hits[j, 0] - sine * hits[j, 1],
-                y + sine * hits[j, 0] + cosine * hits[j, 1],
-            )  # fmt: skip
+            hit_x = x + cosine * points[j, 0] - sine * points[j, 1]
+            hit_y = y + sine * points[j, 0] + cosine * points[j, 1]
+            enter_point(m, table, hit_x, hit_y)
         # what is out of the grid is headed for through the nearest cell within
-        inside_x = min(max(goal_x, origin[i, 0] + 3.0 * cell_size), origin[i, 0] + (size - 3.0) * cell_size)
-        inside_y = min(max(goal_y, origin[i, 1] + 3.0 * cell_size), origin[i, 1] + (size - 3.0) * cell_size)
-        goal_is_inside = inside_x == goal_x and inside_y == goal_y
-        waited = steps[i] - planned_at[i]
-        n = num_points[i]
-        s = 0.0
-        due = plans[i] == 0
-        if n > 0:
-            s, away, _ = project(points, arc, n, segments, i, x, y)
-            if away > astray or stuck[i] >= 10 or waited >= timing[0]:
-                due = waited >= timing[1]
-            if abs(target[i, 0] - inside_x) + abs(target[i, 1] - inside_y) > 0.5 * cell_size:
-                due = due or waited >= timing[1]
-            needed = limits.hull_radius - 0.01 if no_path[i] == 0 else limits.hull_radius - give - 0.01
-            if not plan_is_clear(grid, points, arc, n, segments[i], i, origin, cell, 6.0, needed):
-                near = not plan_is_clear(grid, points, arc, n, segments[i], i, origin, cell, 1.0, needed)
-                due = due or waited >= timing[1] or (near and waited >= timing[1] // 3)
-        else:
-            due = due or waited >= timing[1]
-        if due and arrived[i] == 0:
-            if scratch_size < size * size:
-                scratch_size = size * size
-                costs = np.empty(scratch_size)
-                estimates = np.empty(scratch_size)
-                parents = np.empty(scratch_size, np.int32)
-                heap = np.empty(scratch_size, np.int32)
-                places = np.empty(scratch_size, np.int32)
-            if stuck[i] >= 10:
-                bar_gap(chart, plan, i, limits.hull_radius + margin)
-            plans[i] += 1
-            planned_at[i] = steps[i]
-            stuck[i] = 0
-            target[i, 0] = inside_x
-            target[i, 1] = inside_y
-            found = False
-            no_path[i] = 0
-            for choice in range(4):
-                if choice == 2:
-                    # the map must be wrong: begin again with what is seen now
-                    forgotten[i] += 1
-                    grid[i] = 0
-                    evidence[i] = 0
-                    spots[i] = 0
-                    enter_scan(
-                        chart, i, origin, cell, x, y, heading, beams, ranges, max_range, limits.hull_radius
-                    )  # fmt: skip
-                found = plan_way(
-                    limits, wanted, prices[choice % 2], prices[2], grid, plan, i, x, y, inside_x, inside_y,
-                    costs, estimates, parents, heap, places,
-                )  # fmt: skip
-                if found:
-                    no_path[i] = choice % 2
-                    break
-            if not found:
-                num_points[i] = 0
-                no_path[i] = 1
+        inside_x = min(max(goal_x, m.origin[0] + 3.0 * p.cell), m.origin[0] + (CELLS - 3.0) * p.cell)
+        inside_y = min(max(goal_y, m.origin[1] + 3.0 * p.cell), m.origin[1] + (CELLS - 3.0) * p.cell)
+        due, s = plan_is_due(p, m, x, y, inside_x, inside_y)
+        if due and m.arrived == 0:
+            plan(p, m, prices, table, scan, i, pose, inside_x, inside_y)
             s = 0.0
         speed_limit = np.inf
-        if num_points[i] > 0:
-            known = seen_ahead(evidence, points, arc, num_points[i], segments[i], i, s, origin, cell)
-            speed_limit = max(creep, stopping_speed(known, limits.acceleration, limits.delay))
-        last = commands[i, 0], commands[i, 1], commands[i, 2]
-        stood = stuck[i]
-        if arrived[i] == 1 or not evade(
-            limits, grid, plan, evading, twists, ranges, beams, i, x, y, heading, steps[i], foreseen > count
-        ):
+        if m.num_points > 0:
+            speed_limit = max(p.creep, stopping_speed(seen_ahead(m, s), p.acceleration, p.delay))
+        last = m.command[0], m.command[1], m.command[2]
+        stood = m.stuck
+        if m.arrived == 1 or not evade(p, m, scan, seen, i, foreseen > count):
+            is_goal = seen.waypoints_left[i] < 0.5 and inside_x == goal_x and inside_y == goal_y
             # between its cells the grid can say half a cell less than there is
-            track(
-                limits, grid, plan, i, x, y, heading, heading_errors[i], waypoints_left[i] < 0.5 and goal_is_inside,
-                not full_circle, speed_limit, -0.5 * cell_size,
-            )  # fmt: skip
-        if keep_room(limits, plant, commands, twists, i, last, hits, count):
-            stuck[i] = stood + 1
-        steps[i] += 1
+            track(p, m, pose, seen.heading_errors[i], is_goal, not p.all_round, speed_limit, -0.5 * p.cell)
+        if keep_room(p, m, seen.twists[i], last, points[:count]):
+            m.stuck = stood + 1
+        m.steps += 1
 
 
 @inlined
-def keep_room(limits, plant, commands, twists, i, last, hits, count):
-    """Slows robot i's command so that it can stop before all hits; returns whether that leaves it standing.
+def place_grid(p, m, x, y, goal_x, goal_y):
+    """Lays the grid half-way to the goal, but no more than a quarter of it away, and again where it gets too near."""
+    quarter = 0.25 * CELLS * p.cell
+    middle_x = x + min(max(0.5 * (goal_x - x), -quarter), quarter)
+    middle_y = y + min(max(0.5 * (goal_y - y), -quarter), quarter)
+    if m.steps == 0:
+        m.cell = p.cell
+        m.origin[0] = middle_x - 2.0 * quarter
+        m.origin[1] = middle_y - 2.0 * quarter
+    off = max(abs(x - m.origin[0] - 2.0 * quarter), abs(y - m.origin[1] - 2.0 * quarter))
+    if off > 1.6 * quarter:
+        move_grid(m, middle_x, middle_y)
+        m.num_points = 0
+
+
+@inlined
+def plan_is_due(p, m, x, y, target_x, target_y):
+    """Returns whether to plan (anew), and how far along its plan (m) the robot is.
+
+    Args:
+        target_x, target_y: where a plan would have to lead, m.
+    """
+    waited = m.steps - m.planned_at
+    rested = waited >= p.pause_steps
+    if m.num_points == 0:
+        return m.plans == 0 or rested, 0.0
+    s, away, _ = project(m, x, y)
+    due = m.plans == 0
+    if away > p.astray or m.stuck >= 10 or waited >= p.period_steps:
+        due = rested
+    if abs(m.target[0] - target_x) + abs(m.target[1] - target_y) > 0.5 * p.cell:
+        due = due or rested
+    needed = p.plant.hull_radius - 0.01 if m.no_path == 0 else p.plant.hull_radius - p.give - 0.01
+    if not plan_is_clear(m, 6.0, needed):
+        near = not plan_is_clear(m, 1.0, needed)
+        due = due or rested or (near and waited >= p.pause_steps // 3)
+    return due, s
+
+
+@compiled
+def plan(p, m, prices, table, scan, i, pose, target_x, target_y):
+    """Plans robot i's way: by the wanted margin, or a narrower one, or these two once the map is forgotten.
+
+    Args:
+        prices: (3, 256) for the wanted margin, for the narrower one, and for lines of sight.
+    """
+    if m.stuck >= 10:
+        bar_gap(m, table, p.plant.hull_radius + p.margin)
+    m.plans += 1
+    m.planned_at = m.steps
+    m.stuck = 0
+    m.target[0] = target_x
+    m.target[1] = target_y
+    stops = np.empty((1, 2))
+    stops[0, 0] = target_x
+    stops[0, 1] = target_y
+    for choice in range(4):
+        if choice == 2:
+            # the map must be wrong: begin again with what is seen now
+            m.forgotten += 1
+            forget(m)
+            enter_scan(m, table, scan, i, pose, p.plant.hull_radius)
+        if plan_way(p, m, prices[choice % 2], prices[2], pose[0], pose[1], stops):
+            m.no_path = choice % 2
+            return
+    m.num_points = 0
+    m.no_path = 1
+
+
+@inlined
+def keep_room(p, m, wheels, last, hits):
+    """Slows the command so that the robot can stop before all hits; returns whether that leaves it standing.
 
     The grid is too coarse for the narrowest gaps: of what is near, the hits themselves say where it is.
+
+    Args:
+        wheels: (3,) the measured twist.
+        last: the command before this one.
     """
-    vx = commands[i, 0]
-    vy = commands[i, 1]
-    yaw_rate = commands[i, 2]
-    commands[i, 0], commands[i, 1], commands[i, 2] = last
+    vx = m.command[0]
+    vy = m.command[1]
+    yaw_rate = m.command[2]
+    m.command[0], m.command[1], m.command[2] = last
     for share in (1.0, 0.6, 0.3, 0.1):
-        if step_and_stop(plant, hits, count, commands, twists, i, share * vx, share * vy, share * yaw_rate):
-            command(limits, commands, i, share * vx, share * vy, share * yaw_rate)
+        # the brakes of the plant that it reads are those of this law
+        if step_and_stop(p.plant, hits, m.command, wheels, share * vx, share * vy, share * yaw_rate):
+            command(p, m, share * vx, share * vy, share * yaw_rate)
             return False
-    command(limits, commands, i, 0.0, 0.0, 0.0)
+    command(p, m, 0.0, 0.0, 0.0)
     return True
 
 
 @compiled
-def evade(limits, grid, plan, evading, twists, ranges, beams, i, x, y, heading, step, approached):
+def evade(p, m, scan, seen, i, approached):
     """Sets robot i's command away from what comes nearer by itself; returns whether anything does.
 
     The distance to the nearest surface falls by the part of the robot's velocity that points there; what it falls by
     besides, smoothed, is the surface's own.
     """
-    _, _, _, _, _, _, commands, origin, cell = plan
-    nearest, closing, within, ahead = evading
     k = 0
-    for beam in range(1, beams.shape[0]):
-        if ranges[i, beam] < ranges[i, k]:
+    for beam in range(1, scan.directions.shape[0]):
+        if scan.ranges[i, beam] < scan.ranges[i, k]:
             k = beam
-    distance = ranges[i, k]
-    ux = beams[k, 0]
-    uy = beams[k, 1]
-    own = twists[i, 0] * ux + twists[i, 1] * uy
-    rate = (nearest[i] - distance) / limits.dt - own
+    distance = scan.ranges[i, k]
+    ux = scan.directions[k, 0]
+    uy = scan.directions[k, 1]
+    own = seen.twists[i, 0] * ux + seen.twists[i, 1] * uy
+    rate = (m.nearest - distance) / p.plant.dt - own
     # a jump is another surface
-    if step == 0 or abs(rate) > 1.5:
+    if m.steps == 0 or abs(rate) > 1.5:
         rate = 0.0
-    closing[i] += 0.2 * (rate - closing[i])
-    nearest[i] = distance
-    if not approached or closing[i] < 0.12 or distance - limits.hull_radius > within + closing[i] * ahead:
+    m.closing += 0.2 * (rate - m.closing)
+    m.nearest = distance
+    within = p.evade_within + m.closing * p.evade_time
+    if not approached or m.closing < 0.12 or distance - p.plant.hull_radius > within:
         return False
-    needed = limits.hull_radius + limits.skin
+    needed = p.plant.hull_radius + p.skin
+    pose = seen.poses[i, 0], seen.poses[i, 1], seen.poses[i, 2]
     best = 0.0
     best_x = 0.0
     best_y = 0.0
-    for option in range(5 if limits.holonomic else 1):
+    for option in range(5 if p.plant.holonomic else 1):
         turn = (0.0, 0.5, -0.5, 1.0, -1.0)[option]
         sine, cosine = sin_cos(turn)
         vx = -(cosine * ux - sine * uy)
         vy = -(sine * ux + cosine * uy)
-        if not limits.holonomic:
+        if not p.plant.holonomic:
             vx = -1.0 if ux > 0.0 else 1.0
             vy = 0.0
-        free = free_arc(grid, i, origin, cell, x, y, heading, vx, vy, 0.0, 0.6, needed)
-        speed = min(stopping_speed(free, limits.acceleration, limits.delay), limits.max_speed) * cosine
+        free = free_arc(m, pose, vx, vy, 0.0, 0.6, needed)
+        speed = min(stopping_speed(free, p.acceleration, p.delay), p.max_speed) * cosine
         if speed > best + 1e-9:
             best = speed
             best_x = speed * vx / cosine
             best_y = speed * vy / cosine
-    command(limits, commands, i, best_x, best_y, 0.0)
+    command(p, m, best_x, best_y, 0.0)
     return True
 
 
 @compiled
-def plan_way(
-    limits, wanted, prices, straight, grid, plan, i, x, y, goal_x, goal_y, costs, estimates, parents, heap, places
-):  # fmt: skip
-    """Lays robot i's polyline from (x, y) to the goal, or near it; returns whether there is a way."""
-    points, arc, num_points, segments, _, _, _, origin, cell = plan
-    levels = grid[i]
-    size = grid.shape[1]
-    row = int((y - origin[i, 1]) / cell[i])
-    column = int((x - origin[i, 0]) / cell[i])
-    start = nearest_free(levels, prices, row, column, 5)
-    goal = nearest_free(
-        levels, prices, int((goal_y - origin[i, 1]) / cell[i]), int((goal_x - origin[i, 0]) / cell[i]), 5
-    )
-    if start < 0 or goal < 0 or not search(levels, prices, start, goal, False, costs, estimates, parents, heap, places):
-        return False
-    cells = pulled(levels, straight, traced(parents, goal, size))
-    corners = np.empty((cells.shape[0] + 2, 2))
-    corners[0, 0] = x
-    corners[0, 1] = y
-    # the end cells stand for the ends, unless those lie in a blocked cell
-    skip_first = 1 if start == row * size + column else 0
-    last = cells.shape[0]
-    end_x = origin[i, 0] + (cells[last - 1, 1] + 0.5) * cell[i]
-    end_y = origin[i, 1] + (cells[last - 1, 0] + 0.5) * cell[i]
-    if abs(end_x - goal_x) <= 0.51 * cell[i] and abs(end_y - goal_y) <= 0.51 * cell[i]:
-        last -= 1
-    count = 1
-    for k in range(skip_first, last):
-        corners[count, 0] = origin[i, 0] + (cells[k, 1] + 0.5) * cell[i]
-        corners[count, 1] = origin[i, 1] + (cells[k, 0] + 0.5) * cell[i]
-        count += 1
-    corners[count, 0] = goal_x
-    corners[count, 1] = goal_y
-    count += 1
-    pinned = np.zeros(count, np.bool_)
-    held = lay(points, arc, num_points, segments, i, corners[:count], pinned, cell[i])
-    relax(grid, points, arc, num_points, i, origin, cell, held, limits.hull_radius + wanted, limits.hull_radius, 20)
-    return True
-
-
-@compiled
-def bar_gap(chart, plan, i, narrow):
-    """Bars the narrowest place of the next metre of robot i's polyline, if it has less than `narrow` clearance (m)."""
-    grid, evidence, _, _ = chart
-    points, arc, num_points, segments, _, _, _, origin, cell = plan
+def bar_gap(m, table, narrow):
+    """Bars the narrowest place of the next metre of the polyline, if it has less than `narrow` clearance (m)."""
     least = narrow
     found = -1
-    for k in range(segments[i] + 1, num_points[i]):
-        if arc[i, k] > arc[i, segments[i]] + 1.0:
+    for k in range(m.segment + 1, m.num_points):
+        if m.arc[k] > m.arc[m.segment] + 1.0:
             break
-        clearance = clearance_at(grid, i, origin, cell, points[i, k, 0], points[i, k, 1])
+        clearance = clearance_at(m, m.points[k, 0], m.points[k, 1])
         if clearance < least:
             least = clearance
             found = k
     if found >= 0:
-        row = int((points[i, found, 1] - origin[i, 1]) / cell[i])
-        column = int((points[i, found, 0] - origin[i, 0]) / cell[i])
-        evidence[i, row, column] = BARRED
-        mark(chart, i, row, column, SUB * SUB // 2 + SUB // 2)
+        size = m.evidence.shape[0]
+        row = min(max(int((m.points[found, 1] - m.origin[1]) / m.cell), 0), size - 1)
+        column = min(max(int((m.points[found, 0] - m.origin[0]) / m.cell), 0), size - 1)
+        m.evidence[row, column] = BARRED
+        mark(m, table, row, column, SUB * SUB // 2 + SUB // 2)
 
 
 @inlined
-def seen_ahead(evidence, points, arc, n, segment, i, s, origin, cell):
-    """Returns how far (m) along robot i's polyline all cells have been seen, looked up to a metre ahead."""
+def seen_ahead(m, s):
+    """Returns how far (m) along the polyline all cells have been seen, looked up to a metre ahead of s."""
     ahead = 0.0
     while ahead < 1.0:
-        px, py = point_at(points, arc, n, segment, i, s + ahead)
-        row = int((py - origin[i, 1]) / cell[i])
-        column = int((px - origin[i, 0]) / cell[i])
-        if evidence[i, row, column] == 0:
+        px, py = point_at(m, m.segment, s + ahead)
+        row = int((py - m.origin[1]) / m.cell)
+        column = int((px - m.origin[0]) / m.cell)
+        inside = 0 <= row < m.evidence.shape[0] and 0 <= column < m.evidence.shape[1]
+        if not inside or m.evidence[row, column] == 0:
             break
-        ahead += 0.5 * cell[i]
+        ahead += 0.5 * m.cell
     return ahead

@@ -12,9 +12,10 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
-from wayfield.policies.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
+from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
 from wayfield.policies.policy import check_gain
-from wayfield.policies.steering import unicycle_twists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,36 +76,20 @@ class SmoothPose:
         memory: NDArray[Any],
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
-        # where v |curvature| is largest: beyond, the yaw rate is held
-        peak = (self.beta * (self.lam - 1.0)) ** (-1.0 / self.lam)
-        law = (self.k1, self.k2, self.speed, self.beta, self.lam, peak)
-        deceleration = min(self.deceleration, briefing.actuators.acceleration)
+        p = params(
+            self,
+            briefing,
+            # where v |curvature| is largest: beyond, the yaw rate is held
+            peak=(self.beta * (self.lam - 1.0)) ** (-1.0 / self.lam),
+            deceleration=min(self.deceleration, briefing.actuators.acceleration),
+            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
+        )
         twists = np.empty((len(observation.pose), 2))
-        if isinstance(observation, path_following.Observation):
-            assert briefing.paths is not None
-            chase(
-                briefing.paths.vertices,
-                briefing.paths.runs,
-                briefing.path_index,
-                observation.pose,
-                observation.arc_length,
-                law,
-                self.lookahead_distance,
-                deceleration,
-                twists,
-            )
+        seen: Any = observation
+        if briefing.paths is not None:
+            chase(p, Course.of(briefing), Motion.of(seen), twists)
         else:
-            approach(
-                observation.goal,
-                observation.goal_heading_error,
-                observation.waypoints_left,
-                law,
-                deceleration,
-                self.arrival_radius,
-                (self.turn_gain, min(self.yaw_acceleration, briefing.actuators.yaw_acceleration), self.max_yaw_rate),
-                memory,
-                twists,
-            )
+            approach(p, seen.goal, seen.goal_heading_error, seen.waypoints_left, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
@@ -116,56 +101,57 @@ def smooth_curvature(r, delta, phi, k1, k2):
 
 
 @inlined
-def graceful(law, px, py, turn):
+def graceful(p, px, py, turn):
     """Returns (v, w) towards a pose at (px, py) in the body frame (m), its heading `turn` (rad) off the robot's."""
-    k1, k2, speed, beta, lam, peak = law
     r = math.sqrt(px * px + py * py)
     delta = -bearing(py, px)
-    curvature = smooth_curvature(max(r, 1e-6), delta, wrap_angle(turn + delta), k1, k2)
-    bend = min(abs(curvature), peak)
-    v = speed / (1.0 + beta * bend**lam)
-    if abs(curvature) > peak:
-        v *= peak / abs(curvature)
+    curvature = smooth_curvature(max(r, 1e-6), delta, wrap_angle(turn + delta), p.k1, p.k2)
+    bend = min(abs(curvature), p.peak)
+    v = p.speed / (1.0 + p.beta * bend**p.lam)
+    if abs(curvature) > p.peak:
+        v *= p.peak / abs(curvature)
     return v, v * curvature
 
 
 @compiled
-def chase(vertices, runs, path_index, poses, arc_lengths, law, lookahead_distance, deceleration, twists):
+def chase(params, course, motion, twists):
     """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` along a path."""
-    for i in range(poses.shape[0]):
+    p = params[0]
+    vertices, runs, path_index = course
+    for i in range(path_index.shape[0]):
         run = runs[path_index[i]]
-        x, y, heading = poses[i]
+        x, y, heading = motion.poses[i]
         sine, cosine = sin_cos(heading)
-        along, segment = place_on_lap(vertices, run, arc_lengths[i])
-        px, py, tangent = pose_ahead(vertices, run, along, segment, lookahead_distance)
+        along, segment = place_on_lap(vertices, run, motion.arc_lengths[i])
+        px, py, tangent = pose_ahead(vertices, run, along, segment, p.lookahead_distance)
         px, py = to_body_frame(x, y, sine, cosine, px, py)
-        v, w = graceful(law, px, py, wrap_angle(tangent - heading))
-        brake = min(1.0, stopping_speed(distance_left(run, along), deceleration) / v)
+        v, w = graceful(p, px, py, wrap_angle(tangent - heading))
+        brake = min(1.0, stopping_speed(distance_left(run, along), p.deceleration) / v)
         twists[i, 0] = brake * v
         twists[i, 1] = brake * w
 
 
 @compiled
-def approach(goals, turns, waypoints_left, law, deceleration, arrival_radius, turning, arrived, twists):
+def approach(params, goals, turns, waypoints_left, arrived, twists):
     """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` towards a goal and keeps `arrived` (b,) up to date."""
-    turn_gain, yaw_acceleration, max_yaw_rate = turning
+    p = params[0]
     for i in range(goals.shape[0]):
         px = goals[i, 0]
         py = goals[i, 1]
         r = math.sqrt(px * px + py * py)
         if waypoints_left[i] > 0.0:
             arrived[i] = 0.0
-            twists[i, 0], twists[i, 1] = graceful(law, px, py, bearing(py, px))
+            twists[i, 0], twists[i, 1] = graceful(p, px, py, bearing(py, px))
             continue
-        near = r <= 2.0 * arrival_radius
-        arrived[i] = 1.0 if near and (arrived[i] == 1.0 or r <= arrival_radius or px <= 0.0) else 0.0
+        near = r <= 2.0 * p.arrival_radius
+        arrived[i] = 1.0 if near and (arrived[i] == 1.0 or r <= p.arrival_radius or px <= 0.0) else 0.0
         if arrived[i] == 1.0:
             error = abs(turns[i])
-            rate = min(turn_gain * error, math.sqrt(2.0 * yaw_acceleration * error), max_yaw_rate)
+            rate = min(p.turn_gain * error, math.sqrt(2.0 * p.yaw_acceleration * error), p.max_yaw_rate)
             twists[i, 0] = 0.0
             twists[i, 1] = math.copysign(rate, turns[i])
         else:
-            v, w = graceful(law, px, py, turns[i])
-            brake = min(1.0, stopping_speed(r, deceleration) / v)
+            v, w = graceful(p, px, py, turns[i])
+            brake = min(1.0, stopping_speed(r, p.deceleration) / v)
             twists[i, 0] = brake * v
             twists[i, 1] = brake * w

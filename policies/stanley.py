@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
 from wayfield.policies.policy import check_gain
-from wayfield.policies.steering import unicycle_twists
 
 Array = NDArray[np.float64]
 
@@ -68,64 +69,61 @@ class Stanley:
 
     def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s and rad/s."""
-        assert briefing.paths is not None
-        command = np.empty((2, len(observation.pose)))
-        steer_rows(
-            briefing.paths.vertices,
-            briefing.paths.runs,
-            briefing.path_index,
-            observation.pose,
-            observation.twist,
-            observation.arc_length,
-            self.k,
-            self.k_s,
-            self.speed,
-            self.axle_distance,
-            self.max_steering,
-            self.max_steering_rate * briefing.dt,
-            self.share * briefing.actuators.yaw_acceleration,
-            self.window,
-            memory,
-            command,
+        p = params(
+            self,
+            briefing,
+            max_change=self.max_steering_rate * briefing.dt,
+            yaw_acceleration=self.share * briefing.actuators.yaw_acceleration,
         )
+        command = np.empty((2, len(observation.pose)))
+        steer_rows(p, Course.of(briefing), Motion.of(observation), memory, command)
         return unicycle_twists(briefing.robot, command[0], command[1])
 
 
 @compiled
-def steer_rows(
-    vertices, runs, path_index, poses, twists, arc_lengths, k, k_s, speed, axle_distance, max_steering, max_change,
-    yaw_acceleration, window, memory, command,
-):  # fmt: skip
+def steer_rows(params, course, motion, memory, command):
     """Fills the command (2, b), v in m/s and w in rad/s, and moves the steering angles of the memory (b, 1)."""
-    for i in range(poses.shape[0]):
+    p = params[0]
+    vertices, runs, path_index = course
+    twists = motion.twists
+    for i in range(path_index.shape[0]):
         run = runs[path_index[i]]
-        x, y, heading = poses[i]
+        x, y, heading = motion.poses[i]
         sine, cosine = sin_cos(heading)
-        x += axle_distance * cosine
-        y += axle_distance * sine
-        s = arc_lengths[i]
-        lap = math.floor(s / run.length) * run.length if run.closed else 0.0
-        s, segment = nearest_ahead(vertices, run, x, y, s, segment_at(vertices, run, s - lap), window)
-        # at a corner the path goes on along the segment that leaves it: the one that enters would lead straight on
-        beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
-        if beyond < 1e-9 and segment + 1 < run.segments:
-            segment += 1
-        a = vertex(vertices, run, segment)
-        # the distance from the nearest point and not from the segment's line: past a corner the line is nearer
-        along = along_lap(vertices, run, s, segment) - a.s
-        dx = x - a.x - along * a.ux
-        dy = y - a.y - along * a.uy
-        e = math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx)
-        turn = wrap_angle(a.heading - heading)
-        sideways = axle_distance * twists[i, twists.shape[1] - 1]
+        x += p.axle_distance * cosine
+        y += p.axle_distance * sine
+        e, tangent = from_path(vertices, run, motion.arc_lengths[i], p.window, x, y)
+        turn = wrap_angle(tangent - heading)
+        sideways = p.axle_distance * twists[i, twists.shape[1] - 1]
         rolling = math.sqrt(twists[i, 0] * twists[i, 0] + sideways * sideways)
-        steering = min(max(turn - bearing(k * e, k_s + rolling), -max_steering), max_steering)
-        steering = min(max(steering, memory[i, 0] - max_change), memory[i, 0] + max_change)
+        steering = turn - bearing(p.k * e, p.k_s + rolling)
+        steering = min(max(steering, -p.max_steering), p.max_steering)
+        steering = min(max(steering, memory[i, 0] - p.max_change), memory[i, 0] + p.max_change)
         memory[i, 0] = steering
         sine, cosine = sin_cos(steering)
         # the wheel rolls no faster than the base can end the turn that it steers: w^2 / 2 alpha <= |steering|
-        rolling = speed
+        rolling = p.speed
         if steering != 0.0:
-            rolling = min(speed, axle_distance * math.sqrt(2.0 * yaw_acceleration * abs(steering)) / abs(sine))
+            rolling = min(p.speed, p.axle_distance * math.sqrt(2.0 * p.yaw_acceleration * abs(steering)) / abs(sine))
         command[0, i] = rolling * max(cosine, 0.0) if abs(turn) <= 0.5 * math.pi else 0.0
-        command[1, i] = rolling * sine / axle_distance
+        command[1, i] = rolling * sine / p.axle_distance
+
+
+@inlined
+def from_path(vertices, run, s, window, x, y):
+    """Returns (e, heading): how far left of the path's nearest point (x, y) lies, m, and its heading there, rad.
+
+    It is looked for from arc length s (m) on, over `window` (m).
+    """
+    lap = math.floor(s / run.length) * run.length if run.closed else 0.0
+    s, segment = nearest_ahead(vertices, run, x, y, s, segment_at(vertices, run, s - lap), window)
+    # at a corner the path goes on along the segment that leaves it: the one that enters would lead straight on
+    beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
+    if beyond < 1e-9 and segment + 1 < run.segments:
+        segment += 1
+    a = vertex(vertices, run, segment)
+    # the distance from the nearest point and not from the segment's line: past a corner the line is nearer
+    along = along_lap(vertices, run, s, segment) - a.s
+    dx = x - a.x - along * a.ux
+    dy = y - a.y - along * a.uy
+    return math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx), a.heading

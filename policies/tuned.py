@@ -1,10 +1,16 @@
 """Gains that were found by search on validation scenarios, as they ship with the package."""
 
-import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable
 from importlib import resources
+from pathlib import Path
 from typing import Any
+
+from wayfield.envs.checks import shown
+from wayfield.envs.readers import reader
+from wayfield.policies.learned.reading import is_number, is_whole, parsed_object
+
+MOST_DRIVEN = 10**12  # trials, and scenarios of each
 
 
 def tuned_gains(name: str, suite: str) -> dict[str, Any]:
@@ -31,25 +37,35 @@ def _shipped(name: str, suite: str) -> dict[str, Any]:
     if not re.fullmatch(r"[a-z0-9_]+", name) or not re.fullmatch(r"[a-z0-9-]+", suite):
         raise ValueError(f"policy {name!r} and suite {suite!r} must be plain names")
     file = resources.files("wayfield.policies") / "gains" / suite / f"{name}.json"
-    return read_gains(file.read_text(encoding="utf-8"), str(file), name) if file.is_file() else {}
+    return read_gains(file.read_bytes(), str(file), name) if file.is_file() else {}
 
 
-def read_gains(text: str, source: str, name: str) -> dict[str, Any]:
+_SAMPLE = '{"policy": "lqr", "gains": {"q_e": 100.0, "share": 0.9}, "trials": 40, "scenarios": 100}'
+
+
+def _read_sample(read: Callable[..., Any], file: Path) -> Any:
+    return read(file.read_bytes(), str(file), "lqr")
+
+
+@reader("gains", "lqr.json", {"lqr.json": _SAMPLE}, _read_sample)
+def read_gains(text: bytes | str, source: str, name: str) -> dict[str, Any]:
     """Returns the content of a gains file: the gains and their budget.
 
     Raises:
         ValueError: if the text is no gains file of that policy; the message names the source.
     """
-    try:
-        content = json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"{source} is no JSON: {error}") from None
-    if not isinstance(content, Mapping) or content.get("policy") != name:
+    content = parsed_object(text, source)
+    if content.get("policy") != name:
         raise ValueError(f"{source} does not hold gains of policy {name!r}")
     gains = content.get("gains")
-    if not isinstance(gains, dict) or not all(isinstance(v, int | float | str | bool) for v in gains.values()):
-        raise ValueError(f"{source}: gains is {gains!r}; it must map names to plain values")
+    if not isinstance(gains, dict):
+        raise ValueError(f"{source}: gains must map names to plain values, got {shown(gains)}")
+    for key, value in gains.items():
+        if not isinstance(value, str | bool) and not is_number(value):
+            raise ValueError(f"{source}: gains must map names to plain values, got {key}: {shown(value)}")
     for key in ("trials", "scenarios"):
-        if type(content.get(key)) is not int:
-            raise ValueError(f"{source}: {key} must be a whole number, got {content.get(key)!r}")
-    return dict(content)
+        if not is_whole(content.get(key), 0, MOST_DRIVEN):
+            raise ValueError(
+                f"{source}: {key} must be a whole number from 0 to {MOST_DRIVEN}, got {shown(content.get(key))}"
+            )
+    return content

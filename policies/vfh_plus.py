@@ -12,23 +12,27 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import saturation_factor
-from wayfield.policies.detour import COLUMNS, COURSE, LOOK, WAYPOINTS, seek
-from wayfield.policies.policy import check_gain, check_scan
-from wayfield.policies.stopping import (
+from wayfield.policies.parts.detour import DETOUR, LOOK, seek
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.stopping import (
     APPROACH,
     SECTORS,
+    SIGHTS,
+    Scan,
+    Seen,
     admissible,
     arrived,
     braking_speed,
     find_approaching,
     find_hits,
     free_time,
-    fresh_scans,
-    sensed,
+    remembering,
+    sees_all_round,
     set_command,
     step_and_stop,
     turn_towards,
 )
+from wayfield.policies.policy import check_gain
 
 DIRECTIONS = 144  # sectors of the histograms, in the world frame, from -pi on
 WIDTH = 2.0 * math.pi / DIRECTIONS
@@ -36,13 +40,14 @@ SPEEDS = 8  # tried, from the fastest down
 AHEAD = 2.0  # s, that the arc is looked along
 MOVING = 0.05  # m/s, from which a motion has a direction
 
-# Columns of the memory; the last command is 0 to 2.
-RESTING = 3
-PREVIOUS = 4  # direction chosen last, rad, world frame
-DETOUR = 5
-RECALL = DETOUR + COLUMNS
-BINARY = RECALL + 3 * SECTORS
-SCANS = BINARY + DIRECTIONS
+STATE = [
+    ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
+    ("resting", np.int64),  # 1: at the goal
+    ("previous", np.float64),  # direction chosen last, rad, world frame; NaN before, and where there was none
+    ("detour", DETOUR),
+    ("binary", np.int64, (DIRECTIONS,)),  # the binary histogram, 1: blocked
+    *SIGHTS,
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,19 +63,21 @@ class VfhPlus:
        within r of such a circle on its side blocks what lies beyond it. An omni base turns at once, and so does a
        robot that stands. Where the mask leaves nothing, the robot brakes and turns by the binary histogram.
     4. Candidates. A gap of at most `wide` offers its middle; a wider one the directions half of `wide` from either edge
-       and the goal's, if it lies between them. All around is the goal's where nothing is blocked. The least of
+       and the goal's, if it lies between them, or anywhere in the gap once the goal is within the window: half of
+       `wide` off the edge of a disc beside the goal, the robot would circle the disc for ever. All around is the goal's
+       where nothing is blocked. The least of
        mu_goal |c - goal| + mu_heading |c - course| + mu_previous |c - previous| is steered for.
 
     w = turn_gain c for a differential drive, v = max_speed max(cos c, 0)^2 (1 - slowing h), h the primary histogram
-    straight ahead, less at the goal and where it could not stop on its arc before a hit (policies/stopping.py: the
+    straight ahead, less at the goal and where it could not stop on its arc before a hit (`parts.stopping`: the
     admissible velocities of the dynamic window approach and the plant's own model). An omni base drives in direction c
     and turns to the goal heading; with a scan that does not surround it, it is driven like a differential drive. Where
     every direction is blocked the robot brakes and stands; if its scan does not surround it, it turns on the spot.
 
-    A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (policies/detour.py): the
+    A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (`parts.detour`): the
     detour's direction takes the place of the goal's; patience = inf is the paper's law. What is near stays known for
     `recall` seconds after it drops out of sight. What comes nearer counts as if it were also where it will be in
-    `foresight` seconds (policies/stopping.py); foresight = 0 takes what moves for standing still, as the paper does.
+    `foresight` seconds (`parts.stopping`); foresight = 0 takes what moves for standing still, as the paper does.
     Limits: a gap is seen only where it is 2 r wide and, from afar, wider by a sector; what is not seen is taken for
     free, and what crosses the way without coming nearer is not foreseen. Serves both kinds of robot.
 
@@ -123,15 +130,14 @@ class VfhPlus:
             )
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns what each robot remembers, a row of numbers: the columns are named above.
+        """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.
 
         Raises:
             ValueError: if the robot has no range scan.
         """
-        check_scan(self, briefing.beam_angles, briefing)
-        memory = np.hstack([np.zeros((briefing.num_envs, SCANS)), fresh_scans(briefing)])
-        memory[:, PREVIOUS] = np.nan
-        memory[:, DETOUR + WAYPOINTS] = np.nan
+        memory = remembering(self, briefing, STATE)
+        memory["state"]["previous"] = np.nan
+        memory["state"]["detour"]["waypoints"] = np.nan
         return memory
 
     def act(
@@ -142,118 +148,95 @@ class VfhPlus:
         Raises:
             ValueError: if the scan has another number of beams than the briefing.
         """
+        scan = Scan.of(self, observation, briefing, memory)
+        all_round = sees_all_round(briefing)
+        p = params(self, briefing, all_round=all_round, sideways=briefing.robot.holonomic and all_round)
         twists = np.empty((len(memory), 3))
-        steer(*sensed(self, observation, briefing), memory, twists)
+        steer(p, scan, Seen.of(observation, briefing), memory["state"], twists)
         return twists[:, briefing.robot.twist_axes]
 
 
 @compiled
-def steer(
-    ranges, directions, max_range, goals, poses, heading_errors, waypoints_left, twist, plant, wheel_matrix,
-    hull_radius, delay, sideways, all_round, gains, memory, twists,
-):  # fmt: skip
-    """Fills the (b, 3) twists of `VfhPlus.act`; `sideways`: whether the robot drives in any direction."""
-    (max_speed, max_yaw_rate, turn_gain, safety, margin, window, low, high, wide, mu_goal, mu_heading, mu_previous,
-     slowing, stop_radius, patience, reach, first_leg, recall, foresight) = gains  # fmt: skip
-    acceleration, _, _, _, wheel_limit, dt = plant
-    hits = np.empty((2 * ranges.shape[1] + SECTORS, 3))
+def steer(params, scan, seen, memory, twists):
+    """Fills the (b, 3) twists of `VfhPlus.act`; beside the gains: `sideways`, whether it drives in any direction."""
+    p = params[0]
+    points = np.empty((2 * scan.ranges.shape[1] + SECTORS, 3))
     primary = np.empty(DIRECTIONS)
     blocked = np.empty(DIRECTIONS, np.bool_)
-    radius = hull_radius + margin
-    grown = hull_radius + safety
-    farthest = max(window, radius + max(max_speed * AHEAD, LOOK))
-    for i in range(ranges.shape[0]):
-        count = find_hits(
-            ranges, i, directions, max_range, farthest, radius, poses, recall, dt, memory, RECALL, hits
-        )  # fmt: skip
-        if foresight > 0.0:
-            count = find_approaching(
-                ranges, i, directions, max_range, radius, poses, foresight, dt, memory, SCANS, hits, count
-            )  # fmt: skip
-        heading = poses[i, 2]
-        d = math.sqrt(goals[i, 0] ** 2 + goals[i, 1] ** 2)
-        vx = 0.0
-        vy = 0.0
-        w = turn_towards(heading_errors[i], turn_gain, max_yaw_rate)
-        if not arrived(memory, i, RESTING, d, waypoints_left[i], stop_radius):
-            aim, around = seek(
-                hits, count, poses, bearing(goals[i, 1], goals[i, 0]), d, waypoints_left[i], patience, reach, first_leg,
-                dt, memory, i, DETOUR,
-            )  # fmt: skip
-            speed = math.sqrt(memory[i, 0] ** 2 + memory[i, 1] ** 2)
-            if not sideways:
-                course = heading
-            elif speed > MOVING:
-                course = heading + bearing(memory[i, 1], memory[i, 0])
-            else:
-                course = math.nan
-            circling = speed / max_yaw_rate if speed > MOVING and not sideways else math.nan
-            seen = window if around else min(window, d + grown)
-            left, right = fill_histogram(primary, hits, count, heading, grown, seen, window, circling)
-            for k in range(DIRECTIONS):
-                if primary[k] >= high:
-                    memory[i, BINARY + k] = 1.0
-                elif primary[k] < low:
-                    memory[i, BINARY + k] = 0.0
-                beyond = wrap_angle((k + 0.5) * WIDTH - math.pi - heading)
-                blocked[k] = memory[i, BINARY + k] == 1.0 or beyond > left or beyond < right
-            fastest = max_speed
-            weights = (mu_goal, mu_heading, mu_previous)
-            choice = best_direction(blocked, heading + aim, course, memory[i, PREVIOUS], wide, weights)
+    radius = p.plant.hull_radius + p.margin
+    farthest = max(p.window, radius + max(p.max_speed * AHEAD, LOOK))
+    for i in range(scan.ranges.shape[0]):
+        m = memory[i]
+        count = find_hits(p, scan, seen, m, i, farthest, radius, points)
+        if p.foresight > 0.0:
+            count = find_approaching(p, scan, seen, m, i, radius, points, count)
+        hits = points[:count]
+        heading = seen.poses[i, 2]
+        d = math.sqrt(seen.goals[i, 0] ** 2 + seen.goals[i, 1] ** 2)
+        twist = 0.0, 0.0, turn_towards(seen.heading_errors[i], p.turn_gain, p.max_yaw_rate)
+        if not arrived(p, m, d, seen.waypoints_left[i]):
+            aim, around = seek(p, hits, seen, m, i)
+            choice, barred = choose_direction(p, hits, m, heading, aim, d, around, primary, blocked)
+            fastest = 0.0 if barred else p.max_speed
             if math.isnan(choice):
-                fastest = 0.0
-                for k in range(DIRECTIONS):
-                    blocked[k] = memory[i, BINARY + k] == 1.0
-                choice = best_direction(blocked, heading + aim, course, memory[i, PREVIOUS], wide, weights)
-            memory[i, PREVIOUS] = choice
-            if math.isnan(choice):
-                w = 0.0 if all_round else turn_towards(aim, turn_gain, max_yaw_rate)
+                twist = 0.0, 0.0, 0.0 if p.all_round else turn_towards(aim, p.turn_gain, p.max_yaw_rate)
             else:
-                if around and sideways:
+                if around and p.sideways:
                     # where it goes at once; a differential drive has yet to turn
-                    memory[i, DETOUR + COURSE] = choice
-                elif not around and waypoints_left[i] == 0.0:
-                    fastest = min(fastest, braking_speed(d, APPROACH * acceleration, delay))
+                    m.detour.course = choice
+                elif not around and seen.waypoints_left[i] == 0.0:
+                    delay = p.plant.lag + p.plant.dt
+                    fastest = min(fastest, braking_speed(d, APPROACH * p.plant.acceleration, delay))
                 turn = wrap_angle(choice - heading)
-                sine, cosine = sin_cos(turn)
-                if not sideways:
-                    w = turn_towards(turn, turn_gain, max_yaw_rate)
-                    fastest *= max(cosine, 0.0) ** 2
-                    sine = 0.0
-                    cosine = 1.0
-                    turn = 0.0
-                k = int((wrap_angle(heading + turn) + math.pi) / WIDTH) % DIRECTIONS
-                fastest *= 1.0 - slowing * primary[k]
-                for n in range(SPEEDS, -1, -1):
-                    v = fastest * n / SPEEDS
-                    factor = saturation_factor(
-                        wheel_matrix, wheel_matrix.shape[0], wheel_limit, v * cosine, v * sine, w
-                    )  # fmt: skip
-                    vx = factor * v * cosine
-                    vy = factor * v * sine
-                    free = free_time(hits, count, vx, vy, factor * w, AHEAD)
-                    if admissible(free, factor * v, 0.0, plant, delay) and step_and_stop(
-                        plant, hits, count, memory, twist, i, vx, vy, factor * w
-                    ):
-                        w *= factor
-                        break
-        twists[i, 0] = vx
-        twists[i, 1] = vy
-        twists[i, 2] = w
-        set_command(plant, wheel_matrix, memory, i, vx, vy, w)
+                twist = fastest_that_stops(
+                    p, hits, m.command, seen.twists[i], heading, turn, fastest, primary, twist[2]
+                )
+        twists[i, 0], twists[i, 1], twists[i, 2] = twist
+        set_command(p.plant, m.command, twists[i, 0], twists[i, 1], twists[i, 2])
 
 
 @inlined
-def fill_histogram(primary, hits, count, heading, grown, seen, window, circling):
-    """Fills the primary histogram from the hits nearer than `seen` (m).
+def choose_direction(p, hits, m, heading, aim, d, around, primary, blocked):
+    """Returns the direction to steer for (rad, world frame; NaN: none) and whether the mask alone left none.
 
-    Returns the directions (rad, body frame) to the left and to the right beyond which circles of radius `circling` (m)
-    do not reach; pi and -pi where nothing is in their way, or where `circling` is NaN.
+    Fills the primary histogram, which the speed is read from, and keeps the binary one and the choice in the memory.
     """
+    speed = math.sqrt(m.command[0] ** 2 + m.command[1] ** 2)
+    if not p.sideways:
+        course = heading
+    elif speed > MOVING:
+        course = heading + bearing(m.command[1], m.command[0])
+    else:
+        course = math.nan
+    seen = p.window if around else min(p.window, d + p.plant.hull_radius + p.safety)
+    circling = speed / p.max_yaw_rate if speed > MOVING and not p.sideways else math.nan
+    left, right = fill_primary(p, hits, heading, seen, circling, primary)
+    fill_binary(p, primary, m.binary)
+    fill_masked(m.binary, heading, left, right, blocked)
+    close = not around and d < p.window
+    choice = best_direction(p, blocked, heading + aim, close, course, m.previous)
+    barred = math.isnan(choice)
+    if barred:
+        for k in range(DIRECTIONS):
+            blocked[k] = m.binary[k] == 1
+        choice = best_direction(p, blocked, heading + aim, close, course, m.previous)
+    m.previous = choice
+    return choice, barred
+
+
+@inlined
+def fill_primary(p, hits, heading, seen, circling, primary):
+    """Stage 1: fills the primary polar histogram from the hits nearer than `seen` (m).
+
+    Beside it, of the same hits, the limits of stage 3: returns the directions (rad, body frame) to the left and to the
+    right beyond which circles of radius `circling` (m) do not reach; pi and -pi where nothing is in their way, or where
+    `circling` is NaN.
+    """
+    grown = p.plant.hull_radius + p.safety
     left = math.pi
     right = -math.pi
     primary[:] = 0.0
-    for j in range(count):
+    for j in range(hits.shape[0]):
         x = hits[j, 0]
         y = hits[j, 1]
         distance = math.sqrt(x * x + y * y)
@@ -264,20 +247,43 @@ def fill_histogram(primary, hits, count, heading, grown, seen, window, circling)
         sine = min(1.0, grown / distance)
         half = bearing(sine, math.sqrt(1.0 - sine * sine)) / WIDTH
         middle = (wrap_angle(heading + beam) + math.pi) / WIDTH - 0.5
-        magnitude = 1.0 - (distance / window) ** 2
+        magnitude = 1.0 - (distance / p.window) ** 2
         for k in range(math.ceil(middle - half), math.floor(middle + half) + 1):
             primary[k % DIRECTIONS] = max(primary[k % DIRECTIONS], magnitude)
-        keep = (circling + grown) ** 2
-        if beam >= 0.0 and x * x + (y - circling) ** 2 < keep:
+        if blocks_circle(x, y, circling, grown) and beam >= 0.0:
             left = min(left, beam)
-        if beam <= 0.0 and x * x + (y + circling) ** 2 < keep:
+        if blocks_circle(x, -y, circling, grown) and beam <= 0.0:
             right = max(right, beam)
     return left, right
 
 
 @inlined
-def best_direction(blocked, goal, course, previous, wide, weights):
-    """Returns the cheapest candidate of the gaps between blocked sectors (rad, world frame), NaN if all are blocked.
+def blocks_circle(x, y, circling, grown):
+    """Returns whether a hit lies on the way of a grown robot that circles to the left; never for a radius of NaN."""
+    return x * x + (y - circling) ** 2 < (circling + grown) ** 2
+
+
+@inlined
+def fill_binary(p, primary, binary):
+    """Stage 2: the binary polar histogram, with the hysteresis of its two thresholds."""
+    for k in range(DIRECTIONS):
+        if primary[k] >= p.high:
+            binary[k] = 1
+        elif primary[k] < p.low:
+            binary[k] = 0
+
+
+@inlined
+def fill_masked(binary, heading, left, right, blocked):
+    """Stage 3: the masked polar histogram, in which what turning circles do not reach is blocked too."""
+    for k in range(DIRECTIONS):
+        beyond = wrap_angle((k + 0.5) * WIDTH - math.pi - heading)
+        blocked[k] = binary[k] == 1 or beyond > left or beyond < right
+
+
+@inlined
+def best_direction(p, blocked, goal, close, course, previous):
+    """Stage 4: returns the cheapest candidate of the gaps between blocked sectors (rad, world frame), NaN without any.
 
     A gap is walked through from the first blocked sector on, all around, so that one that lies across the end of the
     histogram is as whole as any other.
@@ -298,21 +304,55 @@ def best_direction(blocked, goal, course, previous, wide, weights):
             edge = (first + start) * WIDTH - math.pi
             gap = (n - start) * WIDTH
             start = 0
-            inset = 0.5 * min(wide, gap)
+            inset = 0.5 * min(p.wide, gap)
             off = wrap_angle(goal - edge - 0.5 * gap)
             for c in range(3):
                 # the ends of the gap, set in (its middle twice where it is narrow), and the goal between them
                 candidate = edge + (inset if c == 0 else gap - inset)
                 if c == 2:
-                    if abs(off) > 0.5 * gap - inset:
+                    # a way that is free as far as a goal in the window needs no distance from the edge
+                    if abs(off) > 0.5 * gap - (0.0 if close else inset):
                         continue
                     candidate = goal
-                cost = weights[0] * abs(wrap_angle(candidate - goal))
+                cost = p.mu_goal * abs(wrap_angle(candidate - goal))
                 if not math.isnan(course):
-                    cost += weights[1] * abs(wrap_angle(candidate - course))
+                    cost += p.mu_heading * abs(wrap_angle(candidate - course))
                 if not math.isnan(previous):
-                    cost += weights[2] * abs(wrap_angle(candidate - previous))
+                    cost += p.mu_previous * abs(wrap_angle(candidate - previous))
                 if cost < least:
                     least = cost
                     best = wrap_angle(candidate)
     return best
+
+
+@inlined
+def fastest_that_stops(p, hits, command, wheels, heading, turn, fastest, primary, w):
+    """Returns the twist of the highest of some speeds, `fastest` at most, after which the robot can still stop.
+
+    Args:
+        turn: rad, body frame, the direction to steer for.
+        w: rad/s, the yaw rate of a base that drives in any direction; another turns there.
+    """
+    sine, cosine = sin_cos(turn)
+    if not p.sideways:
+        w = turn_towards(turn, p.turn_gain, p.max_yaw_rate)
+        fastest *= max(cosine, 0.0) ** 2
+        sine = 0.0
+        cosine = 1.0
+        turn = 0.0
+    k = int((wrap_angle(heading + turn) + math.pi) / WIDTH) % DIRECTIONS
+    fastest *= 1.0 - p.slowing * primary[k]
+    plant = p.plant
+    vx = 0.0
+    vy = 0.0
+    for n in range(SPEEDS, -1, -1):
+        v = fastest * n / SPEEDS
+        factor = saturation_factor(
+            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, v * cosine, v * sine, w
+        )
+        vx = factor * v * cosine
+        vy = factor * v * sine
+        free = free_time(hits, vx, vy, factor * w, AHEAD)
+        if admissible(plant, free, factor * v, 0.0) and step_and_stop(plant, hits, command, wheels, vx, vy, factor * w):
+            return vx, vy, factor * w
+    return vx, vy, w

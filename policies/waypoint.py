@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.policies.policy import check_gain, check_holonomic
+from wayfield.envs.geometry import lengths, sines
+from wayfield.policies.policy import check_gain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Waypoint:
 
     knows: ClassVar[str] = "goal"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("holonomic",)
 
     def __post_init__(self) -> None:
         check_gain(self, "lam", above=0.0)
@@ -39,12 +41,7 @@ class Waypoint:
         check_gain(self, "final_tolerance", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the index of the waypoint that each robot drives to, (b,).
-
-        Raises:
-            ValueError: if the robot is no omni robot.
-        """
-        check_holonomic(self, briefing)
+        """Returns the index of the waypoint that each robot drives to, (b,)."""
         return np.zeros(briefing.num_envs, np.int64)
 
     def act(
@@ -57,14 +54,12 @@ class Waypoint:
         last = briefing.num_goals - 1
         position = observation.pose[:, :2]
         error = briefing.goals[rows, memory, :2] - position
-        memory += (memory < last) & (np.hypot(*error.T) < self.switching_radius)
+        memory += (memory < last) & (lengths(error) < self.switching_radius)
         error = briefing.goals[rows, memory, :2] - position
         turn = np.where(memory == last, observation.goal_heading_error, 0.0)
-        arrived = (
-            (memory == last) & (np.hypot(*error.T) <= self.final_tolerance) & (np.abs(turn) <= self.final_tolerance)
-        )
+        arrived = (memory == last) & (lengths(error) <= self.final_tolerance) & (np.abs(turn) <= self.final_tolerance)
         rate = np.where(arrived, 0.0, self.lam)
-        sine, cosine = np.sin(observation.pose[:, 2]), np.cos(observation.pose[:, 2])
+        sine, cosine = sines(observation.pose[:, 2])
         return np.column_stack(
             [
                 rate * (cosine * error[:, 0] + sine * error[:, 1]),

@@ -1,7 +1,50 @@
 """Settings that all tests share."""
 
+import contextlib
+import signal
+
+import pytest
 from hypothesis import settings
 
-# The first example of a property may compile the kernel that it tests; no example is judged by the clock.
-settings.register_profile("wayfield", deadline=None)
-settings.load_profile("wayfield")
+# Where the tests run in the background Ctrl-C is ignored, and what they start and interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# The first example of a property may compile the kernel that it tests; no example is judged by the clock. Every plain
+# run draws the same examples and keeps none; `pytest --hypothesis-profile=thorough` draws many others each time. A
+# costly law draws a share of `settings().max_examples`.
+settings.register_profile("fixed", deadline=None, derandomize=True, database=None, max_examples=100)
+settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
+settings.load_profile("fixed")
+
+
+@pytest.fixture
+def serve():
+    """Returns what serves a scene on a free port, in a thread, until the test's end."""
+    pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
+    pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
+    from wayfield.envs.coppelia.scenes import Conditions, make_world
+    from wayfield.envs.coppelia.server import Server
+
+    with contextlib.ExitStack() as stack:
+
+        def started(scene="empty", speed=0.0, load=None, **conditions):
+            world = make_world(scene, Conditions(**conditions))
+            return stack.enter_context(Server(world, port=0, speed=speed, load=load))
+
+        yield started
+
+
+@pytest.fixture
+def connect():
+    """Returns what connects the real client to a server and gives its `sim`; no answer in ten seconds is an error."""
+    remote = pytest.importorskip("coppeliasim_zmqremoteapi_client", reason='needs pip install "wayfield[coppelia]"')
+
+    def connected(server):
+        client = remote.RemoteAPIClient(port=server.port)
+        client.socket.RCVTIMEO = 10_000
+        client.socket.LINGER = 0
+        sim = client.require("sim")
+        sim.client = client
+        return sim
+
+    return connected

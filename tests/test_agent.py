@@ -1,9 +1,13 @@
 """Trained agents: the network's numbers, what they see, and the files they are kept in."""
 
+import copy
 import itertools
 import json
 import math
+import os
 import shutil
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +20,20 @@ from hypothesis import strategies as st
 import wayfield  # noqa: F401  registers the ids
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots import ROBOTS
-from wayfield.policies.agent import CARD, WEIGHTS, Agent, Network, load_agent, save_agent, weights_digest
-from wayfield.policies.base import Base
-from wayfield.policies.features import Actions, GoalFeatures, PathFeatures, Perception
-from wayfield.policies.policy import Pilot
+from wayfield.policies.learned.agent import (
+    CARD,
+    FORMAT,
+    WEIGHTS,
+    Agent,
+    Network,
+    load_agent,
+    save_agent,
+    signed,
+    weights_digest,
+)
+from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, Perception
+from wayfield.policies.learned.residual import Base
+from wayfield.policies.pilot import Pilot
 
 PATH, OMNI, DIFF = (
     "wayfield/DiffDrivePathFollowing-v0",
@@ -47,7 +61,7 @@ def make_folder(folder: Path, task: str = "path_following", **changes: Any) -> P
     num_twist = 2 if path else 3
     layers = layers_of([Perception(features, actions, num_twist, 0.05, based).num_inputs, 16, 8, 2])
     card = {
-        "format": 1, "name": "a test", "env_id": PATH if path else OMNI, "task": task,
+        "name": "a test", "env_id": PATH if path else OMNI, "task": task,
         "robots": ["p3dx"] if path else ["omni3"], "dt": 0.05, "speed": 0.6,
         "features": dataclasses.asdict(features), "actions": dataclasses.asdict(actions),
         "network": {"hidden": [16, 8], "num_twist": num_twist, "activation": "tanh"}, "sha256": weights_digest(layers),
@@ -325,7 +339,7 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
     def edit(**changes: Any) -> Any:
         def change(folder: Path) -> None:
             card = json.loads((folder / CARD).read_text())
-            (folder / CARD).write_text(json.dumps(card | changes))
+            (folder / CARD).write_text(json.dumps(signed(card | changes)))
 
         return change
 
@@ -347,8 +361,15 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
         "flipped": (spoil, "SHA-256"),
         "foreign": (lambda f: shutil.copy(other / WEIGHTS, f / WEIGHTS), "must be finite float32 of shape"),
         "no_json": (lambda f: (f / CARD).write_text("{"), "no JSON"),
-        "a_list": (lambda f: (f / CARD).write_text("[]"), "not the card"),
-        "format": (edit(format=99), "format 99"),
+        "a_list": (lambda f: (f / CARD).write_text("[]"), "must be one object"),
+        "nothing": (lambda f: (f / CARD).write_text("{}"), "not the card"),
+        "nested": (lambda f: (f / CARD).write_text("[" * 10**6), "nested too deeply"),
+        "bytes": (lambda f: (f / CARD).write_bytes(b"\xff\xfe{"), "no JSON"),
+        "vast": (lambda f: os.truncate(f / CARD, 2**36), "at most"),
+        "vast_weights": (lambda f: os.truncate(f / WEIGHTS, 2**36), "at most"),
+        "folder": (lambda f: ((f / CARD).unlink(), (f / CARD).mkdir()), "no file"),
+        "format": (lambda f: (f / CARD).write_text('{"format": 99}'), "format 99"),
+        "unsigned": (lambda f: (f / CARD).write_text(f'{{"format": {FORMAT}}}'), "digest"),
         "version": (edit(env_id="wayfield/DiffDrivePathFollowing-v9"), "DiffDrivePathFollowing-v9"),
         "features": (edit(features={"size": 3}), "features"),
         "task": (edit(task="flying"), "flying"),
@@ -455,8 +476,153 @@ def test_inference_imports_neither_torch_nor_stable_baselines(tmp_path: Path) ->
 
     make_folder(tmp_path / "a")
     code = (
-        "import sys; from wayfield.policies.agent import load_agent; load_agent(sys.argv[1]); "
+        "import sys; from wayfield.policies.learned.agent import load_agent; load_agent(sys.argv[1]); "
         "print([m for m in ('torch', 'stable_baselines3') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a")], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def numbers_in(value: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yields the ways to all that is no list and no object."""
+    if isinstance(value, dict | list):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from numbers_in(part, (*way, key))
+    else:
+        yield way
+
+
+def replaced(card: dict[str, Any], way: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    """Returns a card with another value somewhere."""
+    card = copy.deepcopy(card)
+    part: Any = card
+    for key in way[:-1]:
+        part = part[key]
+    part[way[-1]] = value
+    return card
+
+
+@pytest.mark.parametrize("task", ["path_following", "goal_reaching"])
+def test_no_value_of_a_card_changes_unnoticed(tmp_path: Path, task: str) -> None:
+    folder = make_folder(tmp_path / "a", task, base=PURSUIT if task == "path_following" else HISTOGRAM)
+    card = json.loads((folder / CARD).read_text())
+    ways = list(numbers_in(card))
+    assert len(ways) > 20
+    for way in ways:
+        old = card
+        for key in way:
+            old = old[key]
+        new = old + 1 if isinstance(old, int | float) else f"{old}."
+        (folder / CARD).write_text(json.dumps(replaced(card, way, new)))
+        with pytest.raises(ValueError, match=r"card\.json (is damaged|has format)"):
+            load_agent(folder)
+    (folder / CARD).write_text(json.dumps(card, indent=None, sort_keys=True))  # how it is laid out says nothing
+    load_agent(folder)
+
+
+NASTY = (
+    None, True, "x", "\ud800", "", [], {}, [[]], {"a": 1}, -1, 0, 2, 1.5, 2**31, 2**63, 10**30, 10**400, 1e308, -1e-320,
+    math.nan, math.inf, -math.inf, [10**400], [math.nan], [2**40] * 3, [1] * 1000,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("task", ["path_following", "goal_reaching"])
+def test_a_signed_card_with_any_value_loads_or_is_refused_by_name(tmp_path: Path, task: str) -> None:
+    """Whatever a card says, neither an exception of another kind nor memory without end comes of it."""
+    folder = make_folder(tmp_path / "a", task, base=PURSUIT if task == "path_following" else HISTOGRAM)
+    card = json.loads((folder / CARD).read_text())
+    lists = [(key,) for key in card if key != "format"] + [("features", "trails"), ("network", "hidden")]
+    refused: dict[str, Any] = {}
+    for way in [*(way for way in numbers_in(card) if way[0] not in ("format", "digest")), *lists]:
+        for value in NASTY:
+            (folder / CARD).write_text(json.dumps(signed(replaced(card, way, value))))
+            try:
+                load_agent(folder)
+            except ValueError as error:
+                refused[f"{way} {str(value)[:100]}"] = str(error)
+    assert len(refused) > 400
+    assert [case for case, said in refused.items() if CARD not in said or len(said) > 2000] == []
+
+
+def test_agents_of_the_first_format_are_still_read(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "a")
+    card = json.loads((folder / CARD).read_text())
+    del card["digest"]
+    (folder / CARD).write_text(json.dumps(card | {"format": 1}))
+    assert load_agent(folder).card["format"] == 1
+
+
+def test_weights_that_are_not_finite_are_not_saved_over_good_ones(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "a")
+    card = json.loads((folder / CARD).read_text())
+    before = load_agent(folder).network.numbers
+    for bad in (math.nan, math.inf, -math.inf):
+        layers = layers_of([int(load_agent(folder).network.sizes[0]), 16, 8, 2])
+        layers[1][0][3, 2] = bad
+        with pytest.raises(ValueError, match=r"layer_1\.weight has numbers that are not finite"):
+            save_agent(folder, layers, card | {"sha256": weights_digest(layers)})
+    np.testing.assert_array_equal(load_agent(folder).network.numbers, before)
+
+
+def killed_at(count: int, work: Callable[[], Any]) -> bool:
+    """Returns whether work in a process of its own was killed just before its count-th change of the disk."""
+    child = os.fork()
+    if child:
+        return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+    left = count
+
+    def counted(change: Any) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            nonlocal left
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            left -= 1
+            return change(*args, **kwargs)
+
+        return call
+
+    for name in ("replace", "rename", "fsync", "unlink", "mkdir", "rmdir", "chmod"):
+        setattr(os, name, counted(getattr(os, name)))
+    try:
+        work()
+    finally:
+        os._exit(0)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are cut off at a chosen moment by fork")
+@pytest.mark.parametrize("first", [True, False], ids=["no agent before", "an agent before"])
+def test_a_save_that_is_killed_at_any_moment_leaves_the_old_agent_or_the_new(tmp_path: Path, first: bool) -> None:
+    made = [make_folder(tmp_path / name, speed=speed) for name, speed in (("a", 0.5), ("b", 0.7), ("c", 0.9))]
+    inputs = int(load_agent(made[0]).network.sizes[0])
+
+    def save(k: int, folder: Path) -> None:
+        layers = layers_of([inputs, 16, 8, 2], seed=k)
+        card = json.loads((made[k] / CARD).read_text())
+        save_agent(folder, layers, card | {"sha256": weights_digest(layers)})
+
+    def check(folder: Path, allowed: tuple[int, ...]) -> int:
+        agent = load_agent(folder)
+        k = [0.5, 0.7, 0.9].index(agent.speed)
+        assert k in allowed
+        np.testing.assert_array_equal(agent.network.numbers, Network.of(layers_of([inputs, 16, 8, 2], seed=k)).numbers)
+        return k
+
+    moments, found = 0, set()
+    for count in itertools.count():
+        folder = tmp_path / f"best_{count}"
+        if not first:
+            save(0, folder)
+        killed = killed_at(count, lambda folder=folder: save(1, folder))  # type: ignore[misc]
+        if folder.exists() or not first:
+            found.add(check(folder, (0, 1)))
+        # what comes after is cut off too, and then left to end
+        if killed_at(2, lambda folder=folder: save(2, folder)) and (folder.exists() or not first):  # type: ignore[misc]
+            check(folder, (0, 1))
+        save(2, folder)
+        assert check(folder, (2,)) == 2
+        assert sorted(each.name for each in folder.iterdir() if not each.name.startswith(".")) == [CARD, WEIGHTS]
+        if not killed:
+            break
+        moments += 1
+    assert moments > 5
+    assert found == ({1} if first else {0, 1})

@@ -1,5 +1,6 @@
 """Aggregates against hand-made cases and their definitions."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -98,6 +99,19 @@ def test_spl_sct_and_barn_are_their_definitions() -> None:
     assert against_the_best(Trajectory(times=np.zeros(2), poses=np.zeros((2, 3)))) == {}
 
 
+def test_who_cuts_a_corner_or_starts_fast_is_not_better_than_the_best() -> None:
+    # 3 m driven in 2 s where 4 m are the shortest and 4 s the fastest
+    found = against_the_best(straight_run(True, 2.0, 1.5))
+    assert found == {"spl": 1.0, "sct": 1.0, "barn_score": 0.5}
+
+
+def test_sct_knows_that_a_robot_starts_at_rest_and_barn_does_not() -> None:
+    run = dataclasses.replace(straight_run(True, 10.0, 0.5), acceleration=0.5)
+    # 2 s over 1 m to reach 1 m/s, then 3 m
+    assert against_the_best(run)["sct"] == pytest.approx(5.0 / 10.0)
+    assert against_the_best(run)["barn_score"] == pytest.approx(4.0 / 10.0)
+
+
 def swing(seconds: float, amplitude: float, waves: float = 3.0) -> Trajectory:
     """A speed that swings as 1 - cos, `waves` times over the run."""
     times = np.linspace(0.0, seconds, 2001)
@@ -121,6 +135,20 @@ def test_a_turning_body_frame_is_no_jerk_of_its_own() -> None:
     twists = np.column_stack([np.cos(heading), -np.sin(heading), np.full(len(times), 2.0)])
     poses = np.column_stack([times, np.zeros(len(times)), heading])
     assert smoothness(Trajectory(times=times, poses=poses, twists=twists))["squared_jerk"] < 1e-15
+
+
+def test_smoothness_does_not_depend_on_where_the_robot_goes() -> None:
+    run = swing(10.0, 0.3)
+    turned = dataclasses.replace(run, poses=run.poses + np.array([5.0, -2.0, 0.8]))
+    for name, value in smoothness(run).items():
+        assert smoothness(turned)[name] == pytest.approx(value, rel=1e-6), name
+
+
+def test_an_interval_draws_scenarios_too_where_there_are_agents() -> None:
+    # all spread lies between the scenarios: agents that do alike do not make them more
+    values = np.tile(np.random.default_rng(1).normal(size=(40, 1)), 10)
+    low, high = interval(values, ["a"] * 40, mean)
+    assert high - low == pytest.approx(2.0 * 1.96 * values[:, 0].std() / math.sqrt(40.0), rel=0.1)
 
 
 def test_faults_are_in_the_row() -> None:

@@ -50,6 +50,10 @@ def test_a_world_without_a_way_is_refused_by_name(tmp_path: Path) -> None:
         (HEADER + "0,1,2\n", r":2: .* lacks a number"),
         ("world,x,y,radius\n0,1,2,0.1\n", r":2: .* lacks a number"),
         (HEADER + "0,1,2,0.1\n0,1,wide,0.1\n", r":3: .* lacks a number"),
+        (HEADER + "0,1,2,0.1\n0,1,2,-0.1\n", r":3: circle radius is -0.1"),
+        (HEADER + "0,1,2,0.1\n0,1,nan,0.1\n", r":3: circle y is nan"),
+        (HEADER + "0,1,2,0.1\n" + 200_000 * "9" + ",1,2,0.1\n", r":3: field larger"),
+        (HEADER + '0,1,2,0.1\n"0"x,1,2,0.1\n', r":3: .* expected after"),
     ],
 )
 def test_other_tables_are_refused_by_line(tmp_path: Path, text: str, said: str) -> None:
@@ -64,6 +68,23 @@ def test_a_folder_without_worlds_is_one_line(tmp_path: Path) -> None:
     (tmp_path / barn.CYLINDERS).write_bytes(b"not gzipped")
     with pytest.raises(ValueError, match="is no gzipped table"):
         barn.worlds(tmp_path)
+
+
+def test_a_table_cut_anywhere_is_one_line_that_names_it(tmp_path: Path) -> None:
+    folder = written(tmp_path / "worlds", HEADER + "".join(f"{k},-5,{k},0.1\n" for k in range(200)))
+    whole = (folder / barn.CYLINDERS).read_bytes()
+    for at in range(1, len(whole), 17):
+        (folder / barn.CYLINDERS).write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 : at + 5])
+        with pytest.raises(ValueError, match=r"cylinders\.csv\.gz:\d+: "):
+            barn.worlds(folder)
+
+
+def test_a_world_that_cannot_be_driven_is_named_with_its_table(tmp_path: Path) -> None:
+    folder = written(tmp_path / "worlds", HEADER + "0,-5,8,0.1\n7,-2.25,3,0.1\n")
+    run = CliRunner().invoke(barn.main, [str(folder), "--policies", "astar_tracker", "--workers", "1"])
+    assert run.exit_code == 2
+    assert f"{folder / barn.CYLINDERS}: world 7: " in run.output
+    assert "json" not in run.output
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the worlds are not here")

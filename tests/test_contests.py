@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import re
 import subprocess
 import sys
@@ -15,15 +14,15 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield import policies
-from wayfield.benchmarks import contest, tune
-from wayfield.benchmarks.contest_tables import better_share
-from wayfield.benchmarks.contests import CONTESTS, PAPER
+from wayfield.benchmarks import parts, tune
+from wayfield.benchmarks.contests import CONTESTS, PAPER, Course, Entrants, goal_obstacles, path_following
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
+from wayfield.benchmarks.standings import how_often_better
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.disturbances import LEVELS
-from wayfield.envs.scenarios import GoalScenario, circle, obstacle_field, splits, wall
+from wayfield.envs.scenarios import GoalScenario, circle, obstacle_field, path_scenarios, splits, wall
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
 SMALL = (*PATHS, "--families", "circles,polylines_90", "--episodes", "2")
@@ -69,14 +68,14 @@ def test_policies_meet_the_same_scenarios(paths: tuple[Path, Result]) -> None:
     assert len(met["pure_pursuit"]) == 4
     frozen = splits.split("path_following", "circles", "test")
     for row in rows:
-        if row["experiment"] == "circles":
+        if row["family"] == "circles":
             assert row["tier"] == frozen[int(row["episode"])].tier
 
 
 def test_the_worst_episodes_keep_their_trajectories(paths: tuple[Path, Result]) -> None:
     rows = [row for row in read_rows(paths[0]) if row["split"] == "test" and row["policy"] == "pure_pursuit"]
     kept = [row for row in rows if row["trajectory"]]
-    assert len(kept) == contest.WORST
+    assert len(kept) == parts.WORST
     best_kept = min(number(row, "cross_track_rms") for row in kept)
     assert all(number(row, "cross_track_rms") <= best_kept for row in rows if not row["trajectory"])
     trajectories = read_trajectories(paths[0])
@@ -86,7 +85,7 @@ def test_the_worst_episodes_keep_their_trajectories(paths: tuple[Path, Result]) 
 
 def test_the_front_sweeps_the_speed(paths: tuple[Path, Result]) -> None:
     swept = [row for row in read_rows(paths[0]) if row["split"] == "front"]
-    rows = [row for row in swept if row["experiment"] == "circles"]
+    rows = [row for row in swept if row["family"] == "circles"]
     for policy in ("pure_pursuit", "lookahead_retuned"):
         pace = {float(row["speed"]): number(row, "mean_speed") for row in rows if row["policy"] == policy}
         assert len(pace) == 6
@@ -106,7 +105,7 @@ def test_the_front_sweeps_the_speed(paths: tuple[Path, Result]) -> None:
 
 def test_every_policy_can_be_told_its_speed() -> None:
     for each in CONTESTS.values():
-        if each.cost == "cross_track_rms":
+        if each.speeds:
             for name in each.policies:
                 policies.make(name, **policies.cruising(name, {}, 0.45))
 
@@ -115,7 +114,8 @@ def test_a_paper_s_law_is_held_by_a_trap_that_our_additions_leave() -> None:
     contest = CONTESTS["goal-obstacles"]
     for name in PAPER:
         left = {}
-        for case in contest.cases("p3dx", "u_traps_30", "validation", (name,), ("default", "paper")):
+        course, entrants = Course("u_traps_30", "validation"), Entrants((name,), ("default", "paper"))
+        for case in contest.cases("p3dx", course, entrants):
             setting = Setting("a test", case, "kinematic", "lagged", 0, 10)
             left[case.gains_name] = sum(number(row, "success") for row, _ in episodes(setting))
         assert left["paper"] < left["default"]
@@ -138,12 +138,12 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(paths: tuple[Path, Re
     assert process.returncode == 130, errors
     (kept,) = re.findall(r"interrupted; (\d+) of 28 parts are kept", errors)
     assert int(kept) >= 2
-    assert {file.name for file in out.iterdir()} == {"unfinished"}
-    before = {each: os.stat(each).st_mtime_ns for each in (out / "unfinished").iterdir()}
-    played: list[contest.Part] = []
-    play = contest.play
+    assert {file.name for file in out.iterdir()} == {"unfinished", ".lock"}
+    before = list((out / "unfinished").glob("[!.]*"))
+    played: list[parts.Part] = []
+    play = parts.play
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(contest, "play", lambda part: (played.append(part), play(part)))
+        patch.setattr(parts, "play", lambda part: (played.append(part), play(part)))
         result = evaluate(*SMALL, "--out", out)
     assert result.exit_code == 0, result.output
     assert len(played) == 28 - len(before)
@@ -156,7 +156,7 @@ def test_the_ladder_runs_every_level_of_both_tasks(tmp_path: Path) -> None:
     result = evaluate(*arguments, "--families", "circles,open_fields", "--episodes", 1, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     rows = read_rows(tmp_path)
-    assert {(row["document"], row["disturbance"]) for row in rows} == {
+    assert {(row["contest"], row["disturbance"]) for row in rows} == {
         (name, level) for name in CONTESTS for level in LEVELS
     }
     for name in ("path_following", "goal_obstacles"):
@@ -172,7 +172,10 @@ def test_the_ladder_runs_every_level_of_both_tasks(tmp_path: Path) -> None:
     [
         (("--suite", "path-folowing"), "Did you mean 'path-following'?"),
         (("--suite", "path-following", "--policies", "dwa"), "'dwa' takes no part in suite 'path-following'"),
-        (("--suite", "goal-obstacles", "--families", "circles"), "nothing is left to run"),
+        (("--suite", "goal-obstacles", "--families", "circles"), "'circles' has no scenarios for suite"),
+        (("--suite", "goal-obstacles", "--families", "rooms,push_boxes"), "use --dynamics pymunk"),
+        (("--suite", "goal-obstacles", "--policies", "dwa,orca", "--gains", "paper"), "'orca' has no case"),
+        (("--suite", "path-following", "--seed", "99999999999"), "99999999999"),
         (("--suite", "goal-obstacles", "--families", "cluter_10"), "Did you mean 'clutter_10'?"),
         (("--suite", "path-following", "--video"), "--video belongs to --suite documents"),
         (("--robot", "p3dx"), "--robot belongs to the contests"),
@@ -191,10 +194,11 @@ def test_wrong_options_are_refused_in_one_line(arguments: tuple[str, ...], messa
 
 def test_comparisons_that_are_not_paired_are_refused(paths: tuple[Path, Result]) -> None:
     rows = [row for row in read_rows(paths[0]) if row["split"] == "test" and row["policy"] == "pure_pursuit"]
-    share, low, high = better_share(rows, rows, "cross_track_rms")
-    assert (share, low, high) == (0.5, 0.5, 0.5)
+    contest = CONTESTS["path-following"]
+    often, low, high = how_often_better(rows, rows, contest)
+    assert (often, low, high) == (0.5, 0.5, 0.5)
     with pytest.raises(ValueError, match="have not met the same scenarios"):
-        better_share(rows, rows[:-1], "cross_track_rms")
+        how_often_better(rows, rows[:-1], contest)
 
 
 # The shortest way.
@@ -233,18 +237,46 @@ def test_tuning_writes_gains_that_are_no_worse_and_can_be_used(tmp_path: Path) -
     policies.make("pure_pursuit", **content["gains"])
 
 
+def test_tuning_replaces_nothing_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tune, "score", lambda *_: 0.0)
+    shipped = tmp_path / "shipped"
+    monkeypatch.setattr(tune, "folder_of", lambda suite: shipped / suite)
+    (shipped / "path-following").mkdir(parents=True)
+    published = shipped / "path-following" / "lqr.json"
+    published.write_text("published")
+
+    def tuned(*words: str) -> Result:
+        basic = ["lqr", "--suite", "path-following", "--trials", "1", "--scenarios", "1", "--workers", "1"]
+        return CliRunner().invoke(tune.main, [*basic, *words])
+
+    assert tuned("--robot", "omni3").exit_code == 0
+    assert [path.name for path in (tmp_path / "results/gains/path-following").iterdir()] == ["lqr_omni3.json"]
+    for words in (["--robot", "omni3"], ["--ship"], ["--out", str(published)]):
+        refused = tuned(*words)
+        assert refused.exit_code == 2
+        assert "--force" in refused.stderr
+    assert published.read_text() == "published"
+    assert tuned("--ship", "--force").exit_code == 0
+    assert json.loads(published.read_text())["robot"] == "p3dx"
+    monkeypatch.setattr(tune, "score", lambda *_: pytest.fail("it searched"))
+    for out in (tmp_path, published / "below", ""):
+        assert tuned("--out", str(out), "--force").exit_code in (1, 2)
+
+
 def test_the_score_puts_success_first() -> None:
     def row(**cells: float) -> dict[str, str]:
         return {name: str(value) for name, value in cells.items()}
 
     won, lost = row(success=1, sct=0.1), row(success=0, sct=0.0)
     quick = row(success=1, sct=0.9)
-    assert tune.goal_score([won, won]) < tune.goal_score([quick, lost])
-    assert tune.goal_score([quick, lost]) < tune.goal_score([won, lost])
+    assert goal_obstacles.score([won, won], [0, 0]) < goal_obstacles.score([quick, lost], [0, 0])
+    assert goal_obstacles.score([quick, lost], [0, 0]) < goal_obstacles.score([won, lost], [0, 0])
     exact, rough = row(success=1, cross_track_rms=0.01, time=20), row(success=1, cross_track_rms=0.02, time=20)
     slow = row(success=1, cross_track_rms=0.01, time=40)
     failed = row(success=0, cross_track_rms=0.001, time=1)
-    score = [tune.path_score([each], [12.0]) for each in (exact, rough, slow, failed)]
+    (path,) = path_scenarios("straight")
+    score = [path_following.score([each], [path]) for each in (exact, rough, slow, failed)]
     assert score[0] < score[1] == pytest.approx(score[2])
     assert score[3] > max(score[:3])
 

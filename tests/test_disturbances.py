@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.disturbances import DISTURBANCES, LEVELS, SHOVE_FROM, SHOVE_UNTIL, Disturbance
 from wayfield.envs.kinematics import integrate_arc
+from wayfield.envs.records import RANGE_NOISE
 from wayfield.envs.robots import ROBOTS
 
 DT = 0.05
@@ -188,6 +189,19 @@ def test_slip_is_the_share_of_the_way_that_is_lost(make: Any, robot: str, dynami
     assert believed == pytest.approx(got[0] if passive else wanted[0], abs=1e-9)
 
 
+@pytest.mark.parametrize("robot", ["omni3", "omni4"])
+@pytest.mark.parametrize("yaw_rate", [0.8, -0.5])
+@pytest.mark.parametrize(("vx", "vy"), [(0.5, 0.0), (0.0, 0.5), (-0.3, 0.4)])
+def test_side_slip_of_an_omni_base_is_against_its_centripetal_acceleration(
+    make: Any, robot: str, yaw_rate: float, vx: float, vy: float
+) -> None:
+    seconds = 0.05
+    got = drive(make(robot, Disturbance(side_slip=seconds)), (vx, vy, yaw_rate), 30)
+    # w x v is (-w vy, w vx)
+    drifting = vx + seconds * yaw_rate * vy, vy - seconds * yaw_rate * vx
+    assert got == pytest.approx(integrate_arc(0.0, 0.0, 0.0, *drifting, yaw_rate, 1.5), abs=1e-9)
+
+
 @pytest.mark.parametrize("yaw_rate", [0.8, -0.5])
 def test_side_slip_drifts_outwards(make: Any, yaw_rate: float) -> None:
     seconds, speed = 0.05, 0.6
@@ -266,6 +280,21 @@ def test_beams_drop_out_at_their_rate(make: Any, share: float) -> None:
     assert (scans == true.ranges)[~dropped].all()
 
 
+def test_noise_and_dropout_together_leave_each_as_it_is_alone(make: Any) -> None:
+    """The beams that are kept are not chosen by their errors."""
+    around = [{"kind": "wall", "x1": -3, "y1": y, "x2": 3, "y2": y} for y in (-2.0, 2.0)]
+    around += [{"kind": "wall", "x1": x, "y1": -3, "x2": x, "y2": 3} for x in (-2.0, 2.0)]
+    wrong = Disturbance(range_dropout=0.3)
+    env = make("omni3", wrong, obstacles=around, num_beams=64, max_range=9.0, noise=2.0)
+    scans = np.array([env.step(np.zeros(3))[0][-64:] for _ in range(600)], np.float64)
+    quiet = make("omni3", "none", obstacles=around, num_beams=64, max_range=9.0)
+    errors = (scans - quiet.step(np.zeros(3))[0][-64:])[scans < 9.0]
+    n, sigma = errors.size, 2.0 * RANGE_NOISE
+    assert abs(n / scans.size - 0.7) < 5.0 * math.sqrt(0.3 * 0.7 / scans.size)
+    assert abs(errors.mean()) < 5.0 * sigma / math.sqrt(n)
+    assert errors.std() == pytest.approx(sigma, rel=5.0 / math.sqrt(2.0 * n))
+
+
 # Delay.
 
 
@@ -315,6 +344,30 @@ def test_the_action_of_a_row_that_is_being_reset_is_not_kept() -> None:
 
 
 # Shoves.
+
+
+def test_drawn_shoves_go_anywhere_at_any_time(make: Any) -> None:
+    """Evenly over the whole circle, wrap-around counted, and over the time between the first and the last."""
+    env: Any = gymnasium.make_vec(
+        FREE["omni3"], 600, vectorization_mode="vector_entry_point", disturbance="shove", scenario="open_field"
+    ).unwrapped
+    env.reset(seed=0)
+    before = env.batch.states.copy()
+    angles, times = np.full(600, np.nan), np.full(600, np.nan)
+    for k in range(round(SHOVE_UNTIL / DT) + 1):
+        env.step(np.zeros((600, 3), np.float32))
+        now = env.batch.states
+        dx, dy = now["x"] - before["x"], now["y"] - before["y"]
+        moved = np.hypot(dx, dy) > 0.0
+        angles[moved], times[moved] = np.arctan2(dy, dx)[moved], k * DT
+        before = now.copy()
+    ordered = np.sort(angles)
+    assert np.diff([*ordered, ordered[0] + 2.0 * math.pi]).max() < 0.12
+    # the mean direction of n even ones is of the order of 1 / sqrt(n)
+    assert np.hypot(np.cos(angles).mean(), np.sin(angles).mean()) < 3.0 / math.sqrt(600)
+    assert SHOVE_FROM <= times.min() < SHOVE_FROM + 0.1
+    assert SHOVE_UNTIL - 0.1 < times.max() <= SHOVE_UNTIL
+    assert abs(np.corrcoef(times, np.cos(angles))[0, 1]) < 0.15
 
 
 @every_plant

@@ -1,9 +1,11 @@
 """Every environment id: Gymnasium's contract, the documented equations, bad input, and any scenario whatever."""
 
 import copy
+import inspect
 import itertools
 import json
 import math
+import re
 import subprocess
 import sys
 import warnings
@@ -232,7 +234,7 @@ def test_results_are_not_overwritten_by_later_steps(env_id: str, options: dict[s
 
 
 @every_kind
-def test_fields_unpack_and_pack(env_id: str, options: dict[str, str]) -> None:
+def test_fields_are_the_flat_observation_in_order(env_id: str, options: dict[str, str]) -> None:
     env = base(env_id, **options)
     layout = env.task.layout
     observations = np.stack([env.step(action)[0] for action in actions_of(env, 6)])
@@ -240,13 +242,14 @@ def test_fields_unpack_and_pack(env_id: str, options: dict[str, str]) -> None:
         shaped = observations.reshape(*shape, -1)
         fields = layout.unpack(shaped)
         assert all(value.shape == (*shape, *field.shape) for value, field in zip(fields, layout.fields, strict=True))
-        assert layout.pack(fields).tobytes() == observations.tobytes()
+        packed = np.concatenate([value.reshape(*shape, -1) for value in fields], axis=-1)
+        assert packed.tobytes() == observations.tobytes()
     assert type(fields) is layout.kind
     assert tuple(field.name for field in layout.fields) == layout.kind._fields
     with pytest.raises(ValueError, match=str(layout.size)):
         layout.unpack(observations[:, :-1])
     single = layout.unpack(observations[0])
-    assert layout.pack(single).tobytes() == observations[0].tobytes()
+    assert np.concatenate([np.ravel(value) for value in single]).tobytes() == observations[0].tobytes()
 
 
 def fields_of(env: Any, observation: NDArray[np.float32]) -> Any:
@@ -644,6 +647,49 @@ def test_starts_are_scattered_but_never_over_an_obstacle(tmp_path: Path) -> None
     assert states["heading"].max() > 0.3 * 0.5
 
 
+def test_starts_of_a_goal_seeker_fill_their_square_evenly(tmp_path: Path) -> None:
+    n = 4000
+    scenario = written(tmp_path, goal=[5, -5, 0], start_offset=0.4, start_turn=0.5)
+    env: Any = gymnasium.make_vec(GOAL_ID, n, scenario=scenario)
+    env.reset(seed=0)
+    columns = [env.batch.states[name] / most for name, most in (("x", 0.4), ("y", 0.4), ("heading", 0.5))]
+    for a, b in itertools.combinations(columns, 2):
+        assert abs(np.corrcoef(a, b)[0, 1]) < 5.0 / math.sqrt(n)
+    for each in columns:
+        assert abs(each.mean()) < 5.0 / math.sqrt(3.0 * n)
+        assert each.std() == pytest.approx(1.0 / math.sqrt(3.0), rel=0.05)
+        assert np.abs(each).max() == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_starts_of_a_path_follower_lie_on_both_sides_and_beside_the_path_alone(tmp_path: Path, heading: float) -> None:
+    n = 2000
+    end = [2.0 * math.cos(heading), 2.0 * math.sin(heading)]
+    scenario = written(tmp_path, path=[[0, 0], end], start_offset=0.3, start_turn=0.4)
+    env: Any = gymnasium.make_vec(PATH_ID, n, scenario=scenario)
+    _, info = env.reset(seed=0)
+    errors, turns, states = info["cross_track_error"], info["heading_error"], env.batch.states
+    assert np.abs(math.cos(heading) * states["x"] + math.sin(heading) * states["y"]).max() < 1e-9
+    assert errors == pytest.approx(math.cos(heading) * states["y"] - math.sin(heading) * states["x"])
+    for each, most in ((errors, 0.3), (turns, 0.4)):
+        assert (each.min(), each.max()) == pytest.approx((-most, most), abs=0.01 * most)
+        assert abs((each > 0.0).mean() - 0.5) < 5.0 * 0.5 / math.sqrt(n)
+    assert abs(np.corrcoef(errors, turns)[0, 1]) < 5.0 / math.sqrt(n)
+
+
+def test_a_contact_within_the_tolerances_is_no_success(tmp_path: Path) -> None:
+    """So fast that the step which would bring it to the goal ends at the wall behind it."""
+    wall_behind = {"kind": "wall", "x1": 0.4, "y1": -1, "x2": 0.4, "y2": 1}
+    scenario = written(
+        tmp_path, start=[-0.1, 0, 0], goal=[0.09, 0, 0], position_tolerance=0.05, obstacles=[wall_behind]
+    )
+    env = base(GOAL_ID, scenario=scenario)
+    _, reward, terminated, _, info = env.step(np.array([6.0, 0.0, 0.0]))
+    assert info["goal_distance"] < 0.05
+    assert (info["collision"], info["success"], terminated) == (True, False, True)
+    assert reward == pytest.approx(info["progress"] - 0.01 - 5.0)
+
+
 # Bad input.
 
 BAD_ACTIONS = [
@@ -860,7 +906,7 @@ def survives(env: Any, scales: list[float], seed: int) -> bool:
     return touched
 
 
-@settings(max_examples=250)
+@settings(max_examples=5 * settings().max_examples // 2)
 @given(st.data(), GOAL_SCENARIOS, OPTIONS, SCALES, st.integers(0, 9))
 def test_any_goal_scenario_is_refused_or_survived(
     tmp_path_factory: pytest.TempPathFactory,
@@ -887,7 +933,7 @@ def test_any_goal_scenario_is_refused_or_survived(
     event("touched something" if survives(env.unwrapped, scales, seed) else "touched nothing")
 
 
-@settings(max_examples=250)
+@settings(max_examples=5 * settings().max_examples // 2)
 @given(st.sampled_from(PATH_IDS), PATH_SCENARIOS, OPTIONS, SCALES, st.integers(0, 9), st.floats(0.1, 4.0))
 def test_any_path_scenario_is_survived(
     tmp_path_factory: pytest.TempPathFactory,
@@ -951,3 +997,43 @@ def test_a_copy_goes_on_alike_and_on_its_own(env_id: str) -> None:
         own, *others = env.step(action)
         assert own.tobytes() == observation.tobytes()
         assert others == rest
+
+
+SECTIONS = [
+    "Description",
+    "Action space",
+    "Observation space",
+    "Rewards",
+    "Starting state",
+    "Episode end",
+    "Info",
+    "Arguments",
+    "Odometry and wheels",
+    "Version history",
+]
+REGISTERED = [spec for spec in gymnasium.registry.values() if spec.namespace == "wayfield"]
+
+
+@pytest.mark.parametrize("spec", REGISTERED, ids=lambda spec: spec.name)
+def test_every_registered_class_shows_its_own_whole_sheet(spec: EnvSpec) -> None:
+    env = gymnasium.make(spec.id)
+    single = type(env.unwrapped)
+    sheet = inspect.getdoc(single) or ""
+    assert re.findall("^## (.*)$", sheet, re.MULTILINE) == SECTIONS
+    parts = dict(zip(SECTIONS, re.split("^## .*$", sheet, flags=re.MULTILINE)[1:], strict=True))
+    assert all(len(text.strip()) > 10 for text in parts.values())
+    other = [each.entry_point.split(":")[1] for each in REGISTERED if each != spec]
+    assert not [name for name in other if name in sheet], "the sheet sends the reader to another class"
+    # what it says is so
+    _, info = env.reset(seed=0)
+    assert [name for name in info if f"`{name}`" not in parts["Info"]] == []
+    arguments = [
+        word for row in re.findall(r"^\| ([a-z_, ]+) \|", parts["Arguments"], re.MULTILINE) for word in row.split(", ")
+    ]
+    assert arguments == ["argument", *list(inspect.signature(single).parameters)]
+    bounds = re.findall(r"^\| \d \| [^|]+ \| ([\d.]+) \|", parts["Action space"], re.MULTILINE)
+    np.testing.assert_allclose(np.array(bounds, float), env.action_space.high, rtol=3e-3)
+    fixed = env.unwrapped.task.layout.fields[-1]
+    first = env.observation_space.shape[0] - fixed.size
+    assert re.search(rf"^\| {first}, \.\.\. \| {fixed.name} \|", parts["Observation space"], re.MULTILINE)
+    assert f"`Box({first} + " in parts["Observation space"]

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,11 @@ from click.testing import CliRunner, Result
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import METRICS, measure
-from wayfield.benchmarks.own_path import POLICIES
-from wayfield.benchmarks.results import number, read_rows, read_trajectories, staging
+from wayfield.benchmarks.own_scenario import POLICIES
+from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.rollout import roll_out
 
+OF_EVERY_RUN = ("run.json", ".lock")
 CIRCUITS = Path(__file__).parents[2] / "shared" / "data" / "tum_racetracks"
 
 
@@ -40,10 +42,11 @@ def test_it_writes_every_file_and_says_where(lookahead):
         "episodes.csv",
         "table.md",
         "trajectories.npz",
+        *OF_EVERY_RUN,
         *(f"document_{name}.{suffix}" for name in figures for suffix in ("svg", "png")),
     }
     assert str(out) in result.stdout.splitlines()[-1]
-    assert all((out / name).stat().st_size > 0 for name in names)
+    assert all((out / name).stat().st_size > 0 for name in names - {".lock"})
     assert [file.name for file in out.parent.iterdir()] == ["results"]  # no staging folder is left
 
 
@@ -131,12 +134,50 @@ def test_a_path_of_ones_own(bend, tmp_path):
     assert result.exit_code == 0, result.output
     assert {file.name for file in out.iterdir()} == {
         *("episodes.csv", "table.md", "trajectories.npz", "path_trajectories.svg", "path_trajectories.png"),
-        *("path_errors.svg", "path_errors.png"),
+        *("path_errors.svg", "path_errors.png", *OF_EVERY_RUN),
     }
     by_policy = {(row["policy"], row["dynamics"]): row for row in read_rows(out)}
-    assert len(by_policy) == 2 * len(POLICIES)
+    assert len(by_policy) == 2 * len(POLICIES["path"])
     assert by_policy["lookahead_retuned", "kinematic"]["success"] == "1"
     assert by_policy["zero", "kinematic"]["timeout"] == "1"
+
+
+@pytest.fixture
+def goal(tmp_path):
+    """A goal scenario with a post on the way."""
+    file = tmp_path / "gööl.json"
+    file.write_text('{"goal": [2, 0, 0], "obstacles": [{"kind": "circle", "x": 1, "y": 0.1, "radius": 0.1}]}')
+    return file
+
+
+def test_a_goal_scenario_of_ones_own(goal, tmp_path):
+    out = tmp_path / "out"
+    result = evaluate(
+        "--path", goal, "--policies", "scan_planner,zero", "--dynamics", "kinematic", "--episodes", 2, "--out", out
+    )
+    assert result.exit_code == 0, result.output
+    figures = {"goal_trajectories.svg", "goal_trajectories.png"}
+    assert {file.name for file in out.iterdir()} == {"episodes.csv", "table.md", "trajectories.npz", *figures} | {
+        *OF_EVERY_RUN
+    }
+    rows = read_rows(out)
+    assert [(row["policy"], row["success"]) for row in rows] == [
+        *[("scan_planner", "1")] * 2,
+        *[("zero", "0")] * 2,
+    ]
+    assert {row["experiment"] for row in rows} == {"gööl"}
+    assert "Goal: gööl" in result.stdout
+    # twice the distance in a straight line is long enough a clock for who drives, and ends who does not
+    assert number(rows[2], "time") >= 2.0 / 0.25
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names are no bytes there")
+def test_a_name_that_is_no_text_is_shown_as_it_can(goal, tmp_path):
+    odd = tmp_path / os.fsdecode(b"g\xf6l.json")
+    odd.write_bytes(goal.read_bytes())
+    result = evaluate("--path", odd, "--policies", "scan_planner", "--dynamics", "kinematic", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert {row["experiment"] for row in read_rows(tmp_path / "out")} == {r"g\xf6l"}
 
 
 def test_scale_takes_numbers_and_ratios(bend, tmp_path):
@@ -173,8 +214,14 @@ def test_a_real_circuit(tmp_path):
         (("--episodes", "nan"), "nan"),
         (("--seed", "-1"), "-1"),
         (("--seed", "1.5"), "1.5"),
+        (("--seed", "99999999999"), "99999999999"),
+        (("--path", ""), "--path is empty"),
+        (("--path", "BEND", "--suite", "documents"), "--path takes the place of --suite"),
+        (("--path", "GOAL", "--scale", "2"), "--scale belongs to paths"),
+        (("--path", "GOAL", "--policies", "lqr"), "'lqr' does not reach goals"),
+        (("--path", "SHUT"), "shut.json"),
         (("--scale", "2"), "--path"),
-        (("--sweet", "documents"), "No such option '--sweet'"),
+        (("--sweet", "documents"), "No such option"),
         (("--out", ""), "--out"),
         (("--path", "missing.csv"), "missing.csv"),
         (("--path", "."), "."),
@@ -188,13 +235,15 @@ def test_a_real_circuit(tmp_path):
         (("--path", "BROKEN"), "broken.csv:3"),
     ],
 )
-def test_wrong_input_is_answered_in_one_line(arguments, expected, bend, tmp_path):
+def test_wrong_input_is_answered_in_one_line(arguments, expected, bend, goal, tmp_path):
     broken = tmp_path / "broken.csv"
     broken.write_text("x,y\n0,0\n1,north\n")
     out = tmp_path / "out"
     out.mkdir()
     (out / "episodes.csv").write_text("precious")
-    files = {"BEND": bend, "BROKEN": broken}
+    shut = tmp_path / "shut.json"
+    shut.write_text('{"goal": [1, 0, 0], "obstacles": [{"kind": "circle", "x": 1, "y": 0, "radius": 0.5}]}')
+    files = {"BEND": bend, "BROKEN": broken, "GOAL": goal, "SHUT": shut}
     result = evaluate("--out", out, *(files.get(each, each) for each in arguments))
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1
@@ -215,21 +264,6 @@ def test_an_impossible_folder_is_refused_before_anything_runs(tmp_path, monkeypa
         assert len(result.stderr.splitlines()) == 1
         assert "--out" in result.stderr
     assert file.read_text() == "precious"
-
-
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_what_was_there_survives_an_interruption(tmp_path, error):
-    (tmp_path / "episodes.csv").write_text("precious")
-
-    def interrupted():
-        with staging(tmp_path) as stage:
-            (stage / "episodes.csv").write_text("half")
-            (stage / "table.md").write_text("half")
-            raise error
-
-    with pytest.raises(error):
-        interrupted()
-    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("episodes.csv", "precious")]
 
 
 def test_rows_are_plain_csv(lookahead):

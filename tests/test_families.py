@@ -18,6 +18,7 @@ from wayfield.envs.scenarios import (
     GOAL_SCENARIOS,
     PATH_SCENARIOS,
     SPLITS,
+    TASKS,
     TIERS,
     GoalScenario,
     PathScenario,
@@ -32,7 +33,6 @@ from wayfield.envs.scenarios import (
     wall,
     ways,
 )
-from wayfield.envs.scenarios.freeze import quantity
 
 HULL = 0.3  # m, omni3's: the largest robot
 GOALS = FAMILIES["goal_reaching"]
@@ -123,7 +123,7 @@ def test_splits_are_what_was_frozen_and_share_nothing(task: str, family: str) ->
 def test_tiers_follow_their_thresholds_and_all_occur(task: str) -> None:
     scenarios = [s for family in FAMILIES[task] for s in split(task, family, "test")]
     for s in scenarios:
-        first, second = splits.TIER_BOUNDS[task]
+        first, second = TASKS[task].tier_bounds
         expected = [s.quantity < first, s.quantity < second] if task == "path_following" else [
             s.quantity >= first,
             s.quantity >= second,
@@ -135,7 +135,7 @@ def test_tiers_follow_their_thresholds_and_all_occur(task: str) -> None:
 @pytest.mark.parametrize(("task", "family"), EVERY)
 def test_quantities_are_reproduced(task: str, family: str) -> None:
     for s in split(task, family, "test")[:2]:
-        assert quantity(s) == pytest.approx(s.quantity, abs=2e-6)
+        assert TASKS[task].quantity(s) == pytest.approx(s.quantity, abs=2e-6)
 
 
 def test_every_micrometre_counts() -> None:
@@ -549,7 +549,7 @@ def test_patrols_from_json(tmp_path: pathlib.Path) -> None:
         ({"patrol": 3}, "obstacles[0]: patrol is 3; it must be an object"),
         ({"patrol": {"vx": 1}}, "field 'obstacles[0].patrol.vy' is missing"),
         ({"patrol": {**patrol, "speed": 1}}, "field 'obstacles[0].patrol.speed' is not known; the fields are vx, vy"),
-        ({"patrol": {**patrol, "leg_time": 0}}, "obstacles[0]: patrol leg_time is 0; it must be a finite number above"),
+        ({"patrol": {**patrol, "leg_time": 0}}, "obstacles[0]: patrol leg_time is 0; it must be a finite number of at"),
         ({"mass": 1}, "obstacles[0]: a circle with a patrol cannot have a mass"),
     ]:
         file.write_text(json.dumps({**content, "obstacles": [{**moving, **change}]}))

@@ -86,7 +86,8 @@ def test_the_documents_differential_drive() -> None:
 def test_the_forward_map_undoes_the_wheel_map(robot: Robot, twist: tuple[float, float, float]) -> None:
     commandable = np.array(twist)[list(robot.twist_axes)]
     speeds = robot.wheel_speeds_from_twist(commandable)
-    np.testing.assert_allclose(robot.twist_from_wheel_speeds(speeds), commandable, atol=1e-12)
+    twist = robot.forward_matrix @ speeds
+    np.testing.assert_allclose(twist[list(robot.twist_axes)], commandable, atol=1e-12)
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)

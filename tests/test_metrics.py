@@ -116,6 +116,50 @@ def test_the_outcomes_exclude_one_another():
                 assert metrics.outcome(ended)["collision"] == collision
 
 
+def test_the_steady_offset_is_that_of_the_last_quarter():
+    x = np.linspace(0.0, 10.0, 1001)
+    # a step at 60 % of the way lies before the last quarter, one at 80 % within it
+    assert measure(on_straight(np.where(x < 6.0, 0.5, 0.1), x))["steady_offset"] == pytest.approx(0.1)
+    late = measure(on_straight(np.where(x < 8.0, 0.5, 0.1), x))["steady_offset"]
+    assert late == pytest.approx((0.5 * 0.5 + 2.0 * 0.1) / 2.5, abs=1e-3)
+
+
+def test_the_heading_error_is_a_root_of_mean_squares():
+    x = np.linspace(0.0, 1.0, 2001)
+    found = measure(dataclasses.replace(on_straight(0.0, x), heading_errors=x - 0.5))
+    assert found["heading_error_rms"] == pytest.approx(math.sqrt(1.0 / 12.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "quantile"), [(0.95, 19.0), (0.9501, 20.0), (1.0, 20.0), (0.05, 1.0), (0.5, 10.0)])
+def test_a_quantile_is_the_least_value_that_holds_on_its_share(share, quantile):
+    # 20 pieces of equal length with the values 1 to 20, in another order
+    order = np.random.default_rng(0).permutation(20) + 1.0
+    values = np.repeat(order, 2)
+    along = np.repeat(np.arange(21.0), 2)[1:-1]
+    assert metrics.quantile_over_arc_length(values, along, share) == quantile
+
+
+def test_a_mean_over_arc_length_counts_no_way_twice():
+    assert metrics.mean_over_arc_length(np.array([0.0, 0.0, 4.0]), np.array([0.0, 3.0, 4.0])) == pytest.approx(0.5)
+
+
+def test_a_reference_that_slips_back_over_the_start_of_a_lap_has_not_jumped():
+    assert metrics.reference_jumps(np.array([0.1, 9.9, 0.1, 9.7, 9.6]), lap_length=10.0) == 0
+    assert metrics.reference_jumps(np.array([1.0, 0.8, 0.3, 0.9, 1.39])) == 1
+
+
+def test_completion_counts_the_laps():
+    assert measure(on_straight(0.0, [0.0, 1.0], completion=2.5))["completion"] == 2.5
+
+
+def test_an_episode_is_timed_from_its_own_start():
+    x = np.linspace(0.0, 3.0, 301)
+    plain = driven(x, 0.0, 0.0, goals=np.array([[3.0, 0.0, 0.0]]))
+    late = dataclasses.replace(plain, times=plain.times + 7.0)
+    for name, value in measure(plain, arrival_radius=0.255).items():
+        assert measure(late, arrival_radius=0.255)[name] == pytest.approx(value, nan_ok=True), name
+
+
 def test_clearance_and_the_way_past_an_obstacle():
     x = np.linspace(-1.0, 1.0, 41)
     gaps = np.hypot(x, 0.5) - 0.2 - 0.25
@@ -123,6 +167,10 @@ def test_clearance_and_the_way_past_an_obstacle():
     assert found["min_clearance"] == pytest.approx(0.05)
     assert found["centre_distance"] == pytest.approx(0.5)
     assert found["near_share"] == pytest.approx(np.mean(gaps < 0.1))
+    assert found["mean_clearance"] == pytest.approx(gaps.mean())
+    # the nearest of several
+    both = obstacle_field(circle(0.0, 9.0, 0.2), circle(0.0, 0.0, 0.2))
+    assert measure(driven(x, 0.5, 0.0, obstacles=both, clearances=gaps))["centre_distance"] == pytest.approx(0.5)
     assert math.isnan(measure(driven(x, 0.5, 0.0))["min_clearance"])
 
 

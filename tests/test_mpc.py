@@ -145,8 +145,8 @@ def test_the_program_is_the_sum_to_first_order(scenario: str, actuators: str) ->
     memory = drive.pilot.memory.copy()
     rng = np.random.default_rng(0)
     memory["commands"] += rng.uniform(-0.2, 0.2, memory["commands"].shape)
-    hessian, gradient, z = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n)
-    lower, upper = np.empty((2, memory["multipliers"].shape[1]))
+    bounds = np.empty((2, memory["multipliers"].shape[1]))
+    program = mpc.Program(np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n), *bounds)
     slope = mpc.linearise(
         problem.model,
         problem.path,
@@ -156,12 +156,9 @@ def test_the_program_is_the_sum_to_first_order(scenario: str, actuators: str) ->
         memory["commands"],
         memory["progress"],
         0,
-        hessian,
-        gradient,
-        z,
-        lower,
-        upper,
+        program,
     )
+    hessian, gradient, z = program.hessian, program.gradient, program.plan
     np.testing.assert_allclose(z, problem.plan(memory))
     nudge = 1e-5 * np.eye(3 * n)
     jacobian = np.array(
@@ -381,6 +378,33 @@ def test_without_a_solution_it_drives_its_plan_on_then_brakes(monkeypatch: pytes
     drive.go(40)
     assert drive.failures == 30
     assert drive["vx"][-1] > 0.4
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.15])
+def test_a_plan_that_is_moved_on_is_the_same_function_of_time(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
+    """Commands and progress at the ends of the steps, linear between them; the last step stays as it is."""
+    monkeypatch.setattr(QuadraticProgram, "solve", lambda *_: False)
+    drive = Drive("straight", Mpc(step=step))
+    memory, n = drive.pilot.memory, drive.pilot.policy.horizon
+    rng = np.random.default_rng(0)
+    for name in ("commands", "progress", "multipliers"):
+        memory[name] = rng.uniform(0.0, 0.5, memory[name].shape)
+    before = memory.copy()
+    drive.go(1)
+    times = step * np.arange(1, n + 1)
+
+    def later(values: Array) -> Array:
+        moved: Array = np.interp(times + DT, times, values)
+        return moved
+
+    for j in range(2):
+        np.testing.assert_allclose(memory["commands"][0, j], later(before["commands"][0, j]))
+    np.testing.assert_allclose(memory["progress"][0], later(before["progress"][0]))
+    # those of each kind of bound by themselves; that of the end of the path has no time
+    for row in range(0, memory["multipliers"].shape[1] - 1, n):
+        kind = slice(row, row + n)
+        np.testing.assert_allclose(memory["multipliers"][0, kind], later(before["multipliers"][0, kind]))
+    assert memory["multipliers"][0, -1] == before["multipliers"][0, -1]
 
 
 def test_a_pose_that_is_no_number_counts_as_a_failure() -> None:

@@ -4,12 +4,12 @@ import dataclasses
 import json
 import math
 from pathlib import Path as File
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigvals, solve_discrete_lyapunov
 
@@ -19,7 +19,7 @@ from wayfield.envs.paths import Path, PathPool
 from wayfield.envs.scenarios.curves import circle_path
 from wayfield.policies import Pilot
 from wayfield.policies.lqr import Lqr, gain_table, model
-from wayfield.policies.speed_profile import SPACING, Limits, curvature_at, heading_at, reference_at, speed_at
+from wayfield.policies.parts.speed_profile import SPACING, curvature_at, heading_at, reference_at, speed_at
 from wayfield.policies.stanley import Stanley
 
 DIFF_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -103,6 +103,33 @@ def test_feed_forward_leaves_no_offset_on_a_circle(actuators: str) -> None:
     assert np.abs(run["states"]["cross_track_error"][300:]).max() < 2e-4
 
 
+@pytest.mark.parametrize("e", [0.05, 0.2, 0.3])
+def test_feed_forward_beside_a_circle_is_that_of_the_concentric_circle(e: float) -> None:
+    """w = v k / (1 - k e): the feedback of +e and -e cancels where the yaw rates are already right."""
+    v, radius = 0.4, 1.0
+    env: Any = gymnasium.make(DIFF_ID, scenario="circle", actuators="lagged")
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(Lqr(speed=v), env)
+    pilot.reset()
+    fields = pilot.briefing.layout.unpack(seen[None].astype(np.float64))
+    asked = []
+    for offset in (e, -e):
+        angle = 2.0
+        observation = fields._replace(
+            pose=np.array(
+                [[(radius - offset) * math.cos(angle), (radius - offset) * math.sin(angle), angle + math.pi / 2]]
+            ),
+            twist=np.array([[v, v / (radius - offset)]]),
+            arc_length=np.array([radius * angle]),
+        )
+        twists = pilot.policy.act(observation, pilot.briefing, np.full((1, 1), v))
+        assert twists[0, 0] == pytest.approx(v, abs=1e-6)
+        asked.append(twists[0, 1])
+    assert sum(asked) == pytest.approx(v / (radius - e) + v / (radius + e), rel=3e-3)
+    # a robot on the left, inside, is led to the right
+    assert asked[0] < v / (radius - e)
+
+
 def test_the_regulator_stops_at_an_open_end() -> None:
     pool = PathPool.of([Path([(0.0, 0.0), (3.0, 0.0)])])
     run = pool.runs[0]
@@ -114,17 +141,29 @@ def test_the_regulator_stops_at_an_open_end() -> None:
 
 # The speed profile.
 
-LIMITS = Limits(
-    speed=0.6, acceleration=0.8, lateral_acceleration=1.0, yaw_acceleration=2.4, max_speed=1.0, max_yaw_rate=5.0
-)
+
+class Limits(NamedTuple):
+    """What `speed_at` reads of a law's record."""
+
+    speed: float = 0.6
+    acceleration: float = 0.8
+    lateral_acceleration: float = 1.0
+    yaw_acceleration: float = 2.4
+    max_speed: float = 1.0
+    max_yaw_rate: float = 5.0
+
+
+LIMITS = Limits()
 coordinates = st.integers(-8, 8).map(lambda k: 0.25 * k)
 polylines = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=8).filter(
     lambda points: all(a != b for a, b in zip(points, points[1:] + points[:1], strict=True))
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=3 * settings().max_examples // 5)
 @given(polylines, st.booleans(), st.sampled_from([0.05, 0.1, 0.2]))
+# it turns back on itself, and rounding decides to which side
+@example([(1.25, -0.75), (0.0, 0.5), (0.0, 0.0), (1.0, -0.5)], True, 0.1)
 def test_the_profile_keeps_every_limit(points: list[tuple[float, float]], closed: bool, rounding: float) -> None:
     pool = PathPool.of([Path(points, closed)])
     run = pool.runs[0]
@@ -135,6 +174,11 @@ def test_the_profile_keeps_every_limit(points: list[tuple[float, float]], closed
     assert (v >= 0.0).all()
     assert (v <= LIMITS.speed).all()
     assert (v**2 * np.abs(kappa) <= LIMITS.lateral_acceleration + 1e-9).all()
+    after, before = (
+        [curvature_at(pool.vertices, run, each + h, rounding) for each in s] for h in (rounding, -rounding)
+    )
+    rate = np.subtract(after, before) / (2.0 * rounding)
+    assert (v**2 * np.abs(rate) <= LIMITS.yaw_acceleration + 1e-9).all()
     assert (v / LIMITS.max_speed + v * np.abs(kappa) / LIMITS.max_yaw_rate <= 1.0 + 1e-9).all()
     assert (np.abs(np.diff(v**2)) <= 2.0 * LIMITS.acceleration * step + 1e-7).all()
 

@@ -80,6 +80,25 @@ def test_the_windowed_search_finds_the_nearest_point(
     )
 
 
+@given(
+    st.lists(st.sampled_from([0.01, 0.3, 3.0]), min_size=4, max_size=16),
+    st.lists(st.floats(-1.5, 1.5), min_size=16, max_size=16), st.integers(0, 15), FRACTIONS, st.floats(-1.0, 1.0),
+)  # fmt: skip
+def test_the_search_skips_no_block_of_long_and_short_segments(
+    lengths: list[float], turns: list[float], k: int, fraction: float, aside: float
+) -> None:
+    """A point beside any segment of an unevenly sampled path is found, though the middle of its block be far away."""
+    headings = np.cumsum(turns[: len(lengths)])
+    steps = np.array(lengths)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
+    path = Path(np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)]))
+    pool = PathPool.of([path])
+    k %= len(lengths)
+    beside = path.points[k] + fraction * steps[k] + aside * np.array([-np.sin(headings[k]), np.cos(headings[k])])
+    s, _ = nearest_ahead(pool.vertices, pool.runs[0], *beside, 0.0, 0, 100.0)
+    least, _, _ = nearest_of_all(path, *beside, 0.0, path.length)
+    assert np.hypot(*(point_at(path, s) - beside)) == pytest.approx(least, abs=1e-9)
+
+
 def test_equally_near_points_give_the_first() -> None:
     square = Path([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)], closed=True)
     pool = PathPool.of([square])

@@ -15,7 +15,7 @@ from wayfield import policies
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import KNOWS
 from wayfield.policies import POLICIES, Pilot
-from wayfield.policies.ppo import shipped
+from wayfield.policies.learned.ppo import shipped
 
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
@@ -216,6 +216,47 @@ def test_rows_are_reset_one_by_one(name: str) -> None:
         assert pilot.memory[[0, 2]].tobytes() == fresh[[0, 2]].tobytes()
 
 
+def test_rows_that_go_on_keep_their_briefing() -> None:
+    """A robot that was shown a box where it stood is not shown where it has been pushed, when another begins anew."""
+    env: Any = gymnasium.make_vec(GOAL_ID, 3, scenario="clutter_5/train", dynamics="pymunk")
+    env.reset(seed=0, options={"scenario": [0, 1, 2]})
+    pilot = Pilot(policies.make("apf_corrected"), env)
+    pilot.reset()
+    told = pilot.briefing
+    assert told.obstacles is not None
+    assert told.goals is not None
+    env.reset(seed=1, options={"scenario": [3, 4, 5]})
+    pilot.reset(np.array([False, True, False]))
+    assert pilot.briefing.obstacles is not None
+    assert pilot.briefing.goals is not None
+    fresh = env.briefing("map")
+    for i in (0, 2):
+        assert pilot.briefing.obstacles[i].tobytes() == told.obstacles[i].tobytes() != fresh.obstacles[i].tobytes()
+        assert pilot.briefing.goals[i].tobytes() == told.goals[i].tobytes() != fresh.goals[i].tobytes()
+    assert pilot.briefing.obstacles[1].tobytes() == fresh.obstacles[1].tobytes() != told.obstacles[1].tobytes()
+    assert pilot.briefing.goals[1].tobytes() == fresh.goals[1].tobytes() != told.goals[1].tobytes()
+
+
+def test_some_rows_cannot_begin_before_all_have() -> None:
+    env: Any = gymnasium.make_vec(PATH_ID, 2)
+    env.reset(seed=0)
+    with pytest.raises(RuntimeError, match="for all rows"):
+        Pilot(policies.make("zero"), env).reset(np.array([0]))
+
+
+@pytest.mark.parametrize("gains", [{}, {"lookahead_distance": 0.308, "k_ang": 2.36}, {"k_lin": 0.7, "k_ang": 1.1}])
+@pytest.mark.parametrize("speed", [0.3, 0.6, 1.05])
+def test_a_cruising_lookahead_keeps_the_ratio_of_its_gains(gains: dict[str, float], speed: float) -> None:
+    """Which curves it drives depends on that ratio alone, so that gains stay as good as they were tuned to be."""
+    policy: Any = policies.make("lookahead_retuned", **gains)
+    at_speed: Any = policies.make("lookahead_retuned", **(gains | policies.cruising("lookahead_retuned", gains, speed)))
+    assert at_speed.k_lin * at_speed.lookahead_distance == pytest.approx(speed)
+    assert at_speed.k_ang / at_speed.k_lin == pytest.approx(policy.k_ang / policy.k_lin)
+    # at the speed that it cruises at anyway, nothing changes
+    own = policies.cruising("lookahead_retuned", gains, policy.k_lin * policy.lookahead_distance)
+    assert own == pytest.approx({"k_lin": policy.k_lin, "k_ang": policy.k_ang})
+
+
 FOR_ANOTHER_TASK = [("lookahead_documented", GOAL_ID), ("waypoint", PATH_ID), ("apf_corrected", PATH_ID)]
 
 
@@ -224,6 +265,13 @@ def test_a_policy_for_another_task_is_refused(name: str, env_id: str) -> None:
     for make in (gymnasium.make, gymnasium.make_vec):
         with pytest.raises(TypeError, match=f"{type(policies.make(name)).__name__} reads .*Observation.* gives"):
             Pilot(policies.make(name), make(env_id))
+
+
+def test_a_policy_is_refused_by_a_robot_that_cannot_do_what_it_needs() -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(ValueError, match=r"Waypoint drives holonomic robots only \(omni3, omni4\), not 'p3dx'"):
+            Pilot(policies.make("waypoint"), make(DIFF_GOAL_ID))
+        Pilot(policies.make("waypoint"), make(GOAL_ID))
 
 
 # What they are told.

@@ -12,13 +12,13 @@ from click.testing import CliRunner
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import read_rows
-from wayfield.policies import ppo
-from wayfield.policies.agent import load_agent
-from wayfield.policies.policy import Pilot
-from wayfield.policies.ppo import shipped
+from wayfield.policies.learned import ppo
+from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.pilot import Pilot
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 KINDS = (
@@ -85,7 +85,7 @@ def _start(env_id: str, name: str, **gains: Any) -> None:
 def test_a_contest_holds_a_case_for_each_seed() -> None:
     contest = CONTESTS["path-following"]
     for gains_names in (("default",), ("tuned",), ("best",), ("default", "tuned")):
-        cases = list(contest.cases("p3dx", "circles", "test", ("ppo",), gains_names))
+        cases = list(contest.cases("p3dx", Course("circles", "test"), Entrants(("ppo",), gains_names)))
         assert [case.gains["seed"] for case in cases] == list(shipped("path_following", "p3dx"))
         assert {case.gains_name for case in cases} == {"trained"}
 
@@ -146,7 +146,7 @@ def test_agents_of_your_own_take_part_in_a_contest_under_the_name_of_their_folde
     assert {(row["policy"], row["gains_name"]) for row in rows} == {("pure_pursuit", "default"), ("ppo", "mine")}
     assert len(rows) == 2 + 2 * 2
     table = (out / "path_following_p3dx.csv").read_text()
-    assert "ppo,mine,sensors" in table
+    assert "ppo,mine," in table
     assert f"--agents {home}" in (out / "table.md").read_text()
 
 
@@ -174,7 +174,7 @@ def test_folders_without_fitting_agents_are_refused_in_one_line(
 def test_the_onnx_graph_agrees_with_the_network(task: str, robot: str, tmp_path: Path) -> None:
     runtime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
-    from wayfield.policies.onnx import export_onnx
+    from wayfield.policies.learned.onnx import export_onnx
 
     agent = load_agent(shipped(task, robot)[0])
     export_onnx(agent, tmp_path / "agent.onnx")
@@ -183,3 +183,45 @@ def test_the_onnx_graph_agrees_with_the_network(task: str, robot: str, tmp_path:
     (actions,) = session.run(["action"], {"features": inputs})
     assert np.abs(actions - np.clip(agent.network(inputs), -1.0, 1.0)).max() < 1e-5
     assert [file.name for file in tmp_path.iterdir()] == ["agent.onnx"]
+
+
+def onnx(*arguments: object) -> Any:
+    pytest.importorskip("onnx")
+    from wayfield.policies.learned.onnx import main as export
+
+    return CliRunner().invoke(export, [str(each) for each in arguments])
+
+
+def test_the_onnx_command_writes_once_and_asks_for_force_to_overwrite(tmp_path: Path) -> None:
+    agent, file = shipped(*KINDS[0])[0], tmp_path / "agent.onnx"
+    assert onnx(agent, file).exit_code == 0
+    graph = file.read_bytes()
+    file.write_bytes(b"a diary")
+    run = onnx(agent, file)
+    assert (run.exit_code, run.stderr.count("\n")) == (2, 1)
+    assert "--force" in run.stderr
+    assert file.read_bytes() == b"a diary"
+    assert onnx(agent, file, "--force").exit_code == 0
+    assert file.read_bytes() == graph
+
+
+def test_the_onnx_command_helps_and_refuses_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    agent = shipped(*KINDS[0])[0]
+    for asked in (("--help",), ("-h",), (agent, "-h")):
+        run = onnx(*asked)
+        assert run.exit_code == 0
+        assert "FOLDER" in run.output
+    for wrong, said in (
+        ((), "FOLDER"),
+        ((agent,), "FILE"),
+        ((agent, "-x"), "-x"),
+        (("nowhere", "a.onnx"), "card.json cannot be read"),
+        ((agent, "nowhere/a.onnx"), "no folder"),
+        ((agent, tmp_path), "directory"),
+    ):
+        run = onnx(*wrong)
+        assert run.exit_code == 2, wrong
+        assert said in run.stderr
+        assert run.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -18,8 +18,9 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.paths import Path, PathPool
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.curves import circle_path
-from wayfield.policies.carrot import place_on_lap, point_at_distance, pose_ahead
-from wayfield.policies.policy import Pilot, Policy
+from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.policy import Policy
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit, fastest_on_line
 from wayfield.policies.smooth_pose import SmoothPose, smooth_curvature

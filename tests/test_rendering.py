@@ -224,3 +224,19 @@ except Exception as error:
     output = run_python(program)
     assert gymnasium.error.DependencyNotInstalled.__name__ in output
     assert 'pip install "wayfield[render]"' in output
+
+
+def test_a_window_without_a_display_is_one_clear_error_and_the_dummy_driver_is_none():
+    program = """
+import gymnasium, wayfield
+env = gymnasium.make("wayfield/DiffDrivePathFollowing-v0", render_mode="human")
+try:
+    env.reset(seed=0)
+    print("drawn", env.unwrapped.batch.states["steps"][0])
+except RuntimeError as error:
+    print(error)
+"""
+    told = run_python(program)
+    assert told.splitlines()[-1].startswith('render_mode="human" found no display')
+    assert 'render_mode="rgb_array"' in told
+    assert run_python(program, SDL_VIDEODRIVER="dummy").endswith("drawn 0\n")

@@ -24,7 +24,8 @@ from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
 from wayfield.policies import mppi, orca
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
-from wayfield.policies.policy import Pilot, Policy
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.policy import Policy
 
 DT = 0.05
 DIFF = "wayfield/DiffDriveGoalObstacles-v0"
@@ -99,7 +100,7 @@ def test_the_nearest_velocity_is_the_nearest_of_all_corners(planes: Any, ux: flo
         assert not shut
 
 
-@settings(max_examples=40)
+@settings(max_examples=2 * settings().max_examples // 5)
 @given(half_planes(7), st.lists(sides, max_size=3), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_the_least_violation_is_that_of_a_linear_program(planes: Any, standing: Any, ux: float, uy: float) -> None:
     """Against scipy's, the disc replaced by a polygon around it."""
@@ -284,7 +285,8 @@ def test_only_what_is_sensed_matters() -> None:
     asked = []
     for x in (2.0, 4.0):
         obstacles = obstacle_field(circle(x, 0.0, 0.5))[None]
-        briefing = brief("omni4", num_beams=0, obstacles=obstacles, num_obstacles=np.array([1]))
+        told = {"goals": np.zeros((1, 1, 3)), "num_goals": np.array([1])}
+        briefing = brief("omni4", num_beams=0, obstacles=obstacles, num_obstacles=np.array([1]), **told)
         policy = Orca(sensing_radius=2.0, perturbation=0.0, horizon=10.0)
         seen = goal_reaching.Observation(
             np.zeros((1, 3)), np.zeros((1, 3)), np.array([[9.0, 0.0]]), np.zeros(1), np.zeros(1), np.empty((1, 0))
@@ -318,11 +320,8 @@ def test_weights_fall_by_e_with_each_temperature() -> None:
 def plans_of(policy: Mppi, robot: str, plan: NDArray[np.float64], decision: int = 0) -> NDArray[np.float64]:
     """Returns the samples (samples, steps, 3) around a plan (steps, 3)."""
     params = policy.params(brief(robot))
-    memory = np.zeros((1, mppi.PLAN + 3 * policy.steps))
-    memory[0, 0] = decision
-    memory[0, mppi.PLAN :] = plan.ravel()
     plans = np.empty((policy.samples + 1, policy.steps, 3))
-    mppi.sample(params[0], memory, 0, plans)
+    mppi.sample(params[0], decision, plan, plans)
     return plans[:-1]
 
 
@@ -387,8 +386,7 @@ def test_a_rollout_ends_where_the_plant_does(env_id: str, robot: str, actuators:
     fields = pilot.briefing.layout.unpack(seen[None].astype(np.float64))
     grid = np.full((81, 81), 9.0)
     cost = mppi.roll_out(
-        policy.params(pilot.briefing)[0], ROBOTS[robot].wheel_matrix, plans, 0, np.zeros((1, 3)), pilot.memory, 0,
-        *fields.goal[0], 0.0, False, grid, grid,
+        policy.params(pilot.briefing)[0], plans[0], np.zeros(3), np.zeros(3), (*fields.goal[0], 0.0, False), grid, grid
     )  # fmt: skip
     for twist in plans[0]:
         _, _, terminated, _, info = env.step(twist[axes])
@@ -400,11 +398,39 @@ def test_a_rollout_ends_where_the_plant_does(env_id: str, robot: str, actuators:
 def test_the_plan_is_moved_on_by_the_control_period() -> None:
     """A plan that is linear in time stays so, and has moved by dt."""
     policy = Mppi()
-    memory = np.zeros((1, mppi.PLAN + 3 * policy.steps))
+    plan = np.zeros((policy.steps, 3))
     times = policy.step_time * np.arange(policy.steps)
-    memory[0, mppi.PLAN :: 3] = times
-    mppi.move_on(policy.params(brief("p3dx"))[0], memory, 0)
-    np.testing.assert_allclose(memory[0, mppi.PLAN :: 3], np.minimum(times + DT, times[-1]))
+    plan[:, 0] = times
+    mppi.move_on(policy.params(brief("p3dx"))[0], plan)
+    np.testing.assert_allclose(plan[:, 0], np.minimum(times + DT, times[-1]))
+
+
+@pytest.mark.parametrize("goal_weight", [0.0, 1.0])
+def test_a_plan_that_ends_at_an_obstacle_pays_for_the_way_that_is_left(goal_weight: float) -> None:
+    """Of a plan and of standstill alone, the share of each in what is driven tells the difference of their costs."""
+    temperature, speed, steps, goal, wall_at = 1e3, 0.5, 20, 4.0, 1.0
+    briefing = brief("p3dx", "ideal", num_beams=360)
+    angles = briefing.beam_angles
+    ranges = np.where(np.cos(angles) > 0.2, wall_at / np.maximum(np.cos(angles), 0.2), 5.0)
+
+    def difference(terminal_weight: float) -> float:
+        policy = Mppi(
+            samples=2, steps=steps, temperature=temperature, goal_weight=goal_weight, terminal_weight=terminal_weight,
+            obstacle_weight=0.0, turn_weight=0.0, detour=False, collision_cost=300.0, margin=0.0,
+        )  # fmt: skip
+        memory = policy.reset(briefing)
+        memory["plan"][0, :, 0] = speed
+        observation = goal_reaching.Observation(
+            pose=np.zeros((1, 3)), twist=np.array([[speed, 0.0]]), goal=np.array([[goal, 0.0]]),
+            goal_heading_error=np.zeros(1), waypoints_left=np.zeros(1), ranges=ranges[None],
+        )  # fmt: skip
+        share = policy.act(observation, briefing, memory)[0, 0] / speed
+        assert 0.0 < share < 1.0
+        return temperature * math.log((1.0 - share) / share)
+
+    # it stands at the first step of 5 cm that ends within the hull's radius of the wall
+    stops = 0.05 * (math.floor((wall_at - 0.25) / 0.05) + 1)
+    assert difference(2.0) - difference(0.0) == pytest.approx(2.0 * ((goal - stops) - goal), abs=0.11)
 
 
 # Path integral control: what the scan says.
@@ -427,7 +453,7 @@ def grids(
 
 
 @given(st.lists(st.floats(0.3, 6.0), min_size=12, max_size=40))
-@settings(max_examples=30)
+@settings(max_examples=3 * settings().max_examples // 10)
 def test_clearances_are_distances_to_the_nearest_hit(values: list[float]) -> None:
     policy = Mppi(reach=2.0)
     ranges = np.minimum(np.array(values), 5.0)

@@ -18,7 +18,7 @@ from wayfield.envs import records
 from wayfield.envs.geometry import clearance
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
-from wayfield.envs.sensing import beam_angles, scan_ranges
+from wayfield.envs.sensing import Lidar, beam_angles, scan_ranges
 
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -41,19 +41,14 @@ def scan(
     """Returns the directions (world frame) and the ranges of a scan."""
     angles = beam_angles(num_beams, field_of_view)
     ranges = np.full((1, num_beams), np.nan)
-    scan_ranges(
-        field[None],
-        0,
-        len(field),
-        *pose,
+    lidar = Lidar(
         np.column_stack([np.cos(angles), np.sin(angles)]),
-        angles[0],
-        angles[1] - angles[0] if num_beams > 1 else FULL,
+        float(angles[0]),
+        float(angles[1] - angles[0]) if num_beams > 1 else FULL,
         max_range,
         np.empty((max(len(field), 1), 2)),
-        ranges,
-        0,
     )
+    scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0)
     return pose[2] + angles, ranges[0]
 
 
@@ -319,3 +314,25 @@ def test_a_wall_behind_is_seen_from_both_ends_of_the_scan(
     directions, ranges = scan(obstacle_field(behind), (0.0, 0.0, heading), num_beams, field_of_view, 3.0)
     wanted = [min(first_hit(behind, 0.0, 0.0, angle, 0.0), 3.0) for angle in directions]
     np.testing.assert_allclose(ranges, wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
+@pytest.mark.parametrize(("length", "width"), [(2.0, 1.0), (0.4, 3.0), (1.5, 1.5)])
+def test_a_ray_just_past_a_corner_misses_and_one_just_inside_hits(
+    tmp_path: Path, length: float, width: float, turn: float
+) -> None:
+    """Three beams 0.01 rad apart, the middle one aimed at a corner that stands out to one side."""
+    c, s = math.cos(turn), math.sin(turn)
+    around = itertools.product((-0.5 * length, 0.5 * length), (-0.5 * width, 0.5 * width))
+    corners = np.array([(3.0 + c * a - s * b, 1.0 + s * a + c * b) for a, b in around])
+    bearings = np.arctan2(corners[:, 1], corners[:, 0])
+    obstacle = {"kind": "box", "x": 3.0, "y": 1.0, "length": length, "width": width, "heading": turn}
+    for k, inside in ((int(np.argmin(bearings)), 2), (int(np.argmax(bearings)), 0)):
+        scenario = room(tmp_path, obstacle, start=[0.0, 0.0, float(bearings[k])])
+        env: Any = gymnasium.make(GOAL_ID, scenario=scenario, num_beams=3, field_of_view=0.02, max_range=9.0)
+        observation, _ = env.reset(seed=0)
+        ranges = observation[-3:]
+        assert ranges[2 - inside] == 9.0
+        solid = box(3.0, 1.0, length, width, turn)
+        wanted = first_hit(solid, 0.0, 0.0, float(bearings[k]) + 0.01 * (inside - 1), 0.0)
+        assert ranges[inside] == pytest.approx(wanted, abs=1e-5)

@@ -2,28 +2,32 @@
 
 # ruff: noqa: E402  what is optional is asked for before it is imported
 
+import contextlib
 import dataclasses
 import errno
+import json
 import os
+import shutil
 import signal
-import threading
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 
-from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from wayfield.envs.scenarios import GOAL_SCENARIOS
-from wayfield.policies.agent import Agent, Network, load_agent
-from wayfield.policies.features import Actions, GoalFeatures
-from wayfield.policies.policy import Pilot
+from wayfield.policies.learned.agent import Agent, Network, load_agent
+from wayfield.policies.learned.perception import Actions, GoalFeatures
+from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
@@ -32,7 +36,6 @@ from wayfield.policies.training.presets import PRESETS, Preset, overridden, pres
 from wayfield.policies.training.run import Job, Report, _Run, train
 from wayfield.policies.training.shaping import GoalReward
 from wayfield.policies.training.ways import left_from, way_field
-from wayfield.policies.training.worlds import Worlds
 
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 
@@ -51,7 +54,7 @@ SMALL = dataclasses.replace(
     hidden=(8,),
     steps=16 * 8 * 6,
     validations=3,
-    clock=15,
+    time_limit=15,
 )
 
 
@@ -63,43 +66,9 @@ def quiet(report: Report) -> None:
     """Looks away."""
 
 
-@pytest.mark.parametrize(
-    ("env_id", "kwargs"),
-    [
-        (PATH, {"scenario": "circle", "noise": 1.0, "actuators": "lagged"}),
-        (OMNI, {"scenario": "discs", "num_beams": 8, "robot": "omni4"}),
-    ],
-)
-def test_worlds_are_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs: dict[str, Any]) -> None:
-    clock, count = 60, 6
-    worlds = Worlds(env_id, [(2, {**kwargs, "max_episode_steps": clock}), (4, {**kwargs, "max_episode_steps": clock})])
-    dummy = DummyVecEnv([lambda: gymnasium.make(env_id, max_episode_steps=clock, **kwargs)] * count)
-    for env in (worlds, dummy):
-        env.seed(5)
-    np.testing.assert_array_equal(worlds.reset(), dummy.reset())
-    rng, late, done = np.random.default_rng(0), 0, 0
-    space = worlds.action_space
-    for step in range(150):
-        # the first robot drives straight out of bounds or into something, the others at random
-        actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
-        actions[0] = 0.0
-        actions[0, 0] = space.high[0]
-        ours, theirs = worlds.step(actions), dummy.step(actions)
-        for mine, other in zip(ours[:3], theirs[:3], strict=True):
-            np.testing.assert_array_equal(mine, np.asarray(other, mine.dtype), err_msg=f"step {step}")
-        for i in np.flatnonzero(ours[2]):
-            np.testing.assert_array_equal(ours[3][i]["terminal_observation"], theirs[3][i]["terminal_observation"])
-            assert ours[3][i]["TimeLimit.truncated"] == theirs[3][i]["TimeLimit.truncated"]
-            late += ours[3][i]["TimeLimit.truncated"]
-            done += 1
-    assert late >= 8
-    assert done > late
-
-
 def weights(folder: Path) -> list[Any]:
-    state = checkpoints.read_state(folder)
-    assert state is not None
-    return [array for name, array in sorted(state[0].items())]
+    arrays, _ = checkpoints.read_state(folder / checkpoints.LAST)
+    return [array for name, array in sorted(arrays.items())]
 
 
 def curve_but_for_seconds(folder: Path) -> list[list[str]]:
@@ -112,7 +81,7 @@ class Killed(Exception):
     """Stands for a power cut."""
 
 
-TAUGHT = dataclasses.replace(SMALL, controller="lqr", lessons=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
+TAUGHT = dataclasses.replace(SMALL, controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
 ADDING = dataclasses.replace(SMALL, controller="lqr", reach=0.2, paces=(0.4, 0.6))
 
 
@@ -181,8 +150,8 @@ def test_learning_and_driving_command_the_same_twists() -> None:
 
 def test_lessons_bring_a_network_to_drive_like_its_teacher() -> None:
     preset = dataclasses.replace(
-        SMALL, worlds=((1.0, {"scenario": "circle"}),), num_envs=64, clock=200, controller="lqr", lessons=64 * 8 * 60,
-        steps=10**6,
+        SMALL, worlds=((1.0, {"scenario": "circle"}),), num_envs=64, time_limit=200, controller="lqr",
+        imitation=64 * 8 * 60, steps=10**6,
     )  # fmt: skip
     apart = []
     for taught in (False, True):
@@ -200,21 +169,23 @@ def test_lessons_bring_a_network_to_drive_like_its_teacher() -> None:
         apart.append(np.mean(differences))
     assert apart[1] < 0.4 * apart[0]
     assert seen == sorted(seen)
-    assert preset.lessons <= seen[-1] == learner.frames < 1.1 * preset.lessons
+    assert preset.imitation <= seen[-1] == learner.frames < 1.1 * preset.imitation
 
 
-def test_ctrl_c_saves_and_the_run_goes_on_from_there(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_save_and_the_run_goes_on_from_there(tmp_path: Path, number: signal.Signals) -> None:
     train(job(tmp_path / "whole"), quiet)
     folder = tmp_path / "run"
 
     def press(report: Report) -> None:
         if report.frames == 16 * 8 * 3:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
 
-    before = signal.getsignal(signal.SIGINT)
+    before = signal.getsignal(number)
     stopped = train(job(folder), press)
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(number) is before
     assert not stopped.done
+    assert stopped.stopped == number
     assert stopped.frames == 16 * 8 * 3
     assert train(job(folder, resume=True), quiet).done
     for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
@@ -261,12 +232,15 @@ def test_a_full_disk_leaves_the_last_checkpoint(tmp_path: Path, monkeypatch: pyt
     with pytest.raises(OSError, match="No space"):
         checkpoints.write_state(folder, {"a": np.zeros(3)}, {})
     assert (folder / checkpoints.LAST).read_bytes() == before
-    assert not list(folder.glob("*.part"))
+    monkeypatch.undo()
+    assert checkpoints.last_state(folder)[1] == ""
+    assert not (folder / "next.safetensors").exists()
 
 
 def test_the_agent_drives_as_the_network_that_was_trained(tmp_path: Path) -> None:
-    run = _Run(job(tmp_path / "run"))
-    run.go(quiet, threading.Event())
+    asked = job(tmp_path / "run")
+    run = _Run(asked, Learner(asked.preset, asked.env_id, asked.seed))
+    run.go(quiet, lambda: False)
     agent = load_agent(tmp_path / "run" / "best")
     np.testing.assert_array_equal(agent.network.numbers, Network.of(run.best).numbers)
     inputs = np.random.default_rng(0).normal(size=(100, agent.network.sizes[0])).astype(np.float32)
@@ -328,8 +302,21 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
         ([PATH, "--set", "num_envs=4"], "too few robots"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=lqrr"], "Did you mean 'lqr'"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=dwa"], "does not read"),
-        ([PATH, "--preset", "path_following", "--steps", "400000"], "lessons must be"),
+        ([PATH, "--preset", "path_following", "--steps", "400000"], "imitation must be"),
         ([PATH, "--resume"], "no run to resume"),
+        ([PATH, "--seed", "99999999999"], "2147483647"),
+        ([PATH, "--seed", "-1"], "0<=x"),
+        ([PATH, "--seeds", "0"], "1<=x<=1000"),
+        ([PATH, "--seeds", "99999999999"], "1<=x<=1000"),
+        ([PATH, "--steps", "9" * 30], "steps must be at most"),
+        ([PATH, "--set", "num_envs=99999999"], "num_envs must be at most"),
+        ([PATH, "--set", "horizon=99999999"], "horizon must be at most"),
+        ([PATH, "--set", "batch_size=99999999"], "batch_size must be at most"),
+        ([PATH, "--set", "hidden=64,99999999"], "hidden must be at most"),
+        ([PATH, "--set", "hidden=64,0"], "hidden must be at most"),
+        ([PATH, "--set", "features.frames=99999999"], "frames must be a whole number from"),
+        ([PATH, "--set", "features.previous=99999999"], "previous must be a whole number from"),
+        ([PATH, "--preset", PLAIN, "--set", "num_envs=65536", "--set", "horizon=65536", "--steps", "9" * 11], "memory"),
     ],
 )
 def test_wrong_input_is_refused_in_one_line(
@@ -361,9 +348,9 @@ def test_a_folder_with_another_run_is_refused(tmp_path: Path) -> None:
     (tmp_path / "letters" / "dear.txt").write_text("diary")
     with pytest.raises(ValueError, match="not empty"):
         train(job(tmp_path / "letters"), quiet)
-    (folder / checkpoints.LAST).write_bytes(b"damaged")
-    with pytest.raises(ValueError, match="damaged"):
-        train(job(folder, resume=True), quiet)
+    (tmp_path / "file").write_text("diary")
+    with pytest.raises(ValueError, match="is no folder"):
+        train(job(tmp_path / "file"), quiet)
 
 
 def test_settings_take_the_place_of_numbers_of_every_kind() -> None:
@@ -373,3 +360,422 @@ def test_settings_take_the_place_of_numbers_of_every_kind() -> None:
     )
     assert (preset.steps, preset.hidden, preset.reward.jerk_cost) == (2_000_000, (32, 16), 0.1)
     assert (preset.activation, preset.shortest_ways) == ("relu", True)
+
+
+# ---- what is damaged, and what is cut off
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns the folder of a run that came to its end; tests copy it."""
+    folder = tmp_path_factory.mktemp("finished") / "run"
+    assert train(job(folder), quiet).done
+    return folder
+
+
+def tensors_of_ones(file: Path) -> None:
+    """Fills all arrays of a file with bytes 0xff: every float is no number."""
+    content = file.read_bytes()
+    first = 8 + int.from_bytes(content[:8], "little")
+    file.write_bytes(content[:first] + b"\xff" * (len(content) - first))
+
+
+def flipped(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[-1000] ^= 1
+    file.write_bytes(bytes(content))
+
+
+def other_number(file: Path) -> None:
+    content = file.read_bytes()
+    changed = content.replace(b'run_updates\\": 6', b'run_updates\\": 5')
+    assert changed != content
+    file.write_bytes(changed)
+
+
+def undigested(file: Path) -> None:
+    from safetensors.numpy import save
+
+    arrays, numbers = checkpoints.read_state(file)
+    file.write_bytes(save(arrays, {"numbers": json.dumps(numbers)}))
+
+
+DAMAGES: dict[str, Callable[[Path], Any]] = {
+    "ones": tensors_of_ones,
+    "flipped": flipped,
+    "number": other_number,
+    "undigested": undigested,
+    "cut": lambda file: os.truncate(file, file.stat().st_size // 2),
+    "empty": lambda file: os.truncate(file, 0),
+    "pickle": lambda file: file.write_bytes(b"\x80\x04cos\nsystem\n"),
+    "header": lambda file: file.write_bytes(b"\xff" * 100),
+    "nested": lambda file: file.write_bytes((10**6).to_bytes(8, "little") + b"[" * 10**6),
+    "vast": lambda file: os.truncate(file, 2**36),
+    "missing": lambda file: file.unlink(),
+    "folder": lambda file: (file.unlink(), file.mkdir()),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_state_is_refused_and_the_one_before_it_used(tmp_path: Path, finished: Path, damage: str) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(finished, folder)
+    best = load_agent(folder / "best").network.numbers
+    before, _ = checkpoints.read_state(folder / checkpoints.PREVIOUS)
+    DAMAGES[damage](folder / checkpoints.LAST)
+    if damage == "folder":
+        (folder / checkpoints.LAST).rmdir()
+    state, said = checkpoints.last_state(folder)
+    assert state is not None
+    assert state[1]["run_updates"] == 4
+    for name, array in before.items():
+        np.testing.assert_array_equal(state[0][name], array)
+    assert checkpoints.LAST in said
+    assert said.endswith("going on from the save before it")
+    assert "\n" not in said
+    # it is the last now: both gone is one line, and the best agent is as it was
+    if damage != "number":
+        DAMAGES[damage](folder / checkpoints.LAST)
+        if (folder / checkpoints.LAST).exists():
+            with pytest.raises(ValueError, match=r"last\.safetensors.*no save before it") as caught:
+                train(job(folder, resume=True), quiet)
+            assert "\n" not in str(caught.value)
+    np.testing.assert_array_equal(load_agent(folder / "best").network.numbers, best)
+
+
+def test_two_damaged_states_are_one_line_and_the_best_agent_stays(tmp_path: Path, finished: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(finished, folder)
+    files = {file: file.read_bytes() for file in (folder / "best").iterdir()}
+    for name in (checkpoints.LAST, checkpoints.PREVIOUS):
+        tensors_of_ones(folder / name)
+    with pytest.raises(ValueError, match=r"last\.safetensors is damaged.*previous\.safetensors is damaged") as caught:
+        train(job(folder, resume=True), quiet)
+    assert "\n" not in str(caught.value)
+    assert {file: file.read_bytes() for file in (folder / "best").iterdir()} == files
+
+
+def test_a_run_that_falls_back_ends_as_if_nothing_had_happened(tmp_path: Path, finished: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(finished, folder)
+    tensors_of_ones(folder / checkpoints.LAST)
+    notes = set()
+    last = train(job(folder, resume=True), lambda report: notes.add(report.note))
+    assert last.done
+    (note,) = notes
+    assert "going on from the save before it" in note
+    for mine, other in zip(weights(folder), weights(finished), strict=True):
+        np.testing.assert_array_equal(mine, other)
+    assert curve_but_for_seconds(folder) == curve_but_for_seconds(finished)
+    mine, other = (load_agent(each / "best").network.numbers for each in (folder, finished))
+    np.testing.assert_array_equal(mine, other)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are cut off at a chosen moment by fork")
+def test_a_state_that_is_killed_at_any_moment_leaves_the_last_or_this_one(tmp_path: Path) -> None:
+    from test_agent import killed_at
+
+    found, count = set(), 0
+    while True:
+        folder = tmp_path / f"run_{count}"
+        folder.mkdir()
+        for k in (1, 2):
+            checkpoints.write_state(folder, {"a": np.full(3, k)}, {"k": k})
+
+        def write(folder: Path = folder) -> None:
+            checkpoints.write_state(folder, {"a": np.full(3, 3)}, {"k": 3})
+
+        killed = killed_at(count, write)
+        state, _ = checkpoints.last_state(folder)
+        assert state is not None
+        assert (state[0]["a"] == state[1]["k"]).all()
+        found.add(state[1]["k"])
+        if not killed:
+            break
+        count += 1
+    assert count > 3
+    assert found == {2, 3}
+    assert state[1]["k"] == 3
+
+
+@pytest.mark.parametrize("update", [1, 4])
+def test_a_training_that_diverges_is_refused_and_leaves_the_best_agent(
+    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch, update: int
+) -> None:
+    folder, done = tmp_path / "run", 0
+    from stable_baselines3 import PPO
+
+    learn = PPO.train
+
+    def diverge(ppo: Any) -> None:
+        nonlocal done
+        learn(ppo)
+        done += 1
+        if done == update:
+            with torch.no_grad():
+                next(ppo.policy.parameters()).fill_(float("nan"))
+
+    monkeypatch.setattr(PPO, "train", diverge)
+    with pytest.raises(FloatingPointError, match=r"diverged.*not finite") as caught:
+        train(job(folder), quiet)
+    assert "\n" not in str(caught.value)
+    if update > 2:
+        assert np.isfinite(load_agent(folder / "best").network.numbers).all()
+    else:
+        assert not (folder / "best").exists()
+    monkeypatch.undo()
+    assert train(job(folder, resume=True), quiet).done
+    for mine, other in zip(weights(folder), weights(finished), strict=True):
+        np.testing.assert_array_equal(mine, other)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("settings", each) for each in (None, 3, "epochs=2", [3], {"a": 1}, [["x"]])),
+        *(("steps", each) for each in (None, "768", 1.5, True, -1, 10**30)),
+        *(("seed", each) for each in (None, "0", [], float("nan"))),
+        *(("env_id", each) for each in (None, 3, [PATH])),
+        ("preset", {}),
+    ],
+)
+def test_a_description_with_a_wrong_value_is_named(tmp_path: Path, finished: Path, key: str, value: Any) -> None:
+    shutil.copytree(finished, tmp_path / "run")
+    file = tmp_path / "run" / checkpoints.RUN
+    file.write_text(json.dumps(json.loads(file.read_text()) | {key: value}))
+    with pytest.raises(ValueError, match=rf"run\.json: {key} must be .*, got ") as caught:
+        train(job(tmp_path / "run", resume=True), quiet)
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff\xfe", b"[" * 10**6, b"1e999", b"9" * 10**5])
+def test_a_description_or_curve_of_no_use_is_named(tmp_path: Path, finished: Path, content: bytes) -> None:
+    shutil.copytree(finished, tmp_path / "run")
+    for name, read in ((checkpoints.RUN, checkpoints.read_run), (checkpoints.CURVE, read_curve)):
+        (tmp_path / "run" / name).write_bytes(content)
+        with pytest.raises(ValueError, match=name.replace(".", r"\.")) as caught:
+            read(tmp_path / "run")
+        assert len(str(caught.value)) < 500
+
+
+def test_a_curve_with_a_wrong_value_is_named_with_its_row(tmp_path: Path, finished: Path) -> None:
+    text = (finished / checkpoints.CURVE).read_text().splitlines()
+    column = text[0].split(",").index("success")
+    words = text[2].split(",")
+    words[column] = "many"
+    (tmp_path / checkpoints.CURVE).write_text("\n".join([text[0], text[1], ",".join(words)]))
+    with pytest.raises(ValueError, match=r"curve\.csv: success of row 2 must be a number, got 'many'"):
+        read_curve(tmp_path)
+    (tmp_path / checkpoints.CURVE).write_text("\n".join([text[0], text[1] + ",1", text[2]]))
+    with pytest.raises(ValueError, match=r"curve\.csv"):
+        read_curve(tmp_path)
+
+
+@contextlib.contextmanager
+def held_elsewhere(folder: Path) -> Iterator[None]:
+    """Holds a run's folder in another process while the block runs."""
+    code = (
+        "import sys; from pathlib import Path; from wayfield.envs.storage import locked\n"
+        "with locked(Path(sys.argv[1]), ''): print(flush=True); sys.stdin.read()"
+    )
+    words = [sys.executable, "-c", code, str(folder / checkpoints.LOCK)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        yield
+
+
+def test_two_trainings_never_write_one_folder(
+    tmp_path: Path, finished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "seed_0"
+    shutil.copytree(finished, folder)
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file() and file.name != ".lock"}
+    with held_elsewhere(folder):
+        with pytest.raises(BlockingIOError, match="is being written by another training"):
+            train(job(folder, resume=True), quiet)
+        described = json.loads((folder / checkpoints.RUN).read_text())
+        (folder / checkpoints.RUN).write_text(json.dumps(described | {"steps": 40000, "settings": ["steps=40000"]}))
+        settings = ["--preset", PLAIN, "--steps", "40000", "--seeds", "2"]
+        with pytest.raises(SystemExit) as caught:
+            main([PATH, *settings, "--out", str(tmp_path), "--resume"])
+        (folder / checkpoints.RUN).write_bytes(before[folder / checkpoints.RUN])
+    assert caught.value.code == 1
+    said = capsys.readouterr().err
+    assert "another training" in said
+    assert said.count("\n") == 1
+    assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file() and file.name != ".lock"} == before
+    assert train(job(folder, resume=True), quiet).done
+
+
+def test_what_dead_processes_left_is_cleared(tmp_path: Path, finished: Path) -> None:
+    from wayfield.envs import storage
+
+    folder = tmp_path / "run"
+    shutil.copytree(finished, folder)
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left = folder / f"{storage._PREFIX}{storage._host()}-{gone.pid}-x"
+    left.mkdir()
+    (left / "half").write_text("half")
+    train(job(folder, resume=True), quiet)
+    assert not left.exists()
+
+
+@pytest.mark.parametrize("there", [False, True], ids=["new", "resumed"])
+def test_a_full_disk_at_the_first_save_leaves_what_was_there(
+    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    folder = tmp_path / "out" / "seed_0"
+    if there:
+        shutil.copytree(finished, folder)
+        before = {file: file.read_bytes() for file in (folder / "best").iterdir()}
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            train(job(folder, resume=there), quiet)
+    if there:
+        assert {file: file.read_bytes() for file in (folder / "best").iterdir()} == before
+    else:
+        assert not (tmp_path / "out").exists()
+    assert train(job(folder, resume=there), quiet).done
+
+
+@pytest.mark.parametrize("case", ["file", "under a file", "foreign", "unwritable"])
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, case: str
+) -> None:
+    out = tmp_path / "out"
+    if case == "file":
+        out.write_text("diary")
+    elif case == "under a file":
+        out.write_text("diary")
+        out = out / "below"
+    elif case == "foreign":
+        out.mkdir()
+        (out / "diary.txt").write_text("diary")
+    else:  # what the system would say, also to a superuser
+        monkeypatch.setattr(os, "access", lambda *_: False)
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    with pytest.raises(SystemExit) as caught:
+        main([PATH, "--out", str(out)])
+    assert caught.value.code == 2
+    said = capsys.readouterr().err
+    assert str(out) in said
+    assert said.count("\n") == 1
+    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+
+
+# ---- the command as it is run, in processes of its own
+
+TRAIN = [sys.executable, str(Path(__file__).parent.parent / "train.py"), PATH, "--preset", PLAIN]
+TINY = [
+    "--set",
+    "num_envs=64",
+    "--set",
+    "horizon=8",
+    "--set",
+    "batch_size=64",
+    "--set",
+    "epochs=1",
+    "--set",
+    "hidden=8",
+]
+
+
+def children_of(process: int) -> set[int]:
+    """Returns the processes below one that run training, by what Linux tells."""
+    below: set[int] = set()
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            parts = file.read_text().rpartition(")")[2].split()
+            if int(parts[1]) == process and "spawn_main" in file.with_name("cmdline").read_text():
+                below.add(int(file.parent.name))
+    return below
+
+
+def running(processes: set[int]) -> set[int]:
+    found = set()
+    for each in processes:
+        with contextlib.suppress(OSError):
+            if Path(f"/proc/{each}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+                found.add(each)
+    return found
+
+
+def wait_until(held: Callable[[], Any], seconds: float = 180.0) -> None:
+    end = time.monotonic() + seconds
+    while not held():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_seeds_end_with_their_command(tmp_path: Path, number: signal.Signals) -> None:
+    out = tmp_path / "out"
+    steps = ["--steps", str(512 * 4000), "--set", "validations=400"]
+    words = [*TRAIN, *TINY, *steps, "--seeds", "2", "--out", str(out)]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as run:
+        wait_until(lambda: all((out / f"seed_{k}" / checkpoints.LAST).exists() for k in (0, 1)))
+        children = children_of(run.pid)
+        assert len(children) == 2
+        run.send_signal(number)
+        run.wait(120)
+        assert run.stderr is not None
+        said = run.stderr.read() if number != signal.SIGKILL else ""
+    wait_until(lambda: not running(children), 10.0)
+    assert run.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    assert "Traceback" not in said
+    for k in (0, 1):
+        assert checkpoints.last_state(out / f"seed_{k}")[0] is not None
+        load_agent(out / f"seed_{k}" / "best")
+        with contextlib.ExitStack() as stack:  # nobody holds it any more
+            from wayfield.policies.training.run import held
+
+            stack.enter_context(held(out / f"seed_{k}"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_while_starting_is_one_line(tmp_path: Path) -> None:
+    for wait in (0.3, 1.0, 2.0, 4.0):
+        words = [*TRAIN, "--seeds", "2", "--out", str(tmp_path / "out")]
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        ) as run:
+            time.sleep(wait)
+            os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the children too
+            _, said = run.communicate(timeout=120)
+        assert run.returncode == 130, said
+        assert "Traceback" not in said
+        assert said.count("\n") <= 1
+
+
+def test_a_folder_that_the_locale_cannot_name_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([PATH, "--out", str(tmp_path / "gr\udcc3\udcb6")])  # as Python reads UTF-8 under LC_ALL=C
+    said = capsys.readouterr().err
+    assert (caught.value.code, said.count("\n")) == (2, 1)
+    assert "PYTHONUTF8=1" in said
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="pipes")
+def test_a_reader_that_has_gone_costs_nothing(tmp_path: Path) -> None:
+    words = [*TRAIN, *TINY, "--steps", "1024", "--set", "validations=1", "--out", str(tmp_path / "größe 走")]
+    read, write = os.pipe()
+    os.close(read)
+    gone = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert gone.returncode != 0
+    assert gone.stderr == b""
+    assert (tmp_path / "größe 走" / "curves.png").exists()

@@ -3,6 +3,8 @@
 import functools
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -310,3 +312,19 @@ def test_an_episode_may_end_with_its_block_of_noise(env_id: str, clock: int) -> 
     still = np.zeros(native.action_space.shape, np.float32)
     for _ in range(2 * clock + 5):
         assert native.step(still)[0].tobytes() == sync.step(still)[0].tobytes()
+
+
+SPAWNED = """
+import gymnasium
+assert not [spec for spec in gymnasium.registry if "wayfield" in spec]
+env = gymnasium.make("wayfield:wayfield/DiffDrivePathFollowing-v0")
+env.reset(seed=0)
+envs = gymnasium.make_vec("wayfield:wayfield/DiffDrivePathFollowing-v0", num_envs=2)
+envs.reset(seed=0)
+print(env.unwrapped.spec.id, envs.num_envs)
+"""
+
+
+def test_a_process_that_imports_gymnasium_alone_makes_an_id_that_names_the_package() -> None:
+    done = subprocess.run([sys.executable, "-c", SPAWNED], capture_output=True, text=True, check=True)
+    assert done.stdout == "wayfield/DiffDrivePathFollowing-v0 2\n"

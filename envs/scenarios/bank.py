@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
+from wayfield.envs.checks import number, shown, suggestion
 from wayfield.envs.scenarios.files import goal_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
@@ -12,9 +13,10 @@ from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
-from wayfield.envs.scenarios.validation import checked_number, suggestion
+from wayfield.envs.scenarios.tasks import TASKS, TaskSpec
 
 _FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json")
+_PATHS, _GOALS = TASKS["path_following"], TASKS["goal_reaching"]
 
 
 def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
@@ -30,13 +32,13 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
         ValueError: if the name is unknown, the scale is not above 0, or the file is faulty.
         OSError: if the file cannot be opened.
     """
-    scale = checked_number("scale", scale, above=0.0)
+    scale = number("scale", scale, above=0.0)
     if isinstance(name, str) and name in PATH_SCENARIOS:
         return _named_path_scenarios(name, scale)
-    if (frozen := _frozen_split("path_following", name)) is not None:
-        return frozen if scale == 1.0 else tuple(scenario.scaled(scale) for scenario in frozen)
+    if (frozen := _frozen_split(_PATHS, name)) is not None:
+        return _scaled(frozen, scale)
     if not _means_file(name):
-        raise _unknown("path", name, (*PATH_SCENARIOS, *families("path_following")))
+        raise _unknown(_PATHS, name, PATH_SCENARIOS)
     return (path_scenario_from_file(os.fspath(name), scale),)
 
 
@@ -52,17 +54,17 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
         ValueError: if the name is unknown, the hull does not fit, or the file is faulty.
         OSError: if the file cannot be opened.
     """
-    hull_radius = checked_number("hull_radius", hull_radius, above=0.0)
+    hull_radius = number("hull_radius", hull_radius, above=0.0)
     if isinstance(name, str) and name in GOAL_SCENARIOS:
         return _named_goal_scenarios(name, hull_radius)
-    if (frozen := _frozen_split("goal_reaching", name)) is not None:
+    if (frozen := _frozen_split(_GOALS, name)) is not None:
         if hull_radius > LARGEST_HULL:
             raise ValueError(
                 f"hull_radius is {hull_radius:g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
             )
         return frozen
     if not _means_file(name):
-        raise _unknown("goal", name, (*GOAL_SCENARIOS, *families("goal_reaching")))
+        raise _unknown(_GOALS, name, GOAL_SCENARIOS)
     scenario = goal_scenario_from_file(os.fspath(name))
     try:
         check_clear(scenario, hull_radius)
@@ -76,7 +78,17 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
 @functools.lru_cache
 def _named_path_scenarios(name: str, scale: float) -> tuple[PathScenario, ...]:
     bank = PATH_SCENARIOS[name]()
-    return bank if scale == 1.0 else tuple(scenario.scaled(scale) for scenario in bank)
+    return _scaled(bank, scale)
+
+
+def _scaled(scenarios: tuple[PathScenario, ...], scale: float) -> tuple[PathScenario, ...]:
+    """Returns path scenarios with their positions multiplied; ValueError, naming the scale, if that leaves no path."""
+    if scale == 1.0:
+        return scenarios
+    try:
+        return tuple(scenario.scaled(scale) for scenario in scenarios)
+    except ValueError as error:
+        raise ValueError(f"scale is {scale:g}: {error}") from None
 
 
 @functools.lru_cache
@@ -87,19 +99,19 @@ def _named_goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, 
     return bank
 
 
-def _frozen_split(task: str, name: str) -> tuple[Any, ...] | None:
+def _frozen_split(task: TaskSpec, name: str) -> tuple[Any, ...] | None:
     """Returns the scenarios of a split's name, "family" or "family/split"; None when it names no family.
 
     Raises:
         ValueError: if the family has no such split, or the split is damaged.
     """
     family, slash, part = name.partition("/") if isinstance(name, str) else ("", "", "")
-    if family not in families(task) or _has_suffix(part):
+    if family not in families(task.name) or _has_suffix(part):
         return None
     if slash and part not in SPLITS:
         near = suggestion(part, SPLITS)
-        raise ValueError(f"{family!r} has no split {part!r}; the splits are {', '.join(SPLITS)}.{near}")
-    return split(task, family, part or "train")
+        raise ValueError(f"{family!r} has no split {shown(part)}; the splits are {', '.join(SPLITS)}.{near}")
+    return split(task.name, family, part or "train")
 
 
 def _means_file(name: str) -> bool:
@@ -109,7 +121,12 @@ def _means_file(name: str) -> bool:
         ValueError: if it is neither text nor a path.
     """
     if not isinstance(name, str | os.PathLike):
-        raise ValueError(f"scenario must be a name or a file, got {name!r}")
+        raise ValueError(f"scenario must be a name or a file, got {shown(name)}")
+    name = os.fspath(name)
+    if not isinstance(name, str):
+        raise ValueError(f"scenario must be a name or a file, got {shown(name)}")
+    if _has_suffix(name) and ("\0" in name or (not name.isprintable() and not os.path.exists(name))):
+        raise ValueError(f"scenario {shown(name)} is no name of a file")
     return _has_suffix(name) or os.path.exists(name)
 
 
@@ -117,10 +134,11 @@ def _has_suffix(name: str) -> bool:
     return os.path.splitext(name)[1].lower() in _FILE_SUFFIXES
 
 
-def _unknown(task: str, name: str, known: Iterable[str]) -> ValueError:
+def _unknown(task: TaskSpec, name: str, named: Iterable[str]) -> ValueError:
+    known = (*named, *families(task.name))
     family, _, part = os.fspath(name).partition("/")
     near = suggestion(family, known).replace("'?", f"/{part}'?") if part in SPLITS else suggestion(name, known)
     return ValueError(
-        f"unknown {task} scenario {name!r}.{near} The names are {', '.join(known)}; families end in /train, "
+        f"unknown {task.kind} scenario {shown(name)}.{near} The names are {', '.join(known)}; families end in /train, "
         f"/validation or /test if wanted; a file is named by its path and ends in {', '.join(_FILE_SUFFIXES)}."
     )

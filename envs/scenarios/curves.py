@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wayfield.envs.geometry import lengths, sines
+from wayfield.envs.linear import solve
 from wayfield.envs.paths import Path
 
 SPACING = 0.02  # m, the spacing of the path tables of the source documents
@@ -29,7 +31,7 @@ def sampled_evenly(
     """
     fine = np.linspace(0.0, end, 5_001)
     steps = np.diff(np.asarray(curve(fine)), axis=1)
-    arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(steps[0], steps[1]))])
+    arc_lengths = np.concatenate([[0.0], np.cumsum(lengths(steps.T))])
     count = max(round(arc_lengths[-1] / spacing), 3)
     parameters = np.interp(np.linspace(0.0, arc_lengths[-1], count + 1), arc_lengths, fine)
     return Path(np.asarray(curve(parameters[:-1] if closed else parameters)).T, closed)
@@ -37,17 +39,27 @@ def sampled_evenly(
 
 def circle_path(radius: float) -> Path:
     """Returns a circle around the origin, counter-clockwise from (radius, 0); radius in m."""
-    return sampled_evenly(lambda t: (radius * np.cos(t), radius * np.sin(t)), 2.0 * np.pi, closed=True)
+
+    def curve(t: NDArray[np.float64]) -> ArrayLike:
+        sine, cosine = sines(t)
+        return radius * cosine, radius * sine
+
+    return sampled_evenly(curve, 2.0 * np.pi, closed=True)
 
 
 def sine_path(length: float, wavelength: float) -> Path:
     """Returns y = sin(2 pi x / wavelength) for x from 0 to `length`, all in m."""
-    return sampled_evenly(lambda x: (x, np.sin(2.0 * np.pi * x / wavelength)), length)
+    return sampled_evenly(lambda x: (x, sines(2.0 * np.pi * x / wavelength)[0]), length)
 
 
 def figure_eight_path() -> Path:
     """Returns x = 2 sin t, y = 2 sin t cos t, from the crossing at the origin into the right-hand loop."""
-    return sampled_evenly(lambda t: (2.0 * np.sin(t), 2.0 * np.sin(t) * np.cos(t)), 2.0 * np.pi, closed=True)
+
+    def curve(t: NDArray[np.float64]) -> ArrayLike:
+        sine, cosine = sines(t)
+        return 2.0 * sine, 2.0 * sine * cosine
+
+    return sampled_evenly(curve, 2.0 * np.pi, closed=True)
 
 
 def polyline_path(corners: ArrayLike) -> Path:
@@ -55,7 +67,7 @@ def polyline_path(corners: ArrayLike) -> Path:
     vertices = np.asarray(corners, np.float64)
     legs = []
     for a, b in itertools.pairwise(vertices):
-        count = max(round(float(np.hypot(*(b - a))) / SPACING), 1)
+        count = max(round(float(lengths(b - a)) / SPACING), 1)
         legs.append(np.linspace(a, b, count, endpoint=False))
     return Path(np.vstack([*legs, vertices[-1:]]))
 
@@ -79,7 +91,7 @@ class CubicSpline:
         p = np.asarray(points, np.float64)
         if closed:
             p = np.vstack([p, p[:1]])
-        h = np.hypot(*np.diff(p, axis=0).T)
+        h = lengths(np.diff(p, axis=0))
         slope = np.diff(p, axis=0) / h[:, None]
         n = len(h)
         matrix = np.eye(n + 1)
@@ -92,14 +104,15 @@ class CubicSpline:
             right[i] = 6.0 * (slope[i] - slope[i - 1])
         if closed:
             matrix[n, 0] = -1.0  # the last knot is the first again
-        second = np.linalg.solve(matrix, right).astype(np.float64)
+        second = solve(matrix, right)
         return cls(np.concatenate([[0.0], np.cumsum(h)]), p, second)
 
     def __call__(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns x and y (m), shape (2, k), at the parameters t (k,)."""
         i, h, a, b = self._segments(t)
-        bend = (a**3 - a) * self.second[i] + (b**3 - b) * self.second[i + 1]
-        return (a * self.points[i] + b * self.points[i + 1] + bend * h**2 / 6.0).T
+        # products: a power has other bits on another processor
+        bend = (a * a * a - a) * self.second[i] + (b * b * b - b) * self.second[i + 1]
+        return (a * self.points[i] + b * self.points[i + 1] + bend * (h * h) / 6.0).T
 
     def curvature(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the signed curvature (1/m), shape (k,), at the parameters t (k,)."""
@@ -107,7 +120,7 @@ class CubicSpline:
         turn = (3.0 * b**2 - 1.0) * self.second[i + 1] - (3.0 * a**2 - 1.0) * self.second[i]
         dx, dy = ((self.points[i + 1] - self.points[i]) / h + turn * h / 6.0).T
         ddx, ddy = (a * self.second[i] + b * self.second[i + 1]).T
-        curvature: NDArray[np.float64] = (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3
+        curvature: NDArray[np.float64] = (dx * ddy - dy * ddx) / lengths(np.stack([dx, dy], axis=-1)) ** 3
         return curvature
 
     def _segments(

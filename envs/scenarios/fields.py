@@ -6,11 +6,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.checks import number
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
-from wayfield.envs.scenarios.validation import checked_number
 
 BANK_SIZE = 64  # scenarios of a random family
 HALF_SIDE = 5.0  # m, of the walled square
@@ -82,7 +82,7 @@ def random_fields(
     Raises:
         ValueError: if next to no field has room for the hull.
     """
-    reach = HALF_SIDE - checked_number("hull_radius", hull_radius, above=0.0) - _ROOM
+    reach = HALF_SIDE - number("hull_radius", hull_radius, above=0.0) - _ROOM
     rng = np.random.default_rng(_SEED)
     scenarios: list[GoalScenario] = []
     for _ in range(_DRAWS if 2.0 * math.sqrt(2.0) * reach > _DISTANCES[0] else 0):

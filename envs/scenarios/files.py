@@ -8,12 +8,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from wayfield.envs.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
+from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table, read_text
-from wayfield.envs.scenarios.validation import FARTHEST, checked_numbers, shown, suggestion
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
 _GOAL_FIELDS = (
@@ -23,6 +24,19 @@ _GOAL_FIELDS = (
 _OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box": box, "wall": wall}
 
 
+# good files of the user's, for those who check what becomes of bad ones
+_TABLE = "x,y\n0,0\n1,0.5\n2,0\n3,1\n"
+_PATH = """{"path": [[0, 0], [2, 0], [2, 2], [0, 2]], "closed": true, "laps": 2, "start": [0.1, 0.05, 0.2],
+"start_offset": 0.1, "start_turn": 0.3, "corridor": 0.8}"""
+_GOAL = """{"goal": [3, 0, 0.5], "start": [0, 0, 0.1], "waypoints": [[1, 1], [2, -1]], "start_offset": 0.1,
+"start_turn": 0.3, "position_tolerance": 0.1, "heading_tolerance": 0.2, "waypoint_radius": 0.5, "obstacles": [
+{"kind": "circle", "x": 1.5, "y": 2, "radius": 0.3}, {"kind": "box", "x": 1, "y": -2, "length": 1, "width": 0.5,
+"heading": 0.3, "mass": 2}, {"kind": "wall", "x1": -1, "y1": -3, "x2": 4, "y2": -3}, {"kind": "circle", "x": -2, "y": 0,
+"radius": 0.2, "patrol": {"vx": 0, "vy": 0.3, "leg_time": 5}}]}"""
+
+
+@reader("path scenario", "path.json", {"path.json": _PATH})
+@reader("path scenario of a table", "path.json", {"path.json": '{"path_file": "table.csv"}', "table.csv": _TABLE})
 def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
     """Returns the path-following scenario of a .csv, .txt or .json file, its positions multiplied by `scale`.
 
@@ -37,7 +51,10 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
     """
     name, suffix = os.path.splitext(os.path.basename(file))
     if suffix.lower() in TABLE_SUFFIXES:
-        return PathScenario(name, path_from_table(file, scale))
+        try:
+            return PathScenario(name, path_from_table(file, scale))
+        except ValueError as error:
+            raise _fault(file, error) from None
     if suffix.lower() != ".json":
         raise _fault(file, f"suffix {suffix!r} is not known; a path is read from .csv, .txt or .json")
     fields = _json_object(file)
@@ -53,13 +70,14 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         else:
             fields["path"] = _table_path(file, fields.pop("path_file"), closed, scale)
         if fields.get("start") is not None:
-            x, y, heading = checked_numbers("start", fields["start"], 3, "x, y, heading")
+            x, y, heading = pose("start", fields["start"])
             fields["start"] = (x * scale, y * scale, heading)
         return PathScenario(name, **fields)
     except ValueError as error:
         raise _fault(file, error) from None
 
 
+@reader("goal scenario", "goal.json", {"goal.json": _GOAL})
 def goal_scenario_from_file(file: str) -> GoalScenario:
     """Returns the goal-reaching scenario of a .json file.
 
@@ -82,6 +100,8 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
     for field in ("waypoints", "obstacles"):
         if not isinstance(fields.get(field, []), list):
             raise _fault(file, f"{field} is {shown(fields[field])}; it must be a list")
+        if len(fields.get(field, [])) > MOST_OBSTACLES:
+            raise _fault(file, f"{field} has {len(fields[field])} entries; there must be at most {MOST_OBSTACLES}")
     records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
     patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
@@ -102,7 +122,9 @@ def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:
     """Returns the path of the points in a JSON file; closed None: when the last point repeats the first."""
     if not isinstance(points, list):
         raise ValueError(f"path is {shown(points)}; it must be a list of [x, y]")
-    pairs = [checked_numbers(f"path[{i}]", point, 2, "x, y") for i, point in enumerate(points)]
+    if len(points) > MOST_POINTS:
+        raise ValueError(f"path has {len(points)} points; there must be at most {MOST_POINTS}")
+    pairs = [numbers_of(f"path[{i}]", point, 2, "x, y") for i, point in enumerate(points)]
     for i, (x, y) in enumerate(pairs):
         if max(abs(x), abs(y)) * scale > FARTHEST:
             raise ValueError(f"path[{i}] is {(x, y)}; it must lie within {FARTHEST:g} m of the origin")
@@ -151,7 +173,7 @@ def _check_keys(
     for key in fields:
         if key not in known:
             near = suggestion(key, known)
-            raise _fault(file, f"field {place + key!r} is not known; the fields are {', '.join(known)}.{near}")
+            raise _fault(file, f"field {shown(place + key)} is not known; the fields are {', '.join(known)}.{near}")
     for key in required:
         if key not in fields:
             raise _fault(file, f"field {place + key!r} is missing")
@@ -160,11 +182,15 @@ def _check_keys(
 def _json_object(file: str) -> dict[str, Any]:
     """Returns the one object of a JSON file."""
     try:
-        content = json.loads(read_text(file), object_pairs_hook=_without_repeats, parse_constant=_not_json)
+        content = json.loads(
+            read_text(file), object_pairs_hook=_without_repeats, parse_constant=_not_json, parse_int=_whole
+        )
     except json.JSONDecodeError as error:
         raise ValueError(f"{file}:{error.lineno}: {error.msg}") from None
     except RecursionError:
         raise _fault(file, "is nested too deeply") from None
+    except MemoryError:
+        raise _fault(file, "is too large for this machine's memory") from None
     except ValueError as error:
         raise _fault(file, error) from None
     if not isinstance(content, dict):
@@ -178,8 +204,15 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(fields) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"field {twice!r} is given twice")
+        raise ValueError(f"field {shown(twice)} is given twice")
     return fields
+
+
+def _whole(digits: str) -> int:
+    """Returns the whole number of the digits; Python itself refuses more than some thousands, with a riddle."""
+    if len(digits) > 400:
+        raise ValueError(f"{digits[:20]}... is a number of {len(digits)} digits; no field takes one so large")
+    return int(digits)
 
 
 def _not_json(constant: str) -> NoReturn:
@@ -190,3 +223,14 @@ def _fault(file: str, problem: object) -> ValueError:
     """Returns the error with the file in front, unless it is there already, with the line."""
     text = str(problem)
     return ValueError(text if text.startswith(f"{file}:") else f"{file}: {text}")
+
+
+def holds_goal(file: str) -> bool:
+    """Returns whether a file is a goal scenario; what is wrong with one that cannot be read, its reader will say."""
+    if not file.lower().endswith(".json"):
+        return False
+    try:
+        content: Any = json.loads(read_text(file))
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and "goal" in content

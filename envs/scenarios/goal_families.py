@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from wayfield.envs.geometry import bearing, clearance_to, sin_cos
+from wayfield.envs.geometry import bearing, clearance, clearance_to, sin_cos
 from wayfield.envs.patrols import PATROL
+from wayfield.envs.scenarios import ways
 from wayfield.envs.scenarios.draws import Draw, Frame, rounded
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
@@ -20,6 +21,8 @@ LARGEST_HULL = 0.3  # m, of the robot that every scenario has a way for
 ROOM = 0.1  # m, kept around the hull at start and goal
 PATROL_GAP = 0.3  # m, that a patrol keeps from the hull at start and goal
 HALF_SIDE = 5.0  # m, of the walled square
+_LONGEST_WAY = 20.0  # m; 60 s at 0.6 m/s are 36 m
+_LEAST_SPARE = 0.05  # m, of a goal beside an obstacle
 
 _CLEAR = LARGEST_HULL + ROOM
 _REACH = HALF_SIDE - _CLEAR  # m, of starts and goals in the square
@@ -402,6 +405,28 @@ def _push_boxes(draw: Draw) -> Field | None:
         places.append((x, y, 0.5 * math.sqrt(length * length + width * width)))
     fits = _clear(boxes, start) and _clear(boxes, goal) and _apart(places)
     return (start, goal, boxes) if fits else None
+
+
+def room_on_the_way(scenario: GoalScenario) -> float:
+    """Returns the quantity of a goal's tier, m, rounded to 1e-6.
+
+    The radius of the largest disc that has a way (at most 1 m, around all that moving discs sweep), over the detour of
+    a disc of 0.3 m.
+    """
+    return round(ways.clear_radius(scenario, sweeping=True) / ways.detour(scenario, LARGEST_HULL), 6)
+
+
+def feasible(scenario: GoalScenario) -> bool:
+    """Returns whether the largest robot has room at start and goal and a way past all that stands, not too long."""
+    obstacles = scenario.obstacles
+    spare = _LEAST_SPARE if scenario.family == "near_goal" else ROOM
+    return (
+        clearance(obstacles, len(obstacles), *scenario.start[:2]) >= LARGEST_HULL + ROOM
+        and clearance(obstacles, len(obstacles), *scenario.goal[:2]) >= LARGEST_HULL + spare
+        and math.dist(scenario.start[:2], scenario.goal[:2]) >= 2.0
+        and ways.clear_radius(scenario) >= LARGEST_HULL
+        and ways.way_length(scenario, LARGEST_HULL) <= _LONGEST_WAY
+    )
 
 
 GOAL_FAMILIES: Mapping[str, Callable[[int], GoalScenario]] = {

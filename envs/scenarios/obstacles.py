@@ -8,9 +8,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.checks import (
+    FASTEST,
+    FINEST,
+    HEAVIEST,
+    LIGHTEST,
+    LONGEST,
+    SHORTEST,
+    number,
+)
+from wayfield.envs.checks import (
+    heading as checked_heading,
+)
 from wayfield.envs.geometry import OBSTACLE, sin_cos
 from wayfield.envs.patrols import PATROL, patrol_at
-from wayfield.envs.scenarios.validation import checked_number
 
 
 def circle(x: float, y: float, radius: float, mass: float = 0.0) -> np.void:
@@ -25,10 +36,10 @@ def circle(x: float, y: float, radius: float, mass: float = 0.0) -> np.void:
         ValueError: if a value is not finite or out of its range; the message names field and value.
     """
     return _record(
-        checked_number("circle x", x),
-        checked_number("circle y", y),
-        radius=checked_number("circle radius", radius, above=0.0),
-        mass=checked_number("circle mass", mass, least=0.0),
+        number("circle x", x),
+        number("circle y", y),
+        radius=number("circle radius", radius, least=FINEST),
+        mass=_mass("circle mass", mass),
     )
 
 
@@ -45,14 +56,14 @@ def box(x: float, y: float, length: float, width: float, heading: float = 0.0, m
     Raises:
         ValueError: if a value is not finite or out of its range; the message names field and value.
     """
-    sine, cosine = sin_cos(checked_number("box heading", heading))
+    sine, cosine = sin_cos(checked_heading("box heading", heading))
     return _record(
-        checked_number("box x", x),
-        checked_number("box y", y),
+        number("box x", x),
+        number("box y", y),
         direction=(cosine, sine),
-        half_length=checked_number("box length", length, above=0.0) / 2,
-        half_width=checked_number("box width", width, above=0.0) / 2,
-        mass=checked_number("box mass", mass, least=0.0),
+        half_length=number("box length", length, least=FINEST) / 2,
+        half_width=number("box width", width, least=FINEST) / 2,
+        mass=_mass("box mass", mass),
     )
 
 
@@ -67,8 +78,8 @@ def wall(x1: float, y1: float, x2: float, y2: float) -> np.void:
         ValueError: if a value is not finite or both ends are the same point; the message names field and
             value.
     """
-    x1, y1 = checked_number("wall x1", x1), checked_number("wall y1", y1)
-    x2, y2 = checked_number("wall x2", x2), checked_number("wall y2", y2)
+    x1, y1 = number("wall x1", x1), number("wall y1", y1)
+    x2, y2 = number("wall x2", x2), number("wall y2", y2)
     length = math.hypot(x2 - x1, y2 - y1)
     if length == 0.0:
         raise ValueError(f"wall x2, y2 is {(x2, y2)}, the same as x1, y1; the ends of a wall must differ")
@@ -96,16 +107,21 @@ def moving_circle(
         ValueError: if a value is not finite or out of its range; the message names field and value.
     """
     values = (
-        checked_number("circle x", x),
-        checked_number("circle y", y),
-        checked_number("patrol vx", vx),
-        checked_number("patrol vy", vy),
-        checked_number("patrol leg_time", leg_time, above=0.0),
-        checked_number("patrol phase", phase, least=0.0),
+        number("circle x", x),
+        number("circle y", y),
+        number("patrol vx", vx, most=FASTEST),
+        number("patrol vy", vy, most=FASTEST),
+        number("patrol leg_time", leg_time, least=SHORTEST, most=LONGEST),
+        number("patrol phase", phase, least=0.0, most=LONGEST),
     )
     patrol: np.void = np.array([values], PATROL)[0]
     x, y, _, _ = patrol_at(patrol, 0.0)
     return circle(x, y, radius), patrol
+
+
+def _mass(field: str, mass: float) -> float:
+    """Returns the mass (kg) of what can be pushed, or 0 for what is fixed."""
+    return 0.0 if mass == 0 and not isinstance(mass, bool) else number(field, mass, least=LIGHTEST, most=HEAVIEST)
 
 
 def obstacle_field(*obstacles: np.void) -> NDArray[np.void]:

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.geometry import bearing, sin_cos
+from wayfield.envs.geometry import bearing, sin_cos, sines
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.curves import SPACING
 from wayfield.envs.scenarios.draws import Draw, rounded
 from wayfield.envs.scenarios.scenario import PathScenario
-from wayfield.envs.scenarios.tracing import arc, evenly, lengths, sines
+from wayfield.envs.scenarios.tracing import arc, evenly, lengths, sharpness
 
 Points = NDArray[np.float64]  # x and y, shape (2, k), m
 Curve = Callable[[Draw], "Points | None"]  # None: drawn in vain, draw again
@@ -26,6 +26,7 @@ _LENGTHS = (8.0, 20.0)  # m
 _SMOOTH = 2.0  # 1/m, the largest curvature of splines and circuits
 _START_OFFSET = 0.1  # m
 _START_TURN = 0.3  # rad
+SHARPNESS_WINDOW = 0.3  # m
 _LEG_GAP = 0.6  # m, that a polyline keeps from its own earlier legs
 
 
@@ -198,6 +199,17 @@ def _legs_meet(corners: list[tuple[float, float]]) -> bool:
             if (dx * dx + dy * dy).min() < _LEG_GAP * _LEG_GAP:
                 return True
     return False
+
+
+def path_sharpness(scenario: PathScenario) -> float:
+    """Returns the quantity of a path's tier, 1/m, rounded to 1e-6: the largest change of direction within 0.3 m."""
+    return round(float(sharpness(scenario.path.points, scenario.path.closed, SHARPNESS_WINDOW)), 6)
+
+
+def feasible(scenario: PathScenario) -> bool:
+    """Returns True: nothing stands beside a path."""
+    del scenario
+    return True
 
 
 PATH_FAMILIES: Mapping[str, Callable[[int], PathScenario]] = {

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from wayfield.envs.geometry import sines
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.curves import (
     CubicSpline,
@@ -48,13 +49,13 @@ def _random_spline(rng: np.random.Generator, closed: bool) -> Path | None:
         count = int(rng.integers(5, 9))
         bearings = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.25, 0.25, count)) / count
         radii = rng.uniform(1.2, 2.8, count)
-        points = np.column_stack([radii * np.cos(bearings), radii * np.sin(bearings)])
+        points = (radii * sines(bearings)[::-1]).T
     else:
         # legs within 70 degrees of one direction: the path wanders but does not come back on itself
         count = int(rng.integers(4, 10))
         headings = rng.uniform(-np.pi, np.pi) + np.radians(rng.uniform(-70.0, 70.0, count))
         legs = rng.uniform(1.2, 2.5, count)
-        steps = np.column_stack([legs * np.cos(headings), legs * np.sin(headings)])
+        steps = (legs * sines(headings)[::-1]).T
         points = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     spline = CubicSpline.through(points, closed)
     end = float(spline.knots[-1])

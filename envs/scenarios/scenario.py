@@ -7,11 +7,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.checks import (
+    FARTHEST,
+    FASTEST,
+    FINEST,
+    HEAVIEST,
+    LIGHTEST,
+    LONGEST,
+    MOST_LAPS,
+    MOST_OBSTACLES,
+    MOST_TURN,
+    SHORTEST,
+    number,
+    numbers_of,
+    pose,
+    shown,
+)
 from wayfield.envs.geometry import OBSTACLE, clearance_to
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.scenarios.obstacles import described, obstacle_field
-from wayfield.envs.scenarios.validation import FARTHEST, checked_number, checked_numbers, shown
 
 
 # Compared by identity: arrays have no single truth value, and a bank never holds the same scenario twice.
@@ -38,17 +53,20 @@ class PathScenario:
     def __post_init__(self) -> None:
         if not (np.abs(self.path.points) <= FARTHEST).all():
             raise ValueError(f"path has a point beyond {FARTHEST:g} m of the origin")
-        if not isinstance(self.laps, int | np.integer) or isinstance(self.laps, bool) or self.laps < 0:
-            raise ValueError(f"laps is {shown(self.laps)}; it must be a whole number of at least 0")
+        if not self.path.length >= SHORTEST:
+            raise ValueError(f"path is {self.path.length:g} m long; it must be at least {SHORTEST:g} m")
+        whole = isinstance(self.laps, int | np.integer) and not isinstance(self.laps, bool)
+        if not whole or not 0 <= self.laps <= MOST_LAPS:
+            raise ValueError(f"laps is {shown(self.laps)}; it must be a whole number from 0 to {MOST_LAPS}")
         if self.laps != 1 and not self.path.closed:
             raise ValueError(f"laps is {self.laps}; an open path has 1 lap, only a closed one can have another number")
         _settle(self, "laps", int(self.laps))
-        _settle(self, "start_offset", checked_number("start_offset", self.start_offset, least=0.0))
-        _settle(self, "start_turn", checked_number("start_turn", self.start_turn, least=0.0))
-        _settle(self, "corridor", checked_number("corridor", self.corridor, above=0.0))
+        _settle(self, "start_offset", number("start_offset", self.start_offset, least=0.0))
+        _settle(self, "start_turn", number("start_turn", self.start_turn, least=0.0, most=MOST_TURN))
+        _settle(self, "corridor", number("corridor", self.corridor, above=0.0))
         distance = 0.0
         if self.start is not None:
-            _settle(self, "start", checked_numbers("start", self.start, 3, "x, y, heading"))
+            _settle(self, "start", pose("start", self.start))
             distance = _distance_to(self.path, *self.start[:2])
         if distance + self.start_offset > self.corridor:
             raise ValueError(
@@ -64,6 +82,13 @@ class PathScenario:
         path = Path(self.path.points * scale, self.path.closed)
         start = self.start and (self.start[0] * scale, self.start[1] * scale, self.start[2])
         return dataclasses.replace(self, path=path, start=start, tier="", quantity=math.nan)
+
+    def decisive(self) -> list[Any]:
+        """Returns all numbers that decide an episode, in an order of their own."""
+        start = self.start or self.path.start_pose
+        scatter = (self.start_offset, self.start_turn)
+        points = self.path.points
+        return [len(points), points, self.path.closed, start, scatter, self.laps, self.corridor]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,16 +117,35 @@ class GoalScenario:
     quantity: float = math.nan  # what the tier is read from: the room on the way, m
 
     def __post_init__(self) -> None:
-        _settle(self, "goal", checked_numbers("goal", self.goal, 3, "x, y, heading"))
-        _settle(self, "start", checked_numbers("start", self.start, 3, "x, y, heading"))
-        waypoints = [checked_numbers(f"waypoints[{i}]", p, 2, "x, y") for i, p in enumerate(self.waypoints)]
+        _settle(self, "goal", pose("goal", self.goal))
+        _settle(self, "start", pose("start", self.start))
+        if len(self.waypoints) > MOST_OBSTACLES:
+            raise ValueError(f"waypoints are {len(self.waypoints)}; there must be at most {MOST_OBSTACLES}")
+        waypoints = [numbers_of(f"waypoints[{i}]", p, 2, "x, y") for i, p in enumerate(self.waypoints)]
         _settle(self, "waypoints", tuple(waypoints))
         _settle(self, "obstacles", _checked_obstacles(self.obstacles))
         _settle(self, "patrols", _checked_patrols(self.patrols, self.obstacles))
-        for field in ("start_offset", "start_turn"):
-            _settle(self, field, checked_number(field, getattr(self, field), least=0.0))
-        for field in ("position_tolerance", "heading_tolerance", "waypoint_radius"):
-            _settle(self, field, checked_number(field, getattr(self, field), above=0.0))
+        for field, most in (("start_offset", FARTHEST), ("start_turn", MOST_TURN)):
+            _settle(self, field, number(field, getattr(self, field), least=0.0, most=most))
+        for field, most in (
+            ("position_tolerance", FARTHEST),
+            ("heading_tolerance", MOST_TURN),
+            ("waypoint_radius", FARTHEST),
+        ):
+            _settle(self, field, number(field, getattr(self, field), above=0.0, most=most))
+
+    def decisive(self) -> list[Any]:
+        """Returns all numbers that decide an episode, in an order of their own."""
+        o = self.obstacles
+        x, y = o["half_length"] * o["cos"], o["half_length"] * o["sin"]
+        # the ends of the long axis: those of a wall are whole numbers
+        ends = [o["x"] - x, o["y"] - y, o["x"] + x, o["y"] + y]
+        shapes = [*ends, 2.0 * o["half_width"], o["radius"], o["mass"]]
+        moves = [self.patrols[name] for name in self.patrols.dtype.names or ()]
+        asked = (self.position_tolerance, self.heading_tolerance, self.waypoint_radius)
+        scatter = (self.start_offset, self.start_turn)
+        sizes = len(o), len(self.waypoints)
+        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter]
 
 
 def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
@@ -113,7 +157,7 @@ def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
     Raises:
         ValueError: naming the scenario, the place and the obstacle that lies over it.
     """
-    checked_number("hull_radius", hull_radius, above=0.0)
+    number("hull_radius", hull_radius, above=0.0)
     places = [
         ("start", scenario.start[:2], hull_radius),
         ("goal", scenario.goal[:2], hull_radius),
@@ -141,6 +185,8 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
     """Returns a read-only copy of OBSTACLE records, shape (m,); ValueError names the record that is no
     obstacle."""
     records = list(obstacles)
+    if len(records) > MOST_OBSTACLES:
+        raise ValueError(f"obstacles are {len(records)}; there must be at most {MOST_OBSTACLES}")
     for j, record in enumerate(records):
         # NumPy would spread a plain number over all fields of a record
         if not isinstance(record, np.void) or record.dtype != OBSTACLE:
@@ -154,6 +200,16 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
                 f"obstacles[{bad[0]}].{name} is {field[name][bad[0]]}; it must be finite"
                 + (" and at least 0" if name in sizes else "")
             )
+        # what the constructors allow, for records that were made without them
+        if name == "mass":
+            bad = np.flatnonzero((field[name] > 0.0) & ~((field[name] >= LIGHTEST) & (field[name] <= HEAVIEST)))
+        else:
+            bad = np.flatnonzero(np.abs(field[name]) > (1.0 + 1e-9 if name in ("cos", "sin") else 2.0 * FARTHEST))
+        if len(bad):
+            raise ValueError(f"obstacles[{bad[0]}].{name} is {field[name][bad[0]]}; it is out of bounds")
+    loose = np.flatnonzero((field["mass"] > 0.0) & (np.max([field[name] for name in sizes[:3]], axis=0) < 0.5 * FINEST))
+    if len(loose):
+        raise ValueError(f"obstacles[{loose[0]}] has a mass and no size; it must be at least {FINEST:g} m across")
     return field
 
 
@@ -173,8 +229,13 @@ def _checked_patrols(patrols: Any, obstacles: NDArray[np.void]) -> NDArray[np.vo
                 f"patrols[{bad[0]}].{name} is {records[name][bad[0]]}; it must be finite"
                 + (" and at least 0" if name == "leg_time" else "")
             )
+    most = {"x": FARTHEST, "y": FARTHEST, "vx": FASTEST, "vy": FASTEST, "leg_time": LONGEST, "phase": LONGEST}
     for j in np.flatnonzero(records["leg_time"]):
         obstacle = obstacles[j]
+        for name in PATROL.names or ():
+            number(f"patrols[{j}].{name}", records[name][j].item(), most=most[name])
+        number(f"patrols[{j}].leg_time", records["leg_time"][j].item(), least=SHORTEST, most=LONGEST)
+        number(f"patrols[{j}].phase", records["phase"][j].item(), least=0.0, most=LONGEST)
         if obstacle["half_length"] > 0.0 or obstacle["half_width"] > 0.0 or obstacle["mass"] > 0.0:
             raise ValueError(f"obstacles[{j}] ({described(obstacle)}) has a patrol; only a circle of mass 0 moves")
         x, y, _, _ = patrol_at(records[j], 0.0)

@@ -8,28 +8,18 @@ import functools
 import hashlib
 import json
 import pathlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from wayfield.envs.scenarios.goal_families import GOAL_FAMILIES
-from wayfield.envs.scenarios.path_families import PATH_FAMILIES
+from wayfield.envs.checks import LAST_SEED, shown, suggestion
+from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.scenarios.validation import shown, suggestion
+from wayfield.envs.scenarios.tasks import FAMILIES, TASKS
 
-FAMILIES: Mapping[str, Mapping[str, Callable[[int], Any]]] = {
-    "path_following": PATH_FAMILIES,
-    "goal_reaching": GOAL_FAMILIES,
-}
 SPLITS = {"train": 64, "validation": 10, "test": 10}  # scenarios a family
-TIERS = ("easy", "medium", "hard")
-# Where a tier ends. Paths: the sharpness that easy and medium ones stay below, 1/m; goals: the room that they have at
-# least, m.
-TIER_BOUNDS = {"path_following": (1.0, 2.5), "goal_reaching": (0.6, 0.35)}
-SHARPNESS_WINDOW = 0.3  # m
-FOLDER = pathlib.Path(__file__).parent / "splits"
-NEEDS_PYMUNK = ("push_boxes",)  # left out of "all"
+FOLDER = pathlib.Path(__file__).resolve().parent / "splits"  # of the repository, where links of an install lead
 
 
 def split(task: str, family: str, name: str) -> tuple[Any, ...]:
@@ -37,7 +27,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
 
     Args:
         task: "path_following" or "goal_reaching".
-        family: a name of FAMILIES[task], or "all": the families one after the other, but for `push_boxes`.
+        family: a name of FAMILIES[task], or "all": the families one after the other, but for those that need pymunk.
         name: "train", "validation" or "test".
 
     Raises:
@@ -49,7 +39,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
                 f"{what} is {shown(value)}; it must be one of {', '.join(known)}.{suggestion(value, known)}"
             )
     if family == "all":
-        every = (each for each in FAMILIES[task] if each not in NEEDS_PYMUNK)
+        every = (each for each in FAMILIES[task] if each not in TASKS[task].needs_pymunk)
         return tuple(scenario for each in every for scenario in split(task, each, name))
     return _split(FOLDER / f"{task}.json", task, family, name)
 
@@ -57,13 +47,6 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
 def families(task: str) -> tuple[str, ...]:
     """Returns the names of a task's families, and "all"; none for an unknown task."""
     return ("all", *FAMILIES[task]) if task in FAMILIES else ()
-
-
-def tier(task: str, quantity: float) -> str:
-    """Returns the tier of a scenario of this sharpness (1/m) or room (m)."""
-    first, second = TIER_BOUNDS[task]
-    sign = 1.0 if first < second else -1.0
-    return TIERS[int(sign * quantity >= sign * first) + int(sign * quantity >= sign * second)]
 
 
 def digest(scenarios: Iterable[PathScenario | GoalScenario]) -> str:
@@ -77,44 +60,39 @@ def digest(scenarios: Iterable[PathScenario | GoalScenario]) -> str:
 
 def canonical(scenario: PathScenario | GoalScenario) -> bytes:
     """Returns all that decides an episode as little-endian 64-bit integers, in millionths of m, rad, s or kg."""
-    numbers: Sequence[Any]
-    if isinstance(scenario, PathScenario):
-        path = scenario.path
-        start = scenario.start or path.start_pose
-        scatter = (scenario.start_offset, scenario.start_turn)
-        numbers = [len(path.points), path.points, path.closed, start, scatter, scenario.laps, scenario.corridor]
-    else:
-        o = scenario.obstacles
-        x, y = o["half_length"] * o["cos"], o["half_length"] * o["sin"]
-        # the ends of the long axis: those of a wall are whole numbers
-        ends = [o["x"] - x, o["y"] - y, o["x"] + x, o["y"] + y]
-        shapes = [*ends, 2.0 * o["half_width"], o["radius"], o["mass"]]
-        asked = (scenario.position_tolerance, scenario.heading_tolerance, scenario.waypoint_radius)
-        scatter = (scenario.start_offset, scenario.start_turn)
-        moves = [scenario.patrols[name] for name in scenario.patrols.dtype.names or ()]
-        sizes = len(o), len(scenario.waypoints)
-        numbers = [sizes, scenario.start, scenario.goal, scenario.waypoints, *shapes, *moves, asked, scatter]
-    flat = np.concatenate([np.ravel(np.asarray(each, np.float64)) for each in numbers])
+    flat = np.concatenate([np.ravel(np.asarray(each, np.float64)) for each in scenario.decisive()])
     return np.rint(flat * 1e6).astype("<i8").tobytes()
 
 
+def _shipped(folder: pathlib.Path) -> None:
+    (folder / "path_following.json").write_bytes((FOLDER / "path_following.json").read_bytes())
+
+
+@reader(
+    "split",
+    "path_following.json",
+    _shipped,
+    lambda read, file: read(file, "path_following", next(iter(FAMILIES["path_following"])), "test"),
+)
 @functools.lru_cache
 def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of one family's split, made from its seeds and compared with its hash."""
     try:
         frozen = _read(file)["families"][family][name]
         seeds, quantities, tiers, sha256 = (frozen[key] for key in ("seeds", "quantities", "tiers", "sha256"))
-        if not all(type(seed) is int for seed in seeds):
+        if not isinstance(seeds, list) or not all(type(seed) is int and 0 <= seed <= LAST_SEED for seed in seeds):
             raise ValueError("a seed is no whole number")
+        if len(seeds) != SPLITS[name]:
+            raise ValueError(f"there are {len(seeds)} seeds, not {SPLITS[name]}")
         scenarios = tuple(
             _with_tier(FAMILIES[task][family](seed), float(quantity), str(tier))
             for seed, quantity, tier in zip(seeds, quantities, tiers, strict=True)
         )
-    except (OSError, LookupError, TypeError, ValueError) as error:
+    except (OSError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
         problem = f"the file is damaged: {type(error).__name__}: {' '.join(str(error).split())}"
     else:
         found = digest(scenarios)
-        if found == sha256 and len(scenarios) == SPLITS[name]:
+        if found == sha256:
             return scenarios
         problem = f"the scenarios are not those that were frozen: their SHA-256 is {found[:12]}..., not {shown(sha256)}"
     raise ValueError(f"{file}: family {family!r}, split {name!r}: {problem}; install wayfield anew")

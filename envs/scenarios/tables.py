@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_POINTS, shown
 from wayfield.envs.paths import Path
-from wayfield.envs.scenarios.validation import FARTHEST, shown
+from wayfield.envs.readers import reader
 
 TABLE_SUFFIXES = (".csv", ".txt")
 _COPPELIASIM_COLUMNS = 7  # x, y, z, qx, qy, qz, qw
@@ -32,6 +33,14 @@ class _Layout:
     circuit: bool  # closed although the last point does not repeat the first
 
 
+_POSES = "".join(f"{x}, 0.5, 0, 0, 0, 0, 1\n" for x in range(5))
+_CIRCUIT = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n20,0,3,3\n20,20,3,3\n0,20,3,3\n"
+
+
+@reader("path table", "path.csv", {"path.csv": "name,x,y\na,0,0\nb,1,0.5\nc,2,0\nd,3,1\n"})
+@reader("path table of poses", "path.csv", {"path.csv": _POSES})
+@reader("path table of a circuit", "path.csv", {"path.csv": _CIRCUIT})
+@reader("path table with spaces", "path.txt", {"path.txt": "0 0\n1 0.5\n2 0\n# end\n0 0\n"})
 def path_from_table(file: str, scale: float = 1.0) -> Path:
     """Returns the path of a text table, its coordinates multiplied by `scale`.
 
@@ -46,6 +55,8 @@ def path_from_table(file: str, scale: float = 1.0) -> Path:
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
     lines = read_text(file).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if len(lines) > 2 * MOST_POINTS:
+        raise _fault(file, 2 * MOST_POINTS, f"the table goes on; it must have at most {MOST_POINTS} points")
     layout = _layout(file, lines)
     points = _points(file, lines, layout)
     with np.errstate(over="ignore"):  # an infinite product is reported below
@@ -56,6 +67,9 @@ def path_from_table(file: str, scale: float = 1.0) -> Path:
         line = _line_of(lines, layout, far[0])
         raise _fault(file, line, f"point {at} is not finite or beyond {FARTHEST:g} m")
 
+    if len(points) > MOST_POINTS:
+        line = _line_of(lines, layout, MOST_POINTS)
+        raise _fault(file, line, f"the table has {len(points)} points; it must have at most {MOST_POINTS}")
     repeats_first = len(points) > 1 and bool((points[0] == points[-1]).all())
     same = np.flatnonzero((np.diff(points, axis=0) == 0.0).all(axis=1))
     if len(same):
@@ -83,7 +97,9 @@ def read_text(file: str) -> str:
     if os.path.exists(file) and not os.path.isfile(file):
         raise _fault(file, 1, "is a folder or a device; it must be a file")
     with open(file, "rb") as stream:
-        content = stream.read()
+        if os.fstat(stream.fileno()).st_size > MOST_BYTES:
+            raise _fault(file, 1, f"holds more than {MOST_BYTES} bytes; it must be smaller")
+        content = stream.read(MOST_BYTES)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

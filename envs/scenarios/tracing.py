@@ -13,15 +13,6 @@ from wayfield.envs.geometry import sin_cos
 
 
 @compiled
-def sines(angles):
-    """Returns sin and cos, shape (2, k), of angles (k,), rad."""
-    values = np.empty((2, angles.shape[0]))
-    for i in range(angles.shape[0]):
-        values[0, i], values[1, i] = sin_cos(angles[i])
-    return values
-
-
-@compiled
 def arc(pieces, step):
     """Returns x and y (m), shape (2, k), of a curve from the origin along x, given by its curvature.
 

@@ -108,15 +108,16 @@ def _grid(scenario: GoalScenario, sweeping: bool) -> Grid:
     low = [min([*(taken["xy"[k]] - (dx, dy)[k]), *(end[k] for end in ends)]) - _AROUND for k in (0, 1)]
     high = [max([*(taken["xy"[k]] + (dx, dy)[k]), *(end[k] for end in ends)]) + _AROUND for k in (0, 1)]
     nx, ny = (math.ceil((high[k] - low[k]) / STEP) + 1 for k in (0, 1))
-    return Grid(_clearances(taken, nx, ny, *low), nx, ny, *map(float, low))
+    return Grid(clearances(taken, *map(float, low), STEP, nx, ny).ravel(), nx, ny, *map(float, low))
 
 
 @compiled
-def _clearances(obstacles, nx, ny, x, y):
-    clear = np.empty(nx * ny)
+def clearances(obstacles, x, y, step, nx, ny):
+    """Returns the clearance (nx, ny) of the nodes of a grid with its first node at (x, y), all in m."""
+    clear = np.empty((nx, ny))
     for i in range(nx):
         for j in range(ny):
-            clear[i * ny + j] = clearance(obstacles, len(obstacles), x + i * STEP, y + j * STEP)
+            clear[i, j] = clearance(obstacles, len(obstacles), x + i * step, y + j * step)
     return clear
 
 

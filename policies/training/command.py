@@ -2,52 +2,39 @@
 
 import errno
 import os
-import shlex
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from wayfield.policies.training.checkpoints import BEST, CURVE
+from wayfield.envs.command_line import SEED, OneLineErrors, words_given
+from wayfield.envs.scenarios import TASKS, TaskSpec
+from wayfield.envs.storage import clear_stale
+from wayfield.policies.training.checkpoints import BEST, CURVE, RUN
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
-from wayfield.policies.training.run import Job, Report, check_folder
+from wayfield.policies.training.run import Job, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
 
-
-class _OneLine(click.Command):
-    """A command whose every refusal is one line on stderr: status 2 for wrong input, 1 for the rest."""
-
-    def main(self, *args: Any, **kwargs: Any) -> NoReturn:
-        """Runs the command and exits."""
-        kwargs["standalone_mode"] = False
-        try:
-            status = super().main(*args, **kwargs)
-        except click.ClickException as error:
-            self._exit(error.exit_code, error.format_message())
-        except (click.Abort, KeyboardInterrupt):
-            self._exit(130, "interrupted twice; go on from the last save with --resume")
-        except OSError as error:
-            if error.errno == errno.ENOSPC:
-                self._exit(1, "the disk is full; the last save stands, go on from it with --resume")
-            self._exit(1, str(error))
-        sys.exit(status if isinstance(status, int) else 0)
-
-    def _exit(self, status: int, message: str) -> NoReturn:
-        click.echo(f"train: {' '.join(message.split())}", err=True)
-        sys.exit(status)
+MOST_SEEDS = 1000
+CURVES = "curves.png"
 
 
-@click.command(cls=_OneLine, name="train.py")
+class _Train(OneLineErrors):
+    interrupted = "interrupted; where a run has saved, --resume goes on from there"
+
+
+@click.command(cls=_Train, name="train.py")
 @click.argument("env_id")
 @click.option("--preset", "name", help=f"What is trained and how: {', '.join(PRESETS)}; default: the environment's.")
 @click.option("--steps", type=int, help="Frames, in place of the preset's.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first seed.")
-@click.option("--seeds", type=click.IntRange(min=1), default=1, show_default=True, help="Runs, side by side.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="The first seed.")
+@click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, show_default=True, help="Runs, side by side.")
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: results/training/PRESET."
 )
@@ -62,11 +49,12 @@ def main(
     out: Path | None,
     resume: bool,
     settings: tuple[str, ...],
-) -> int:
+) -> None:
     """Trains an agent by PPO on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0.
 
     In the folder: a folder seed_N for every seed, with best/ (the agent that did best on validation scenarios),
-    last.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds. Ctrl-C saves.
+    last.safetensors and previous.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds.
+    Ctrl-C and SIGTERM save.
     """
     if steps is not None:
         settings = (*settings, f"steps={steps}")
@@ -74,7 +62,7 @@ def main(
         preset = overridden(preset_for(env_id, name), settings)
         folder = Path("results/training") / preset.name if out is None else out
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        command = shlex.join(["python", "train.py", *sys.argv[1:]])
+        command = f"python train.py {words_given()}"
         jobs = [
             Job(
                 env_id,
@@ -82,7 +70,7 @@ def main(
                 settings,
                 each,
                 folder / f"seed_{each}",
-                resume and (folder / f"seed_{each}").exists(),
+                resume and (folder / f"seed_{each}" / RUN).exists(),
                 max(1, cores // seeds),
                 command,
             )
@@ -90,16 +78,45 @@ def main(
         ]
         if resume and not any(job.resume for job in jobs):
             raise ValueError(f"{folder} holds no run to resume")
+        check_out(folder)
         for job in jobs:
             check_folder(job)
+            if job.folder.exists():
+                with held(job.folder):  # or say at once that another process does
+                    pass
         last = _trained(jobs, min(cores, seeds))
+        drawn = [job.folder for job in jobs if (job.folder / CURVE).exists()]
+        if drawn:
+            clear_stale(folder)
+            draw_curves(drawn, preset.task, folder / CURVES, f"{env_id}, preset {preset.name}: validation")
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    status = _told(jobs, last, preset)
-    drawn = [job.folder for job in jobs if (job.folder / CURVE).exists()]
-    if drawn:
-        draw_curves(drawn, preset.task, folder / "curves.png", f"{env_id}, preset {preset.name}: validation")
-    return status
+    except FloatingPointError as error:
+        raise click.ClickException(str(error)) from None
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        raise click.ClickException("the disk is full; what was saved before stands, --resume goes on from it") from None
+    sys.exit(_told(jobs, last, preset))
+
+
+def check_out(folder: Path) -> None:
+    """Raises ValueError unless a folder can be made or written in, and is empty or holds training runs."""
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:  # TensorBoard's writer would fail on it later
+        raise ValueError(
+            f"--out {str(folder)!a} has characters that this locale cannot name; set PYTHONUTF8=1 or choose another"
+        ) from None
+    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(each))
+    if not there.is_dir():
+        raise ValueError(f"--out {folder} cannot be a folder: {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ValueError(f"--out {folder} cannot be written: no permission in {there}")
+    if folder.exists():
+        names = [each.name for each in folder.iterdir() if not each.name.startswith(".")]
+        if names and not any(re.fullmatch(r"seed_\d+", name) for name in names):
+            raise ValueError(f"--out {folder} is not empty and holds no training runs; choose another")
 
 
 def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
@@ -115,20 +132,24 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         transient=True,  # what is left is what `_told` says, or one line about what went wrong
     ) as bar:
         tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.preset.steps, score="") for job in jobs}
-        kind = jobs[0].preset.task
+        task = TASKS[jobs[0].preset.task]
+
+        noted = set()
 
         def show(report: Report) -> None:
-            fields: Any = {} if report.row is None else {"score": _scores(report.row, kind)}
+            if report.note and report.seed not in noted:
+                noted.add(report.seed)
+                console.print(f"seed {report.seed}: {report.note}", markup=False, highlight=False, soft_wrap=True)
+            fields: Any = {} if report.row is None else {"score": _scores(report.row, task)}
             bar.update(tasks[report.seed], completed=report.frames, **fields)
 
         return train_all(jobs, at_once, show)
 
 
-def _scores(row: Any, task: str) -> str:
+def _scores(row: Any, task: TaskSpec) -> str:
     """Returns a validation in few words."""
-    failed = "left" if task == "path_following" else "collided"
-    error = f"error {100.0 * row['error']:.2f} cm" if task == "path_following" else f"time {row['error']:.1f} s"
-    return f"success {row['success']:.0%}, {failed} {row['collision']:.0%}, {error}, return {row['return']:.1f}"
+    cost = f"{task.cost.name} {row['error']:.{task.cost.decimals}f} {task.cost.unit}"
+    return f"success {row['success']:.0%}, {task.failed} {row['collision']:.0%}, {cost}, return {row['return']:.1f}"
 
 
 def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
@@ -137,13 +158,15 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
     for job, report in zip(jobs, last, strict=True):
         if report.error:
             click.echo(f"seed {job.seed}: {report.error}", err=True)
-            status = 1
+            status = status or 1
             continue
+        if report.stopped:
+            status = 128 + report.stopped
         total = sum(report.seconds.values())
         shares = ", ".join(f"{name} {value / total:.0%}" for name, value in report.seconds.items() if value)
         training = total - report.seconds.get("validation", 0.0)
         speed = f"{report.frames / training:,.0f} frames/s" if training else "nothing"
-        found = _scores(report.row, preset.task) if report.row else "no validation yet"
+        found = _scores(report.row, TASKS[preset.task]) if report.row else "no validation yet"
         end = "done" if report.done else "stopped, go on with --resume"
         click.echo(f"seed {job.seed}: {end}; {speed} ({shares}); last validation: {found}; {job.folder / BEST}")
     return status

@@ -1,26 +1,66 @@
 """The figure of learning curves."""
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+from wayfield.envs.checks import shown
+from wayfield.envs.readers import of_folder, reader
+from wayfield.envs.storage import write_whole
+from wayfield.policies.learned.reading import MOST_TEXT, read_bytes
 from wayfield.policies.training.checkpoints import CURVE
+
+
+class Panel(NamedTuple):
+    """What a panel shows."""
+
+    column: str  # of the curve
+    label: str
+    share: bool = False  # from 0 to 1
+    scale: str = "linear"
+
 
 PANELS = {
     "path_following": (
-        ("success", "success"),
-        ("error", "cross-track RMS, IQM (m)"),
-        ("p95", "its 95th percentile (m)"),
+        Panel("success", "success", share=True),
+        Panel("error", "cross-track RMS, IQM (m)", scale="log"),
+        Panel("p95", "its 95th percentile (m)", scale="log"),
     ),
-    "goal_reaching": (("success", "success"), ("collision", "collisions"), ("error", "time to the goal, IQM (s)")),
+    "goal_reaching": (
+        Panel("success", "success", share=True),
+        Panel("collision", "collisions", share=True),
+        Panel("error", "time to the goal, IQM (s)"),
+    ),
 }
 
 
+_SAMPLE = "frames,success,collision,error,p95\n1024,0.5,0,0.1,0.3\n2048,1.0,0,0.05,0.2\n"
+
+
+@reader("learning curve", CURVE, {CURVE: _SAMPLE}, of_folder)
 def read_curve(folder: Path) -> dict[str, list[float]]:
-    """Returns the columns of a run's learning curve."""
-    with open(folder / CURVE, newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
-    return {name: [float(row[name]) for row in rows] for name in rows[0]}
+    """Returns the columns of a run's learning curve.
+
+    Raises:
+        ValueError: naming the file, the row, the field and its value, if it is damaged.
+    """
+    file = folder / CURVE
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_bytes(file, MOST_TEXT).decode("utf-8")), strict=True))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{file} is no CSV of text: {error}") from None
+    if not rows or not {"frames", *(panel.column for panels in PANELS.values() for panel in panels)} <= set(rows[0]):
+        raise ValueError(f"{file} holds no learning curve: it must have rows, and columns such as frames and success")
+    curve: dict[str, list[float]] = {name: [] for name in rows[0]}
+    for k, row in enumerate(rows):
+        for name, value in row.items():
+            try:
+                curve[name].append(float(value))
+            except (ValueError, TypeError, KeyError):
+                raise ValueError(f"{file}: {name} of row {k + 1} must be a number, got {shown(value)}") from None
+    return curve
 
 
 def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> None:
@@ -28,19 +68,20 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
     from matplotlib.figure import Figure
 
     figure = Figure((10.0, 3.2), layout="constrained")
-    panels = figure.subplots(1, 3)
+    axes = figure.subplots(1, len(PANELS[task]))
     for folder in folders:
         curve = read_curve(folder)
         frames = [each / 1e6 for each in curve["frames"]]
-        for panel, (name, _) in zip(panels, PANELS[task], strict=True):
-            panel.plot(frames, curve[name], linewidth=1.0, alpha=0.8, label=folder.name)
-    for panel, (name, label) in zip(panels, PANELS[task], strict=True):
-        panel.set_xlabel("million frames")
-        panel.set_ylabel(label)
-        if name in ("success", "collision"):
-            panel.set_ylim(-0.02, 1.02)
-        elif task == "path_following":
-            panel.set_yscale("log")
-    panels[0].legend(fontsize="small", frameon=False)
+        for axis, panel in zip(axes, PANELS[task], strict=True):
+            axis.plot(frames, curve[panel.column], linewidth=1.0, alpha=0.8, label=folder.name)
+    for axis, panel in zip(axes, PANELS[task], strict=True):
+        axis.set_xlabel("million frames")
+        axis.set_ylabel(panel.label)
+        axis.set_yscale(panel.scale)
+        if panel.share:
+            axis.set_ylim(-0.02, 1.02)
+    axes[0].legend(fontsize="small", frameon=False)
     figure.suptitle(title, fontsize="medium")
-    figure.savefig(file)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format=file.suffix.removeprefix("."))
+    write_whole(file, drawn.getvalue())

@@ -12,12 +12,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
-from wayfield.policies.features import Perception
-from wayfield.policies.training.lessons import teach
+from wayfield.envs.sb3 import NativeVecEnv
+from wayfield.policies.learned.perception import Perception
+from wayfield.policies.training.imitation import teach
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.shaping import Shaped
-from wayfield.policies.training.worlds import Worlds
 
+MOST_INPUTS = 2**29  # numbers of a rollout: 2 GiB
 Layers = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
@@ -34,8 +35,13 @@ class Learner:
     def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
         self.preset = preset
         self.seed = seed
-        self.seconds = dict.fromkeys(("lessons", "environment", "rollout policy", "update", "validation"), 0.0)
+        self.seconds = dict.fromkeys(("imitation", "environment", "rollout policy", "update", "validation"), 0.0)
         self.env = make_worlds(preset, env_id)
+        inputs = preset.num_envs * preset.horizon * self.env.perception.num_inputs
+        if inputs > MOST_INPUTS:
+            raise ValueError(
+                f"num_envs x horizon x inputs is {inputs}; a rollout is kept in memory, at most {MOST_INPUTS} numbers"
+            )
         self.env.seed(seed)
         self._timed = Timed(self.env, self.seconds)
         self.ppo = PPO(
@@ -46,7 +52,7 @@ class Learner:
             batch_size=min(preset.batch_size, preset.num_envs * preset.horizon),
             n_epochs=preset.epochs,
             gamma=preset.discount,
-            gae_lambda=preset.trace,
+            gae_lambda=preset.gae_lambda,
             clip_range=_anneal(preset.clip, preset.final_clip),
             ent_coef=preset.entropy,
             max_grad_norm=preset.max_grad_norm,
@@ -64,13 +70,14 @@ class Learner:
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
 
     def teach(self) -> Iterator[int]:
-        """Gives the lessons of the preset, and yields the number of frames seen so far."""
+        """Runs the imitation of the preset, and yields the number of frames seen so far."""
         preset, seconds = self.preset, self._timed.seconds
-        self._timed.seconds = dict(seconds)  # the environment's part of the lessons counts as lessons
+        self._timed.seconds = dict(seconds)  # the environment's part of the imitation counts as imitation
         began = time.perf_counter()
         frames = 0
-        for frames in teach(self.ppo, self.env, preset.controller_at, preset.lessons, preset.lesson_rate, self.seed):
-            self.seconds["lessons"] = time.perf_counter() - began
+        numbers = preset.imitation, preset.imitation_rate, self.seed
+        for frames in teach(self.ppo, self.env, preset.controller_at, *numbers):
+            self.seconds["imitation"] = time.perf_counter() - began
             yield frames
         self._timed.seconds = seconds
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
@@ -82,7 +89,11 @@ class Learner:
         return self.ppo.num_timesteps
 
     def update(self) -> dict[str, float]:
-        """Collects one rollout and learns from it; returns what PPO logs."""
+        """Collects one rollout and learns from it; returns what PPO logs.
+
+        Raises:
+            FloatingPointError: if the policy's numbers are no longer finite.
+        """
         self.env.share = self.frames / self.preset.steps
         began = time.perf_counter()
         inside = self.seconds["environment"]
@@ -90,12 +101,26 @@ class Learner:
         middle = time.perf_counter()
         self.seconds["rollout policy"] += middle - began - (self.seconds["environment"] - inside)
         self.ppo._update_current_progress_remaining(self.frames, self.preset.steps)
-        self.ppo.train()
+        try:
+            self.ppo.train()
+        except ValueError as error:  # torch refuses to make a distribution of what is not finite
+            self.check_finite()
+            raise RuntimeError(f"PPO's update failed: {error}") from error
+        self.check_finite()
         self.seconds["update"] += time.perf_counter() - middle
         rewards = float(self.ppo.rollout_buffer.rewards.mean()) / (1.0 - self.preset.discount)
         logged = {key.removeprefix("train/"): float(value) for key, value in self.ppo.logger.name_to_value.items()}
         self.ppo.logger.name_to_value.clear()
         return {"reward": rewards, **logged}
+
+    def check_finite(self) -> None:
+        """Raises FloatingPointError unless all numbers of the policy, its critic included, are finite."""
+        for name, tensor in self.ppo.policy.state_dict().items():
+            if not torch.isfinite(tensor).all():
+                raise FloatingPointError(
+                    f"the training diverged: {name} is not finite after {self.frames} frames; a lower learning_rate "
+                    "or max_grad_norm may help; what was saved before stands"
+                )
 
     def layers(self) -> Layers:
         """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer."""
@@ -197,8 +222,8 @@ class Timed(VecEnv):
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
     robot = {} if preset.robot is None else {"robot": preset.robot}
-    clock = {"max_episode_steps": preset.clock}
-    worlds = Worlds(env_id, [(count, {**robot, **clock, **kwargs}) for count, kwargs, _ in preset.parts])
+    limit = {"max_episode_steps": preset.time_limit}
+    worlds = NativeVecEnv(env_id, [(count, {**robot, **limit, **kwargs}) for count, kwargs, _ in preset.parts])
     ways = None
     if preset.shortest_ways:
         from wayfield.policies.training.ways import Ways

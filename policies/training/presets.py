@@ -1,31 +1,37 @@
 """What is trained, and how: one frozen dataclass, an instance of it for each task and variant."""
 
 import dataclasses
-import difflib
 import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
+from wayfield.envs.checks import choose, shown, suggestion
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.task import choose
+from wayfield.envs.scenarios import TASKS
 from wayfield.policies import POLICIES
-from wayfield.policies.base import Base, controller_at
-from wayfield.policies.features import Actions, Features, GoalFeatures, PathFeatures
+from wayfield.policies.learned.agent import check_hidden
+from wayfield.policies.learned.perception import Actions, Features, GoalFeatures, PathFeatures
+from wayfield.policies.learned.residual import Base, controller_at
 from wayfield.policies.policy import Policy
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward
 from wayfield.policies.tuned import tuned_gains
-
-SUITES = {"path_following": "path-following", "goal_reaching": "goal-obstacles"}  # of tuned gains, by task
 
 World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword arguments of the environment
 
 
 _LEAST = {
-    **dict.fromkeys(("num_envs", "horizon", "epochs", "validations", "clock"), 1),
+    **dict.fromkeys(("num_envs", "horizon", "epochs", "validations", "time_limit"), 1),
     "batch_size": 2,  # one has no spread to normalise by
-    **dict.fromkeys(("final_learning_rate", "lesson_rate", "final_clip", "entropy", "reach", "patience"), 0),
+    **dict.fromkeys(("final_learning_rate", "imitation_rate", "final_clip", "entropy", "reach", "patience"), 0),
+}
+_MOST = {
+    **dict.fromkeys(("num_envs", "horizon"), 2**16),
+    "batch_size": 2**22,
+    **dict.fromkeys(("epochs", "validations", "patience"), 10**5),
+    "time_limit": 10**6,
+    "steps": 10**12,
 }
 
 
@@ -59,7 +65,7 @@ class Preset:
     clip: float = 0.2
     final_clip: float = 0.05
     discount: float = 0.975
-    trace: float = 0.95  # lambda of the advantage estimate
+    gae_lambda: float = 0.95  # of the advantage estimate
     entropy: float = 0.0
     log_std: float = -1.4  # of the actions, at the start
     target_kl: float = 0.02
@@ -69,12 +75,12 @@ class Preset:
     validations: int = 12  # in a run
     controller: str = ""  # a policy of the suite that the network is taught by or adds to; none
     controller_gains: Literal["default", "tuned"] = "tuned"
-    lessons: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
-    lesson_rate: float = 1e-3
+    imitation: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
+    imitation_rate: float = 1e-3
     reach: float = 0.0  # how much the network may add to the controller's twist, see `Base`; 0: it drives by itself
     shortest_ways: bool = False  # progress is measured along the shortest way, which the teacher knows
     patience: int = 0  # validations without a better one after which a run ends; 0 goes on to the last frame
-    clock: int = 1200  # control periods of an episode
+    time_limit: int = 1200  # control periods of an episode
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -84,6 +90,9 @@ class Preset:
         for name, least in _LEAST.items():
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        for name, most in _MOST.items():
+            if getattr(self, name) > most:
+                raise ValueError(f"{name} must be at most {most}, got {getattr(self, name)}")
         if self.steps < self.num_envs * self.horizon:
             raise ValueError(
                 f"steps is {self.steps}; it must be at least one update, num_envs x horizon = "
@@ -92,26 +101,27 @@ class Preset:
         for name in ("learning_rate", "clip", "max_grad_norm", "target_kl", "speed"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
-        for name in ("discount", "trace"):
+        for name in ("discount", "gae_lambda"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}")
         if not self.paces or min(self.paces) <= 0.0:
             raise ValueError(f"paces must be speeds above 0, got {self.paces}")
         if min(count for count, _, _ in self.parts) < 1:
             raise ValueError(f"num_envs is {self.num_envs}: too few robots for {len(self.parts)} worlds and paces")
-        if (self.lessons > 0) + (self.reach > 0.0) != (self.controller != ""):
+        if (self.imitation > 0) + (self.reach > 0.0) != (self.controller != ""):
             raise ValueError(
-                f"controller is {self.controller!r} with lessons {self.lessons} and reach {self.reach}; a controller "
-                "either teaches (lessons > 0) or is added to (reach > 0)"
+                f"controller is {self.controller!r} with imitation {self.imitation} and reach {self.reach}; a "
+                "controller either teaches (imitation > 0) or is added to (reach > 0)"
             )
         if self.controller:
             choose("controller", self.controller, POLICIES)
-        if not 0 <= self.lessons < self.steps:
-            raise ValueError(f"lessons must be from 0 to under steps, {self.steps}, got {self.lessons}")
+        if not 0 <= self.imitation < self.steps:
+            raise ValueError(f"imitation must be from 0 to under steps, {self.steps}, got {self.imitation}")
         if self.controller and self.features.observation not in self.controller_at(self.speed).observes:
             raise ValueError(f"controller {self.controller!r} does not read observations of {self.task}")
-        if not self.hidden or min(self.hidden) < 1:
-            raise ValueError(f"hidden must be sizes of at least 1, got {self.hidden}")
+        if not self.hidden:
+            raise ValueError("hidden must be sizes of at least one layer, got none")
+        check_hidden(self.hidden)
 
     @property
     def parts(self) -> list[tuple[int, Mapping[str, Any], float]]:
@@ -124,7 +134,7 @@ class Preset:
     @property
     def gains(self) -> dict[str, Any]:
         """Returns the gains of the controller."""
-        return tuned_gains(self.controller, SUITES[self.task]) if self.controller_gains == "tuned" else {}
+        return tuned_gains(self.controller, TASKS[self.task].suite) if self.controller_gains == "tuned" else {}
 
     @property
     def base(self) -> Base | None:
@@ -166,7 +176,7 @@ _PATH_TAUGHT = dataclasses.replace(
     reward=PathReward(error_rate=20.0, leniency=1.0, stall_cost=1.0, final_stall_cost=0.6),
     measured="10 of 10 seeds reach it within 25 s and end after 83 to 98 s, two side by side on two cores",
     controller="regulated_pure_pursuit",
-    lessons=500_000,
+    imitation=500_000,
     # larger steps forget what was taught
     learning_rate=5e-4,
     log_std=-1.8,
@@ -177,7 +187,7 @@ _PATH_ADDING = dataclasses.replace(
     _PATH_TAUGHT,
     name="path_following_residual",
     measured="5 of 5 seeds reach it; 155 to 216 s, two side by side on two cores beside other work",
-    lessons=0,
+    imitation=0,
     reach=0.25,
 )
 
@@ -206,7 +216,7 @@ _DIFF_GOAL = Preset(
     final_clip=0.1,
     target_kl=0.03,
     shortest_ways=True,
-    clock=600,
+    time_limit=600,
 )
 
 # With no front that keeps a course, an omni base forgets which way round it was going: it is taught, and drops crumbs.
@@ -219,7 +229,7 @@ _OMNI3_GOAL = dataclasses.replace(
     measured="4 of 10 seeds reach it, one collides there; 210 to 239 s, two side by side on two cores",
     robot="omni3",
     controller="vfh_plus",
-    lessons=1_500_000,
+    imitation=1_500_000,
     learning_rate=5e-4,
     log_std=-1.2,
 )
@@ -259,13 +269,15 @@ def preset_for(env_id: str, name: str | None) -> Preset:
     """
     ids = sorted({each for preset in PRESETS.values() for each in preset.env_ids})
     if env_id not in ids:
-        raise ValueError(f"environment {env_id!r} has no preset.{_near(env_id, ids)} Choose from {', '.join(ids)}.")
+        near = suggestion(env_id, ids)
+        raise ValueError(f"environment {shown(env_id)} has no preset.{near} Choose from {', '.join(ids)}.")
     fitting = [preset for preset in PRESETS.values() if env_id in preset.env_ids]
     if name is None:
         return fitting[0]
     names = [preset.name for preset in fitting]
     if name not in PRESETS:
-        raise ValueError(f"preset {name!r} is unknown.{_near(name, PRESETS)} For {env_id}: {', '.join(names)}.")
+        near = suggestion(name, PRESETS)
+        raise ValueError(f"preset {shown(name)} is unknown.{near} For {env_id}: {', '.join(names)}.")
     if name not in names:
         raise ValueError(
             f"preset {name!r} is for {', '.join(PRESETS[name].env_ids)}. For {env_id}: {', '.join(names)}."
@@ -283,7 +295,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals:
-            raise ValueError(f"--set {setting!r} must be key=value")
+            raise ValueError(f"--set {shown(setting)} must be key=value")
         name, *rest = key.split(".")
         part = changes.get(name, vars(preset).get(name))
         changes[name] = _new(preset, part, key, [name, *rest], text)
@@ -291,7 +303,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
         # all at once: one may be right only beside another
         return dataclasses.replace(preset, **changes)
     except ValueError as error:
-        raise ValueError(f"--set {' '.join(settings)}: {error}") from None
+        raise ValueError(f"--set {' '.join(settings)[:200]}: {error}") from None
 
 
 def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
@@ -299,10 +311,11 @@ def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
     known = {field.name for field in dataclasses.fields(owner) if not _hidden(getattr(owner, field.name))}
     known -= {"name", "bar", "measured", "task", "env_ids"}
     if names[0] not in known:
-        raise ValueError(f"key {key!r} is unknown.{_near(names[0], known)} Choose from {', '.join(sorted(known))}.")
+        near = suggestion(names[0], known)
+        raise ValueError(f"key {shown(key)} is unknown.{near} Choose from {', '.join(sorted(known))}.")
     if not dataclasses.is_dataclass(value):
         if len(names) > 1:
-            raise ValueError(f"key {key!r} is unknown: {names[0]} has no parts")
+            raise ValueError(f"key {shown(key)} is unknown: {names[0]} has no parts")
         return _parsed(key, text, typing.get_type_hints(type(owner))[names[0]])
     if len(names) == 1:
         inside = ", ".join(f"{names[0]}.{field.name}" for field in dataclasses.fields(value))
@@ -311,7 +324,7 @@ def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
     try:
         return dataclasses.replace(value, **{names[1]: new})  # type: ignore[type-var]
     except ValueError as error:
-        raise ValueError(f"--set {key}={text}: {error}") from None
+        raise ValueError(f"--set {key}={text[:60]}: {error}") from None
 
 
 def _hidden(value: Any) -> bool:
@@ -332,7 +345,7 @@ def _parsed(key: str, text: str, kind: Any) -> Any:
         return text
     if origin is Literal:
         if text not in typing.get_args(kind):
-            raise ValueError(f"{key} must be one of {', '.join(typing.get_args(kind))}, got {text!r}")
+            raise ValueError(f"{key} must be one of {', '.join(typing.get_args(kind))}, got {shown(text)}")
         return text
     if origin is tuple:
         each_kind = typing.get_args(kind)[0]
@@ -350,9 +363,4 @@ def _parsed(key: str, text: str, kind: Any) -> Any:
         raise TypeError(f"{key} has the kind {kind}, which no text gives")
     except (ValueError, KeyError):
         names = {bool: "true or false", int: "a whole number", float: "a finite number"}
-        raise ValueError(f"{key} must be {names[kind]}, got {text!r}") from None
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(known), 1, 0.4)
-    return f" Did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"{key} must be {names[kind]}, got {shown(text)}") from None

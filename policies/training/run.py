@@ -8,7 +8,7 @@ import platform
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,16 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.tensorboard.writer import SummaryWriter
 
-from wayfield.policies.agent import FORMAT, Agent, Network, save_agent, weights_digest
+from wayfield.envs.checks import shown
+from wayfield.envs.scenarios import TASKS
+from wayfield.envs.storage import clear_stale, locked
+from wayfield.policies.learned.agent import Agent, Network, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.validation import Score, validate
 
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
-VALIDATION_CLOCK = {"path_following": 2400, "goal_reaching": 1200}  # control periods, those of the contests
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,14 +62,19 @@ class Report:
     row: Mapping[str, float] | None = None  # of the curve, after a validation
     seconds: Mapping[str, float] = dataclasses.field(default_factory=dict)
     done: bool = False
+    stopped: int = 0  # the number of the signal that it was stopped by
+    note: str = ""  # what the user should know of a run that goes on
     error: str = ""
 
 
 def check_folder(job: Job) -> None:
     """Raises ValueError when the folder holds another run, or this one and it was not asked to be resumed."""
+    if job.folder.exists() and not job.folder.is_dir():
+        raise ValueError(f"{job.folder} is no folder; choose another --out")
     there = checkpoints.read_run(job.folder)
     if there is None:
-        if job.folder.exists() and any(job.folder.iterdir()):
+        # what begins with a dot is the lock, or what was left half-written
+        if job.folder.exists() and any(not each.name.startswith(".") for each in job.folder.iterdir()):
             raise ValueError(f"{job.folder} is not empty and holds no training run; choose another --out")
         if job.resume:
             raise ValueError(f"{job.folder} holds no run to resume")
@@ -77,43 +84,86 @@ def check_folder(job: Job) -> None:
     for key, value in job.described().items():
         if there[key] != value:
             raise ValueError(
-                f"{job.folder} holds a run with {key} {there[key]!r}, not {value!r}; it cannot be resumed so"
+                f"{job.folder} holds a run with {key} {shown(there[key])}, not {shown(value)}; it cannot be resumed so"
             )
 
 
-def train(job: Job, report: Callable[[Report], None]) -> Report:
-    """Runs a job to its end, or until Ctrl-C, which saves; returns the last report.
+@contextlib.contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Holds a run's folder while the block runs, and clears what dead processes left there half-written.
+
+    A folder that is made for it goes again if no run begins in it.
+
+    Raises:
+        BlockingIOError: if another process trains in it.
+    """
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with locked(folder / checkpoints.LOCK, f"{folder} is being written by another training; wait for it to end"):
+            clear_stale(folder)
+            yield
+    finally:
+        if made and not (folder / checkpoints.RUN).exists():
+            with contextlib.suppress(OSError):
+                (folder / checkpoints.LOCK).unlink(missing_ok=True)
+                for each in made:
+                    each.rmdir()
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def train(
+    job: Job,
+    report: Callable[[Report], None],
+    signals: Sequence[signal.Signals] = SIGNALS,
+    asked: Callable[[], bool] = lambda: False,
+) -> Report:
+    """Runs a job to its end, or until Ctrl-C or SIGTERM, which save; returns the last report.
+
+    Args:
+        signals: those that save and end the run.
+        asked: tells whether something else asks for the same.
 
     Raises:
         ValueError: if the folder holds another run, or files in it are damaged.
-        OSError: if a checkpoint cannot be written; the last one stands.
+        FloatingPointError: if the training diverged; the last checkpoint stands.
+        OSError: if a checkpoint cannot be written; the last one stands. BlockingIOError if another process holds the
+            folder.
     """
     check_folder(job)
     torch.set_num_threads(job.threads)
-    run = _Run(job)
-    with interruptible() as interrupted:
-        return run.go(report, interrupted)
+    learner = Learner(job.preset, job.env_id, job.seed)  # refuses what cannot be before anything is written
+    with held(job.folder):
+        check_folder(job)
+        run = _Run(job, learner)
+        with interruptible(signals) as interrupted:
+            last = run.go(report, lambda: interrupted.number > 0 or asked())
+    return last if last.done else dataclasses.replace(last, stopped=interrupted.number)
 
 
 class _Run:
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, learner: Learner) -> None:
         self.job = job
         self.preset = preset = job.preset
-        state = checkpoints.read_state(job.folder) if job.resume else None
-        self.learner = Learner(preset, job.env_id, job.seed)
+        self.learner = learner
+        state, self.note = checkpoints.last_state(job.folder) if job.resume else (None, "")
         self.updates = 0
-        self.total = math.ceil((preset.steps - preset.lessons) / (preset.num_envs * preset.horizon))
+        self.total = math.ceil((preset.steps - preset.imitation) / (preset.num_envs * preset.horizon))
         self.interval = max(1, round(self.total / preset.validations))
         self.rows: list[dict[str, float]] = []
         self.seconds = 0.0
         self.best: Layers = []
         self.best_row: dict[str, float] = {}
         self.kwargs = dict(preset.validation) | ({} if preset.robot is None else {"robot": preset.robot})
-        self.taught = state is not None or not preset.lessons
+        self.taught = state is not None or not preset.imitation
         if state is not None:
             try:
                 self._restore(*state)
-            except (KeyError, IndexError, TypeError, RuntimeError, StopIteration, ValueError) as error:
+            except (
+                LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, StopIteration, ValueError,
+            ) as error:  # fmt: skip
                 raise ValueError(f"{job.folder / checkpoints.LAST} is damaged or of another run: {error}") from None
         elif not job.resume:
             checkpoints.write_run(
@@ -122,17 +172,18 @@ class _Run:
         purged = self.learner.frames + 1 if self.learner.frames else None  # what was cut off is drawn anew
         self.writer = SummaryWriter(str(job.folder / "tensorboard"), purge_step=purged)
 
-    def go(self, report: Callable[[Report], None], interrupted: threading.Event) -> Report:
+    def go(self, report: Callable[[Report], None], interrupted: Callable[[], bool]) -> Report:
         if not self.taught:
             began = time.perf_counter()
             for frames in self.learner.teach():
                 report(dataclasses.replace(self._report(None), frames=frames))
-                if interrupted.is_set():  # lessons are short: they are given anew
+                if interrupted():  # imitation is short: it begins anew
                     self.writer.close()
                     return dataclasses.replace(self._report(None), frames=0)
+            self.learner.check_finite()
             self.taught = True
             self.seconds = time.perf_counter() - began
-        while self.updates < self.total and not interrupted.is_set() and not self._given_up():
+        while self.updates < self.total and not interrupted() and not self._given_up():
             began = time.perf_counter()
             logged = self.learner.update()
             self.updates += 1
@@ -156,7 +207,9 @@ class _Run:
         return bool(patience and self.rows and self.updates - self.best_row["updates"] >= patience * self.interval)
 
     def _report(self, row: Mapping[str, float] | None) -> Report:
-        return Report(self.job.seed, self.learner.frames, self.preset.steps, row, dict(self.learner.seconds))
+        return Report(
+            self.job.seed, self.learner.frames, self.preset.steps, row, dict(self.learner.seconds), note=self.note
+        )
 
     def _validate(self, logged: Mapping[str, float]) -> None:
         began = time.perf_counter()
@@ -165,7 +218,7 @@ class _Run:
         card = self._card(layers, {})
         preset = self.preset
         agent: Any = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
-        score = validate(agent, self.job.env_id, self.kwargs, VALIDATION_CLOCK[self.preset.task])
+        score = validate(agent, self.job.env_id, self.kwargs, TASKS[self.preset.task].clock)
         took = time.perf_counter() - began
         self.learner.seconds["validation"] += took
         self.seconds += took
@@ -217,7 +270,6 @@ class _Run:
     def _card(self, layers: Layers, row: Mapping[str, float]) -> dict[str, Any]:
         preset, task = self.preset, self.learner.env.worlds.task
         return {
-            "format": FORMAT,
             "name": f"{preset.name}, seed {self.job.seed}",
             "env_id": self.job.env_id,
             "env_kwargs": self.kwargs,
@@ -238,7 +290,7 @@ class _Run:
             "sha256": weights_digest(layers),
             "training": {
                 **self.job.described(),
-                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.lessons else {}),
+                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.imitation else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),
@@ -264,21 +316,28 @@ def versions() -> dict[str, str]:
     return found
 
 
+class Interrupted:
+    """The number of the signal that asked a run to end between two updates; 0 while none did."""
+
+    number = 0
+
+
 @contextlib.contextmanager
-def interruptible() -> Iterator[threading.Event]:
-    """Yields an event that Ctrl-C sets, so that a run can end between two updates; a second Ctrl-C cuts it off."""
-    event = threading.Event()
+def interruptible(signals: Sequence[signal.Signals] = SIGNALS) -> Iterator[Interrupted]:
+    """Yields what signals tell, so that a run can end between two updates; a second signal cuts it off."""
+    interrupted = Interrupted()
     if threading.current_thread() is not threading.main_thread():
-        yield event
+        yield interrupted
         return
 
     def stop(number: int, frame: Any) -> None:
-        if event.is_set():
+        if interrupted.number:
             raise KeyboardInterrupt
-        event.set()
+        interrupted.number = number
 
-    before = signal.signal(signal.SIGINT, stop)
+    before = {each: signal.signal(each, stop) for each in signals}
     try:
-        yield event
+        yield interrupted
     finally:
-        signal.signal(signal.SIGINT, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)

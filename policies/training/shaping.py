@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from wayfield.policies.agent import commanded
-from wayfield.policies.base import Base
-from wayfield.policies.features import Perception
-from wayfield.policies.policy import Pilot, Policy, check_gain
-from wayfield.policies.training.worlds import Worlds
+from wayfield.envs.sb3 import NativeVecEnv
+from wayfield.policies.learned.agent import commanded
+from wayfield.policies.learned.perception import Perception
+from wayfield.policies.learned.residual import Base
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.policy import Policy, check_gain
 
 Array = NDArray[np.float64]
 
@@ -101,12 +102,12 @@ class Shaped(VecEnv):
 
     def __init__(
         self,
-        worlds: Worlds,
+        worlds: NativeVecEnv,
         perception: Perception,
         reward: Reward,
         paces: Sequence[float],
         discount: float,
-        ways: Callable[[Worlds], Array] | None = None,
+        ways: Callable[[NativeVecEnv], Array] | None = None,
         base: Base | None = None,
     ) -> None:
         self.worlds = worlds
@@ -155,7 +156,7 @@ class Shaped(VecEnv):
         self._actions = np.clip(actions, -1.0, 1.0)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Moves every robot by one control period; see `Worlds.step_wait`."""
+        """Moves every robot by one control period; see `NativeVecEnv.step_wait`."""
         actions = self._actions
         perception, size = self.perception, self.perception.actions.size
         change = np.square(actions - self.memory[:, :size]).sum(axis=1) if perception.acted else np.zeros(len(actions))

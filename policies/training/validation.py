@@ -12,7 +12,8 @@ from scipy.stats import trim_mean
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.vector import NativeVectorEnv
-from wayfield.policies.policy import Pilot, Policy
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.policy import Policy
 
 Array = NDArray[np.float64]
 
@@ -31,12 +32,51 @@ class Score:
     reward: float  # mean return of the environment's own reward
 
 
+class Followed:
+    """What the cost of a path follower is: its cross-track RMS, weighted by arc length, and 1 m where it failed."""
+
+    def __init__(self, count: int, clock: int, dt: float) -> None:
+        self.squares, self.along = np.zeros(count), np.zeros(count)
+
+    def step(self, before: NDArray[np.void], now: NDArray[np.void], alive: NDArray[np.bool_]) -> None:
+        """Adds a step of the robots that are `alive`, from their states before and after it."""
+        ds = now["arc_length"] - before["arc_length"]
+        mean = 0.5 * (now["cross_track_error"] ** 2 + before["cross_track_error"] ** 2)
+        self.squares += np.where(alive, ds * mean, 0.0)
+        self.along += np.where(alive, ds, 0.0)
+
+    def judged(self, success: Array, failure: Array, steps: Array) -> tuple[float, float, Array]:
+        """Returns the score, minus the IQM minus a quarter of the 95th percentile; the IQM; and the costs (b,), m."""
+        rms = np.sqrt(self.squares / np.maximum(self.along, 1e-9))
+        costs = np.where(success > 0.0, rms, 1.0)
+        error = float(trim_mean(costs, 0.25))
+        return -(error + 0.25 * float(np.percentile(costs, 95))), error, costs
+
+
+class Reached:
+    """What the cost of a goal seeker is: the share of the clock that it took, 1 if it came too late, 2 if it hit."""
+
+    def __init__(self, count: int, clock: int, dt: float) -> None:
+        self.clock, self.dt = clock, dt
+
+    def step(self, before: NDArray[np.void], now: NDArray[np.void], alive: NDArray[np.bool_]) -> None:
+        """Adds nothing: only the end counts."""
+
+    def judged(self, success: Array, failure: Array, steps: Array) -> tuple[float, float, Array]:
+        """Returns the score, minus the mean cost; the IQM of the times of successes; and the times (b,), s."""
+        times = steps * self.dt
+        costs = np.where(success > 0.0, steps / self.clock, 1.0 + failure)
+        error = float(trim_mean(times[success > 0.0], 0.25)) if success.any() else math.nan
+        return -float(costs.mean()), error, np.where(success > 0.0, times, self.clock * self.dt)
+
+
+MEASURES: Mapping[str, type[Followed | Reached]] = {"path_following": Followed, "goal_reaching": Reached}  # by task
+
+
 def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int, seed: int = 1) -> Score:
     """Returns the score of a policy that drives every scenario of a bank once.
 
-    A robot's cost is its cross-track RMS, weighted by arc length, and 1 m where it failed; or the share of the clock
-    that it took to the goal, 1 where it came too late, and 2 where it collided. Paths are scored by minus the IQM minus
-    a quarter of the 95th percentile of the costs, goals by minus their mean.
+    What a run costs, and what the score makes of the costs, is the task's own: see MEASURES.
     """
     probe: Any = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", **kwargs).unwrapped
     count = len(probe.task.scenarios)
@@ -48,11 +88,11 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
     pilot = Pilot(policy, env)
     observations, _ = env.reset(seed=seed, options={"scenario": list(range(count))})
     pilot.reset()
-    on_path = "arc_length" in env.task.info_names
+    task = env.task.spec
+    measure = MEASURES[task.name](count, clock, env.task.options.dt)
     alive = np.ones(count, np.bool_)
     success, failure = np.zeros(count), np.zeros(count)
     steps, returns, driven = np.zeros(count), np.zeros(count), np.zeros(count)
-    squares, along = np.zeros(count), np.zeros(count)
     before = env.batch.states.copy()
     while alive.any():
         observations, rewards, terminated, truncated, info = env.step(pilot.act(observations))  # type: ignore[arg-type]
@@ -60,37 +100,22 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
         steps += alive
         returns += np.where(alive, rewards, 0.0)
         driven += np.where(alive, np.hypot(now["x"] - before["x"], now["y"] - before["y"]), 0.0)
-        if on_path:
-            ds = now["arc_length"] - before["arc_length"]
-            mean = 0.5 * (now["cross_track_error"] ** 2 + before["cross_track_error"] ** 2)
-            squares += np.where(alive, ds * mean, 0.0)
-            along += np.where(alive, ds, 0.0)
+        measure.step(before, now, alive)
         before = now.copy()
         ended = alive & (terminated | truncated)
         success[ended] = info["success"][ended]
-        failure[ended] = info["left_corridor" if on_path else "collision"][ended]
+        failure[ended] = info[task.failure][ended]
         alive &= ~ended
     env.close()
     times = steps * env.task.options.dt
-    if on_path:
-        rms = np.sqrt(squares / np.maximum(along, 1e-9))
-        costs = np.where(success > 0.0, rms, 1.0)
-        error = float(trim_mean(costs, 0.25))
-        p95 = float(np.percentile(costs, 95))
-        score = -(error + 0.25 * p95)
-    else:
-        costs = np.where(success > 0.0, steps / clock, 1.0 + failure)
-        error = float(trim_mean(times[success > 0.0], 0.25)) if success.any() else math.nan
-        p95 = float(np.percentile(np.where(success > 0.0, times, clock * env.task.options.dt), 95))
-        score = -float(costs.mean())
-    shown = costs if on_path else np.where(success > 0.0, times, clock * env.task.options.dt)
+    score, error, shown = measure.judged(success, failure, steps)
     return Score(
         score=score,
         success=float(success.mean()),
         collision=float(failure.mean()),
         error=error,
         median=float(np.median(shown)),
-        p95=p95,
+        p95=float(np.percentile(shown, 95)),
         speed=float((driven / times).mean()),
         reward=float(returns.mean()),
     )

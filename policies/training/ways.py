@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import clearance
+from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GoalScenario
-from wayfield.policies.training.worlds import Worlds
+from wayfield.envs.scenarios.ways import clearances
 
 CELL = 0.1  # m
 MARGIN = 1.0  # m, that a grid goes beyond all that stands
@@ -23,7 +23,7 @@ class Ways:
     hull's reach of an obstacle are passable at ten times the price: a way is never infinite.
     """
 
-    def __init__(self, worlds: Worlds) -> None:
+    def __init__(self, worlds: NativeVecEnv) -> None:
         self.grids = []
         done: dict[str, tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
         for part in worlds.parts:
@@ -43,7 +43,7 @@ class Ways:
                 )
             )
 
-    def __call__(self, worlds: Worlds) -> NDArray[np.float64]:
+    def __call__(self, worlds: NativeVecEnv) -> NDArray[np.float64]:
         """Returns what is left of the way of every robot, m."""
         left = np.empty(worlds.num_envs)
         for grid, part, rows in zip(self.grids, worlds.parts, worlds.rows, strict=True):
@@ -63,23 +63,13 @@ def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.fl
     corners = np.vstack([stops, (centres - reach).T, (centres + reach).T])
     low = corners.min(axis=0) - MARGIN
     columns, rows = (np.ceil((corners.max(axis=0) + MARGIN - low) / CELL).astype(int) + 1).tolist()
-    spare = spare_room(standing, *low.tolist(), rows, columns) - hull_radius
+    spare = np.ascontiguousarray(clearances(standing, *low.tolist(), CELL, columns, rows).T) - hull_radius
     price = np.where(spare < 0.0, 10.0, 1.0 + np.clip(1.0 - spare / DEAR, 0.0, 1.0))
     ways = np.full((rows, columns), np.inf)
     column, row = np.rint((stops[1] - low) / CELL).astype(int).tolist()
     ways[row, column] = 0.0
     sweep(CELL * price, ways)
     return ways.astype(np.float32), low
-
-
-@compiled
-def spare_room(obstacles, x, y, rows, columns):
-    """Returns the clearance (rows, columns) of the nodes of a grid with its first node at (x, y), m."""
-    room = np.empty((rows, columns))
-    for row in range(rows):
-        for column in range(columns):
-            room[row, column] = clearance(obstacles, len(obstacles), x + column * CELL, y + row * CELL)
-    return room
 
 
 @compiled

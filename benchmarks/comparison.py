@@ -1,0 +1,156 @@
+"""A contest as a function: policies in, rows and tables out, nothing written."""
+
+import dataclasses
+import importlib.util
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from wayfield import policies as registry
+from wayfield.benchmarks.cases import Entrant
+from wayfield.benchmarks.contest_options import ContestOptions, WrongOption
+from wayfield.benchmarks.contests import CONTESTS, GAINS
+from wayfield.benchmarks.own_policies import own_object, own_policy
+from wayfield.benchmarks.own_scenario import own_courses
+from wayfield.benchmarks.parts import played
+from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.standings import COMPARED, contest_tables
+from wayfield.benchmarks.suite import Setting
+from wayfield.benchmarks.table import Table
+from wayfield.benchmarks.workers import workers as processes
+from wayfield.envs import checks
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+
+_TEXTS = frozenset(
+    (
+        *(
+            "suite",
+            "contest",
+            "family",
+            "scenario",
+            "robot",
+            "disturbance",
+            "policy",
+            "gains_name",
+            "gains",
+            "dynamics",
+        ),
+        *("actuators", "split", "tier", "knows", "parameters", "learned_from", "agent_seed"),
+    )
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """What a comparison found."""
+
+    episodes: tuple[Row, ...]  # a row for each episode, as in episodes.csv
+    tables: dict[str, Table]  # as a contest's, by the names that their files would have
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Returns a dict for each episode: numbers as numbers, NaN where one does not apply, names as text."""
+        return [
+            {key: cell if key in _TEXTS else number(row, key) for key, cell in row.items()} for row in self.episodes
+        ]
+
+    def frame(self) -> Any:
+        """Returns the rows as a pandas DataFrame, or as they are where pandas is not installed."""
+        if importlib.util.find_spec("pandas") is None:
+            return self.rows
+        import pandas
+
+        return pandas.DataFrame(self.rows)
+
+
+def compare(
+    policies: Iterable[Any],
+    contest: str | os.PathLike[str] = "goal-obstacles",
+    families: Iterable[str] | None = None,
+    episodes: int | None = None,
+    robot: str = "p3dx",
+    dynamics: str = "kinematic",
+    actuators: str = "lagged",
+    gains: str = "best",
+    seed: int = 0,
+    workers: int = 1,
+) -> Comparison:
+    """Returns how policies do against each other in the same scenarios. Nothing is written.
+
+    Args:
+        policies: names of POLICIES, objects with the four members of `Policy`, "module:Class key=value ...", or the
+            model.zip of stable-baselines3, which can run code when it is loaded.
+        contest: "path-following", "goal-obstacles", or a folder of scenario files.
+        families: of the test split; None: all.
+        episodes: the first of each family; None: all. Of a file, how often it is driven; None: once.
+        gains: of policies that are named: "best", which is the tuned ones where there are any, "default", "tuned",
+            "paper" or "all".
+        workers: processes that share the work; with several, objects must be such as can be pickled.
+
+    Raises:
+        ValueError: if an argument names nothing that there is, or a policy cannot take part; the message names it.
+        OSError: if a folder or a file cannot be read.
+    """
+    for field, value, choices in (
+        ("robot", robot, ROBOTS),
+        ("dynamics", dynamics, ("kinematic", "pymunk")),
+        ("actuators", actuators, ACTUATORS),
+        ("gains", gains, GAINS),
+    ):
+        checks.choose(field, value, choices)
+    checks.whole("seed", seed, 0, 2**31 - 1)
+    checks.whole("workers", workers, 1)
+    if episodes is not None:
+        checks.whole("episodes", episodes, 1)
+    if isinstance(contest, os.PathLike) or os.path.isdir(contest):
+        of_folder, courses = own_courses(os.fspath(contest), None, robot)
+        if families is not None:
+            raise WrongOption("families belong to the frozen scenarios; of a folder each file is a family")
+        name = of_folder.name
+    else:
+        checks.choose("contest", contest, CONTESTS)
+        name, courses = contest, ()
+    names, own = _sorted_out(policies)
+    options = ContestOptions(
+        *(name, (name,), names, (dynamics,), actuators, robot, GAINS[gains]),
+        tuple(families) if families is not None else None,
+        *(episodes, seed, (), own, courses, "wayfield.benchmarks.compare"),
+    )
+    settings = [setting for setting in options.settings() if _ranked(setting)]
+    with processes(workers) as in_parallel:
+        rows = tuple(row for found in in_parallel(_rows, settings) for row in found)
+    return Comparison(rows, contest_tables(rows, [], options.command, ladder=False))
+
+
+def _sorted_out(given: Iterable[Any]) -> tuple[tuple[str, ...], tuple[Entrant, ...]]:
+    """Returns the names of policies of the package, and the others.
+
+    Raises:
+        ValueError: if one is neither.
+    """
+    if isinstance(given, str):
+        raise WrongOption(f"policies is {given!r}; it must be a list of policies")
+    names: list[str] = []
+    own: list[Entrant] = []
+    count: dict[type, int] = {}
+    for each in given:
+        if not isinstance(each, str | os.PathLike):
+            count[type(each)] = count.get(type(each), 0) + 1
+            own.append(own_object(each, count[type(each)]))
+        elif ":" in os.fspath(each) or os.fspath(each).lower().endswith(".zip"):
+            own.append(own_policy(os.fspath(each)))
+        else:
+            checks.choose("policies", each, registry.POLICIES)
+            names.append(os.fspath(each))
+    if not names and not own:
+        raise WrongOption("policies is empty; it must name at least one policy")
+    return tuple(dict.fromkeys(names)), tuple(own)
+
+
+def _ranked(setting: Setting) -> bool:
+    """Returns whether a setting is one of the comparison itself, not of the front or of the split for tuning."""
+    return setting.case.speed is None and setting.case.split in COMPARED
+
+
+def _rows(setting: Setting) -> list[Row]:
+    return [row for row, _ in played(setting)]

@@ -1,0 +1,214 @@
+"""What a contest is: a task, who takes part, what is measured and how it is shown, and the cases that follow from it.
+
+Every policy meets the same scenarios, starts and disturbances. Gains called "default" are those of the policy's file,
+"tuned" those that were found on the validation split (see `tune`), "paper" those that leave a controller what its paper
+gives it: no memory of what is out of sight, no way around traps, nothing foreseen.
+"""
+
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from wayfield import policies
+from wayfield.benchmarks.cases import Case, Entrant
+from wayfield.benchmarks.results import Row
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TaskSpec
+from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.policies.learned.agent import CARD, read_card
+from wayfield.policies.learned.ppo import shipped, trained
+
+TRAINED = ("ppo",)
+GAINS_NAMES = ("default", "tuned", "paper", "best", "trained", "own")
+PAPER: Mapping[str, Mapping[str, float]] = {
+    name: {"patience": math.inf, "recall": 0.0, "foresight": 0.0} for name in ("vfh_plus", "dwa")
+}
+TRANSFER_SPLIT = "validation"  # on which gains are tuned: the generalisation gap is the score here minus that on test
+OWN_SPLIT = "own"  # of scenarios from the user's files
+COST = "cost"  # a column's metric: the task's cost, where a run that fails counts as the task says
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """One column of the standings: a metric, how it is reduced, and how it is shown."""
+
+    header: str
+    metric: str
+    decimals: int = 3
+    factor: float = 1.0
+    with_interval: bool = False
+    successes_only: bool = False
+    reduction: str = "iqm"
+
+
+@dataclasses.dataclass(frozen=True)
+class Heat:
+    """What the figure of the families shows in colour, and what it writes into the cells."""
+
+    metric: str  # COST, of the successes and on a logarithmic scale, or "success"
+    title: str
+    factor: float  # to the unit of the title
+    decimals: int
+    map_name: str  # of matplotlib's colours
+    ends: tuple[float, float]  # of the scale, in the unit of the metric
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """A family of scenarios: one of a frozen split, or a file of the user's own."""
+
+    family: str
+    split: str
+    file: str = ""  # absolute; "" for frozen scenarios
+    steps: int = 0  # control periods, the clock; 0: the task's
+    env_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    size: int | None = None  # how many scenarios there are; None: as many as episodes are asked for
+
+    @property
+    def scenario(self) -> str:
+        """Returns the name under which the environment knows the scenarios."""
+        return self.file or f"{self.family}/{self.split}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Entrants:
+    """Who takes part: policies of the package, with which gains, agents of one's own, and policies from elsewhere."""
+
+    policies: tuple[str, ...]
+    gains_names: tuple[str, ...] = ("default", "tuned", "paper")
+    homes: tuple[str, ...] = ()  # folders of training runs; those for task and robot take part, a set of gains each
+    own: tuple[Entrant, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Contest:
+    """A task's contest: who takes part, where, and what is shown of it. What is the task's is in its `spec`."""
+
+    spec: TaskSpec
+    policies: tuple[str, ...]  # in the order of the tables; agents are compared with the first
+    env_kwargs: Mapping[str, Any]
+    columns: tuple[Column, ...]
+    gap: Column  # what is compared between the splits: positive where the entry does better on TRANSFER_SPLIT
+    heat: Heat
+    log_cost: bool  # whether figures show the cost on a logarithmic scale
+    speeds: tuple[float, ...]  # m/s, of the speed-accuracy front; none: there is no front
+    counted: str  # what a failure counts as, in the words of the note
+    notes: str  # what a reader of the main table must know
+    timed_on: str  # the family on which decisions are timed
+    score: Callable[[Sequence[Row], Sequence[Any]], float]  # of rows and their scenarios, for `tune`; lower is better
+
+    @property
+    def name(self) -> str:
+        """Returns the name of the suite."""
+        return self.spec.suite
+
+    @property
+    def stem(self) -> str:
+        """Returns what the names of the contest's files begin with."""
+        return self.name.replace("-", "_")
+
+    @property
+    def cost_header(self) -> str:
+        """Returns the header of the column that shows the cost of all runs."""
+        return next(column.header for column in self.columns if column.metric == COST)
+
+    def env_id(self, robot: str) -> str:
+        """Returns the registered id of the environment for a robot's name."""
+        return self.spec.env_id(ROBOTS[robot])
+
+    def failure_cost(self, steps: int) -> float:
+        """Returns what a failed run counts as under a clock of that many control periods.
+
+        A cost in seconds is the whole clock, any other the task's.
+        """
+        return steps * CONTROL_PERIOD if self.spec.cost.unit == "s" else self.spec.cost.failure
+
+    def families(self, dynamics: str) -> tuple[str, ...]:
+        """Returns the families of the task; those with pushable obstacles need the pymunk plant."""
+        return tuple(each for each in self.spec.families if dynamics == "pymunk" or each not in self.spec.needs_pymunk)
+
+    def cases(
+        self, robot: str, course: Course, entrants: Entrants, disturbance: str = "none", speed: float | None = None
+    ) -> Iterator[Case]:
+        """Yields a case for each entrant and each set of its gains, on all scenarios of a course.
+
+        Trained agents have one set, "trained", whatever is asked for, and a case for each seed.
+
+        Args:
+            disturbance: a level of the ladder.
+            speed: m/s, a cruising speed in place of the policy's own; policies without one are left out.
+        """
+        conditions = {"robot": robot} | ({} if disturbance == "none" else {"disturbance": disturbance})
+        for name, gains_name, gains, entrant in self._sets(robot, entrants):
+            if speed is not None:
+                at_speed = _cruising(name, gains, entrant, speed)
+                if at_speed is None:
+                    continue
+                gains = gains | at_speed
+            yield Case(
+                self.name,
+                course.family,
+                self.env_id(robot),
+                course.scenario,
+                name,
+                gains,
+                {**self.env_kwargs, **course.env_kwargs, **conditions},
+                course.steps or self.spec.clock,
+                gains_name=gains_name,
+                speed=speed,
+                every_scenario=True,
+                split=course.split,
+                entrant=entrant,
+            )
+
+    def _sets(self, robot: str, entrants: Entrants) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
+        """Yields each entrant with each set of its gains: its name, the set's name, the gains, and whose it is."""
+        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names)) for name in entrants.policies}
+        for home in entrants.homes:
+            sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
+        for name, of_policy in sets.items():
+            for gains_name, gains in of_policy:
+                yield name, gains_name, gains, None
+        for own in entrants.own:
+            yield own.name, own.gains_name, dict(own.gains), own
+
+    def gain_sets(self, name: str, robot: str, gains_names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields the sets of a policy's gains, each with its name."""
+        if name in TRAINED:
+            for seed in shipped(self.spec.name, robot):
+                yield "trained", {"seed": seed}
+            return
+        tuned = policies.tuned_gains(name, self.name)
+        if "default" in gains_names or ("best" in gains_names and not tuned):
+            yield "default", {}
+        if tuned and ("tuned" in gains_names or "best" in gains_names):
+            yield "tuned", tuned
+        if name in PAPER and "paper" in gains_names:
+            yield "paper", dict(PAPER[name])
+
+    def own_sets(self, home: str, robot: str) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields the agents in a folder of training runs, if they are for the task and the robot.
+
+        Raises:
+            ValueError: if there are none at all, or a card is damaged.
+        """
+        runs = trained(home)
+        if not runs:
+            raise ValueError(f"{home!r} holds no trained agents: no seed_N{os.sep}best")
+        for seed, folder in runs.items():
+            card = read_card(folder / CARD)
+            if card["task"] == self.spec.name and robot in card["robots"]:
+                yield Path(home).resolve().name, {"seed": seed, "home": home}
+
+
+def _cruising(name: str, gains: Mapping[str, Any], entrant: Entrant | None, speed: float) -> dict[str, Any] | None:
+    """Returns the gains that make an entrant cruise at a speed (m/s); None where it has no cruising speed."""
+    if entrant is not None:
+        return entrant.cruising(speed)
+    try:
+        return policies.cruising(name, gains, speed)
+    except policies.NoCruisingSpeed:
+        return None

@@ -1,0 +1,49 @@
+"""The contest of goal reaching: reactive laws, planners and agents on 21 families of scenes, by success and time."""
+
+import statistics
+from collections.abc import Sequence
+from typing import Any
+
+from wayfield.benchmarks.contests.contest import COST, Column, Contest, Heat
+from wayfield.benchmarks.results import Row, number
+from wayfield.envs.scenarios import TASKS
+
+
+def score(rows: Sequence[Row], scenarios: Sequence[Any]) -> float:
+    """Returns minus the successes, and minus a mean SCT that is below one, over the number of scenarios."""
+    successes = sum(number(row, "success") for row in rows)
+    return -(successes + statistics.fmean(number(row, "sct") for row in rows)) / len(scenarios)
+
+
+GOAL_OBSTACLES = Contest(
+    spec=TASKS["goal_reaching"],
+    policies=(
+        *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "orca", "scan_planner", "astar_tracker"),
+        "ppo",
+    ),
+    env_kwargs={"num_beams": 72, "max_range": 5.0},
+    columns=(
+        Column("collision (%)", "collision", 1, 100.0, reduction="mean"),
+        Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
+        Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
+        Column("BARN", "barn_score", 3, reduction="mean"),
+        Column("time (s)", "time", 1, successes_only=True),
+        Column("imputed (s)", COST, 1),
+        Column("least clearance (m)", "min_clearance", 3),
+        Column("mean (m)", "mean_clearance", 2),
+        Column("under 0.1 m (%)", "near_share", 1, 100.0, reduction="mean"),
+        Column("LDLJ", "ldlj", 2),
+        Column("effort (rad²/s)", "effort", 0, successes_only=True),
+        Column("faults", "faults", 2, reduction="mean"),
+    ),
+    gap=Column("gap (success, %)", "success", 1, 100.0, reduction="mean"),
+    heat=Heat("success", "success (%)", 100.0, 0, "viridis", (0.0, 1.0)),
+    log_cost=False,
+    speeds=(),
+    counted="the whole clock in 'imputed'",
+    notes=(
+        "Policies that know the map are told what others must find out: they are an upper reference. Simulation only."
+    ),
+    timed_on="clutter_10",
+    score=score,
+)

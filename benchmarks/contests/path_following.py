@@ -1,0 +1,65 @@
+"""The contest of path following: laws of all schools on 13 families of paths, by error, and by error at equal speed."""
+
+import math
+import statistics
+from collections.abc import Sequence
+from typing import Any
+
+from wayfield.benchmarks.contests.contest import COST, Column, Contest, Heat
+from wayfield.benchmarks.results import Row, number
+from wayfield.envs.scenarios import TASKS
+
+_SPEC = TASKS["path_following"]
+
+# Of the score: a policy that halves its error by taking twice the time gains nothing.
+FAILED_TIME = 4.0  # times the time at the cruising speed
+CRUISE = 0.6  # m/s
+LEAST_ERROR = 1e-3  # m, below which errors are alike
+
+
+def score(rows: Sequence[Row], scenarios: Sequence[Any]) -> float:
+    """Returns the mean over the scenarios of ln(RMS error / 1 mm) + ln(time / time at the cruising speed).
+
+    A run that fails counts as the task's cost of a failure and FAILED_TIME times the time.
+    """
+    terms = []
+    for row, scenario in zip(rows, scenarios, strict=True):
+        length = max(scenario.laps, 1) * scenario.path.length
+        won = number(row, "success") == 1.0
+        rms = max(number(row, _SPEC.cost.metric), LEAST_ERROR) if won else _SPEC.cost.failure
+        slowness = number(row, "time") * CRUISE / length if won else FAILED_TIME
+        terms.append(math.log(rms / LEAST_ERROR) + math.log(max(slowness, 1e-3)))
+    return statistics.fmean(terms)
+
+
+PATH_FOLLOWING = Contest(
+    spec=_SPEC,
+    policies=(
+        *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "smooth_pose"),
+        *("stanley", "lqr", "mpc", "ppo"),
+    ),
+    env_kwargs={},
+    columns=(
+        Column("RMS error (m)", COST, 4, with_interval=True),
+        Column("p95 (m)", "cross_track_p95", 4),
+        Column("max (m)", "cross_track_max", 3),
+        Column("RMS over time (m)", "cross_track_rms_time", 4),
+        Column("mean speed (m/s)", "mean_speed", 2, successes_only=True),
+        Column("time (s)", "time", 1, successes_only=True),
+        Column("LDLJ", "ldlj", 2),
+        Column("effort (rad²/s)", "effort", 0, successes_only=True),
+        Column("saturated (%)", "saturated_share", 1, 100.0, reduction="mean"),
+        Column("faults", "faults", 2, reduction="mean"),
+    ),
+    gap=Column("gap (RMS, m)", COST, 4),
+    heat=Heat(COST, "RMS cross-track error of the successes (cm)", 100.0, 1, "viridis_r", (1e-3, 1.0)),
+    log_cost=True,
+    speeds=(0.3, 0.45, 0.6, 0.75, 0.9, 1.05),
+    counted="an RMS error of 1 m",
+    notes=(
+        "The policies cruise at the speed of their gains, 0.6 m/s where there is no other, and slow down as they see "
+        "fit: read error and speed together, or the speed-accuracy front. Simulation only."
+    ),
+    timed_on="splines",
+    score=score,
+)

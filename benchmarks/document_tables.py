@@ -1,0 +1,185 @@
+"""The tables of the documents, one each: our figures beside the published ones, from the rows of the results alone."""
+
+import dataclasses
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+
+from wayfield.benchmarks.cases import Case, Figure
+from wayfield.benchmarks.documents import TITLES
+from wayfield.benchmarks.intervals import wilson
+from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.table import Table
+
+_DEGREES = 180.0 / math.pi
+_OUTCOMES = ("success", "collision", "left_corridor", "timeout")
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """One column: the metrics that its cells show, the factor to the shown unit, and the decimals."""
+
+    header: str
+    metrics: tuple[str, ...]
+    decimals: int = 3
+    factor: float = 1.0
+
+
+_PATH_COLUMNS = (
+    Column("RMS error (m)", ("cross_track_rms",)),
+    Column("over time (m)", ("cross_track_rms_time",)),
+    Column("max (m)", ("cross_track_max",)),
+    Column("steady offset (m)", ("steady_offset",), 4),
+    Column("mean speed (m/s)", ("mean_speed",), 2),
+    Column("time (s)", ("time",), 2),
+    Column("jumps", ("reference_jumps",), 0),
+)
+
+_COLUMNS = {
+    "A": _PATH_COLUMNS,
+    "B": (
+        Column("arrivals (s)", tuple(f"arrival_time_{i}" for i in range(1, 5)), 2),
+        Column("path length then (m)", ("arrival_path_length",), 2),
+        Column("heading off then (deg)", ("arrival_heading_error",), 1, _DEGREES),
+        Column("time (s)", ("time",), 2),
+        Column("final error (m)", ("final_position_error",)),
+        Column("(deg)", ("final_heading_error",), 1, _DEGREES),
+        Column("clearance (m)", ("min_clearance",), 2),
+    ),
+    "C": (
+        Column("within 0.25 m (s)", ("arrival_time_1",), 2),
+        Column("time (s)", ("time",), 2),
+        Column("from centres (m)", ("centre_distance",), 2),
+        Column("final x error (m)", ("final_x_error",)),
+        Column("y (m)", ("final_y_error",)),
+        Column("heading (deg)", ("final_heading_error",), 1, _DEGREES),
+        Column("ends at (m)", ("final_x", "final_y")),
+    ),
+    "path": (
+        Column("completion", ("completion",), 2),
+        *(column for column in _PATH_COLUMNS if column.header != "steady offset (m)"),
+        Column("p95 (m)", ("cross_track_p95",)),
+        Column("heading error (deg)", ("heading_error_rms",), 1, _DEGREES),
+    ),
+    "goal": (
+        Column("time (s)", ("time",), 2),
+        Column("driven (m)", ("path_length",), 2),
+        Column("mean speed (m/s)", ("mean_speed",), 2),
+        Column("least clearance (m)", ("min_clearance",), 2),
+        Column("final error (m)", ("final_position_error",)),
+        Column("(deg)", ("final_heading_error",), 1, _DEGREES),
+        Column("faults", ("faults",), 0),
+    ),
+}
+
+_NOTES = {
+    "A": (
+        "Cross-track errors: RMS over the driven arc length, then over time as published; + is left of the path. "
+        "A success on a course without end is a lap inside the corridor of 1 m; "
+        "jumps are leaps of the reference point by more than 0.5 m."
+    ),
+    "B": "Arrivals at the waypoints and the goal, within 0.25 m or the switching radius.",
+    "C": (
+        "A success is within 2 cm. The rows with a stop radius are runs with 1 mm of noise in the measured position: "
+        "the document's real runs, which were disturbed too, stopped short of the goal. Table 1 prints an x error of "
+        "0.058 m for scenario 2, 0.020 m when a misprint is mended."
+    ),
+    "path": "RMS error over the driven arc length, then over time; jumps are leaps of the reference point.",
+    "goal": "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else.",
+}
+
+
+def document_tables(rows: Sequence[Row], cases: Iterable[Case]) -> list[Table]:
+    """Returns a table for each document that the rows hold, with the figures published for the cases."""
+    published = {case.key: case.published for case in cases}
+    order = list(dict.fromkeys(row["document"] for row in rows))
+    return [_table(document, [row for row in rows if row["document"] == document], published) for document in order]
+
+
+def _table(
+    document: str, rows: Sequence[Row], published: Mapping[tuple[str, str, str, str], Mapping[str, Figure]]
+) -> Table:
+    columns = _COLUMNS[document]
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        key = tuple(row[name] for name in ("experiment", "policy", "gains", "dynamics", "actuators"))
+        groups.setdefault(key, []).append(row)
+    tiers = {row["actuators"] for row in rows}
+    lines = []
+    compared = False
+    for (experiment, policy, gains, dynamics, actuators), group in groups.items():
+        known = published.get((document, experiment, policy, gains), {})
+        compared = compared or bool(known)
+        plant = dynamics if tiers == {"ideal"} else f"{dynamics}, {actuators}"
+        name = f"{policy} {gains}".strip()
+        cells = [_cell(column, group, known) for column in columns]
+        lines.append([experiment, name, plant, _outcome(group), *cells, _deviation(group, known)])
+    header = ["experiment", "policy", "plant", "outcome", *(column.header for column in columns), "off by"]
+    # a column that no row of this run fills only takes room
+    filled = [i for i in range(len(header)) if i < 4 or any(line[i] for line in lines)]
+    note = _NOTES[document]
+    if compared:
+        note = "Cells read ours / published; off by is the largest deviation from a published figure. " + note
+    return Table(
+        TITLES.get(document, f"{document.title()}: {rows[0]['experiment']}"),
+        [header[i] for i in filled],
+        [[line[i] for i in filled] for line in lines],
+        note,
+    )
+
+
+def _cell(column: Column, group: Sequence[Row], published: Mapping[str, Figure]) -> str:
+    """Returns the mean of each metric, with the standard deviation of several episodes, and the published figures."""
+    ours = [_measured(column, metric, group) for metric in column.metrics]
+    theirs = [_published(column, published[metric]) for metric in column.metrics if metric in published]
+    text = ", ".join(each for each in ours if each)
+    if not theirs:
+        return text
+    return f"{text or 'never'} / {', '.join(theirs)}"
+
+
+def _measured(column: Column, metric: str, group: Sequence[Row]) -> str:
+    values = [value * column.factor for row in group if not math.isnan(value := number(row, metric))]
+    if not values:
+        return ""
+    text = _fixed(statistics.fmean(values), column.decimals)
+    if len(values) > 1:
+        text += f" ± {statistics.stdev(values):.{column.decimals}f}"
+    if len(values) < len(group):
+        text += f" ({len(values)} of {len(group)})"
+    return text
+
+
+def _published(column: Column, figure: Figure) -> str:
+    ends = figure if isinstance(figure, tuple) else (figure,)
+    return " to ".join(_fixed(end * column.factor, column.decimals) for end in ends)
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Returns the value with that many decimals, never a negative zero."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def _outcome(group: Sequence[Row]) -> str:
+    """Returns how a single episode ended, or the share of successes of several with its 95 % Wilson interval."""
+    if len(group) == 1:
+        return next(name for name in _OUTCOMES if number(group[0], name) == 1.0).replace("_", " ")
+    successes = sum(number(row, "success") == 1.0 for row in group)
+    low, high = wilson(successes, len(group))
+    return f"{successes}/{len(group)} [{low:.2f}, {high:.2f}]"
+
+
+def _deviation(group: Sequence[Row], published: Mapping[str, Figure]) -> str:
+    """Returns the largest relative deviation of the means from the published figures."""
+    worst = 0.0
+    for metric, figure in published.items():
+        values = [value for row in group if not math.isnan(value := number(row, metric))]
+        if not values:
+            return "never"
+        low, high = figure if isinstance(figure, tuple) else (figure, figure)
+        mean = statistics.fmean(values)
+        beyond = max(low - mean, mean - high, 0.0)
+        worst = max(worst, beyond / abs(low if mean < low else high))
+    if not published:
+        return ""
+    return f"{100.0 * worst:.1f} %" if worst < 1.0 else "> 100 %"

@@ -1,0 +1,260 @@
+"""Wrong command lines, made from each command's own table of options: one line on stderr, nothing written."""
+
+import importlib
+import io
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from wayfield.benchmarks.faults.place import Ended, changed, contents
+
+# each command's click object, and arguments that are right beside which one is wrong
+COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "evaluate": ("wayfield.benchmarks.evaluate", ()),
+    "barn": ("wayfield.benchmarks.barn", ("nowhere",)),
+    "decisions": ("wayfield.benchmarks.decisions", ()),
+    "throughput": ("wayfield.benchmarks.throughput", ()),
+    "tune": ("wayfield.benchmarks.tune", ("lqr", "--suite", "path-following")),
+    "train": ("wayfield.policies.training.command", ("wayfield/DiffDrivePathFollowing-v0",)),
+    "fingerprints": ("wayfield.benchmarks.fingerprints", ("--out", "prints.json")),
+}
+WITHOUT_TABLE = ("onnx", "freeze")  # not made with click at all times: what they get is listed
+_ENV = "wayfield/DiffDrivePathFollowing-v0"
+_PATH = "path-following"
+_CONTEST = (
+    "--suite",
+    _PATH,
+    "--gains",
+    "default",
+    "--policies",
+    "pure_pursuit",
+    "--families",
+    "splines",
+    "--episodes",
+    "1",
+)
+# what once went wrong: command, arguments, exit statuses allowed, and the environment of a process of its own
+_LISTED: tuple[tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]], ...] = (
+    ("evaluate", ("--path", ""), (1, 2), {}),
+    ("evaluate", ("--path", "nowhere.csv"), (1, 2), {}),
+    ("evaluate", ("--suite", "path-following", "--path", "FILE"), (1, 2), {}),
+    ("evaluate", ("--suite", "documents", "--path", "FILE"), (1, 2), {}),
+    ("evaluate", ("--suite", "path-following", "--families", "clutter_10"), (1, 2), {}),
+    ("evaluate", ("--suite", "path-following", "--out", "/proc/nowhere/out"), (1, 2), {}),
+    ("evaluate", (*_CONTEST, "--workers", "1", "--seed", "99999999999"), (0, 1, 2), {"limit": 90.0, "writes": True}),
+    ("evaluate", ("--path", "\udcff.csv"), (1, 2), {"own": True, "environment": {"LC_ALL": "C"}}),
+    ("evaluate", ("--suite", "\N{GREEK SMALL LETTER ALPHA}"), (1, 2), {"own": True, "environment": {"LC_ALL": "C"}}),
+    ("evaluate", ("-h",), (0,), {"own": True, "environment": {"LC_ALL": "C"}}),
+    ("evaluate", (*_CONTEST, "--workers", "1"), (0, 1), {"own": True, "environment": {"LC_ALL": "C"}, "writes": True}),
+    ("evaluate", ("-h",), (0, 1), {"own": True, "closed": True}),
+    ("evaluate", (*_CONTEST, "--workers", "1"), (0, 1), {"own": True, "closed": True, "writes": True}),
+    *((command, line, (0, 130), {"own": True, "interrupt": seconds, "writes": seconds > 1.0})
+      for seconds in (0.15, 0.6, 2.0) for command, line in (
+          ("evaluate", _CONTEST), ("evaluate.py", _CONTEST), ("train", (_ENV,)), ("tune", ("lqr", "--suite", _PATH)),
+          ("decisions", ()), ("throughput", ()), ("fingerprints", ("--out", "prints.json")),
+      )),
+    ("barn", ("nowhere",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("freeze", ("nothing",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("onnx", ("nowhere", "x.onnx"), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("train", (_ENV, "--seed", "99999999999"), (1, 2), {}),
+    ("decisions", ("--policies", "zero"), (1, 2), {}),
+    ("throughput", ("--seconds", "nan"), (1, 2), {}),
+    ("tune", ("lqr", "--suite", "path-following", "--trials", "1", "--scenarios", "1", "--out", "/proc/nowhere/a.json"),
+     (1, 2), {"limit": 90.0, "quick": 8.0}),
+    ("tune", ("scan_planner", "--suite", "goal-obstacles", "--trials", "1", "--scenarios", "1", "--robot", "omni3"),
+     (0, 1, 2), {"limit": 300.0, "writes": True}),
+    ("freeze", (), (1, 2), {"own": True, "limit": 25.0, "refused": True}),
+    ("freeze", ("nothing",), (1, 2), {"own": True, "limit": 25.0}),
+    ("freeze", ("-h",), (0,), {"own": True}),
+    ("onnx", ("--help",), (0,), {"own": True}),
+    ("onnx", ("-h",), (0,), {"own": True}),
+    ("onnx", ("AGENT", "-h"), (0, 1, 2), {"own": True}),
+    ("onnx", ("AGENT", ""), (1, 2), {"own": True}),
+    ("onnx", (), (1, 2), {"own": True}),
+    ("onnx", ("nowhere", "x.onnx"), (1, 2), {"own": True}),
+)  # fmt: skip
+_TYPED = (
+    "x", "", " ", "nan", "inf", "-inf", "-1", "0", "1e3", "1.5", "1" * 400, "\ud83e", "\N{ARABIC-INDIC DIGIT THREE}",
+    "--", "a,b", ",", "=",
+)  # fmt: skip
+
+
+def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
+    """Yields what once went wrong, then lines out of the tables of options, without end."""
+    for command, arguments, allowed, how in sorted(_LISTED, key=_cost):
+        yield {"command": command, "arguments": list(arguments), "allowed": list(allowed), **how}
+    for command in COMMANDS:
+        for word in ("-h", "--help"):
+            if word == "--help" or "-h" in _table(command).context_settings.get("help_option_names", ()):
+                yield {"command": command, "arguments": [word], "allowed": [0]}
+    while True:
+        yield _wrong(rng.choice(tuple(COMMANDS)), rng)
+
+
+def _cost(listed: tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]]) -> tuple[float, bool]:
+    """Returns a key that sorts what is done at once before what takes long."""
+    return listed[3].get("limit", 0.0), "own" in listed[3]
+
+
+def _table(command: str) -> click.Command:
+    table: click.Command = importlib.import_module(COMMANDS[command][0]).main
+    return table
+
+
+def _wrong(command: str, rng: random.Random) -> dict[str, Any]:
+    """Returns a line with one thing wrong."""
+    table, right = _table(command), list(COMMANDS[command][1])
+    options = [each for each in table.params if isinstance(each, click.Option) and each.name != "help"]
+    kind = rng.randrange(6)
+    option = rng.choice(options)
+    flag = rng.choice(option.opts)
+    if kind == 0:
+        line = [*right, rng.choice(("--nothing", "-z", flag + "x", "-", "--" + "x" * 2000, flag[:-1] + "~"))]
+    elif kind == 1 and not option.is_flag:
+        line = [*right, flag]  # its value is missing
+    elif kind == 2:
+        line = [*right, "one", "too", "many"]
+    elif kind == 3 and right:
+        line = rng.choice(([], ["", *right[1:]], ["\ud83e", *right[1:]], ["x" * 5000, *right[1:]]))
+    elif option.is_flag:
+        line = [*right, f"{flag}=1"]
+    else:
+        wrong = [text for text in _TYPED if _is_wrong(option, text)]
+        if not wrong:
+            line = [*right, "--nothing"]
+        else:
+            line = [*right, flag, rng.choice(wrong)]
+    return {"command": command, "arguments": line, "allowed": [1, 2]}
+
+
+def _is_wrong(option: click.Option, text: str) -> bool:
+    """Returns whether the option's own type surely refuses a text."""
+    kind = option.type
+    if isinstance(kind, click.IntRange | click.FloatRange):
+        cast = int if isinstance(kind, click.IntRange) else float
+        try:
+            value = cast(text)
+        except (ValueError, OverflowError):
+            return True
+        return bool(
+            value != value
+            or (kind.min is not None and (value < kind.min or (kind.min_open and value == kind.min)))
+            or (kind.max is not None and value > kind.max)
+        )
+    if isinstance(kind, click.types.IntParamType):
+        return not text.lstrip("-").isdecimal()
+    if isinstance(kind, click.Choice):
+        return text not in kind.choices
+    if hasattr(kind, "choices"):  # names of this package
+        return any(name.strip() not in kind.choices for name in text.split(","))
+    return kind.name == "number or ratio" and text in ("x", "", " ", "nan", "-1", "0")
+
+
+def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
+    """Returns what is wrong with how a command line ended."""
+    shipped = {name: contents(place.code / "wayfield" / name) for name in ("policies/gains", "envs/scenarios/splits")}
+    with place.folder() as folder:
+        there = {  # good files, so that what is refused is what the trial is about
+            "AGENT": place.code / "wayfield/policies/agents/goal_reaching_p3dx/seed_0",
+            "FILE": place.out / "work" / "way.csv",
+        }
+        there["FILE"].write_text("x,y\n0,0\n1,0\n2,0.5\n", encoding="utf-8")
+        arguments = [str(there.get(each, each)) for each in spec["arguments"]]
+        if spec.get("own"):
+            problem = _own(spec, arguments, place, folder)
+        else:
+            problem = server.ask("commands", spec | {"arguments": arguments, "folder": str(folder)})
+        left = [] if spec.get("writes") else list(contents(folder))
+        for name, before in shipped.items():
+            touched = changed(before, contents(place.code / "wayfield" / name))
+            if touched:
+                place.restore()
+                return f"rewrites what ships: {name}/{touched[0]}"
+        return problem or (f"wrote {', '.join(left[:5])}" if left else None)
+
+
+def _own(spec: dict[str, Any], arguments: list[str], place: Any, folder: Path) -> str | None:
+    """Runs the line in a process of its own, under another locale, without an output, or interrupted."""
+    running = place.start(
+        spec["command"], [os.fsencode(each) if each.isprintable() is False else each for each in arguments], folder,
+        closed_stdout=spec.get("closed", False), environment=spec.get("environment"),
+    )  # fmt: skip
+    if "interrupt" in spec:
+        running.computed(spec["interrupt"])
+        running.send(signal.SIGINT)
+    ended = running.wait(spec.get("limit", 40.0 if "interrupt" in spec else 120.0))
+    found: str | None = ended.fault(spec["allowed"])
+    if ended.status is None and "interrupt" in spec:
+        return "Ctrl-C does not end it"
+    if found is None and "interrupt" in spec and ended.status == 130 and len(ended.err.strip().splitlines()) != 1:
+        return f"{len(ended.err.strip().splitlines())} lines about an interruption"
+    return found
+
+
+def inside(spec: dict[str, Any]) -> dict[str, Any]:
+    """Returns what was wrong with how a command line ended, in a fork of a worker that has its modules loaded."""
+    command = spec["command"]
+    _table(command)
+    out, err = (tempfile.TemporaryFile() for _ in range(2))  # noqa: SIM115  closed below
+    with out, err:
+        child = os.fork()
+        if not child:
+            _become(command, spec["arguments"], Path(spec["folder"]), out.fileno(), err.fileno())
+        began = time.monotonic()
+        status = None
+        until = began + spec.get("limit", 15.0)
+        while time.monotonic() < until:
+            done, code = os.waitpid(child, os.WNOHANG)
+            if done:
+                status = os.waitstatus_to_exitcode(code)
+                break
+            time.sleep(0.01)
+        else:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+        texts = []
+        for stream in (out, err):
+            stream.seek(0)
+            texts.append(stream.read().decode(errors="replace"))
+    ended = Ended(status, *texts)
+    problem = ended.fault(spec["allowed"])
+    took = time.monotonic() - began
+    if problem is None and took > spec.get("quick", 15.0) and 0 not in spec["allowed"]:
+        problem = f"refused only after {took:.0f} s of work"
+    return {} if problem is None else {"problem": problem}
+
+
+def _become(command: str, arguments: list[str], folder: Path, out: int, err: int) -> None:
+    """Turns a fork into the command; does not return."""
+    status = 70
+    try:
+        os.setsid()
+        os.chdir(folder)
+        os.dup2(out, 1)
+        os.dup2(err, 2)
+        sys.stdout = io.TextIOWrapper(os.fdopen(1, "wb", closefd=False), encoding="utf-8", write_through=True)
+        sys.stderr = io.TextIOWrapper(
+            os.fdopen(2, "wb", closefd=False), encoding="utf-8", errors="backslashreplace", write_through=True
+        )
+        sys.argv = [command, *arguments]
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _table(command).main()  # ends by SystemExit
+    except SystemExit as error:
+        if isinstance(error.code, str):
+            print(error.code, file=sys.stderr)
+        status = error.code if isinstance(error.code, int) else int(error.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        status = 1
+    finally:
+        sys.stdout.flush()
+        os._exit(status)

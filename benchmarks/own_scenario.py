@@ -1,0 +1,176 @@
+"""Scenarios from the user's own files: every path follower on a path, or every goal seeker in a goal scenario."""
+
+import dataclasses
+import functools
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wayfield import policies
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import CONTESTS, OWN_SPLIT, Contest, Course
+from wayfield.benchmarks.run_folder import file_digest
+from wayfield.benchmarks.shortest import shortest_way
+from wayfield.envs.readers import reader
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import GoalScenario, goal_scenarios, path_scenarios
+from wayfield.envs.scenarios.files import holds_goal
+from wayfield.envs.task import CONTROL_PERIOD
+
+OF_KIND = {contest.spec.kind: contest for contest in CONTESTS.values()}
+POLICIES = {kind: (*contest.policies, "zero", "random") for kind, contest in OF_KIND.items()}
+SUFFIXES = (".csv", ".json", ".txt")
+_DOES = {"path": "follow paths", "goal": "reach goals among obstacles"}
+
+# The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
+_SPEED = 0.25  # m/s
+_SLACK = 20.0  # s
+_DETOUR = 3.0  # times the straight way, that obstacles may make of it
+_LONGEST = 10_000.0  # m: several hours of driving, minutes of computing
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnScenario:
+    """A path or a goal scenario of a file, with a clock that is long enough."""
+
+    contest: Contest
+    file: str  # absolute: a bare name could be that of a preset
+    scenario: Any
+    steps: int  # control periods, the clock
+    scale: float | None  # of a path
+
+    @property
+    def env_kwargs(self) -> dict[str, Any]:
+        """Returns the options of the environment that are the scenario's."""
+        return {} if self.scale is None else {"scale": self.scale}
+
+    @functools.cached_property
+    def tiered(self) -> Any:
+        """Returns the scenario with its tier and the quantity behind it."""
+        quantity = self.contest.spec.quantity(self.scenario)
+        return dataclasses.replace(self.scenario, quantity=quantity, tier=self.contest.spec.tier(quantity))
+
+
+_SAMPLES = {"a.json": '{"goal": [3, 0, 0.5], "obstacles": [{"kind": "circle", "x": 1.5, "y": 2, "radius": 0.3}]}'}
+
+
+@reader("scenario of one's own", "a.json", _SAMPLES)
+@reader("path of one's own", "b.json", {"b.json": '{"path": [[0, 0], [2, 0], [2, 2]]}'})
+def own_scenario(file: str, scale: float | None = None) -> OwnScenario:
+    """Returns the scenario of a file.
+
+    Args:
+        scale: multiplies the coordinates of a path.
+
+    Raises:
+        ValueError: if the file holds no scenario or a very long way, or a goal scenario is scaled.
+        OSError: if it cannot be opened.
+    """
+    file = os.path.abspath(file)
+    return _own(file, scale, file_digest(Path(file)))
+
+
+@functools.lru_cache(maxsize=1024)
+def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
+    """Returns the scenario of a file of that SHA-256."""
+    del digest
+    contest = OF_KIND["goal" if holds_goal(file) else "path"]
+    scenario: Any
+    if contest.spec.scenario is GoalScenario:
+        if scale is not None:
+            raise ValueError("--scale belongs to paths: the file holds a goal scenario")
+        (scenario,) = goal_scenarios(file, ROBOTS["p3dx"].hull_radius)
+        length, shorter = _DETOUR * _straight_way(scenario), ""
+    else:
+        scale = scale or 1.0
+        (scenario,) = path_scenarios(file, scale)
+        length = max(scenario.laps, 1) * scenario.path.length
+        shorter = f" with --scale, {_LONGEST / length * scale:.2g} for example"
+    if length > _LONGEST:
+        raise ValueError(
+            f"{file}: the way is {length:,.0f} m long, which is many hours of driving; make it at most "
+            f"{_LONGEST:,.0f} m{shorter}"
+        )
+    steps = math.ceil((length / _SPEED + _SLACK) / CONTROL_PERIOD)
+    return OwnScenario(contest, file, scenario, steps, scale)
+
+
+def own_cases(file: str, scale: float | None = None, names: tuple[str, ...] | None = None) -> tuple[Case, ...]:
+    """Returns a case for each policy on the path or in the goal scenario of a file.
+
+    Args:
+        scale: as for `own_scenario`.
+        names: of the policies; None: all that can do it.
+
+    Raises:
+        ValueError: as `own_scenario`, or if a policy cannot do it.
+        OSError: if the file cannot be opened.
+    """
+    kind = "goal" if holds_goal(file) else "path"
+    for name in names or ():
+        if name not in POLICIES[kind]:
+            known = ", ".join(map(repr, POLICIES[kind]))
+            raise ValueError(f"--policies {name!r} does not {_DOES[kind]}; choose from {known}")
+        policies.make(name)
+    own = own_scenario(file, scale)
+    return tuple(
+        Case(
+            kind,
+            own.scenario.name,
+            own.contest.env_id("p3dx"),
+            own.file,
+            name,
+            env_kwargs={**own.contest.env_kwargs, **own.env_kwargs},
+            max_episode_steps=own.steps,
+            filmed=name in ("lookahead_retuned", "scan_planner"),
+        )
+        for name in names or POLICIES[kind]
+    )
+
+
+def own_courses(folder: str, scale: float | None, robot: str) -> tuple[Contest, tuple[Course, ...]]:
+    """Returns the contest that a folder of scenario files is for, and a course for each file, called like it.
+
+    Files of other types than .csv, .json and .txt are not looked at.
+
+    Raises:
+        ValueError: if there are none, or of several kinds, or a file is no scenario that the robot can do.
+        OSError: if the folder or a file cannot be opened.
+    """
+    files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
+    if not files:
+        raise ValueError(f"{folder!r} holds no scenarios: no .csv, .json or .txt file")
+    own = [own_scenario(str(file), scale if not holds_goal(str(file)) else None) for file in files]
+    kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
+    if len(kinds) > 1:
+        found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
+        raise ValueError(f"{folder!r} holds {found}; a contest needs files of one kind")
+    stems: dict[str, str] = {}
+    for file in files:
+        if file.stem in stems:
+            raise ValueError(f"{folder!r} holds {stems[file.stem]} and {file.name}; their names must differ")
+        stems[file.stem] = file.name
+    contest = own[0].contest
+    if scale is not None and own[0].scale is None:
+        raise ValueError("--scale belongs to paths: the files hold goal scenarios")
+    if contest.spec.scenario is GoalScenario:
+        hull = ROBOTS[robot].hull_radius
+        for each in own:
+            goal_scenarios(each.file, hull)
+            try:
+                shortest_way(each.scenario, hull)
+            except ValueError as error:
+                raise ValueError(f"{each.file}: {error}") from None
+    return contest, tuple(
+        Course(file.stem, OWN_SPLIT, each.file, each.steps, each.env_kwargs)
+        for file, each in zip(files, own, strict=True)
+    )
+
+
+def _straight_way(scenario: GoalScenario) -> float:
+    """Returns the length (m) from the start over the waypoints to the goal, whatever stands there."""
+    places = np.vstack([scenario.start[:2], np.reshape(scenario.waypoints, (-1, 2)), scenario.goal[:2]])
+    return float(np.hypot(*np.diff(places, axis=0).T).sum())

@@ -1,0 +1,248 @@
+"""Plays a contest in parts that survive an interruption: a part is one policy on one family of scenarios."""
+
+import dataclasses
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
+from wayfield.benchmarks.own_scenario import own_scenario
+from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
+from wayfield.benchmarks.run_folder import UNFINISHED, file_digest, source_digest
+from wayfield.benchmarks.suite import Setting, episodes
+from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.benchmarks.workers import Map
+from wayfield.envs.readers import of_folder, reader
+from wayfield.envs.scenarios import splits
+from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
+from wayfield.policies import make
+from wayfield.policies.learned.agent import CARD, load_agent
+from wayfield.policies.learned.ppo import shipped, trained
+from wayfield.policies.tuned import tuning_runs
+
+WORST = 3  # episodes of each policy whose trajectories are kept
+
+_ROWS, _DIGESTS = "rows.json", "part.json"  # of a part, beside its trajectories
+_MARK = ".parts"  # in the folder of the parts
+_ENTRY = ("contest", "suite", "policy", "gains_name", "robot", "split", "disturbance")  # what the worst are chosen of
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A setting, and the folder that its episodes are kept in until the whole run is done."""
+
+    setting: Setting
+    folder: Path
+
+    def __str__(self) -> str:
+        case = self.setting.case
+        return f"{self.folder} ({case.policy} on {case.scenario})"
+
+
+def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
+    """Returns one row for each episode, and the trajectories of the worst episodes of each entry.
+
+    Parts that an earlier, interrupted run of the same settings and the same code left in `folder` are not run again,
+    but for those that are damaged.
+
+    Raises:
+        ValueError: if a part is damaged as soon as it is written, or an agent or a split is damaged.
+        OSError: if a part cannot be written.
+    """
+    parts = parts_of(settings, folder)
+    _open_parts(folder)
+    missing = []
+    for part in parts:
+        if part.folder.is_dir():
+            try:
+                read_part(part.folder)
+                continue
+            except (ValueError, OSError) as error:
+                print(f"{part} is damaged and is played again: {error}", file=sys.stderr)
+                shutil.rmtree(part.folder)
+        missing.append(part)
+    if len(missing) < len(parts):
+        print(f"{len(parts) - len(missing)} of {len(parts)} parts are there from before", file=sys.stderr)
+    for _ in tracked(in_parallel(play, missing), len(missing), "parts"):
+        pass
+    rows: list[Row] = []
+    kept: dict[tuple[str, ...], list[tuple[Row, Trajectory]]] = {}
+    for part in parts:
+        found, trajectories = read_part(part.folder)
+        for row in found:
+            row["trajectory"] = ""
+            rows.append(row)
+        entry = tuple(found[0][name] for name in _ENTRY)
+        kept.setdefault(entry, []).extend((found[int(i)], trajectory) for i, trajectory in trajectories.items())
+    worst: dict[str, Trajectory] = {}
+    for candidates in kept.values():
+        cost = CONTESTS[candidates[0][0]["contest"]].spec.cost.metric
+        for row, trajectory in sorted(candidates, key=lambda each: badness(each[0], cost))[:WORST]:
+            row["trajectory"] = f"{len(worst):05d}"
+            worst[row["trajectory"]] = trajectory
+    return rows, worst
+
+
+def played(setting: Setting) -> list[tuple[Row, Trajectory]]:
+    """Returns the episodes of a setting, with all in their rows that the tables of a contest need.
+
+    Raises:
+        ValueError: if an agent, a split or a policy of the user's own is damaged.
+    """
+    contest, case = CONTESTS[setting.case.document], setting.case
+    split = "front" if case.speed is not None else case.split
+    speed = {} if case.speed is None else {"speed": f"{case.speed:g}"}
+    failure = repr(contest.failure_cost(case.max_episode_steps))
+    more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
+    members = members_of(contest, case)
+    found = []
+    for i, (row, trajectory) in enumerate(episodes(setting)):
+        member = members[i % len(members)]
+        found.append((row | more | {"tier": member.tier, "quantity": repr(member.quantity)}, trajectory))
+    return found
+
+
+def members_of(contest: Contest, case: Case) -> Sequence[Any]:
+    """Returns the scenarios of a case, frozen or of the user's own."""
+    if case.scenario == f"{case.experiment}/{case.split}":
+        return splits.split(contest.spec.name, case.experiment, case.split)
+    return [own_scenario(case.scenario, case.env_kwargs.get("scale")).tiered]
+
+
+def described(contest: Contest, case: Case) -> dict[str, str]:
+    """Returns what a case's policy is told, how many numbers it is made of, what they come from, and of which seed."""
+    agent_seed = ""
+    if case.entrant is not None:
+        knows = f"own, {case.entrant.make(case.gains).knows}"
+        parameters, learned = case.entrant.described()
+    elif case.policy in TRAINED:
+        seed, home = case.gains["seed"], case.gains.get("home")
+        folders = trained(home) if home else shipped(contest.spec.name, case.env_kwargs["robot"])
+        agent = load_agent(folders[seed])
+        training = agent.card["training"]
+        taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
+        knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
+        learned = f"{training['steps'] / 1e6:.1f} M frames{taught}"
+    else:
+        made: Any = make(case.policy)
+        runs = tuning_runs(case.policy, contest.name) if case.gains_name == "tuned" else 0
+        knows, parameters, learned = made.knows, str(len(dataclasses.fields(made))), f"{runs:,} runs" if runs else ""
+    return {"knows": knows, "parameters": parameters, "learned_from": learned, "agent_seed": agent_seed}
+
+
+def play(part: Part) -> None:
+    """Runs a part and leaves its rows and its worst trajectories in its folder, whole or not at all."""
+    cost = CONTESTS[part.setting.case.document].spec.cost.metric
+    found = played(part.setting)
+    order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
+    stage = temporary_folder(part.folder.parent)
+    try:
+        _write_part(stage, [row for row, _ in found], {f"{i:05d}": slim(found[i][1]) for i in order[:WORST]})
+        os.replace(stage, part.folder)
+        sync_folder(part.folder.parent)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _write_part(folder: Path, rows: Sequence[Row], trajectories: dict[str, Trajectory]) -> None:
+    write_whole(folder / _ROWS, json.dumps(rows).encode())
+    write_trajectories(folder, trajectories)
+    with open(folder / TRAJECTORIES, "rb+") as written:
+        os.fsync(written.fileno())
+    digests = {name: file_digest(folder / name) for name in (_ROWS, TRAJECTORIES)}
+    write_whole(folder / _DIGESTS, json.dumps(digests).encode())
+
+
+def _sample_part(folder: Path) -> None:
+    _write_part(
+        folder, [{"policy": "lqr", "success": "1"}], {"00000": Trajectory(times=np.arange(3.0), poses=np.ones((3, 3)))}
+    )
+
+
+@reader("digests of a part", _DIGESTS, _sample_part, of_folder)
+@reader("rows of a part", _ROWS, _sample_part, of_folder)
+@reader("trajectories of a part", TRAJECTORIES, _sample_part, of_folder)
+def read_part(folder: Path) -> tuple[list[Row], dict[str, Trajectory]]:
+    """Returns the rows of a part, and the trajectories of its worst episodes by their number.
+
+    Raises:
+        ValueError: if the part is not as it was written; the message names the file.
+        OSError: if a file is missing or cannot be opened.
+    """
+    try:
+        digests = json.loads((folder / _DIGESTS).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{folder / _DIGESTS} is no JSON: {error}") from None
+    for name in (_ROWS, TRAJECTORIES):
+        if not isinstance(digests, dict) or file_digest(folder / name) != digests.get(name):
+            raise ValueError(f"{folder / name} does not have the SHA-256 that it was written with")
+    return json.loads((folder / _ROWS).read_text(encoding="utf-8")), read_trajectories(folder)
+
+
+def badness(row: Row, cost: str) -> tuple[float, float]:
+    """Returns a key that sorts the worst episode first: failures before successes, then the higher cost."""
+    value = number(row, cost)
+    return number(row, "success"), -value if value == value else 0.0
+
+
+def slim(trajectory: Trajectory) -> Trajectory:
+    """Returns what a figure of the driven way needs."""
+    nothing = Trajectory(times=trajectory.times, poses=trajectory.poses)
+    return dataclasses.replace(
+        trajectory,
+        **{name: getattr(nothing, name) for name in ("twists", "wheel_speeds", "saturated", "references")},
+    )
+
+
+def _key(setting: Setting, code: str) -> str:
+    """Returns the name of a setting's folder: the same for the same setting and code."""
+    case = setting.case
+    # agents of one's own may be trained anew in the same folder; a policy's or a model's digest is in its entrant
+    gains = case.gains
+    card = (trained(gains["home"])[gains["seed"]] / CARD).read_text(encoding="utf-8") if "home" in gains else ""
+    geometry = splits.digest(members_of(CONTESTS[case.document], case))
+    return hashlib.sha256(f"{setting!r} {geometry} {card} {code}".encode()).hexdigest()[:24]
+
+
+def parts_of(settings: Sequence[Setting], folder: Path) -> list[Part]:
+    """Returns the parts of a run that keeps them in a folder."""
+    code = source_digest()
+    return [Part(setting, folder / UNFINISHED / _key(setting, code)) for setting in settings]
+
+
+def _open_parts(folder: Path) -> None:
+    """Makes the folder of the parts, with a mark in it that it is one.
+
+    Raises:
+        FileExistsError: if something else bears its name.
+    """
+    parts = folder / UNFINISHED
+    if not os.path.lexists(parts):
+        stage = temporary_folder(folder)
+        (stage / _MARK).touch()
+        stage.chmod(folder.stat().st_mode)
+        os.replace(stage, parts)
+    if not (parts / _MARK).is_file():
+        raise FileExistsError(f"{parts} is not from a run of ours: move it away, or give another --out")
+    clear_stale(parts)
+
+
+def clear_parts(parts: Sequence[Part]) -> None:
+    """Deletes the parts of a run that is done, and their folder unless it holds those of other runs."""
+    for part in parts:
+        shutil.rmtree(part.folder, ignore_errors=True)
+    for folder in {part.folder.parent for part in parts}:
+        if os.listdir(folder) == [_MARK]:
+            (folder / _MARK).unlink()
+            folder.rmdir()
+        else:
+            print(f"{folder} holds parts of other runs; they stay there", file=sys.stderr)

@@ -1,0 +1,59 @@
+"""A table as text, and how it is written: Markdown, LaTeX, CSV, or for a terminal."""
+
+import csv
+import dataclasses
+import io
+import itertools
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+import rich.box
+import rich.table
+from tabulate import tabulate
+
+_CELL_WIDTH = 26  # of a terminal's cells, in characters
+_WHOLE_WORDS: Mapping[str, Any] = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table as text cells."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    note: str
+
+    def markdown(self) -> str:
+        """Returns the table as a Markdown section."""
+        cells = tabulate(self.rows, self.header, tablefmt="github", disable_numparse=True)
+        return f"## {self.title}\n\n{cells}\n\n{self.note}\n"
+
+    def latex(self) -> str:
+        """Returns the table as a LaTeX tabular for the package booktabs, with title and note as comments."""
+        cells = tabulate(self.rows, self.header, tablefmt="latex_booktabs", disable_numparse=True)
+        return "\n".join([f"% {self.title}", cells, *(f"% {line}" for line in textwrap.wrap(self.note, 110))]) + "\n"
+
+    def csv(self) -> str:
+        """Returns the table's cells as CSV."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.header)
+        writer.writerows(self.rows)
+        return text.getvalue()
+
+    def terminal(self, columns: int | None = None) -> rich.table.Table:
+        """Returns the table, or its first columns, for a rich console; a rule stands between experiments."""
+        table = rich.table.Table(
+            title=self.title,
+            title_justify="left",
+            box=rich.box.SIMPLE_HEAD,
+            pad_edge=False,
+        )
+        for name in self.header[:columns]:
+            table.add_column(name.replace(" (", "\n("), overflow="fold")
+        for row, following in itertools.zip_longest(self.rows, self.rows[1:]):
+            cells = ["\n".join(textwrap.wrap(cell, _CELL_WIDTH, **_WHOLE_WORDS)) for cell in row[:columns]]
+            table.add_row(*cells, end_section=following is not None and following[0] != row[0])
+        return table

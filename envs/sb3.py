@@ -1,0 +1,202 @@
+"""Native vector environments, of one kind or of several side by side, as one VecEnv of stable-baselines3."""
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.envs.vector import NativeVectorEnv
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as error:
+    raise DependencyNotInstalled('wayfield.envs.sb3 needs stable-baselines3: pip install "wayfield[train]"') from error
+
+Array = NDArray[np.float64]
+_NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; nobody writes to it
+
+
+def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """Returns the rows of all pieces: those of a single one as they are, since every step makes its own."""
+    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+
+
+class NativeVecEnv(VecEnv):
+    """Robots of one environment id for stable-baselines3, all stepped by one compiled call: `PPO("MlpPolicy", env)`.
+
+    Row i, seeded seed + i, is the single environment of that seed: observations, rewards, ends, `terminal_observation`
+    and `TimeLimit.truncated` are those of DummyVecEnv. The info of a row whose episode ends holds all that the task
+    tells (`success`, `collision`, ...), `is_success` and, as Monitor writes it, `episode`; so `rollout/ep_rew_mean` and
+    `rollout/success_rate` are logged, and VecMonitor may take its `info_keywords` from there. Infos of other rows are
+    empty, for speed; what the last step told of all rows stands in `told`, an array a name.
+
+    Args:
+        worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
+            rows stand one after the other. Spaces and control period must agree.
+        kwargs: keyword arguments of the environment, and max_episode_steps.
+
+    Raises:
+        ValueError: if the worlds differ in their observation spaces, or there are none.
+    """
+
+    def __init__(self, env_id: str, worlds: int | Sequence[tuple[int, Mapping[str, Any]]] = 1, **kwargs: Any) -> None:
+        if not isinstance(worlds, Sequence):
+            worlds = [(worlds, {})]
+        if not worlds:
+            raise ValueError("worlds must be a number of robots, or at least one (number, keyword arguments)")
+        self.parts: list[NativeVectorEnv] = []
+        for count, own in worlds:
+            part = gymnasium.make_vec(
+                env_id,
+                count,
+                vectorization_mode="vector_entry_point",
+                autoreset_mode="SameStep",
+                **{**kwargs, **own},
+            )
+            assert isinstance(part, NativeVectorEnv)
+            self.parts.append(part)
+        first = self.parts[0]
+        for part in self.parts[1:]:
+            if part.single_observation_space != first.single_observation_space:
+                raise ValueError(f"the worlds of {env_id} must have one observation space")
+        self.task = first.task
+        ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
+        self.rows = [slice(end - part.num_envs, end) for end, part in zip(ends, self.parts, strict=True)]
+        self.told: dict[str, NDArray[Any]] = {}
+        self._actions: NDArray[Any] = np.empty(0)
+        self._returns = np.zeros(ends[-1])
+        self._since = time.time()
+        super().__init__(ends[-1], first.single_observation_space, first.single_action_space)
+
+    def reset(self) -> NDArray[np.float32]:
+        """Starts an episode in every row, seeded if `seed` was called before."""
+        pieces = []
+        for part, rows in zip(self.parts, self.rows, strict=True):
+            seeds = self._seeds[rows] if self._seeds[rows.start] is not None else None
+            observations, info = part.reset(seed=seeds)
+            pieces.append((observations, info))
+        self._reset_seeds()
+        self._reset_options()
+        self._tell([info for _, info in pieces])
+        self._returns[:] = 0.0
+        return np.concatenate([observations for observations, _ in pieces])
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Takes the actions of the next step."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Moves every robot by one control period; one whose episode ends starts the next at once."""
+        observations, rewards, terminated, truncated, _ = self.advance(self._actions)
+        ended = terminated | truncated
+        self._returns += rewards
+        infos = [_NOTHING] * self.num_envs
+        rows = np.flatnonzero(ended).tolist()
+        if rows:
+            seconds = round(time.time() - self._since, 6)
+            for i in rows:
+                info = {name: values.item(i) for name, values in self.told.items()}
+                info["terminal_observation"] = self.final_observation(i)
+                info["TimeLimit.truncated"] = not terminated.item(i)
+                info["is_success"] = info["success"]
+                steps = round(info["time"] / self.task.options.dt)
+                info["episode"] = {"r": round(self._returns.item(i), 6), "l": steps, "t": seconds}
+                infos[i] = info
+            self._returns[rows] = 0.0
+        return observations, rewards.astype(np.float32), ended, infos
+
+    def advance(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, NDArray[Any]]]:
+        """Returns observations, rewards, terminated, truncated and what the step told, all rows together.
+
+        Where an episode ended, the observation is the next one's first; all else belongs to the step.
+        """
+        self._steps: list[tuple[Any, ...]] = [
+            part.step(actions[rows]) for part, rows in zip(self.parts, self.rows, strict=True)
+        ]
+        observations, rewards, terminated, truncated = (_joined([step[k] for step in self._steps]) for k in range(4))
+        self._tell([step[4] for step in self._steps])
+        return observations, rewards, terminated, truncated, self.told
+
+    def final_observation(self, i: int) -> NDArray[np.float32]:
+        """Returns the last observation of the episode of row i that the last step ended."""
+        k = self._part(i)
+        return np.asarray(self._steps[k][4]["final_obs"][i - self.rows[k].start], np.float32)
+
+    def final_observations(self, ended: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Returns the last observations (n, size) of the rows that the last step ended."""
+        return np.stack([self.final_observation(i) for i in ended.tolist()])
+
+    def _tell(self, infos: list[dict[str, Any]]) -> None:
+        """Puts together what the parts told; the values of an episode that ended are its last ones."""
+        self.told = {}
+        for name in (*self.task.info_names, *self.task.flag_names):
+            pieces = []
+            for info in infos:
+                values = info[name]
+                if "_final_info" in info:
+                    values = np.where(info["_final_info"], info["final_info"][name], values)
+                pieces.append(values)
+            self.told[name] = _joined(pieces)
+
+    def close(self) -> None:
+        """Closes the parts."""
+        for part in self.parts:
+            part.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """Returns a frame of each robot, for `render_mode="rgb_array"`."""
+        return [frame for part in self.parts for frame in part.render() or [None] * part.num_envs]
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        """Returns False for each row: nothing wraps a robot."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Returns an attribute of each row's part."""
+        return [getattr(self.parts[self._part(i)], attr_name) for i in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refuses: robots of a batch have no attributes of their own."""
+        raise NotImplementedError("robots of a batch share their attributes")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Refuses: robots of a batch have no methods of their own."""
+        raise NotImplementedError("robots of a batch share their methods")
+
+    def _part(self, i: int) -> int:
+        """Returns which world row i belongs to."""
+        return next(k for k, rows in enumerate(self.rows) if i < rows.stop)
+
+    # ---- all that decides what comes next, as plain arrays and numbers
+
+    ARRAYS = ("states", "obstacles", "noise", "asked", "actions")
+
+    def arrays(self) -> dict[str, NDArray[np.uint8]]:
+        """Returns the bytes of all robots' states."""
+        return {
+            f"world_{k}.{name}": np.frombuffer(getattr(part.batch, name).tobytes(), np.uint8)
+            for k, part in enumerate(self.parts)
+            for name in self.ARRAYS
+        }
+
+    def generators(self) -> list[Any]:
+        """Returns the states of the robots' random generators."""
+        return [generator.bit_generator.state for part in self.parts for generator in part.np_random]
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], generators: Iterable[Any]) -> None:
+        """Puts all robots back into the states that `arrays` and `generators` returned."""
+        remaining = iter(generators)
+        for k, part in enumerate(self.parts):
+            part.reset(seed=0)  # makes the generators
+            for name in self.ARRAYS:
+                target = getattr(part.batch, name)
+                target[...] = np.frombuffer(arrays[f"world_{k}.{name}"].tobytes(), target.dtype).reshape(target.shape)
+            for generator in part.np_random:
+                generator.bit_generator.state = next(remaining)

@@ -1,0 +1,35 @@
+"""Ctrl-C while a command of ours is still being imported: one line, as at any later time.
+
+The package imports this module before all others. It looks at how the process was started, and does nothing in any
+other program that imports the package.
+"""
+
+import os
+import pathlib
+import signal
+import sys
+
+
+def _command() -> str:
+    """Returns which of our commands this process is: a module of ours after `-m`, or our script; "" for another."""
+    words = sys.orig_argv
+    if sys.argv[:1] == ["-m"] and "-m" in words[:-1]:  # so it is while the packages above the module are imported
+        module = words[words.index("-m") + 1]
+        return module.rpartition(".")[2] if module.startswith("wayfield.") else ""
+    return "wayfield" if sys.argv and pathlib.Path(sys.argv[0]).stem == "wayfield" else ""
+
+
+def _interrupted(*_: object) -> None:
+    os.write(2, f"{_NAME}: interrupted; nothing was written\n".encode())
+    os._exit(130)  # half-imported modules may turn an exception into anything
+
+
+def started() -> None:
+    """Gives Ctrl-C its usual meaning back; the command itself says what was interrupted."""
+    if signal.getsignal(signal.SIGINT) is _interrupted:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+_NAME = _command()
+if _NAME and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, _interrupted)

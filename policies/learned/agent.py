@@ -1,0 +1,435 @@
+"""Trained agents: a folder of weights and a card, and the policy that drives with it."""
+
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import itertools
+import json
+import math
+import os
+import pathlib
+import shutil
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import wayfield.envs  # noqa: F401  registers the ids that cards name
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import shown
+from wayfield.envs.compiled import compiled
+from wayfield.envs.readers import of_folder, reader
+from wayfield.envs.robots import Robot
+from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
+from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception
+from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
+from wayfield.policies.learned.residual import Base
+from wayfield.policies.policy import Policy, check_gain
+
+FORMAT = 2  # of the card: from 2 on it holds a digest of itself; cards of 1 are read without
+MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
+ACTIVATIONS = ("tanh", "relu")
+CARD, WEIGHTS = "card.json", "weights.safetensors"
+_NEXT = "weights.next.safetensors"  # the weights of the card, until they take the place of those before
+
+
+@dataclasses.dataclass(frozen=True)
+class Network:
+    """A multilayer perceptron, tanh or ReLU between its layers: the mean of the policy that was trained."""
+
+    sizes: NDArray[np.int64]  # (n,) inputs, hidden layers, outputs
+    numbers: Numbers  # layer after layer: weights (inputs, outputs) row by row, then biases
+    activation: str = "tanh"  # one of ACTIVATIONS
+
+    @classmethod
+    def of(cls, layers: Sequence[tuple[NDArray[Any], NDArray[Any]]], activation: str = "tanh") -> "Network":
+        """Returns the network of weights (outputs, inputs) and biases (outputs,), as torch keeps them."""
+        sizes = [layers[0][0].shape[1], *(weight.shape[0] for weight, _ in layers)]
+        pieces = [np.concatenate([weight.T.ravel(), bias]) for weight, bias in layers]
+        return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32), activation)
+
+    def __call__(self, inputs: Numbers) -> Numbers:
+        """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""
+        outputs = np.empty((len(inputs), int(self.sizes[-1])), np.float32)
+        scratch = np.empty((2, int(self.sizes.max())), np.float32)
+        forward(inputs, self.sizes, self.numbers, self.activation == "relu", scratch, outputs)
+        return outputs
+
+
+@compiled
+def forward(inputs, sizes, numbers, rectified, scratch, outputs):
+    """Fills the outputs, row by row: a matrix product would round a row differently in another batch."""
+    for i in range(inputs.shape[0]):
+        for k in range(sizes[0]):
+            scratch[0, k] = inputs[i, k]
+        first = 0
+        for layer in range(sizes.shape[0] - 1):
+            come, go = sizes[layer], sizes[layer + 1]
+            source, target = scratch[layer % 2], scratch[(layer + 1) % 2]
+            for j in range(go):
+                target[j] = numbers[first + come * go + j]
+            for k in range(come):
+                value = source[k]
+                start = first + k * go
+                for j in range(go):
+                    target[j] += value * numbers[start + j]
+            first += (come + 1) * go
+            if layer < sizes.shape[0] - 2:
+                for j in range(go):
+                    target[j] = max(target[j], np.float32(0.0)) if rectified else math.tanh(target[j])
+        for j in range(outputs.shape[1]):
+            outputs[i, j] = scratch[(sizes.shape[0] - 1) % 2, j]
+
+
+@dataclasses.dataclass(frozen=True)
+class Agent:
+    """Drives with a network trained by reinforcement: a = clip(network(features), -1, 1), then `Actions.twists`.
+
+    Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
+    what it saw before where the card asks for several frames. With a base it adds to that controller's twist, knows
+    what the controller knows, and keeps the controller's memory too. Drives the robot and the scan or preview that its
+    card names, and refuses others.
+    """
+
+    network: Network
+    features: Features
+    actions: Actions
+    card: Mapping[str, Any]
+    speed: float = 0.6  # m/s, the most that it drives
+    base: Base | None = None
+
+    def __post_init__(self) -> None:
+        check_gain(self, "speed", above=0.0)
+
+    @property
+    def knows(self) -> str:
+        """Returns "sensors", or what the base knows."""
+        return "sensors" if self.controller is None else self.controller.knows
+
+    @functools.cached_property
+    def controller(self) -> Policy | None:
+        """Returns the base's controller at the agent's speed."""
+        return None if self.base is None else self.base.policy(self.speed)
+
+    @property
+    def observes(self) -> tuple[type, ...]:
+        """Returns the observation type of the agent's task."""
+        return (self.features.observation,)
+
+    @property
+    def num_parameters(self) -> int:
+        """Returns how many numbers the network has."""
+        return len(self.network.numbers)
+
+    def perception(self, briefing: Briefing) -> Perception:
+        """Returns how the agent sees under a briefing."""
+        based = self.base is not None
+        return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt, based)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns an empty memory.
+
+        Raises:
+            ValueError: if robot, control period or scan are not those of the card.
+        """
+        name = self.card.get("name", "an agent")
+        if briefing.robot.name not in self.card["robots"]:
+            raise ValueError(f"{name} drives {', '.join(self.card['robots'])}, not {briefing.robot.name}")
+        if briefing.dt != self.card["dt"]:
+            raise ValueError(f"{name} decides every {self.card['dt']:g} s, not every {briefing.dt:g} s")
+        try:
+            self.features.check(briefing)
+        except ValueError as error:
+            raise ValueError(f"{name} {error}") from None
+        perception = self.perception(briefing)
+        if perception.num_inputs != self.network.sizes[0]:
+            raise ValueError(f"{name} has a network of {self.network.sizes[0]} inputs, not of {perception.num_inputs}")
+        fresh = perception.fresh(briefing.num_envs)
+        if self.controller is None:
+            return fresh
+        under = self.controller.reset(briefing)
+        kind = [("network", fresh.dtype, fresh.shape[1:]), ("base", under.dtype, under.shape[1:])]
+        memory = np.empty(briefing.num_envs, kind)
+        memory["network"], memory["base"] = fresh, under
+        return memory
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        perception, robot = self.perception(briefing), briefing.robot
+        speeds = np.full(len(memory), self.speed)
+        asked = None
+        own = memory
+        if self.controller is not None:
+            own, under = memory["network"], memory["base"].copy()
+            asked = self.controller.act(observation, briefing, under)
+            memory["base"] = under
+        inputs, angles = perception.inputs(observation, speeds, own, asked)
+        actions = np.clip(self.network(inputs), -1.0, 1.0)
+        perception.remember(inputs, actions, own)
+        return self.features.guarded(
+            observation, commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
+        )
+
+
+def commanded(
+    meaning: Actions,
+    base: Base | None,
+    actions: NDArray[Any],
+    asked: NDArray[np.float64] | None,
+    speeds: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    robot: Robot,
+) -> NDArray[np.float64]:
+    """Returns the twists (b, t) that actions (b, 2) command, with what a base asks for under them where there is one.
+
+    Args:
+        asked: (b, t) m/s and rad/s, of the base.
+        speeds: (b,) m/s, asked of the agent.
+        angles: (b,) rad, of the frames of the actions.
+    """
+    if base is None or asked is None:
+        return meaning.twists(actions, speeds, angles, robot)
+    return meaning.added(asked, actions, base.reach, speeds, angles, robot)
+
+
+def save_agent(
+    folder: str | os.PathLike[str], layers: Sequence[tuple[NDArray[Any], NDArray[Any]]], card: Mapping[str, Any]
+) -> None:
+    """Writes an agent's folder: weights (outputs, inputs) and biases of its layers, and its card, signed.
+
+    At any moment, a crash included, `load_agent` finds the agent that was there before, or this one.
+
+    Raises:
+        ValueError: if a weight or bias is not finite; what was there before still is.
+        OSError: if a file cannot be written; what was there before still is.
+    """
+    from safetensors.numpy import save
+
+    folder = pathlib.Path(folder)
+    tensors = {}
+    for k, pair in enumerate(layers):
+        for part, array in zip(("weight", "bias"), pair, strict=True):
+            tensors[f"layer_{k}.{part}"] = np.ascontiguousarray(array, np.float32)
+            if not np.isfinite(tensors[f"layer_{k}.{part}"]).all():
+                raise ValueError(f"{folder}: layer_{k}.{part} has numbers that are not finite; they are not saved")
+    weights, text = save(tensors), (json.dumps(signed(card), indent=2) + "\n").encode()
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        new = temporary_folder(folder.parent)
+        try:
+            write_whole(new / WEIGHTS, weights)
+            write_whole(new / CARD, text)
+            new.chmod(folder.parent.stat().st_mode & 0o777)  # temporary folders are for their owner alone
+            os.replace(new, folder)
+            sync_folder(folder.parent)
+        finally:
+            shutil.rmtree(new, ignore_errors=True)
+        return
+    _settle(folder)
+    write_whole(folder / _NEXT, weights)
+    write_whole(folder / CARD, text)
+    os.replace(folder / _NEXT, folder / WEIGHTS)
+    sync_folder(folder)
+
+
+def _settle(folder: pathlib.Path) -> None:
+    """Puts the card's weights in their place if a crash has left them beside it."""
+    if not (folder / _NEXT).exists():
+        return
+    with contextlib.suppress(ValueError):
+        card = read_card(folder / CARD)
+        _layers(folder / _NEXT, card, _sizes(card, folder / CARD))
+        os.replace(folder / _NEXT, folder / WEIGHTS)
+
+
+def signed(card: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a card of the present format with the SHA-256 of all that it says."""
+    content = {"format": FORMAT, **{key: card[key] for key in card if key not in ("format", "digest")}}
+    return content | {"digest": digest(content)}
+
+
+def weights_digest(layers: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> str:
+    """Returns the SHA-256 of weights and biases, by which a card knows them."""
+    sha = hashlib.sha256()
+    for weight, bias in layers:
+        sha.update(np.ascontiguousarray(weight, "<f4").tobytes() + np.ascontiguousarray(bias, "<f4").tobytes())
+    return sha.hexdigest()
+
+
+def _shipped(folder: pathlib.Path, name: str = "goal_reaching_p3dx") -> None:
+    home = pathlib.Path(__file__).parents[1] / "agents" / name / "seed_0"
+    for file in (CARD, WEIGHTS):
+        (folder / file).write_bytes((home / file).read_bytes())
+
+
+@reader("agent's card", CARD, _shipped, of_folder)
+@reader("agent's weights", WEIGHTS, _shipped, of_folder)
+@reader("path agent's card", CARD, functools.partial(_shipped, name="path_following_p3dx"), of_folder)
+def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
+    """Returns the agent of a folder; `speed` (m/s) may take the place of the one it was trained for.
+
+    Only numbers and text are read: no code of the folder runs.
+
+    Raises:
+        ValueError: if a file is missing, damaged or of another kind, or the card is for an environment that this
+            wayfield does not have; the message names the file.
+    """
+    folder = pathlib.Path(folder)
+    card = read_card(folder / CARD)
+    sizes = _sizes(card, folder / CARD)
+    try:
+        layers = _layers(folder / WEIGHTS, card, sizes)
+    except ValueError as error:
+        try:
+            layers = _layers(folder / _NEXT, card, sizes)  # the card's own, of a save that was cut off
+        except ValueError:
+            raise error from None
+    network = Network.of(layers, card["network"]["activation"])
+    features, actions = card_features(card, folder / CARD)
+    base = card_base(card, folder / CARD)
+    try:
+        return Agent(network, features, actions, card, **({"speed": card["speed"], "base": base} | gains))
+    except ValueError as error:
+        raise ValueError(f"{folder / CARD}: {error}") from None
+
+
+def _sizes(card: Mapping[str, Any], file: pathlib.Path) -> list[int]:
+    """Returns the numbers of inputs, hidden units and outputs of a card's network."""
+    features, actions = card_features(card, file)
+    based = card_base(card, file) is not None
+    try:
+        perception = Perception(features, actions, card["network"]["num_twist"], card["dt"], based)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    return [perception.num_inputs, *card["network"]["hidden"], actions.size]
+
+
+def _layers(
+    file: pathlib.Path, card: Mapping[str, Any], sizes: list[int]
+) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Returns weights (outputs, inputs) and biases of a file, if they are those of a card."""
+    tensors, _ = read_arrays(file)
+    layers = []
+    for k, (come, go) in enumerate(itertools.pairwise(sizes)):
+        for part, shape in (("weight", (go, come)), ("bias", (go,))):
+            tensor = tensors.pop(f"layer_{k}.{part}", None)
+            if tensor is None:
+                raise ValueError(f"{file} has no layer_{k}.{part}; it does not belong to {CARD}")
+            if tensor.shape != shape or tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+                raise ValueError(
+                    f"{file}: layer_{k}.{part} must be finite float32 of shape {shape} by {CARD}, got "
+                    f"{tensor.dtype} of shape {tensor.shape}"
+                )
+            layers.append(tensor)
+    if tensors:
+        raise ValueError(f"{file} also holds {', '.join(sorted(tensors))}; it does not belong to {CARD}")
+    pairs = list(zip(layers[::2], layers[1::2], strict=True))
+    if weights_digest(pairs) != card["sha256"]:
+        raise ValueError(f"{file} holds other weights than {CARD} was written for: their SHA-256 differs")
+    return pairs
+
+
+def card_base(card: Mapping[str, Any], file: pathlib.Path) -> Base | None:
+    """Returns the controller that a card's agent adds to; None for one that drives by itself.
+
+    Raises:
+        ValueError: naming the file, if it is no controller of this wayfield with gains of its own.
+    """
+    if card.get("base") is None:
+        return None
+    try:
+        base = Base(**card["base"])
+        if FEATURES[card["task"]].observation not in base.policy(1.0).observes:
+            raise ValueError(f"controller {base.controller!r} does not read observations of {card['task']}")
+        return base
+    except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise ValueError(f"{file}: base is {shown(card['base'])}: {str(error)[:500]}") from None
+
+
+def card_features(card: Mapping[str, Any], file: pathlib.Path) -> tuple[Features, Actions]:
+    """Returns the features and actions that a card describes.
+
+    Raises:
+        ValueError: naming the file, if a value of theirs is of the wrong kind or out of range.
+    """
+    trails = card["features"]["trails"]
+    try:
+        trails = tuple(trails) if isinstance(trails, list) else trails
+        return FEATURES[card["task"]](**card["features"] | {"trails": trails}), Actions(**card["actions"])
+    except ValueError as error:
+        raise ValueError(f"{file}: {str(error)[:500]}") from None
+
+
+_CARD_KINDS = {
+    "env_id": str, "robots": list, "task": str, "dt": float, "speed": float, "features": dict, "actions": dict,
+    "network": dict, "sha256": str, "training": dict,
+}  # fmt: skip
+
+
+def read_card(file: pathlib.Path) -> dict[str, Any]:
+    """Returns an agent's card, checked.
+
+    Raises:
+        ValueError: naming the file and what is wrong with it.
+    """
+    if not file.exists():
+        raise ValueError(f"{file} cannot be read: No such file; an agent is a folder with {CARD}")
+    card = read_object(file)
+    if "format" not in card:
+        raise ValueError(f"{file} is not the card of an agent: it has no format")
+    if not is_whole(card["format"], 1, FORMAT):
+        raise ValueError(f"{file} has format {shown(card['format'])}; this wayfield reads formats up to {FORMAT}")
+    if "digest" in card or card["format"] == FORMAT:
+        try:
+            own = digest({key: value for key, value in card.items() if key != "digest"})
+        except (RecursionError, ValueError) as error:
+            raise ValueError(f"{file} cannot be checked: {error}") from None
+        if card.get("digest") != own:
+            raise ValueError(f"{file} is damaged or was changed by hand: its digest differs from what it says")
+    for key, kind in _CARD_KINDS.items():
+        if not isinstance(card.get(key), kind):
+            raise ValueError(f"{file}: {key} must be a {kind.__name__}, got {shown(card.get(key))}")
+    for key in ("dt", "speed"):
+        if not 0.0 < card[key] < math.inf:
+            raise ValueError(f"{file}: {key} must be a finite number > 0, got {card[key]!r}")
+    if not all(isinstance(each, str) for each in card["robots"]):
+        raise ValueError(f"{file}: robots must be names, got {shown(card['robots'])}")
+    if card["env_id"] not in gymnasium.registry:
+        ours = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
+        raise ValueError(
+            f"{file} is for {shown(card['env_id'])}, which this wayfield does not have; it has {', '.join(ours)}"
+        )
+    if card["task"] not in FEATURES:
+        raise ValueError(f"{file}: task {shown(card['task'])} is none of {', '.join(FEATURES)}")
+    for key, kind in (("features", FEATURES[card["task"]]), ("actions", Actions)):
+        names = {field.name for field in dataclasses.fields(kind)}
+        if set(card[key]) != names:
+            odd = ", ".join(sorted(set(card[key]) ^ names))
+            raise ValueError(f"{file}: {key} must have exactly {', '.join(sorted(names))}; not so: {odd}")
+    if not is_whole(card["training"].get("steps"), 0, 2**63 - 1):
+        raise ValueError(f"{file}: training.steps must be a whole number, got {shown(card['training'].get('steps'))}")
+    network = card["network"]
+    hidden = network.get("hidden")
+    if not isinstance(hidden, list):
+        raise ValueError(f"{file}: network.hidden must be a list of whole numbers, got {shown(hidden)}")
+    try:
+        check_hidden(hidden)
+    except ValueError as error:
+        raise ValueError(f"{file}: network.{error}") from None
+    if not is_whole(network.get("num_twist"), 2, 3):
+        raise ValueError(f"{file}: network.num_twist must be 2 or 3, got {shown(network.get('num_twist'))}")
+    if network.get("activation") not in ACTIVATIONS:
+        got = shown(network.get("activation"))
+        raise ValueError(f"{file}: network.activation must be {' or '.join(ACTIVATIONS)}, got {got}")
+    return card
+
+
+def check_hidden(hidden: Sequence[int]) -> None:
+    """Raises ValueError, naming the sizes, unless they are hidden layers that a network may have."""
+    if len(hidden) > MOST_LAYERS or not all(is_whole(n, 1, MOST_WIDTH) for n in hidden):
+        raise ValueError(
+            f"hidden must be at most {MOST_LAYERS} whole numbers from 1 to {MOST_WIDTH}, got {shown(hidden)}"
+        )

@@ -1,0 +1,539 @@
+"""What a network sees and what its outputs mean: numbers of order one, from named fields of observations, to twists.
+
+Training and driving run the same code, so that an agent meets the numbers that it was trained on.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import choose, shown
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import wrap_angle
+from wayfield.envs.robots import Robot
+from wayfield.policies.learned.reading import is_number
+from wayfield.policies.parts.steering import unicycle_twists
+from wayfield.policies.policy import check_gain, check_whole
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.float32]
+
+LIMIT = 5.0  # beyond which a number tells a network nothing new
+CRUMBS = 4  # numbers before the crumbs: how many, least distance to the goal, distance, time without a lesser one
+NEXT_GOAL = 0.5  # m, by which the distance to the goal grows only where the goal is another
+MOST_SEEN = 1000  # of frames, points, actions, crumbs and trails, and MOST_BEAMS of beams: they size memory
+MOST_BEAMS = 10_000
+MOST_INPUTS, MOST_KEPT = 2**16, 2**20  # numbers that a network may see, and a robot remember
+NEAR = 0.01  # m, under which two points of a path give no direction
+
+
+@dataclasses.dataclass(frozen=True)
+class PathFeatures:
+    """Of a path follower: its errors, its motion, the preview, the speed asked for, and what it did last.
+
+    asinh(e / error_scale), asinh(turn / turn_scale), the rest by plain division. The preview is seen twice: as points
+    about the body, and as the turns of the path between them, which are what a steering law asks for.
+    """
+
+    num_preview: int = 10
+    error_scale: float = 0.02  # m, up to which the cross-track error is seen in proportion
+    preview_scale: float = 0.5  # m
+    turn_scale: float = 0.1  # rad, up to which a turn of the path from point to point is seen in proportion
+    speed_scale: float = 0.6  # m/s
+    yaw_scale: float = 2.0  # rad/s
+    previous: int = 2  # own actions seen
+    trails: tuple[float, ...] = ()  # s, see GoalFeatures
+    frames: int = 1  # observations seen
+    stride: int = 1  # control periods between them
+
+    crumbs: ClassVar[int] = 0
+    crumbed: ClassVar[int] = 0  # numbers that crumbs give
+
+    def __post_init__(self) -> None:
+        check_seen(self)
+        for name in ("error_scale", "preview_scale", "turn_scale", "speed_scale", "yaw_scale"):
+            check_gain(self, name, above=0.0)
+        check_whole(self, "num_preview", most=MOST_SEEN)
+
+    fields: ClassVar[tuple[str, ...]] = ("cross_track_error", "heading_error", "twist", "preview")
+    observation: ClassVar[type] = path_following.Observation
+
+    def check(self, briefing: Briefing) -> None:
+        """Refuses no robot: `observe` looks at the preview."""
+
+    def width(self, num_twist: int) -> int:
+        """Returns how many numbers one observation gives."""
+        return 5 + num_twist + 3 * self.num_preview
+
+    def observe(self, observation: path_following.Observation, speeds: Array, out: Numbers) -> Array:
+        """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in: 0, the body's."""
+        if observation.preview.shape[1] != self.num_preview:
+            raise ValueError(f"preview has {observation.preview.shape[1]} points, the agent knows {self.num_preview}")
+        scales = np.array([self.error_scale, self.preview_scale, self.speed_scale, self.yaw_scale, self.turn_scale])
+        fill_path(
+            observation.cross_track_error, observation.heading_error, observation.twist, observation.preview,
+            speeds, scales, out,
+        )  # fmt: skip
+        return np.zeros(len(out))
+
+    def guarded(self, observation: path_following.Observation, twists: Array) -> Array:
+        """Returns the twists as they are: nothing stands beside a path."""
+        return twists
+
+
+@dataclasses.dataclass(frozen=True)
+class GoalFeatures:
+    """Of a goal seeker: where the goal is, its motion, the scan, the speed asked for, and what it did last.
+
+    The scan is seen twice, in every `pool`-th direction: as the nearness n = range_scale / (range_scale + d) of the
+    nearest of `pool` neighbouring beams, d = max(r - hull_radius, 0), and as that of the way d that a disc of
+    hull_radius + margin could go in a straight line before it touches a point of the scan. In the frame "goal" all is
+    turned, scan and action too, by a whole number of beams so that the goal lies ahead: a holonomic robot has no front.
+    The goal's heading is not looked at.
+
+    A scan alone does not tell a dead end that the robot has just left from a new way. So it sees where it came from:
+    points m that trail behind it, m' = (p - m)/T for each T of `trails`, by its measured positions p; and, where crumbs
+    are dropped, one each crumb_gap of its way, the nearness of the nearest of the last of them in each direction, how
+    much farther than ever before the goal is, and for how long it has come no nearer, t/(t + 5 s).
+
+    What the network asks for is guarded: towards a point of the scan at the distance d beyond gap, a robot goes no
+    faster than it could stop on d after the time `reaction`: v = a (sqrt(reaction^2 + 2 d / a) - reaction), a the
+    braking. An omni base loses the part of its velocity that is too fast and slides along; a differential drive slows
+    down. What stands is so hardly ever touched; what moves may still come.
+    """
+
+    num_beams: int = 72
+    hull_radius: float = 0.3  # m
+    max_range: float = 5.0  # m
+    range_scale: float = 0.5  # m
+    margin: float = 0.03  # m
+    distance_scale: float = 1.0  # m
+    speed_scale: float = 0.6  # m/s
+    yaw_scale: float = 2.0  # rad/s
+    pool: int = 2  # beams
+    frame: Literal["goal", "body"] = "goal"
+    previous: int = 1  # own actions seen
+    trails: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)  # s
+    crumbs: int = 0
+    crumb_gap: float = 0.3  # m
+    frames: int = 1  # observations seen
+    stride: int = 1  # control periods between them
+    gap: float = 0.02  # m
+    braking: float = 0.7  # m/s^2; 0: nothing is guarded
+    reaction: float = 0.2  # s
+
+    def __post_init__(self) -> None:
+        check_seen(self)
+        for name in ("max_range", "range_scale", "distance_scale", "speed_scale", "yaw_scale", "crumb_gap"):
+            check_gain(self, name, above=0.0)
+        for name in ("hull_radius", "margin", "gap", "braking", "reaction"):
+            check_gain(self, name, least=0.0)
+        check_whole(self, "crumbs", most=MOST_SEEN)
+        check_whole(self, "num_beams", least=1, most=MOST_BEAMS)
+        check_whole(self, "pool", least=1)
+        if self.num_beams % self.pool:
+            raise ValueError(f"GoalFeatures: pool must divide num_beams, got {self.pool} and {self.num_beams}")
+        choose("frame", self.frame, ("goal", "body"))
+
+    fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "ranges")
+    observation: ClassVar[type] = goal_reaching.Observation
+
+    @property
+    def crumbed(self) -> int:
+        """Returns how many numbers crumbs give."""
+        return 2 + self.num_beams // self.pool if self.crumbs else 0
+
+    def check(self, briefing: Briefing) -> None:
+        """Raises ValueError unless the robots have the scan that is seen."""
+        asked, given = (self.num_beams, self.max_range), (len(briefing.beam_angles), briefing.max_range)
+        if asked != given or abs(briefing.beam_angles[0] + math.pi) > 1e-9:
+            raise ValueError(
+                f"needs num_beams={asked[0]} over the full circle and max_range={asked[1]:g} m, "
+                f"got {given[0]} and {given[1]:g} m"
+            )
+
+    def width(self, num_twist: int) -> int:
+        """Returns how many numbers one observation gives."""
+        return 5 + num_twist + 2 * (self.num_beams // self.pool)
+
+    def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:
+        """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in, rad."""
+        if observation.ranges.shape[1] != self.num_beams:
+            raise ValueError(f"ranges has {observation.ranges.shape[1]} beams, the agent knows {self.num_beams}")
+        scales = np.array(
+            [self.hull_radius, self.range_scale, self.distance_scale, self.speed_scale, self.yaw_scale, self.margin]
+        )
+        angles = np.zeros(len(out))
+        fill_goal(
+            observation.goal, observation.twist, observation.ranges, speeds, scales,
+            self.max_range, self.pool, self.frame == "goal", angles, out,
+        )  # fmt: skip
+        return angles
+
+    def guarded(self, observation: goal_reaching.Observation, twists: Array) -> Array:
+        """Returns the twists with what would not stop in time taken away."""
+        if self.braking:
+            guard(observation.ranges, self.hull_radius + self.gap, self.braking, self.reaction, twists)
+        return twists
+
+
+Features = PathFeatures | GoalFeatures
+FEATURES: Mapping[str, type[Features]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}  # by task
+
+
+def check_seen(features: Features) -> None:
+    """Raises ValueError, naming the field, its value and its range, unless what both features have is right."""
+    check_whole(features, "previous", most=MOST_SEEN)
+    for name in ("frames", "stride"):
+        check_whole(features, name, least=1, most=MOST_SEEN)
+    trails = features.trails
+    if not isinstance(trails, tuple) or not all(is_number(each) and each > 0.0 for each in trails):
+        raise ValueError(f"{type(features).__name__}: trails must be times > 0 s, got {shown(trails)}")
+    if len(trails) > MOST_SEEN:
+        raise ValueError(f"{type(features).__name__}: trails must be at most {MOST_SEEN}, got {len(trails)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Actions:
+    """What the outputs of a network mean, each clipped to [-1, 1].
+
+    "unicycle": v = speed (a_0 + 1)/2, w = yaw_rate a_1. "planar": the velocity speed (a_0, a_1), no faster than speed,
+    in the frame of the features; no turning.
+    """
+
+    kind: Literal["unicycle", "planar"] = "unicycle"
+    yaw_rate: float = 2.0  # rad/s
+
+    def __post_init__(self) -> None:
+        choose("kind", self.kind, ("unicycle", "planar"))
+        check_gain(self, "yaw_rate", above=0.0)
+
+    @property
+    def size(self) -> int:
+        """Returns how many outputs the network has."""
+        return 2
+
+    def twists(self, actions: NDArray[Any], speeds: Array, angles: Array, robot: Robot) -> Array:
+        """Returns the twists (b, t) of actions (b, 2) in [-1, 1], m/s and rad/s."""
+        a = actions.astype(np.float64)
+        if self.kind == "unicycle":
+            return unicycle_twists(robot, speeds * 0.5 * (a[:, 0] + 1.0), self.yaw_rate * a[:, 1])
+        speeds = speeds / np.maximum(np.sqrt(a[:, 0] * a[:, 0] + a[:, 1] * a[:, 1]), 1.0)
+        out = np.zeros((len(a), 3))
+        turn(a, speeds, angles, out)
+        return out
+
+    def added(
+        self, twists: Array, actions: NDArray[Any], reach: float, speeds: Array, angles: Array, robot: Robot
+    ) -> Array:
+        """Returns the twists (b, t) of a controller with what actions (b, 2) add to them; see `base.Base`."""
+        a = reach * actions.astype(np.float64)
+        out = twists.copy()
+        if self.kind == "unicycle":
+            out[:, 0] += 0.5 * speeds * a[:, 0]
+            out[:, -1] += self.yaw_rate * a[:, 1]
+        else:
+            more = np.zeros((len(a), 3))
+            turn(a, speeds, angles, more)
+            out[:, :2] += more[:, :2]
+        planar = slice(0, 2 if robot.holonomic else 1)
+        most = np.maximum(speeds, np.linalg.norm(twists[:, planar], axis=1))
+        out[:, planar] *= (most / np.maximum(np.linalg.norm(out[:, planar], axis=1), most))[:, None]
+        return out
+
+    def of_twists(self, twists: Array, speeds: Array, angles: Array) -> Numbers:
+        """Returns the actions (b, 2) that come nearest to twists (b, t)."""
+        if self.kind == "unicycle":
+            a = np.column_stack([2.0 * twists[:, 0] / speeds - 1.0, twists[:, -1] / self.yaw_rate])
+        else:
+            a = np.zeros((len(twists), 3))
+            turn(twists / speeds[:, None], np.ones(len(twists)), -angles, a)
+        return np.clip(a[:, :2], -1.0, 1.0).astype(np.float32)
+
+
+class Perception:
+    """From observations to the inputs of a network, with a memory of one row a robot.
+
+    Where the network adds to a controller, its inputs end with the action that comes nearest to what that asks for. A
+    row holds the last actions, newest first; where trails are kept, whether they have begun, and the trailing points;
+    and the numbers of earlier observations, newest first.
+
+    Raises:
+        ValueError: if there were more numbers to see or to remember than memory is meant for.
+    """
+
+    def __init__(self, features: Features, actions: Actions, num_twist: int, dt: float, based: bool = False) -> None:
+        self.features = features
+        self.actions = actions
+        self.width = features.width(num_twist)
+        self.acted = features.previous * actions.size
+        self.trails = np.array(features.trails, np.float64)
+        self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
+        self.trailed = 2 * len(self.trails)
+        self.dropped = self.acted + (self.trailed + 1 if self.trailed else 0)  # number of what is known by crumbs
+        self.first = self.dropped + (CRUMBS + 2 * features.crumbs if features.crumbs else 0)  # of what was seen before
+        self.kept = (features.frames - 1) * features.stride
+        self.dt = dt
+        self.asked = actions.size if based else 0
+        self.crumbed = features.crumbed
+        self.num_inputs = self.width * features.frames + self.acted + self.trailed + self.crumbed + self.asked
+        for what, count, most in (
+            ("sees", self.num_inputs, MOST_INPUTS),
+            ("remembers", self.first + self.kept * self.width, MOST_KEPT),
+        ):
+            if count > most:
+                raise ValueError(f"{type(features).__name__} {what} {count} numbers of a robot; at most {most} may be")
+
+    def fresh(self, num_envs: int) -> Numbers:
+        """Returns the memory (num_envs, ...) of robots that have seen and done nothing: zeros."""
+        return np.zeros((num_envs, self.first + self.kept * self.width), np.float32)
+
+    def inputs(
+        self, observation: Any, speeds: Array, memory: Numbers, asked: Array | None = None
+    ) -> tuple[Numbers, Array]:
+        """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
+
+        Draws the trailing points on; call it once a step.
+
+        Args:
+            asked: (b, t) m/s and rad/s, the twists of the controller that the network adds to, if it does.
+        """
+        inputs = np.empty((len(memory), self.num_inputs), np.float32)
+        angles = self.features.observe(observation, speeds, inputs[:, : self.width])
+        at = self.width + self.acted
+        inputs[:, self.width : at] = memory[:, : self.acted]
+        if self.trailed:
+            scales = self.features.speed_scale * self.trails
+            fill_trails(observation.pose, angles, self.shares, scales, self.acted, memory, at, inputs)
+            at += self.trailed
+        if isinstance(self.features, GoalFeatures) and self.crumbed:
+            scales = np.array([self.dt, self.features.crumb_gap, self.features.range_scale])
+            fill_crumbs(
+                observation.pose, observation.goal, angles, scales, self.features.crumbs, self.dropped, memory,
+                inputs[:, at : at + self.crumbed],
+            )  # fmt: skip
+            at += self.crumbed
+        for k in range(1, self.features.frames):
+            old = self.first + (k * self.features.stride - 1) * self.width
+            inputs[:, at : at + self.width] = memory[:, old : old + self.width]
+            at += self.width
+        if asked is not None:
+            inputs[:, at:] = self.actions.of_twists(asked, speeds, angles)
+        return inputs, angles
+
+    def remember(self, inputs: Numbers, actions: NDArray[Any], memory: Numbers) -> None:
+        """Puts what was just seen and done at the head of the memory."""
+        size = self.actions.size
+        if self.acted:
+            memory[:, size : self.acted] = memory[:, : self.acted - size].copy()
+            memory[:, :size] = actions
+        if self.kept:
+            memory[:, self.first + self.width :] = memory[:, self.first : -self.width].copy()
+            memory[:, self.first : self.first + self.width] = inputs[:, : self.width]
+
+
+@compiled
+def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
+    """Fills the rows of `PathFeatures.observe`."""
+    for i in range(out.shape[0]):
+        out[i, 0] = math.asinh(errors[i] / scales[0])
+        out[i, 1] = min(max(errors[i] / (10.0 * scales[0]), -LIMIT), LIMIT)
+        out[i, 2] = math.sin(heading_errors[i])
+        out[i, 3] = math.cos(heading_errors[i])
+        out[i, 4] = speeds[i] / scales[2]
+        k = 5
+        last = twists.shape[1] - 1
+        for j in range(last + 1):
+            out[i, k] = min(max(twists[i, j] / (scales[3] if j == last else scales[2]), -LIMIT), LIMIT)
+            k += 1
+        for j in range(previews.shape[1]):
+            for side in range(2):
+                out[i, k] = min(max(previews[i, j, side] / scales[1], -LIMIT), LIMIT)
+                k += 1
+        # from the nearest point of the path on, in the body frame
+        heading = -heading_errors[i]
+        x = errors[i] * math.sin(heading)
+        y = -errors[i] * math.cos(heading)
+        for j in range(previews.shape[1]):
+            dx = previews[i, j, 0] - x
+            dy = previews[i, j, 1] - y
+            turn = 0.0
+            if dx * dx + dy * dy > NEAR * NEAR:  # where a path ends, all points are one
+                ahead = math.atan2(dy, dx)
+                turn = wrap_angle(ahead - heading)
+                heading = ahead
+            out[i, k] = math.asinh(turn / scales[4])
+            k += 1
+            x = previews[i, j, 0]
+            y = previews[i, j, 1]
+
+
+@compiled
+def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, angles, out):
+    """Fills the rows of `GoalFeatures.observe`, and the angles of their frames."""
+    beams = ranges.shape[1]
+    step = 2.0 * math.pi / beams
+    cosines = np.cos(np.arange(beams) * step)
+    sines = np.sin(np.arange(beams) * step)
+    side = (beams - 1) // 4  # beams to either side of a direction that point ahead
+    directions = beams // pool
+    for i in range(out.shape[0]):
+        bearing = math.atan2(goals[i, 1], goals[i, 0])
+        distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
+        shift = math.floor(bearing / step + 0.5) if ahead else 0
+        frame = shift * step
+        angles[i] = frame
+        out[i, 0] = math.asinh(distance / scales[2])
+        out[i, 1] = distance / (distance + 0.2)
+        out[i, 2] = math.sin(bearing - frame)
+        out[i, 3] = math.cos(bearing - frame)
+        out[i, 4] = speeds[i] / scales[3]
+        k = 5
+        last = twists.shape[1] - 1
+        vx = twists[i, 0]
+        if last == 2:
+            cosine = math.cos(frame)
+            sine = math.sin(frame)
+            vx = cosine * twists[i, 0] + sine * twists[i, 1]
+            vy = cosine * twists[i, 1] - sine * twists[i, 0]
+            out[i, k + 1] = min(max(vy / scales[3], -LIMIT), LIMIT)
+        out[i, k] = min(max(vx / scales[3], -LIMIT), LIMIT)
+        out[i, k + last] = min(max(twists[i, last] / scales[4], -LIMIT), LIMIT)
+        k += last + 1
+        for j in range(directions):
+            nearest = np.inf
+            for m in range(pool):
+                nearest = min(nearest, ranges[i, (j * pool + m + shift) % beams])
+            out[i, k] = scales[1] / (scales[1] + max(nearest - scales[0], 0.0))
+            k += 1
+        for j in range(directions):
+            out[i, k + j] = max_range
+        for b in range(beams):
+            r = ranges[i, b]
+            if r >= max_range:
+                continue
+            # only directions near that of the beam lead the disc to its point
+            radius = min(scales[0] + scales[5], r)
+            at = (b - shift) % beams
+            j = at // pool
+            for toward in (-1, 1):
+                m = abs(at - j * pool)
+                while m <= side and r * sines[m] < radius:
+                    aside = r * sines[m]
+                    way = max(r * cosines[m] - math.sqrt(radius * radius - aside * aside), 0.0)
+                    out[i, k + j % directions] = min(out[i, k + j % directions], way)
+                    j += toward
+                    m += pool
+                j = at // pool + 1
+        for j in range(directions):
+            out[i, k + j] = scales[1] / (scales[1] + out[i, k + j])
+        k += directions
+
+
+@compiled
+def turn(actions, speeds, angles, out):
+    """Fills the planar velocities (b, 3) of actions meant in turned frames."""
+    for i in range(out.shape[0]):
+        cosine = math.cos(angles[i])
+        sine = math.sin(angles[i])
+        out[i, 0] = speeds[i] * (cosine * actions[i, 0] - sine * actions[i, 1])
+        out[i, 1] = speeds[i] * (sine * actions[i, 0] + cosine * actions[i, 1])
+
+
+@compiled
+def fill_trails(poses, angles, shares, scales, first, memory, at, out):
+    """Draws on the trailing points that a memory holds from `first` on, and fills where they are, in the frames."""
+    for i in range(out.shape[0]):
+        cosine = math.cos(poses[i, 2] + angles[i])
+        sine = math.sin(poses[i, 2] + angles[i])
+        begun = memory[i, first] > 0.0
+        memory[i, first] = 1.0
+        for k in range(shares.shape[0]):
+            m = first + 1 + 2 * k
+            for side in range(2):
+                if begun:
+                    memory[i, m + side] += shares[k] * (poses[i, side] - memory[i, m + side])
+                else:
+                    memory[i, m + side] = poses[i, side]
+            dx = (memory[i, m] - poses[i, 0]) / scales[k]
+            dy = (memory[i, m + 1] - poses[i, 1]) / scales[k]
+            out[i, at + 2 * k] = min(max(cosine * dx + sine * dy, -LIMIT), LIMIT)
+            out[i, at + 2 * k + 1] = min(max(cosine * dy - sine * dx, -LIMIT), LIMIT)
+
+
+@compiled
+def fill_crumbs(poses, goals, angles, scales, count, first, memory, out):
+    """Drops crumbs, which a memory holds from `first` on, and fills what is known by them; see `GoalFeatures`."""
+    dt, gap, range_scale = scales
+    directions = out.shape[1] - 2
+    for i in range(out.shape[0]):
+        x = poses[i, 0]
+        y = poses[i, 1]
+        # as the memory keeps it: what was rounded up there would else be undercut by a robot that stands
+        distance = np.float32(math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1]))
+        dropped = int(memory[i, first])
+        begins = dropped == 0
+        last = first + CRUMBS + 2 * ((dropped - 1) % count)
+        if begins or math.hypot(x - memory[i, last], y - memory[i, last + 1]) >= gap:
+            last = first + CRUMBS + 2 * (dropped % count)
+            memory[i, last] = x
+            memory[i, last + 1] = y
+            dropped += 1
+            memory[i, first] = dropped
+        # a goal that jumps away is the next one
+        if begins or distance < memory[i, first + 1] or distance > memory[i, first + 2] + NEXT_GOAL:
+            memory[i, first + 1] = distance
+            memory[i, first + 3] = 0.0
+        else:
+            memory[i, first + 3] += dt
+        memory[i, first + 2] = distance
+        out[i, 0] = math.asinh(distance - memory[i, first + 1])
+        out[i, 1] = memory[i, first + 3] / (memory[i, first + 3] + 5.0)
+        out[i, 2:] = 0.0
+        heading = poses[i, 2] + angles[i]
+        for k in range(min(dropped, count)):
+            at = first + CRUMBS + 2 * k
+            dx = memory[i, at] - x
+            dy = memory[i, at + 1] - y
+            turn = wrap_angle(math.atan2(dy, dx) - heading) / (2.0 * math.pi)
+            j = 2 + math.floor(turn * directions + 0.5) % directions
+            out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))
+
+
+@compiled
+def guard(ranges, hull, braking, reaction, twists):
+    """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back."""
+    beams = ranges.shape[1]
+    angles = np.arange(beams) * (2.0 * math.pi / beams) - math.pi
+    cosines = np.cos(angles)
+    sines = np.sin(angles)
+    planar = twists.shape[1] == 3
+    for i in range(ranges.shape[0]):
+        vx = twists[i, 0]
+        vy = twists[i, 1] if planar else 0.0
+        for turn in range(3):
+            share = 1.0
+            for j in range(beams):
+                towards = vx * cosines[j] + vy * sines[j]
+                if towards <= 0.0:
+                    continue
+                room = max(ranges[i, j] - hull, 0.0)
+                most = braking * (math.sqrt(reaction * reaction + 2.0 * room / braking) - reaction)
+                if towards <= most:
+                    continue
+                if planar and turn < 2:
+                    vx -= (towards - most) * cosines[j]
+                    vy -= (towards - most) * sines[j]
+                else:
+                    share = min(share, most / towards)
+            vx *= share
+            vy *= share
+        twists[i, 0] = vx
+        if planar:
+            twists[i, 1] = vy

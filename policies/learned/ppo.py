@@ -1,0 +1,104 @@
+"""Agents by their seed: those that ship, ten a task and robot, or those of a folder that `train.py` wrote."""
+
+import dataclasses
+import functools
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import LAST_SEED
+from wayfield.policies.learned.agent import Agent, load_agent
+from wayfield.policies.policy import check_gain, check_whole
+
+
+@dataclasses.dataclass(frozen=True)
+class Ppo:
+    """Drives with the agent of its seed that ships for the task and the robot it is put in, or with one of your own.
+
+    What the network sees and does is stated in the agent's card and in `features`. Learned from the training split of
+    the scenarios; those that ship serve the robots that `shipped` names.
+    """
+
+    seed: int = 0  # of the training run
+    speed: float = 0.0  # m/s, the most that it drives; 0: the one that it was validated at
+    home: str = ""  # folder of training runs, as train.py's --out; "": the agents that ship
+
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+
+    def __post_init__(self) -> None:
+        check_whole(self, "seed", most=LAST_SEED)
+        check_gain(self, "speed", least=0.0)
+        if not isinstance(self.home, str) or (self.home and not trained(self.home)):
+            raise ValueError(f"Ppo: home must be a folder of training runs, with seed_N/best in it, got {self.home!r}")
+
+    @property
+    def knows(self) -> str:
+        """Returns what it must be told: of agents that ship "sensors", of others what their card asks for.
+
+        Raises:
+            ValueError: if the folder holds no agent of the seed, or a damaged one.
+        """
+        return self._own.knows if self.home else "sensors"
+
+    def agent(self, briefing: Briefing) -> Agent:
+        """Returns the agent for a briefing.
+
+        Raises:
+            ValueError: if none ships for the task and robot, or none of this seed.
+        """
+        task, robot = briefing.task.name, briefing.robot.name
+        if self.home:
+            if self._own.card["task"] != task:
+                raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
+            return self._own
+        return _shipped(task, robot, self.seed, self.speed)
+
+    @functools.cached_property
+    def _own(self) -> Agent:
+        return _loaded(trained(self.home), self.seed, self.speed, f"is in {self.home}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the agent's empty memory.
+
+        Raises:
+            ValueError: if no agent ships for task, robot and seed, or its card asks for another scan or control period.
+        """
+        return self.agent(briefing).reset(briefing)
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        return self.agent(briefing).act(observation, briefing, memory)
+
+
+def shipped(task: str, robot: str) -> dict[int, Path]:
+    """Returns the folders of the agents that ship for a task, by its name, and robot, by seed."""
+    return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}")
+
+
+def trained(home: str) -> dict[int, Path]:
+    """Returns the folders of the best agents of the training runs in a folder, by seed."""
+    runs = {seed: folder / "best" for seed, folder in _by_seed(Path(home)).items()}
+    return {seed: folder for seed, folder in runs.items() if folder.is_dir()}
+
+
+def _by_seed(home: Path) -> dict[int, Path]:
+    found = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_(0|[1-9]\d*)", each.name)}
+    return dict(sorted(found.items()))
+
+
+def _loaded(folders: dict[int, Path], seed: int, speed: float, what: str) -> Agent:
+    if seed not in folders:
+        there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
+        raise ValueError(f"no agent of seed {seed} {what}; there are {there}")
+    return load_agent(folders[seed], **({"speed": speed} if speed else {}))
+
+
+@functools.lru_cache(maxsize=128)
+def _shipped(task: str, robot: str, seed: int, speed: float) -> Agent:
+    return _loaded(shipped(task, robot), seed, speed, f"ships for {task} with {robot}")

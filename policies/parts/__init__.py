@@ -1,0 +1,1 @@
+"""What laws share: scans and stopping, detours, points and speeds of paths, tracking, grids and their search."""

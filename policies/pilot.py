@@ -1,0 +1,96 @@
+"""The pilot that drives an environment with a policy."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies.policy import Policy, check_robot
+
+Array = NDArray[np.float64]
+
+
+class Pilot:
+    """Drives an environment, single or native vector, with a policy.
+
+    Call `reset` after the environment's reset, then `act` with each observation: it unpacks the named fields and turns
+    the policy's twists into actions of the environment's action mode.
+
+    Raises:
+        TypeError: if the policy cannot read the environment's observations.
+        ValueError: if the policy needs what the robot cannot do.
+    """
+
+    def __init__(self, policy: Policy, env: Any) -> None:
+        base = env.unwrapped
+        if not isinstance(base, SingleEnv | NativeVectorEnv):
+            raise TypeError(
+                f"Pilot drives environments of wayfield, single or native vector, not {type(base).__name__}"
+            )
+        kind = base.task.layout.kind
+        if kind not in policy.observes:
+            reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
+            gives = f"{kind.__module__}.{kind.__name__}"
+            raise TypeError(f"{type(policy).__name__} reads {reads}, but {type(base).__name__} gives {gives}")
+        check_robot(policy, base.task.robot)
+        self.policy = policy
+        self._env = base
+        self._shape = base.action_space.shape
+        self._started = False
+        self.briefing: Briefing
+        self.memory: NDArray[Any]
+
+    def reset(self, rows: NDArray[Any] | None = None) -> None:
+        """Tells the policy of the episodes that have just begun, in all rows or in the given ones (indices or a mask).
+
+        The other rows keep what they were told and what they remember.
+
+        Raises:
+            RuntimeError: if only some rows are named before all have been.
+        """
+        briefing = self._env.briefing(self.policy.knows)
+        if rows is None:
+            self.briefing = briefing
+            self.memory = self.policy.reset(briefing)
+            self._started = True
+            return
+        if not self._started:
+            raise RuntimeError("call the pilot's reset for all rows before its reset for some")
+        self.briefing = _briefed(self.briefing, briefing, rows)
+        self.memory[rows] = self.policy.reset(self.briefing)[rows]
+
+    def act(self, observation: NDArray[Any]) -> Array:
+        """Returns the action for the observation, with the environment's own shapes.
+
+        In float64, as the environments carry actions, and beyond the bounds of the action space where the law asks for
+        more than the wheels can: the plant then scales all of them by one factor. A wrapper that wants members of the
+        space has to be given `numpy.clip(action, space.low, space.high).astype(space.dtype)`.
+
+        Raises:
+            RuntimeError: before the first `reset`.
+        """
+        if not self._started:
+            raise RuntimeError("call the pilot's reset after the environment's, before act")
+        fields = self.briefing.layout.unpack(np.atleast_2d(observation).astype(np.float64))
+        twists = self.policy.act(fields, self.briefing, self.memory)
+        if self.briefing.action_mode == "wheel_speeds":
+            twists = self.briefing.robot.wheel_speeds_from_twist(twists)
+        return twists.reshape(self._shape)
+
+
+def _briefed(briefing: Briefing, anew: Briefing, rows: NDArray[Any]) -> Briefing:
+    """Returns a briefing with some rows of another: of all fields that hold an array with a row for each robot."""
+    told = {}
+    for name in _OF_EACH_ROBOT:
+        old, new = getattr(briefing, name), getattr(anew, name)
+        if old is not None and new is not None:
+            told[name] = old.copy()
+            told[name][rows] = new[rows]
+    return dataclasses.replace(briefing, **told)
+
+
+_OF_EACH_ROBOT = ("path_index", "goals", "num_goals", "obstacles", "num_obstacles", "patrols")

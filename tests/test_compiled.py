@@ -1,0 +1,147 @@
+"""Compiled code is kept where it can be, and where it cannot nothing fails.
+
+The tests run as root as well, whom no permission stops: an unwritable folder is simulated by one that lies below a
+file, or by taking the places away in which numba looks.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNEL = """
+from wayfield.envs.compiled import compiled, inlined
+
+@inlined
+def twice(x):
+    return 2.0 * x
+
+@compiled
+def four_times(x):
+    return 2.0 * twice(x)
+"""
+CALL = """
+import warnings
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    {before}
+    import kernel
+    {between}
+    print(kernel.four_times(1.5), kernel.four_times(2))
+    print(*(w.message for w in caught if "wayfield" in str(w.message)), sep="\\n")
+"""
+
+
+def called(folder: Path, before: str = "", between: str = "", **environment: str) -> list[str]:
+    """Returns what a fresh interpreter prints that calls two kernels of a module in the folder: results, warnings."""
+    if not (folder / "kernel.py").exists():  # written anew it would be compiled anew
+        (folder / "kernel.py").write_text(KERNEL)
+    paths = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", CALL.format(before=before, between=between)],
+        capture_output=True, text=True, timeout=300, cwd=folder, env=os.environ | {"PYTHONPATH": paths} | environment,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_what_was_compiled_is_kept(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+    kept = {file: file.stat().st_mtime_ns for file in cache.rglob("*.nbc")}
+    assert kept
+    assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+    assert {file: file.stat().st_mtime_ns for file in cache.rglob("*.nbc")} == kept
+
+
+def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    # the folders beside the module and in the user's home are taken away as well
+    before = (
+        "from numba.core import caching as c; c.CacheImpl._locator_classes = [c.UserProvidedCacheLocator]; "
+        "c.CompileResultCacheImpl._locator_classes = [c.UserProvidedCacheLocator]"
+    )
+    result, *said = called(tmp_path, before, NUMBA_CACHE_DIR=str(tmp_path / "file" / "cache"))
+    assert result == "6.0 8.0"
+    assert len(said) == 1
+    assert "compiled code is not kept: no folder can be written" in said[0]
+
+
+@pytest.mark.parametrize("error", ["errno.ENOSPC, 'No space left on device'", "errno.EACCES, 'Permission denied'"])
+@pytest.mark.parametrize("method", ["_save_index", "_save_data", "_load_index"])
+def test_a_cache_that_fails_is_said_once(tmp_path: Path, method: str, error: str) -> None:
+    between = (
+        f"import errno; from numba.core.caching import IndexDataCacheFile as F\n"
+        f"    def fail(*_): raise OSError({error})\n"
+        f"    F.{method} = fail"
+    )
+    result, *said = called(tmp_path, between=between, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert result == "6.0 8.0"
+    assert len(said) == 1
+    assert "compiled code is not kept" in said[0]
+
+
+def test_a_damaged_cache_is_compiled_anew(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    called(tmp_path, NUMBA_CACHE_DIR=str(cache))
+    for pattern in ("*four_times*.nbc", "*four_times*.nbi"):
+        for file in cache.rglob(pattern):
+            file.write_bytes(file.read_bytes()[:40])
+        result, *said = called(tmp_path, NUMBA_CACHE_DIR=str(cache))
+        assert result == "6.0 8.0"
+        assert len(said) == 1
+        assert "compiled code is not kept" in said[0]
+        # and it is mended
+        assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+
+
+def test_a_signal_that_comes_while_a_kernel_is_compiled_is_not_lost(tmp_path: Path) -> None:
+    """It comes where it would be lost: as LLVM calls back with the machine code."""
+    before = """
+    import signal
+    from llvmlite.binding import executionengine
+    find = executionengine.ExecutionEngine._find_module_ptr
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return find(*arguments)
+    """
+    between = """
+    executionengine.ExecutionEngine._find_module_ptr = interrupted
+    try:
+        kernel.four_times(1.5)
+    except KeyboardInterrupt:
+        print("interrupted")
+    executionengine.ExecutionEngine._find_module_ptr = find
+    """
+    cache = tmp_path / "cache"
+    assert called(tmp_path, before.strip(), between.strip(), NUMBA_CACHE_DIR=str(cache)) == [
+        "interrupted",
+        "6.0 8.0",
+        "",
+    ]
+    assert list(cache.rglob("kernel.four_times*.nbc"))
+
+
+def test_code_of_another_signature_under_ones_name_is_not_used(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    called(tmp_path, NUMBA_CACHE_DIR=str(cache))
+    first, second = sorted(cache.rglob("kernel.four_times*.nbc"))
+    second.write_bytes(first.read_bytes())  # as two processes leave it that save at once
+    assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+
+
+def test_a_kernel_without_machine_code_to_keep_runs(tmp_path: Path) -> None:
+    before = """
+    from llvmlite.binding import executionengine
+    executionengine.ExecutionEngine._raw_object_cache_notify = None
+    from numba.core.codegen import CPUCodeLibrary
+    def none_yet(self):
+        raise RuntimeError("no compiled object yet")
+    CPUCodeLibrary._get_compiled_object = none_yet
+    """
+    results, told = called(tmp_path, before.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert results == "6.0 8.0"
+    assert "no compiled object yet" in told

@@ -1,0 +1,281 @@
+"""The tables of a contest from rows made by hand, whose aggregates are known; and episodes rolled out one by one."""
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from wayfield import policies
+from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.intervals import wilson
+from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.results import Row
+from wayfield.benchmarks.rollout import roll_out
+from wayfield.benchmarks.standings import contest_tables, front_points
+from wayfield.benchmarks.table import Table
+from wayfield.policies.pilot import Pilot
+
+PATHS, GOALS = "path-following", "goal-obstacles"
+PATH_ID, GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
+COUNT = 8  # scenarios of each of two families
+
+
+def made(contest: str, policy: str, cells: dict[str, Any], split: str = "test", **more: str) -> list[Row]:
+    """Returns a row for each of 2 x COUNT scenarios; cells: numbers by metric, one a scenario or one for all."""
+    found = []
+    for k in range(2 * COUNT):
+        family = ("wide", "narrow")[k // COUNT]
+        row = {
+            "suite": "x", "contest": contest, "family": family, "scenario": f"{family}/{split}", "robot": "p3dx",
+            "disturbance": "none", "policy": policy, "gains_name": "default", "gains": "", "dynamics": "kinematic",
+            "actuators": "lagged", "seed": str(k), "episode": str(k % COUNT), "split": split,
+            "tier": ("easy", "medium", "hard")[k % 3], "speed": "", "agent_seed": "",
+            "knows": "sensors", "parameters": "", "learned_from": "",
+            "failure_cost": "1.0" if contest == PATHS else "60.0",
+        }  # fmt: skip
+        values = {name: np.broadcast_to(np.asarray(each, float), 2 * COUNT)[k] for name, each in cells.items()}
+        found.append(row | {name: repr(float(each)) for name, each in values.items()} | more)
+    return found
+
+
+def column(table: Table, name: str) -> dict[str, str]:
+    """Returns the cells of a column by policy."""
+    at = table.header.index(name)
+    return {line[0]: line[at] for line in table.rows}
+
+
+def numbers(cell: str) -> list[float]:
+    return [
+        float(part) for part in cell.replace("[", " ").replace("]", " ").replace(",", " ").replace("|", " ").split()
+    ]
+
+
+WON = np.array([1, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0, 1, 1.0])
+ERRORS = np.array([3, 1, 4, 0.5, 5, 9, 2, 6, 5, 3, 5, 8, 9, 0.7, 9, 3]) / 100.0
+TIMES = np.array([30, 11, 42, 6, 55, 9, 21, 16, 15, 33, 25, 18, 49, 5, 29, 31.0])
+STRATA = ["wide"] * COUNT + ["narrow"] * COUNT
+
+
+def test_a_failed_run_counts_as_the_corridor_or_the_whole_clock_and_means_are_interquartile() -> None:
+    cells = {"success": WON, "cross_track_rms": ERRORS, "time": TIMES, "mean_speed": TIMES / 60, "faults": TIMES}
+    rows = made(PATHS, "pure_pursuit", cells | {"saturated_share": TIMES / 100})
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
+    costs = np.where(WON == 1.0, ERRORS, 1.0)
+    low, high = interval(costs, STRATA, iqm)
+    shown = numbers(column(table, "RMS error (m)")["pure_pursuit"])
+    assert shown == pytest.approx([float(iqm(costs)), low, high], abs=6e-5)
+    # of the successes alone
+    assert numbers(column(table, "time (s)")["pure_pursuit"]) == pytest.approx(
+        [float(iqm(TIMES[WON == 1.0]))], abs=0.06
+    )
+    # plain means of counts and shares
+    assert numbers(column(table, "faults")["pure_pursuit"]) == pytest.approx([TIMES.mean()], abs=6e-3)
+    assert numbers(column(table, "saturated (%)")["pure_pursuit"]) == pytest.approx([TIMES.mean()], abs=0.06)
+    low, high = wilson(14, 16)
+    assert numbers(column(table, "success")["pure_pursuit"]) == pytest.approx([87.5, 100 * low, 100 * high], abs=0.06)
+
+    rows = made(GOALS, "dwa", {"success": WON, "collision": 1.0 - WON, "time": TIMES, "spl": TIMES / 60})
+    table = contest_tables(rows, [], "x", False)["goal_obstacles_p3dx"]
+    imputed = np.where(WON == 1.0, TIMES, 60.0)
+    assert numbers(column(table, "imputed (s)")["dwa"]) == pytest.approx([float(iqm(imputed))], abs=0.06)
+    assert numbers(column(table, "collision (%)")["dwa"]) == pytest.approx([12.5])
+    low, high = interval(TIMES / 60, STRATA, mean)
+    assert numbers(column(table, "SPL")["dwa"]) == pytest.approx([(TIMES / 60).mean(), low, high], abs=6e-4)
+
+
+def test_the_gap_is_what_is_better_where_gains_were_tuned() -> None:
+    rows = made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.03})
+    rows += made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.02}, split="validation")
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
+    assert column(table, "gap (RMS, m)")["stanley"] == "+0.0100"
+    rows = made(GOALS, "dwa", {"success": WON, "time": TIMES})
+    rows += made(GOALS, "dwa", {"success": 1.0, "time": TIMES}, split="validation")
+    table = contest_tables(rows, [], "x", False)["goal_obstacles_p3dx"]
+    assert column(table, "gap (success, %)")["dwa"] == "+12.5"
+
+
+def test_families_and_tiers_hold_their_own_successes_and_the_iqm_of_their_cost() -> None:
+    rows = made(PATHS, "lqr", {"success": WON, "cross_track_rms": ERRORS})
+    tables = contest_tables(rows, [], "x", False)
+    groups = {
+        "path_following_p3dx_families": {"wide": np.arange(16) < COUNT, "narrow": np.arange(16) >= COUNT},
+        "path_following_p3dx_tiers": {
+            name: np.arange(16) % 3 == k for k, name in enumerate(("easy", "medium", "hard"))
+        },
+    }
+    for stem, members in groups.items():
+        for name, mine in members.items():
+            won, error = numbers(column(tables[stem], name)["lqr"])
+            assert won == round(100.0 * WON[mine].mean())
+            assert error == pytest.approx(float(iqm(ERRORS[mine & (WON == 1.0)])), abs=6e-4)
+
+
+def test_the_matrix_counts_draws_half_and_stars_what_is_decided_either_way() -> None:
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": 0.01})
+    rows += made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.02})
+    rows += made(PATHS, "pure_pursuit", {"success": 1.0, "cross_track_rms": np.where(np.arange(16) % 2, 0.01, 0.02)})
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx_better"]
+    assert column(table, "stanley")["lqr"] == "1.00*"
+    assert column(table, "lqr")["stanley"] == "0.00*"
+    # ahead in half of them, level in the others; and level with itself in no cell
+    assert column(table, "pure_pursuit")["lqr"] == "0.75*"
+    assert column(table, "lqr")["pure_pursuit"] == "0.25*"
+    assert column(table, "lqr")["lqr"] == ""
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": 0.01 + 0.001 * (np.arange(16) % 2)})
+    rows += made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.01 + 0.001 * (np.arange(1, 17) % 2)})
+    assert column(contest_tables(rows, [], "x", False)["path_following_p3dx_better"], "stanley")["lqr"] == "0.50"
+
+
+def test_a_seed_that_is_under_the_documented_controller_has_failed() -> None:
+    rows = made(PATHS, "lookahead_documented", {"success": 1.0, "cross_track_rms": 0.05})
+    for seed, (success, error) in enumerate(((1.0, 0.02), (1.0, 0.06), (WON, 0.001))):
+        cells = {"success": success, "cross_track_rms": error}
+        rows += made(PATHS, "ppo", cells, agent_seed=f"{seed}", gains_name="trained")
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx_seeds"]
+    assert [line[2] for line in table.rows] == ["0", "1", "2"]
+    assert [line[3] for line in table.rows] == ["100.0", "100.0", "87.5"]
+    assert [line[-1] for line in table.rows] == ["yes", "no", "no"]
+    # a failure counts as the corridor: the two of 16 are cut off with the worst quarter
+    assert [line[4] for line in table.rows] == ["0.0200", "0.0600", "0.0010"]
+
+
+def test_success_of_several_seeds_is_not_that_of_as_many_scenarios() -> None:
+    rows = []
+    for seed in range(4):
+        cells = {"success": WON, "cross_track_rms": 0.01}
+        rows += made(PATHS, "ppo", cells, agent_seed=f"{seed}", gains_name="trained")
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
+    share, low, high = numbers(column(table, "success")["ppo"])
+    expected = interval(np.tile(WON[:, None], 4), STRATA, mean)
+    assert [share, low, high] == pytest.approx([87.5, 100.0 * expected[0], 100.0 * expected[1]], abs=0.06)
+
+
+def test_the_front_shows_the_iqm_of_pace_and_error_at_each_speed_by_itself() -> None:
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": ERRORS, "mean_speed": TIMES / 60})
+    for speed, factor in (("0.3", 1.0), ("0.6", 2.0)):
+        cells = {"success": WON, "cross_track_rms": factor * ERRORS, "mean_speed": factor * TIMES / 60}
+        rows += made(PATHS, "lqr", cells, split="front", speed=speed)
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx_front"]
+    for speed, factor in (("0.3", 1.0), ("0.6", 2.0)):
+        costs = np.where(WON == 1.0, factor * ERRORS, 1.0)
+        shown = numbers(column(table, speed)["lqr"])
+        wanted = [float(iqm(costs)), *interval(costs, STRATA, iqm), float(iqm(factor * TIMES / 60))]
+        assert shown == pytest.approx(wanted, abs=6e-3)
+        assert shown[0] == pytest.approx(wanted[0], abs=6e-5)
+
+
+def test_a_point_of_the_front_is_marked_where_a_single_run_is_lost() -> None:
+    points = []
+    for speed, success in (("0.3", 1.0), ("0.6", WON), ("0.9", 0.0)):
+        cells = {"success": success, "cross_track_rms": ERRORS, "mean_speed": 0.3}
+        points += made(PATHS, "lqr", cells, split="front", speed=speed)
+    found = front_points(CONTESTS[PATHS], points)
+    assert [(each.asked, each.lost) for each in found] == [("0.3", False), ("0.6", True), ("0.9", True)]
+
+
+# Episodes one by one.
+
+
+def alone(case: Case, k: int, seed: int) -> tuple[list[Any], dict[str, Any]]:
+    """Returns the states of an episode of one robot, and the info of its last step."""
+    env: Any = gymnasium.make(
+        case.env_id, scenario=case.scenario, actuators="lagged", max_episode_steps=case.max_episode_steps,
+        **case.env_kwargs,
+    )  # fmt: skip
+    seen, info = env.reset(seed=seed, options={"scenario": k} if case.every_scenario else None)
+    pilot = Pilot(policies.make(case.policy, **case.gains), env)
+    pilot.reset()
+    states = [env.unwrapped.batch.states[0].copy()]
+    while True:
+        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+        states.append(env.unwrapped.batch.states[0].copy())
+        if terminated or truncated:
+            return states, info
+
+
+@pytest.mark.parametrize(
+    ("env_id", "scenario", "policy", "every", "clock"),
+    [
+        (PATH_ID, "circuits/validation", "pure_pursuit", True, 500),
+        (PATH_ID, "random_splines", "pure_pursuit", False, 900),
+        (PATH_ID, "circle", "pure_pursuit", False, 150),
+        (GOAL_ID, "clutter_5/validation", "waypoint", True, 1200),
+    ],
+)
+def test_every_slot_gives_its_first_episode_and_no_other(
+    env_id: str, scenario: str, policy: str, every: bool, clock: int
+) -> None:
+    """Whenever the others end, and with the seeds one after the other."""
+    kwargs = {} if env_id == PATH_ID else {"num_beams": 0}
+    case = Case("", "", env_id, scenario, policy, {}, kwargs, clock, every_scenario=every)
+    found = roll_out(case, actuators="lagged", seed=7, episodes=4)
+    lengths = set()
+    for k, each in enumerate(found):
+        states, info = alone(case, k, 7 + k)
+        lengths.add(len(states))
+        np.testing.assert_array_equal(each.poses, [[s["x"], s["y"], s["heading"]] for s in states])
+        np.testing.assert_allclose(each.times, 0.05 * np.arange(len(states)), atol=1e-12)
+        assert each.collision == info["collision"]
+        if env_id == PATH_ID:
+            assert each.max_speed != each.max_speed  # there is nothing to compare with
+            assert each.completion == pytest.approx(info["completion"])
+            assert each.success == (info["success"] if scenario != "circle" else info["completion"] >= 0.98)
+            assert each.left_corridor == info["left_corridor"]
+            assert each.arc_lengths[-1] == info["arc_length"]
+        else:
+            assert each.success == info["success"]
+            assert each.max_speed == pytest.approx(1.7320508, abs=1e-6)  # of omni3's data sheet, along x
+            assert each.acceleration == 1.0
+            assert each.clearances[-1] == info["clearance"]
+            assert 0.0 < each.shortest < math.dist(each.poses[0, :2], each.goals[-1, :2]) * 2.0
+    assert len(lengths) > 1 or scenario == "circle"
+
+
+def test_faults_are_counted_robot_by_robot() -> None:
+    case = Case(
+        "", "", PATH_ID, "circuits/validation", "mpc", {"solver_iterations": 100}, max_episode_steps=60,
+        every_scenario=True,
+    )  # fmt: skip
+    faults = [each.faults for each in roll_out(case, actuators="lagged", seed=0, episodes=4)]
+    assert len(set(faults)) > 1
+    for k, each in enumerate(faults):
+        env: Any = gymnasium.make(PATH_ID, scenario=case.scenario, actuators="lagged", max_episode_steps=60)
+        seen, _ = env.reset(seed=k, options={"scenario": k})
+        pilot = Pilot(policies.make("mpc", solver_iterations=100), env)
+        pilot.reset()
+        ended = False
+        while not ended:
+            seen, _, terminated, truncated, _ = env.step(pilot.act(seen))
+            ended = terminated or truncated
+        assert each == pilot.memory["qp_failures"][0]
+
+
+def test_laps_are_completed_one_after_the_other(tmp_path: Any) -> None:
+    file = tmp_path / "square.json"
+    file.write_text('{"path": [[0, 0], [2, 0], [2, 2], [0, 2]], "closed": true, "laps": 3}')
+    case = Case("", "", PATH_ID, str(file), "pure_pursuit", max_episode_steps=300)
+    (run,) = roll_out(case, actuators="lagged")
+    found = measure(run)
+    # 15 s at 0.6 m/s of three laps of 8 m
+    assert found["completion"] == pytest.approx(found["path_length"] / 24.0, rel=0.1)
+    assert 0.3 < found["completion"] < 0.45
+
+
+def test_episodes_of_an_earlier_version_are_refused_by_their_columns() -> None:
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": 0.01})
+    old = [{"document" if name == "contest" else name: cell for name, cell in row.items()} for row in rows]
+    with pytest.raises(ValueError, match="no column contest: they are of an earlier version"):
+        contest_tables(old, [], "x", False)
+
+
+def test_what_a_new_contest_shows_is_all_in_its_own_file() -> None:
+    for contest in CONTESTS.values():
+        assert contest.spec.suite == contest.name
+        assert contest.cost_header in [each.header for each in contest.columns]
+        assert contest.timed_on in contest.families("kinematic")
+        assert set(contest.policies) <= set(policies.POLICIES)
+        assert contest.failure_cost(contest.spec.clock) == pytest.approx(contest.spec.cost.failure)

@@ -1,0 +1,443 @@
+"""What a learner sees, is paid for, is taught and is judged by, each worked out a second time."""
+
+# ruff: noqa: E402  what is optional is asked for before it is imported
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+pytest.importorskip("stable_baselines3")
+torch = pytest.importorskip("torch")
+
+from wayfield import policies
+from wayfield.benchmarks.aggregates import iqm
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.rollout import roll_out
+from wayfield.envs.sb3 import NativeVecEnv
+from wayfield.envs.scenarios import splits
+from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.learned.perception import Actions, GoalFeatures
+from wayfield.policies.training import imitation, run
+from wayfield.policies.training.checkpoints import BEST
+from wayfield.policies.training.learner import Learner, make_worlds
+from wayfield.policies.training.presets import PRESETS, Preset
+from wayfield.policies.training.run import Job, Report, _Run
+from wayfield.policies.training.shaping import GoalReward, PathReward, Shaped
+from wayfield.policies.training.validation import Score, validate
+
+PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
+DT = 0.05  # s
+Array = NDArray[np.float64]
+
+FOLLOWING = dataclasses.replace(
+    PRESETS["path_following_plain"],
+    worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
+    validation={"scenario": "s_curve", "actuators": "lagged"},
+    paces=(0.4, 0.6),
+    num_envs=16,
+    horizon=8,
+    batch_size=64,
+    epochs=1,
+    hidden=(8,),
+    steps=16 * 8 * 6,
+    validations=3,
+    time_limit=15,
+)
+# all that a robot can remember: actions, trails, crumbs, frames, and what its controller does
+SEEKING = dataclasses.replace(
+    FOLLOWING,
+    task="goal_reaching",
+    worlds=(
+        (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0}),
+        (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "max_episode_steps": 11}),
+    ),
+    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, previous=2),
+    actions=Actions("planar"),
+    reward=GoalReward(),
+    robot="omni3",
+    shortest_ways=True,
+    controller="vfh_plus",
+    reach=0.3,
+)
+
+
+def begun(preset: Preset, env_id: str, seed: int = 3) -> tuple[Shaped, NDArray[np.float32]]:
+    """Returns the worlds of a preset and their first inputs."""
+    env = make_worlds(preset, env_id)
+    env.seed(seed)
+    return env, env.reset()
+
+
+# What is seen.
+
+
+@pytest.mark.parametrize(("env_id", "preset"), [(PATH, FOLLOWING), (OMNI, SEEKING)], ids=["following", "seeking"])
+def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, preset: Preset) -> None:
+    """Before, at and after an end: the memory of the last episode is gone, and that of the new one begins."""
+    env, inputs = begun(preset, env_id)
+    perception, layout = env.perception, env.worlds.task.layout
+    memory = perception.fresh(env.num_envs)
+    paces = np.repeat([pace for _, _, pace in preset.parts], [count for count, _, _ in preset.parts])
+    pilots = env.make_pilots(preset.controller_at) if preset.reach else []
+
+    def fields(observations: NDArray[np.float32]) -> Any:
+        return layout.unpack(observations.astype(np.float64))
+
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(3 * preset.time_limit + 5):
+        asked = env.ask(pilots) if pilots else None
+        expected, _ = perception.inputs(fields(env.observations), paces, memory, asked)
+        np.testing.assert_array_equal(inputs, expected)
+        actions = rng.uniform(-1.0, 1.0, (env.num_envs, 2)).astype(np.float32)
+        perception.remember(inputs, actions, memory)
+        inputs, _, ended, infos = env.step(actions)
+        rows = np.flatnonzero(ended)
+        ends += len(rows)
+        if len(rows):
+            finals = fields(env.worlds.final_observations(rows))
+            last, _ = perception.inputs(finals, paces[rows], memory[rows], None if asked is None else asked[rows])
+            np.testing.assert_array_equal([infos[i]["terminal_observation"] for i in rows], last)
+            memory[rows] = perception.fresh(len(rows))
+            env.tell(pilots, ended)
+    assert ends >= 3 * env.num_envs
+
+
+def test_only_the_clock_truncates() -> None:
+    """Straight on, the circle's corridor is left in a certain step; a clock that runs out in it changes nothing."""
+    preset = dataclasses.replace(
+        FOLLOWING, worlds=((1.0, {"scenario": "circle"}),), paces=(0.6,), num_envs=1, horizon=64, time_limit=1000
+    )
+
+    def first_end(clock: int) -> tuple[int, dict[str, Any]]:
+        env, _ = begun(dataclasses.replace(preset, time_limit=clock), PATH)
+        for step in range(1, clock + 1):
+            _, _, ended, infos = env.step(np.array([[1.0, 0.0]]))
+            if ended[0]:
+                return step, infos[0]
+        raise AssertionError("the clock should have run out")
+
+    left, info = first_end(1000)
+    assert left < 500
+    assert info["TimeLimit.truncated"] is False
+    step, info = first_end(left)
+    assert (step, info["TimeLimit.truncated"]) == (left, False)
+    step, info = first_end(left - 1)
+    assert (step, info["TimeLimit.truncated"]) == (left - 1, True)
+
+
+def test_worlds_say_the_same_of_an_end_by_the_task_and_by_the_clock_at_once() -> None:
+    def last(clock: int) -> tuple[int, bool]:
+        worlds = NativeVecEnv(PATH, [(1, {"scenario": "circle", "max_episode_steps": clock})])
+        worlds.seed(0)
+        worlds.reset()
+        for step in range(1, clock + 1):
+            _, _, ended, infos = worlds.step(np.array([[0.6, 0.0]], np.float32))
+            if ended[0]:
+                # what is told belongs to the episode that has ended, not to the one that has begun
+                assert worlds.told["time"][0] == pytest.approx(step * DT)
+                assert worlds.told["arc_length"][0] > 0.1
+                assert worlds.told["left_corridor"][0] == (not infos[0]["TimeLimit.truncated"])
+                return step, infos[0]["TimeLimit.truncated"]
+        raise AssertionError("the clock should have run out")
+
+    left, late = last(1000)
+    assert not late
+    assert last(left) == (left, False)
+    assert last(left - 1) == (left - 1, True)
+
+
+# What is paid.
+
+cost = st.floats(0.0, 100.0)
+
+
+@given(
+    st.builds(PathReward, cost, cost, st.floats(0.0, 1.0), cost, cost, cost, st.floats(0.05, 1.0), cost),
+    st.floats(-0.05, 0.1), st.floats(-1.0, 1.0), st.floats(0.1, 1.5), st.floats(0.0, 8.0), st.floats(0.0, 1.0),
+    st.booleans(),
+)  # fmt: skip
+def test_the_reward_of_a_path_is_its_formula(
+    reward: PathReward, ds: float, e: float, u: float, change: float, share: float, left: bool
+) -> None:
+    told = {
+        "progress": np.array([0.0, ds]),
+        "cross_track_error": np.array([0.0, e]),
+        "left_corridor": np.array([False, left]),
+    }
+    found = reward(told, np.array([1.0, u]), np.array([0.0, change]), DT, share)
+    # from leniency to 1 over the first half of a run, and the cost of a stall from the first to the last over all of it
+    strictness = 1.0 if share > 0.5 else reward.leniency + (1.0 - reward.leniency) * share / 0.5
+    stall_cost = (1.0 - share) * reward.stall_cost + share * reward.final_stall_cost
+    pace = ds / (u * DT)
+    expected = pace * (1.0 - strictness * reward.error_cost * abs(e)) - strictness * reward.error_rate * abs(e)
+    expected -= reward.jerk_cost * change + stall_cost * min(max(1.0 - pace / reward.stall_share, 0.0), 1.0)
+    expected -= reward.failure if left else 0.0
+    assert found[1] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    # who stands on the path pays for standing alone
+    assert found[0] == pytest.approx(-stall_cost)
+
+
+@given(
+    st.builds(GoalReward, cost, cost, st.floats(0.01, 1.0), cost, cost, cost),
+    st.floats(-0.1, 0.1), st.floats(-0.1, 1.0), st.floats(0.1, 1.5), st.floats(0.0, 8.0), st.booleans(), st.booleans(),
+)  # fmt: skip
+def test_the_reward_of_a_goal_is_its_formula(
+    reward: GoalReward, ds: float, clearance: float, u: float, change: float, arrived: bool, touched: bool
+) -> None:
+    told = {
+        "progress": np.array([ds]),
+        "clearance": np.array([clearance]),
+        "success": np.array([arrived]),
+        "collision": np.array([touched]),
+    }
+    (found,) = reward(told, np.array([u]), np.array([change]), DT, 0.3)
+    near = min(max(0.0, 1.0 - clearance / reward.near), 1.0)  # a hull is never nearer than contact
+    expected = ds / (u * DT) - reward.time_cost - reward.near_cost * near**2 - reward.jerk_cost * change
+    expected += (reward.success if arrived else 0.0) - (reward.collision if touched else 0.0)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(("env_id", "preset"), [(PATH, FOLLOWING), (OMNI, SEEKING)], ids=["following", "seeking"])
+def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, preset: Preset) -> None:
+    """With the change between clipped actions, progress on the shortest way where it is known, and times 1 - gamma."""
+    env, _ = begun(preset, env_id)
+    env.share = 0.3
+    rng = np.random.default_rng(1)
+    before = np.zeros((env.num_envs, 2), np.float32)
+    paces = np.repeat([pace for _, _, pace in preset.parts], [count for count, _, _ in preset.parts])
+    ends = 0
+    for _ in range(2 * preset.time_limit):
+        actions = rng.uniform(-2.0, 2.0, (env.num_envs, 2)).astype(np.float32)
+        left = None if env.ways is None else env.ways(env.worlds)
+        _, rewards, ended, _ = env.step(actions)
+        actions = np.clip(actions, -1.0, 1.0)
+        told = dict(env.worlds.told)
+        if left is not None:
+            assert env.ways is not None
+            # where the next episode has begun, the way that was left is not known any more
+            told["progress"] = np.where(ended, np.minimum(told["progress"], 0.1), left - env.ways(env.worlds))
+        change = np.square(actions - before).sum(axis=1)
+        expected = preset.reward(told, paces, change, DT, 0.3) * (1.0 - preset.discount)
+        np.testing.assert_allclose(rewards, expected, rtol=1e-5, atol=1e-6)
+        before = np.where(ended[:, None], np.float32(0.0), actions)
+        ends += int(ended.sum())
+    assert ends >= 2 * env.num_envs
+
+
+# What is trained with.
+
+
+def test_rates_fall_in_a_line_over_the_frames_and_frames_are_counted() -> None:
+    preset = dataclasses.replace(FOLLOWING, learning_rate=1e-3, final_learning_rate=2e-4, clip=0.3, final_clip=0.1)
+    learner = Learner(preset, PATH, 0)
+    frames = preset.num_envs * preset.horizon
+    updates = preset.steps // frames
+    for k in range(1, updates + 1):
+        logged = learner.update()
+        assert learner.frames == k * frames
+        # the rewards of a rollout see the share of the run that was over when it began
+        assert learner.env.share == pytest.approx((k - 1) / updates)
+        over = k / updates
+        assert logged["learning_rate"] == pytest.approx(1e-3 + over * (2e-4 - 1e-3))
+        assert logged["clip_range"] == pytest.approx(0.3 + over * (0.1 - 0.3))
+        mean = float(learner.ppo.rollout_buffer.rewards.mean())
+        assert logged["reward"] == pytest.approx(mean / (1.0 - preset.discount), rel=1e-6)
+
+
+def test_ppo_has_the_numbers_of_the_preset() -> None:
+    preset = dataclasses.replace(
+        FOLLOWING, discount=0.9, gae_lambda=0.8, entropy=0.01, log_std=-0.5, epochs=2, max_grad_norm=0.3,
+        target_kl=0.04, hidden=(8, 4), activation="relu",
+    )  # fmt: skip
+    ppo = Learner(preset, PATH, 0).ppo
+    assert (ppo.gamma, ppo.gae_lambda, ppo.ent_coef, ppo.n_epochs) == (0.9, 0.8, 0.01, 2)
+    assert (ppo.max_grad_norm, ppo.target_kl, ppo.n_steps, ppo.batch_size) == (0.3, 0.04, 8, 64)
+    assert float(ppo.policy.log_std.detach().mean()) == pytest.approx(-0.5)
+    for part in (ppo.policy.mlp_extractor.policy_net, ppo.policy.mlp_extractor.value_net):
+        assert [each.out_features for each in part if isinstance(each, torch.nn.Linear)] == [8, 4]
+        assert sum(isinstance(each, torch.nn.ReLU) for each in part) == 2
+    # a batch is no larger than a rollout
+    assert Learner(dataclasses.replace(preset, batch_size=10**6), PATH, 0).ppo.batch_size == 16 * 8
+
+
+@given(
+    st.lists(st.floats(0.2, 1.0), min_size=1, max_size=4), st.lists(st.floats(0.1, 1.5), min_size=1, max_size=4),
+    st.integers(200, 1100),
+)  # fmt: skip
+def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], paces: list[float], num_envs: int) -> None:
+    worlds = tuple((share / sum(shares), {"num_preview": k}) for k, share in enumerate(shares))
+    parts = dataclasses.replace(FOLLOWING, worlds=worlds, paces=tuple(paces), num_envs=num_envs, steps=10**6).parts
+    assert sum(count for count, _, _ in parts) == num_envs
+    asked = [(share / len(paces) * num_envs, kwargs, pace) for share, kwargs in worlds for pace in paces]
+    for (count, kwargs, pace), (wanted, asked_kwargs, asked_pace) in zip(parts, asked, strict=True):
+        assert abs(count - wanted) <= (len(parts) + 1) / 2
+        assert (kwargs, pace) == (asked_kwargs, asked_pace)
+
+
+# What is taught.
+
+
+def test_lessons_hand_the_robots_over_from_the_teacher_to_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each drives for a chunk, with a jitter; the teacher goes on saying what it would do, from episode to episode."""
+    robots, chunks = 64, 12
+    frames = robots * imitation.CHUNK * chunks
+    preset = dataclasses.replace(
+        FOLLOWING, num_envs=robots, time_limit=11, controller="lqr",
+        imitation=round(frames / (1.0 - imitation.CRITIC_SHARE)), imitation_rate=1e-2, steps=10**6,
+        # where accelerations have limits, the controller remembers its last command
+        worlds=tuple((share, {**kwargs, "actuators": "lagged"}) for share, kwargs in FOLLOWING.worlds),
+    )  # fmt: skip
+    learner = Learner(preset, PATH, 0)
+    env = learner.env
+    driven, own, taught = [], [], []
+    step_async, step_wait = env.step_async, env.step_wait
+    references: list[Any] = []
+
+    def asynchronous(actions: Any) -> None:
+        if not references:
+            references.extend(env.make_pilots(preset.controller_at))
+        driven.append(actions)
+        taught.append(env.actions_of(env.ask(references)))
+        with torch.no_grad():
+            own.append(learner.ppo.policy.get_distribution(torch.from_numpy(env.seen)).mode().numpy())
+        step_async(actions)
+
+    def wait() -> Any:
+        result = step_wait()
+        env.tell(references, result[2])
+        return result
+
+    monkeypatch.setattr(env, "step_async", asynchronous)
+    monkeypatch.setattr(env, "step_wait", wait)
+    before = learner.layers()
+    told = learner.teach()
+    for _ in range(chunks):
+        next(told)
+    cloned = learner.layers()
+    assert not np.array_equal(before[0][0], cloned[0][0])
+    errors = [
+        np.array(driven[: chunks * imitation.CHUNK]) - np.array(each[: chunks * imitation.CHUNK])
+        for each in (taught, own)
+    ]
+    by_teacher, by_network = (
+        np.abs(each).reshape(chunks, imitation.CHUNK, robots, 2).max(axis=(1, 3)) for each in errors
+    )
+    # of 16 draws of the jitter the largest lies under 5 deviations
+    teacher, network = by_teacher < 5.0 * imitation.JITTER, by_network < 5.0 * imitation.JITTER
+    assert (teacher | network).all()
+    assert teacher[0].all()
+    handed = network & ~teacher
+    assert not handed[0].any()
+    assert network[-3:].all()  # from two thirds of the cloning on
+    alone = (by_network < by_teacher).mean(axis=1)
+    assert abs(alone[4] - 1.5 * 4 / chunks) < 0.25
+    jitter = np.where(
+        (by_teacher < by_network)[:, None, :, None], *(e.reshape(chunks, imitation.CHUNK, robots, 2) for e in errors)
+    )
+    assert jitter.std() == pytest.approx(imitation.JITTER, rel=0.05)
+    assert abs(jitter.mean()) < 0.01
+    # the value function learns what the cloned policy is worth; the policy stays
+    values = [each.detach().numpy().copy() for each in learner.ppo.policy.mlp_extractor.value_net.parameters()]
+    seen = list(told)
+    for mine, other in zip(learner.layers(), cloned, strict=True):
+        np.testing.assert_array_equal(mine[0], other[0])
+        np.testing.assert_array_equal(mine[1], other[1])
+    after = [each.detach().numpy() for each in learner.ppo.policy.mlp_extractor.value_net.parameters()]
+    assert not all(np.array_equal(mine, other) for mine, other in zip(values, after, strict=True))
+    assert seen[-1] == learner.frames >= preset.imitation
+
+
+# What is judged.
+
+
+@pytest.mark.parametrize(
+    ("env_id", "scenario", "policy", "clock", "kwargs"),
+    [
+        # the clock ends the longer circuits; a shove across the way is out of the corridor
+        (PATH, "circuits/validation", "pure_pursuit", 450, {}),
+        (PATH, "splines/validation", "pure_pursuit", 1200, {"shove": (2.0, 0.0, 1.05, 0.0)}),
+        (OMNI, "clutter_10/validation", "apf_corrected", 600, {}),
+        (OMNI, "clutter_5/validation", "waypoint", 1200, {}),
+    ],
+)
+def test_a_score_is_that_of_its_costs(
+    env_id: str, scenario: str, policy: str, clock: int, kwargs: dict[str, Any]
+) -> None:
+    """The same episodes, driven and measured by the benchmarks."""
+    conditions = {"scenario": scenario, "actuators": "lagged", **kwargs}
+    found = validate(policies.make(policy), env_id, conditions, clock, seed=5)
+    task = "path_following" if env_id == PATH else "goal_reaching"
+    count = len(splits.split(task, *scenario.split("/")))
+    case = Case(
+        "", "", env_id, scenario, policy, env_kwargs=kwargs, max_episode_steps=clock, every_scenario=True
+    )  # fmt: skip
+    rows = [measure(each) for each in roll_out(case, actuators="lagged", seed=5, episodes=count)]
+    won = np.array([row["success"] for row in rows])
+    times = np.array([row["time"] for row in rows])
+    assert 0.0 < won.mean() < 1.0  # both kinds of end, or this tests little
+    if env_id == PATH:
+        costs = np.where(won == 1.0, [row["cross_track_rms"] for row in rows], 1.0)
+        assert found.score == pytest.approx(-(float(iqm(costs)) + float(np.percentile(costs, 95)) / 4.0))
+        assert found.error == pytest.approx(float(iqm(costs)))
+        assert found.p95 == pytest.approx(float(np.percentile(costs, 95)))
+        assert found.median == pytest.approx(float(np.median(costs)))
+        failed = "left_corridor"
+    else:
+        collided = np.array([row["collision"] for row in rows])
+        costs = np.where(won == 1.0, times / (clock * DT), np.where(collided == 1.0, 2.0, 1.0))
+        assert found.score == pytest.approx(-costs.mean())
+        assert found.error == pytest.approx(float(iqm(times[won == 1.0])))
+        late = np.where(won == 1.0, times, clock * DT)
+        assert found.p95 == pytest.approx(float(np.percentile(late, 95)))
+        assert found.median == pytest.approx(float(np.median(late)))
+        failed = "collision"
+    assert found.success == pytest.approx(won.mean())
+    assert found.collision == pytest.approx(np.mean([row[failed] for row in rows]))
+    assert found.speed == pytest.approx(np.mean([row["mean_speed"] for row in rows]))
+
+
+def scored(scores: list[float], folder: Path, monkeypatch: pytest.MonkeyPatch, **changes: Any) -> tuple[_Run, Report]:
+    """Returns a run whose validations find these scores, and its last report."""
+    left = iter(scores)
+
+    def found(*_: Any) -> Score:
+        return Score(next(left), 1.0, 0.0, 0.01, 0.01, 0.02, 0.5, 7.0)
+
+    monkeypatch.setattr(run, "validate", found)
+    preset = dataclasses.replace(FOLLOWING, validations=6, **changes)
+    each = _Run(Job(PATH, preset, (), 0, folder), Learner(preset, PATH, 0))
+    return each, each.go(lambda report: None, lambda: False)
+
+
+def test_the_agent_that_is_kept_is_that_of_the_highest_score(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    layers: list[Any] = []
+    plain = Learner.layers
+    monkeypatch.setattr(Learner, "layers", lambda learner: layers.append(plain(learner)) or layers[-1])
+    each, last = scored([-3.0, -1.0, -2.0, -1.0, -5.0, -1.5], tmp_path, monkeypatch)
+    assert last.done
+    assert [row["score"] for row in each.rows] == [-3.0, -1.0, -2.0, -1.0, -5.0, -1.5]
+    assert [row["frames"] for row in each.rows] == [16 * 8 * k for k in range(1, 7)]
+    # of equals the first
+    for mine, other in zip(each.best, layers[1], strict=True):
+        np.testing.assert_array_equal(mine[0], other[0])
+    card = load_agent(tmp_path / BEST).card
+    assert card["training"]["frames"] == 2 * 16 * 8
+    assert card["training"]["run_frames"] == 6 * 16 * 8
+    assert card["validation"]["score"] == -1.0
+    assert card["validation"]["return"] == 7.0
+
+
+def test_patience_ends_a_run_that_gets_no_better(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    each, last = scored([-3.0, -2.0, -2.0, -2.5, -1.0, -1.0], tmp_path / "ends", monkeypatch, patience=2)
+    assert [row["score"] for row in each.rows] == [-3.0, -2.0, -2.0, -2.5]
+    assert last.done
+    assert last.frames == 4 * 16 * 8
+    each, _ = scored([-6.0, -5.0, -5.5, -4.0, -4.5, -3.0], tmp_path / "goes_on", monkeypatch, patience=2)
+    assert len(each.rows) == 6

@@ -1,0 +1,82 @@
+"""The adapter for stable-baselines3: DummyVecEnv's steps, Monitor's episodes, and what the usual wrappers ask for."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+import wayfield  # noqa: F401  registers the ids
+from wayfield.envs.sb3 import NativeVecEnv
+
+PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kwargs"),
+    [
+        (PATH, {"scenario": "circle", "noise": 1.0, "actuators": "lagged"}),
+        (OMNI, {"scenario": "discs", "num_beams": 8, "robot": "omni4"}),
+    ],
+)
+def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs: dict[str, Any]) -> None:
+    clock, count = 60, 6
+    native = NativeVecEnv(env_id, [(2, {}), (4, {"max_episode_steps": clock})], max_episode_steps=clock, **kwargs)
+    dummy = DummyVecEnv([lambda: Monitor(gymnasium.make(env_id, max_episode_steps=clock, **kwargs))] * count)
+    for env in (native, dummy):
+        env.seed(5)
+    np.testing.assert_array_equal(native.reset(), dummy.reset())
+    rng, late, done = np.random.default_rng(0), 0, 0
+    space = native.action_space
+    for step in range(150):
+        # the first robot drives straight out of bounds or into something, the others at random
+        actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
+        actions[0] = 0.0
+        actions[0, 0] = space.high[0]
+        ours, theirs = native.step(actions), dummy.step(actions)
+        for mine, other in zip(ours[:3], theirs[:3], strict=True):
+            np.testing.assert_array_equal(mine, np.asarray(other, mine.dtype), err_msg=f"step {step}")
+        for i in np.flatnonzero(ours[2]):
+            mine, other = dict(ours[3][i]), dict(theirs[3][i])
+            np.testing.assert_array_equal(mine.pop("terminal_observation"), other.pop("terminal_observation"))
+            episode, monitored = mine.pop("episode"), other.pop("episode")
+            assert episode["l"] == monitored["l"]
+            assert episode["r"] == pytest.approx(monitored["r"], abs=2e-6)  # Monitor rounds to the sixth place
+            assert episode["t"] >= 0.0
+            assert mine.pop("is_success") == other["success"]
+            assert mine == other
+            late += mine["TimeLimit.truncated"]
+            done += 1
+    assert late >= 8
+    assert done > late
+
+
+def test_the_usual_wrapper_and_learner_find_what_they_ask_for() -> None:
+    env = VecMonitor(
+        NativeVecEnv(OMNI, 4, scenario="discs", max_episode_steps=20), info_keywords=("success", "collision")
+    )
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, seed=0, device="cpu")
+    model.learn(256)
+    assert model.ep_info_buffer is not None
+    assert model.ep_success_buffer is not None
+    assert len(model.ep_info_buffer) == len(model.ep_success_buffer) >= 8
+    assert all({"r", "l", "t", "success", "collision"} <= set(each) for each in model.ep_info_buffer)
+    assert max(each["l"] for each in model.ep_info_buffer) == 20
+
+
+def test_frames_are_those_of_the_rows() -> None:
+    env = NativeVecEnv(PATH, 2, render_mode="rgb_array")
+    env.reset()
+    frames = env.get_images()
+    assert [frame.shape[2] for frame in frames if frame is not None] == [3, 3]
+    assert NativeVecEnv(PATH, 2).get_images() == [None, None]
+
+
+def test_worlds_that_differ_in_what_is_seen_and_no_worlds_are_refused() -> None:
+    with pytest.raises(ValueError, match="observation space"):
+        NativeVecEnv(OMNI, [(1, {}), (1, {"num_beams": 4})])
+    with pytest.raises(ValueError, match="at least one"):
+        NativeVecEnv(PATH, [])
