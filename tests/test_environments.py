@@ -593,7 +593,7 @@ def test_a_shove_displaces_the_pose_once(env_id: str, dynamics: str, pose_source
         assert (state["x"], state["y"], state["heading"]) == pytest.approx(wanted, abs=1e-9)
         assert (state["vx"], state["vy"], state["yaw_rate"]) == (0.0, 0.0, 0.0)
         # encoders do not see it, but for passive wheels on the floor of the physics engine
-        passive = bool(env.task.robot.passive_wheel_positions)
+        passive = bool(env.task.robot.encoders)
         if pose_source == "odometry" and not (passive and dynamics == "pymunk"):
             assert (state["measured_x"], state["measured_y"], state["measured_heading"]) == (0.0, 0.0, 0.0)
 
@@ -791,7 +791,7 @@ def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: st
         (PATH_ID, {"scenario": "discs"}, "unknown path scenario 'discs'"),
         (GOAL_ID, {"scenario": "disks"}, "'disks'. Did you mean 'discs'?"),
         (PATH_ID, {"scale": 0.0}, "scale is 0.0; it must be a finite number above 0"),
-        (PATH_ID, {"robot": "omni3"}, "robot='omni3' is unknown."),
+        (PATH_ID, {"robot": "omni3"}, "robot='omni3' is unknown. Choose from 'p3dx', "),
         (PATH_ID, {"num_preview": -1}, "num_preview must be a whole number >= 0, got -1"),
         (PATH_ID, {"num_preview": 2.5}, "num_preview must be a whole number >= 0, got 2.5"),
         (PATH_ID, {"preview_spacing": 0.0}, "preview_spacing must be a finite number > 0, got 0.0"),

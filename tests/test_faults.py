@@ -15,8 +15,8 @@ OPENING = {"open", "read_text", "read_bytes", "loadtxt", "genfromtxt", "fromfile
 LOADING = {"np", "numpy", "json", "pickle", "torch", "onnx"}  # whose `load` reads a file
 # what opens a file for reading outside of a registered reader, and why that is right
 ALLOWED = {
-    ("envs/scenarios/tables.py", "read_text"): "called by the readers of tables and scenarios",
-    ("envs/scenarios/files.py", "_json_object"): "called by the readers of scenarios",
+    ("envs/objects.py", "read_text"): "called by the readers of tables, scenarios and data sheets",
+    ("envs/objects.py", "json_object"): "called by the readers of scenarios and data sheets",
     ("envs/scenarios/tables.py", "_points"): "parses lines that were read already",
     ("envs/scenarios/splits.py", "_read"): "called by the reader of splits",
     ("envs/scenarios/splits.py", "_shipped"): "a sample",
