@@ -36,7 +36,9 @@ def wheel_matrix(
     angles = np.asarray(directions, dtype=np.float64) + rollers
     s, c = np.array([sin_cos(angle) for angle in angles.tolist()]).T
     _, slant = np.array([sin_cos(angle) for angle in rollers.tolist()]).T
-    return np.column_stack([c, s, px * s - py * c]) / (np.asarray(radii, dtype=np.float64) * slant)[:, None]
+    held: NDArray[np.float64] = np.asarray(radii, dtype=np.float64) * slant
+    matrix: NDArray[np.float64] = np.column_stack([c, s, px * s - py * c]) / held[:, None]
+    return matrix
 
 
 def plain_sum_matrix(matrix: ArrayLike, radii: ArrayLike) -> NDArray[np.float64]:
@@ -44,8 +46,9 @@ def plain_sum_matrix(matrix: ArrayLike, radii: ArrayLike) -> NDArray[np.float64]
 
     It over-reads by n/2 in translation and by n in rotation. The right map is the pseudo-inverse of `wheel_matrix`.
     """
-    constraint = np.asarray(matrix, dtype=np.float64) * np.reshape(radii, (-1, 1))
-    return radii * np.vstack([constraint[:, 0], constraint[:, 1], 1.0 / constraint[:, 2]])
+    r = np.asarray(radii, dtype=np.float64)
+    constraint = np.asarray(matrix, dtype=np.float64) * r.reshape(-1, 1)
+    return r * np.vstack([constraint[:, 0], constraint[:, 1], 1.0 / constraint[:, 2]])
 
 
 @inlined

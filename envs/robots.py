@@ -464,6 +464,11 @@ def robot_of(robot: AnyRobot, field: str = "robot") -> Robot:
     return _chosen(robot, field, tuple(ROBOTS))
 
 
+def shipped_name(robot: Robot) -> str | Robot:
+    """Returns the name by which a robot that ships can be asked for, and any other robot itself."""
+    return robot.name if ROBOTS.get(robot.name) == robot else robot
+
+
 def robots_with(holonomic: bool) -> tuple[str, ...]:
     """Returns the names of the robots that ship and go sideways, or of those that do not; the documents' first."""
     return tuple(name for name, robot in ROBOTS.items() if robot.holonomic == holonomic)
@@ -483,7 +488,10 @@ def offered(robot: AnyRobot | None, names: tuple[str, ...]) -> Robot:
     holonomic = ROBOTS[names[0]].holonomic
     if found.holonomic != holonomic:
         wanted = "omni or mecanum" if holonomic else "differential"
-        raise ValueError(f"robot {found.name!r} has the drive {found.drive}; this environment needs {wanted}")
+        raise ValueError(
+            f"robot {found.name!r} has the drive {found.drive}; this environment needs {wanted}, such as "
+            f"{', '.join(map(repr, names))}"
+        )
     return found
 
 
@@ -492,8 +500,9 @@ def _chosen(robot: AnyRobot, field: str, names: tuple[str, ...]) -> Robot:
         return robot
     if isinstance(robot, os.PathLike) or (isinstance(robot, str) and robot.lower().endswith(".json")):
         return read_robot(os.fspath(robot))
-    try:
-        choose(field, robot, names)
-    except ValueError as error:
-        raise ValueError(f"{error} A robot of your own is a data sheet, a .json file.") from None
+    if not isinstance(robot, str) or robot not in ROBOTS:
+        try:
+            choose(field, robot, names)
+        except ValueError as error:
+            raise ValueError(f"{error} A robot of your own is a data sheet, a .json file.") from None
     return ROBOTS[robot]
