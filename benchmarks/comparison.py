@@ -19,7 +19,7 @@ from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import workers as processes
 from wayfield.envs import checks
-from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.robots import ACTUATORS, AnyRobot, robot_of
 
 _TEXTS = frozenset(
     (
@@ -68,7 +68,7 @@ def compare(
     contest: str | os.PathLike[str] = "goal-obstacles",
     families: Iterable[str] | None = None,
     episodes: int | None = None,
-    robot: str = "p3dx",
+    robot: AnyRobot = "p3dx",
     dynamics: str = "kinematic",
     actuators: str = "lagged",
     gains: str = "best",
@@ -82,6 +82,7 @@ def compare(
             model.zip of stable-baselines3, which can run code when it is loaded.
         contest: "path-following", "goal-obstacles", or a folder of scenario files.
         families: of the test split; None: all.
+        robot: the name of one that ships, the .json file of a data sheet, or a `wayfield.envs.robots.Robot`.
         episodes: the first of each family; None: all. Of a file, how often it is driven; None: once.
         gains: of policies that are named: "best", which is the tuned ones where there are any, "default", "tuned",
             "paper" or "all".
@@ -92,12 +93,12 @@ def compare(
         OSError: if a folder or a file cannot be read.
     """
     for field, value, choices in (
-        ("robot", robot, ROBOTS),
         ("dynamics", dynamics, ("kinematic", "pymunk")),
         ("actuators", actuators, ACTUATORS),
         ("gains", gains, GAINS),
     ):
         checks.choose(field, value, choices)
+    robot = robot_of(robot)
     checks.whole("seed", seed, 0, 2**31 - 1)
     checks.whole("workers", workers, 1)
     if episodes is not None:

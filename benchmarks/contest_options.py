@@ -25,7 +25,9 @@ from wayfield.benchmarks.rollout import make_policy, make_vector
 from wayfield.benchmarks.run_folder import Run
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.robots import Robot
 from wayfield.envs.scenarios import splits
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.policies.pilot import Pilot
 
 
@@ -42,7 +44,7 @@ class ContestOptions:
     policies: tuple[str, ...] | None  # None: all of the contest
     dynamics: tuple[str, ...]
     actuators: str
-    robot: str
+    robot: Robot
     gains_names: tuple[str, ...]
     families: tuple[str, ...] | None  # None: all
     episodes: int | None  # the first scenarios of each family, or of each file; None: all, or one
@@ -99,6 +101,7 @@ class ContestOptions:
         self._check_names(contests)
         self._check_homes(contests)
         self._check_families(contests)
+        self._check_hull(contests)
         found = []
         for contest in contests:
             for plant in self.dynamics:
@@ -140,6 +143,21 @@ class ContestOptions:
                 raise WrongOption(f"families {family!r} has no scenarios for suite {self.suite!r}")
             if not any(family in contest.families(plant) for contest in where for plant in self.dynamics):
                 raise WrongOption(f"families {family!r} has obstacles that are pushed: use --dynamics pymunk")
+
+    def _check_hull(self, contests: list[Contest]) -> None:
+        """Refuses a robot for which the frozen scenarios of a contest were never searched for a way."""
+        if self.courses or self.robot.hull_radius <= LARGEST_HULL:
+            return
+        for contest in contests:
+            family = next(iter(contest.families("kinematic")))
+            (case,) = contest.cases(self.robot, Course(family, "test"), Entrants(("zero",), ("default",)))
+            try:
+                make_vector(case, "kinematic", self.actuators, 1).close()
+            except ValueError:
+                raise WrongOption(
+                    f"robot {self.robot.name!r} has a hull of {self.robot.hull_radius:g} m; the frozen scenarios of "
+                    f"{contest.name} were searched for ways of at most {LARGEST_HULL:g} m: use --scenarios FOLDER"
+                ) from None
 
     def _frozen(self, contest: Contest, plant: str) -> list[Course]:
         """Returns the test split of every family that was asked for."""
@@ -199,7 +217,7 @@ class ContestOptions:
             yield Setting(self.suite, case, plant, self.actuators, self.seed, count)
 
 
-def try_out(contest: Contest, robot: str, own: Entrant, course: Course | None = None) -> None:
+def try_out(contest: Contest, robot: Robot, own: Entrant, course: Course | None = None) -> None:
     """Lets a policy of the user's own decide once, before anything is written.
 
     Raises:

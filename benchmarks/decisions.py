@@ -23,9 +23,9 @@ from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import read_table
 from wayfield.benchmarks.rollout import make_policy, make_vector
-from wayfield.envs.command_line import Choice, Names, OneLineErrors
+from wayfield.envs.command_line import Names, OneLineErrors, RobotChoice
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import Robot
 from wayfield.policies.pilot import Pilot
 
 DECISIONS = "decisions.csv"
@@ -129,9 +129,9 @@ def read_decisions(folder: Path) -> list[dict[str, str]]:
 
 @click.command("decisions", cls=OneLineErrors)
 @click.option("--policies", type=Names("--policies", _TIMED), help="Only these.  [default: all]")
-@click.option("--robot", type=Choice("--robot", ROBOTS), default="p3dx", show_default=True)
+@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
 @click.option("--rounds", type=click.IntRange(min=1), default=3, show_default=True, help="Turns of each policy.")
-def main(policies: tuple[str, ...] | None, robot: str, rounds: int) -> None:
+def main(policies: tuple[str, ...] | None, robot: Robot, rounds: int) -> None:
     """Prints how many decisions each policy takes a second."""
     table = rich.table.Table(title=f"Decisions, {robot}, median of {rounds} rounds", title_justify="left")
     for header in ("policy", "robots", "decisions/s", "median of a call (ms)", "p99 (ms)"):

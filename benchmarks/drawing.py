@@ -14,6 +14,7 @@ from matplotlib.patches import Circle, Polygon
 
 __all__ = [
     "PATH_COLOUR",
+    "RC",
     "SOLID",
     "STYLES",
     "colour",

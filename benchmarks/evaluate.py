@@ -29,8 +29,8 @@ from wayfield.benchmarks.run_folder import Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, Scale, words_given
-from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, words_given
+from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
 
 DOCUMENTS = "documents"
@@ -59,7 +59,11 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     type=Choice("--actuators", ACTUATORS),
     help="The actuator tier.  [default: ideal; lagged in contests]",
 )
-@click.option("--robot", type=Choice("--robot", ROBOTS), help="The robot of a contest.  [default: p3dx]")
+@click.option(
+    "--robot",
+    type=RobotChoice("--robot"),
+    help="The robot of a contest, --path or --scenarios: one that ships, or a data sheet of your own.  [default: p3dx]",
+)
 @click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: all]")
 @click.option(
     "--agents",
@@ -140,7 +144,7 @@ class Asked:
     policies: tuple[str, ...] | None
     dynamics: str | None
     actuators: str | None
-    robot: str | None
+    robot: Robot | None
     gains: str | None
     homes: tuple[str, ...]
     own: tuple[str, ...]
@@ -184,7 +188,7 @@ class Asked:
     def differing(self) -> dict[str, Any]:
         """Returns what is not as by default, by its name, for the name of the folder; None and nothing else is."""
         return {
-            "robot": self.robot if self.robot != "p3dx" else None,
+            "robot": str(self.robot) if self.robot not in (None, ROBOTS["p3dx"]) else None,
             "agents": tuple(Path(home).resolve().name for home in self.homes),
             "own": tuple(readable(text) for text in self.own),
             **{"policies": self.names, "families": self.families},
@@ -231,7 +235,12 @@ class Asked:
 
     def _check_no_contest(self) -> None:
         for option, value in (
-            *(("--robot", self.robot), ("--gains", self.gains), ("--agents", self.homes), ("--policy", self.own)),
+            *(
+                ("--robot", self.robot if self.path is None else None),
+                ("--gains", self.gains),
+                ("--agents", self.homes),
+                ("--policy", self.own),
+            ),
             ("--families", self.families),
         ):
             if value:
@@ -243,7 +252,8 @@ class Asked:
         """Runs the documents, and the contests on a scenario of each family."""
         folder = self.folder(OVERVIEW, self.differing)
         options = ContestOptions(
-            *(OVERVIEW, tuple(CONTESTS), None, DYNAMICS["kinematic"], "lagged", "p3dx", GAINS["best"], None, None),
+            *(OVERVIEW, tuple(CONTESTS), None, DYNAMICS["kinematic"], "lagged", ROBOTS["p3dx"], GAINS["best"]),
+            *(None, None),
             self.seed,
             command=self.command,
         )
@@ -263,7 +273,7 @@ class Asked:
         """Runs all that can do it on a path, or in a goal scenario, of the user's own."""
         assert self.path is not None
         with _one_line("--path", self.path):
-            cases = own_cases(self.path, self.scale, self.names)
+            cases = own_cases(self.path, self.scale, self.names, self.robot or "p3dx")
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
         self._run_cases(cases[0].document, cases, folder)
@@ -287,7 +297,7 @@ class Asked:
             self.names,
             DYNAMICS[self.dynamics or "kinematic"],
             self.actuators or "lagged",
-            self.robot or "p3dx",
+            self.robot or ROBOTS["p3dx"],
             GAINS[self.gains or "all"],
             self.families,
             self.episodes,

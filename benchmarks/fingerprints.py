@@ -22,13 +22,13 @@ import wayfield.envs  # noqa: F401  registers the ids
 from wayfield import policies
 from wayfield.benchmarks.contests import CONTESTS, TRAINED
 from wayfield.benchmarks.progress import tracked
-from wayfield.envs import robots
 from wayfield.envs.command_line import Names, OneLineErrors
 from wayfield.envs.readers import of_path, reader
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.reading import read_object
 from wayfield.policies.pilot import Pilot
 
+DRIVEN = ("p3dx", "omni3", "omni4", "mecanum4")  # the documents' robots, and one of each other drive
 ROBOTS = 4  # of a batch
 FEW_ROBOTS = 2  # of a batch of a policy that takes its time
 SLOW = ("mpc", "mppi")
@@ -101,7 +101,7 @@ def worlds() -> list[World]:
     return [
         World(name, robot, plant, condition)
         for name, contest in CONTESTS.items()
-        for robot in robots.ROBOTS
+        for robot in DRIVEN
         for plant in PLANTS
         for condition in CONDITIONS[name]
     ]

@@ -11,14 +11,16 @@ import numpy as np
 
 from wayfield import policies
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.contests import CONTESTS, OWN_SPLIT, Contest, Course
+from wayfield.benchmarks.contests import CONTESTS, OWN_SPLIT, TRAINED, Contest, Course
 from wayfield.benchmarks.run_folder import file_digest
 from wayfield.benchmarks.shortest import shortest_way
+from wayfield.envs.checks import FINEST
 from wayfield.envs.readers import reader
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import AnyRobot, robot_of, shipped_name
 from wayfield.envs.scenarios import GoalScenario, goal_scenarios, path_scenarios
 from wayfield.envs.scenarios.files import holds_goal
 from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.policies.learned.ppo import shipped
 
 OF_KIND = {contest.spec.kind: contest for contest in CONTESTS.values()}
 POLICIES = {kind: (*contest.policies, "zero", "random") for kind, contest in OF_KIND.items()}
@@ -82,7 +84,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     if contest.spec.scenario is GoalScenario:
         if scale is not None:
             raise ValueError("--scale belongs to paths: the file holds a goal scenario")
-        (scenario,) = goal_scenarios(file, ROBOTS["p3dx"].hull_radius)
+        (scenario,) = goal_scenarios(file, FINEST)
         length, shorter = _DETOUR * _straight_way(scenario), ""
     else:
         scale = scale or 1.0
@@ -98,15 +100,18 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     return OwnScenario(contest, file, scenario, steps, scale)
 
 
-def own_cases(file: str, scale: float | None = None, names: tuple[str, ...] | None = None) -> tuple[Case, ...]:
+def own_cases(
+    file: str, scale: float | None = None, names: tuple[str, ...] | None = None, robot: AnyRobot = "p3dx"
+) -> tuple[Case, ...]:
     """Returns a case for each policy on the path or in the goal scenario of a file.
 
     Args:
         scale: as for `own_scenario`.
         names: of the policies; None: all that can do it.
+        robot: one that ships, a data sheet, or a `Robot`.
 
     Raises:
-        ValueError: as `own_scenario`, or if a policy cannot do it.
+        ValueError: as `own_scenario`, or if a policy or the robot cannot do it.
         OSError: if the file cannot be opened.
     """
     kind = "goal" if holds_goal(file) else "path"
@@ -115,23 +120,28 @@ def own_cases(file: str, scale: float | None = None, names: tuple[str, ...] | No
             known = ", ".join(map(repr, POLICIES[kind]))
             raise ValueError(f"--policies {name!r} does not {_DOES[kind]}; choose from {known}")
         policies.make(name)
-    own = own_scenario(file, scale)
+    own, robot = own_scenario(file, scale), robot_of(robot)
+    if own.contest.spec.scenario is GoalScenario:
+        goal_scenarios(own.file, robot.hull_radius)
+    if names is None:
+        agents = shipped(own.contest.spec.name, robot.name) if isinstance(shipped_name(robot), str) else {}
+        names = tuple(name for name in POLICIES[kind] if agents or name not in TRAINED)
     return tuple(
         Case(
             kind,
             own.scenario.name,
-            own.contest.env_id("p3dx"),
+            own.contest.env_id(robot),
             own.file,
             name,
-            env_kwargs={**own.contest.env_kwargs, **own.env_kwargs},
+            env_kwargs={**own.contest.env_kwargs, **own.env_kwargs, "robot": shipped_name(robot)},
             max_episode_steps=own.steps,
             filmed=name in ("lookahead_retuned", "scan_planner"),
         )
-        for name in names or POLICIES[kind]
+        for name in names
     )
 
 
-def own_courses(folder: str, scale: float | None, robot: str) -> tuple[Contest, tuple[Course, ...]]:
+def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Contest, tuple[Course, ...]]:
     """Returns the contest that a folder of scenario files is for, and a course for each file, called like it.
 
     Files of other types than .csv, .json and .txt are not looked at.
@@ -157,7 +167,7 @@ def own_courses(folder: str, scale: float | None, robot: str) -> tuple[Contest, 
     if scale is not None and own[0].scale is None:
         raise ValueError("--scale belongs to paths: the files hold goal scenarios")
     if contest.spec.scenario is GoalScenario:
-        hull = ROBOTS[robot].hull_radius
+        hull = robot_of(robot).hull_radius
         for each in own:
             goal_scenarios(each.file, hull)
             try:

@@ -27,7 +27,7 @@ from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, wr
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.ppo import shipped, trained
-from wayfield.policies.tuned import tuning_runs
+from wayfield.policies.tuned import tuned_robot, tuning_runs
 
 WORST = 3  # episodes of each policy whose trajectories are kept
 
@@ -126,7 +126,7 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         parameters, learned = case.entrant.described()
     elif case.policy in TRAINED:
         seed, home = case.gains["seed"], case.gains.get("home")
-        folders = trained(home) if home else shipped(contest.spec.name, case.env_kwargs["robot"])
+        folders = trained(home) if home else shipped(contest.spec.name, str(case.env_kwargs["robot"]))
         agent = load_agent(folders[seed])
         training = agent.card["training"]
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
@@ -135,7 +135,10 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
     else:
         made: Any = make(case.policy)
         runs = tuning_runs(case.policy, contest.name) if case.gains_name == "tuned" else 0
-        knows, parameters, learned = made.knows, str(len(dataclasses.fields(made))), f"{runs:,} runs" if runs else ""
+        tuned_with = tuned_robot(case.policy, contest.name)
+        other = f" with {tuned_with}" if tuned_with not in ("", str(case.env_kwargs["robot"])) else ""
+        learned = f"{runs:,} runs{other}" if runs else ""
+        knows, parameters = made.knows, str(len(dataclasses.fields(made)))
     return {"knows": knows, "parameters": parameters, "learned_from": learned, "agent_seed": agent_seed}
 
 

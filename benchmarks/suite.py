@@ -61,7 +61,7 @@ def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
         "suite": setting.suite,
         **case.place,
         "scenario": case.scenario,
-        "robot": case.env_kwargs.get("robot", ""),
+        "robot": str(case.env_kwargs.get("robot", "")),
         "disturbance": case.env_kwargs.get("disturbance", "none"),
         "policy": case.policy,
         "gains_name": case.gains_name,

@@ -21,8 +21,8 @@ from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Cour
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs.command_line import SEED, Choice, OneLineErrors
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.command_line import SEED, Choice, OneLineErrors, RobotChoice, words_given
+from wayfield.envs.robots import AnyRobot, Robot
 from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import write_whole
 
@@ -113,7 +113,7 @@ def _rows(setting: Setting) -> list[dict[str, str]]:
 
 
 def settings_of(
-    contest: Contest, robot: str, actuators: str, policy: str, gains: Mapping[str, Any], most: int
+    contest: Contest, robot: AnyRobot, actuators: str, policy: str, gains: Mapping[str, Any], most: int
 ) -> list[Setting]:
     """Returns a setting for each family of the validation split."""
     found = []
@@ -141,7 +141,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.option("--suite", type=Choice("--suite", CONTESTS), required=True, help="The contest to tune for.")
 @click.option("--trials", type=click.IntRange(min=1), default=40, show_default=True, help="Sets of gains to try.")
 @click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
-@click.option("--robot", type=Choice("--robot", ROBOTS), default="p3dx", show_default=True)
+@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
 @click.option("--out", metavar="FILE", help="The gains file.  [default: results/gains/SUITE/POLICY_ROBOT.json]")
@@ -153,7 +153,7 @@ def main(
     suite: str,
     trials: int,
     scenarios: int,
-    robot: str,
+    robot: Robot,
     actuators: str,
     seed: int,
     out: str | None,
@@ -206,11 +206,11 @@ def main(
         "split": TRANSFER_SPLIT,
         "trials": trials,
         "scenarios": scenarios * len(contest.families("kinematic")),
-        "robot": robot,
+        "robot": robot.name,
+        "sheet": robot.digest,
         "actuators": actuators,
         "seed": seed,
-        "command": f"python -m wayfield.benchmarks.tune {policy} --suite {suite} --trials {trials} "
-        f"--scenarios {scenarios} --robot {robot} --actuators {actuators} --seed {seed}",
+        "command": f"python -m wayfield.benchmarks.tune {words_given()}",
     }
     # before they are written: a disk that is full then takes nothing away
     print(f"{policy}: {content['score_of_defaults']:.4f} by default, {content['score']:.4f} with {best}", flush=True)

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 import click
 
 from wayfield.envs.checks import choose
+from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.starting import started
 
 SEED = click.IntRange(0, 2**31 - 1)  # what every generator that is seeded takes
@@ -144,6 +145,31 @@ class Choice(click.ParamType):  # type: ignore[type-arg]  # generic from click 8
         except ValueError as error:
             raise click.UsageError(str(error)) from None
         return str(value)
+
+
+class RobotChoice(click.ParamType):  # type: ignore[type-arg]
+    """A robot that ships, by its name, or one of a data sheet, by its file."""
+
+    name = "robot"
+
+    def __init__(self, field: str) -> None:
+        self.field = field
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Returns the choices as the help shows them."""
+        del param, ctx
+        return "|".join((*ROBOTS, "FILE.json"))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Robot:
+        """Returns the robot, or fails."""
+        del param, ctx
+        try:
+            return robot_of(value, self.field)
+        except OSError as error:
+            raise click.UsageError(f"{self.field} {value!r} cannot be read: {error.strerror or error}") from None
+        except ValueError as error:
+            text = str(error)
+            raise click.UsageError(text if text.startswith("--") else f"{self.field} {text}") from None
 
 
 class Names(Choice):

@@ -54,7 +54,8 @@ class Disturbance:
         if not (self.wheel_radius_error or self.track_error):
             return (1.0 - self.slip) * np.eye(3)
         positions = (1.0 + self.track_error) * np.array(robot.wheel_positions)
-        true = kinematics.wheel_matrix(positions, robot.wheel_directions, robot.wheel_radius)
+        rollers = [wheel.roller_angle for wheel in robot.wheels]
+        true = kinematics.wheel_matrix(positions, robot.wheel_directions, robot.wheel_radii, rollers)
         signs = np.where(np.arange(len(positions)) % 2, -1.0, 1.0)
         true /= (1.0 + signs * self.wheel_radius_error)[:, None]
         return (1.0 - self.slip) * product(pseudo_inverse(true), robot.wheel_matrix)

@@ -14,12 +14,15 @@ from wayfield.envs.geometry import OBSTACLE, row_clearance, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
+from wayfield.envs.robots import AnyRobot, robots_with
 from wayfield.envs.scenarios import TASKS, GoalScenario, goal_scenarios
 from wayfield.envs.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
+    DIFF_DRIVE_ROBOTS,
     OMNI_ACTIONS,
     OMNI_ODOMETRY,
+    OMNI_ROBOTS,
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
@@ -299,11 +302,15 @@ class GoalReaching(Task):
         self,
         scenario: str,
         options: Options,
-        num_beams: int,
-        field_of_view: float,
-        max_range: float,
+        num_beams: int | None,
+        field_of_view: float | None,
+        max_range: float | None,
         **params: Any,
     ) -> None:
+        scan = options.robot.sensors
+        num_beams = scan.beams if num_beams is None else num_beams
+        field_of_view = scan.angle if field_of_view is None else field_of_view
+        max_range = scan.range if max_range is None else max_range
         whole("num_beams", num_beams, 0)
         positive("max_range", max_range, least=SHORTEST)
         positive("field_of_view", field_of_view, most=MOST_GAIN)
@@ -399,14 +406,15 @@ class GoalReaching(Task):
 
 
 class OmniGoalObstacles(SingleEnv):
-    __doc__ = f"""An omni robot drives to a goal pose, or through waypoints, among obstacles.
+    __doc__ = f"""A robot on omni or mecanum wheels drives to a goal pose, or through waypoints, among obstacles.
 
     ## Description
 
-    A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four (document
-    C: 0.03 m on 0.13 m) shall reach a goal pose among circles, boxes and walls, passing waypoints in their order where
-    the scenario has some. Control period 0.05 s. The hull is a disc: 0.3 m for omni3, 0.177 m for omni4. Obstacles with
-    a patrol move by themselves: in each step first to where they are at its end, then the robot drives.
+    A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m), four (document C:
+    0.03 m on 0.13 m) or four mecanum wheels (0.05 m) shall reach a goal pose among circles, boxes and walls, passing
+    waypoints in their order where the scenario has some. Control period 0.05 s. The hull is a disc: 0.3 m for omni3,
+    0.177 m for omni4, 0.27 m for mecanum4. Obstacles with a patrol move by themselves: in each step first to where they
+    are at its end, then the robot drives.
 
     ## Action space
 
@@ -458,15 +466,15 @@ class OmniGoalObstacles(SingleEnv):
     | argument | default | meaning |
     |---|---|---|
     | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a .json file |
-    | robot | "omni3" | "omni3" or "omni4" |
+    | robot | "omni3" | {OMNI_ROBOTS} |
     | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts, pushable obstacles; "coppelia": see below |
-    | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |
+    | actuators | "ideal" | "lagged": 1 m/s^2, 3 rad/s^2, lag 0.1 s, or the data sheet's; "slow": 0.5, 1.5, 0.25 |
     | action_mode | "twist" | "twist" or "wheel_speeds" |
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
-    | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected" (omni3), "odometry_plain_sum" |
+    | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected", "odometry_plain_sum": see below |
     | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame, up to contact |
     | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: `wayfield.envs.disturbances` |
-    | num_beams, field_of_view, max_range | 32, 2 pi, 5.0 m | the range scan |
+    | num_beams, field_of_view, max_range | as the robot's | the range scan; 32, 2 pi, 5 m where no data sheet says so |
     | end_on_success, end_on_contact | True, True | see Episode end |
     | render_mode | None | "rgb_array" or "human" |
     | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
@@ -482,12 +490,12 @@ class OmniGoalObstacles(SingleEnv):
     * v0: first version.
     """
 
-    robots: ClassVar[tuple[str, ...]] = ("omni3", "omni4")  # the first is the default
+    robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=True)  # the first is the default
 
     def __init__(
         self,
         scenario: str = "discs",
-        robot: str | None = None,
+        robot: AnyRobot | None = None,
         dynamics: str = "kinematic",
         actuators: str = "ideal",
         action_mode: str = "twist",
@@ -495,9 +503,9 @@ class OmniGoalObstacles(SingleEnv):
         pose_source: str = "ground_truth",
         shove: tuple[float, float, float, float] | None = None,
         disturbance: str = "none",
-        num_beams: int = 32,
-        field_of_view: float = 2.0 * math.pi,
-        max_range: float = 5.0,
+        num_beams: int | None = None,
+        field_of_view: float | None = None,
+        max_range: float | None = None,
         end_on_success: bool = True,
         end_on_contact: bool = True,
         render_mode: str | None = None,
@@ -542,14 +550,14 @@ class OmniGoalObstaclesVector(NativeVectorEnv):
 class DiffDriveGoalObstacles(OmniGoalObstacles):
     __doc__ = sheet_like(
         OmniGoalObstacles,
-        "A Pioneer P3DX drives to a goal pose, or through waypoints, among obstacles.",
+        "A differential drive, such as the Pioneer P3DX, drives to a goal pose, or through waypoints, among obstacles.",
         {
             "Description": """
                 A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most
-                1.2 m/s), which cannot go sideways, shall reach a goal pose among circles, boxes and walls, passing
-                waypoints in their order where the scenario has some. Control period 0.05 s. The hull is a disc of
-                0.25 m. Obstacles with a patrol move by themselves: in each step first to where they are at its end,
-                then the robot drives.
+                1.2 m/s; others in `wayfield.envs.robots`), which cannot go sideways, shall reach a goal pose among
+                circles, boxes and walls, passing waypoints in their order where the scenario has some. Control period
+                0.05 s. The hull is a disc, of 0.25 m for p3dx. Obstacles with a patrol move by themselves: in each step
+                first to where they are at its end, then the robot drives.
             """,
             "Action space": DIFF_DRIVE_ACTIONS,
             "Observation space": """
@@ -569,12 +577,12 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
             "Odometry and wheels": DIFF_DRIVE_ODOMETRY,
         },
         {
-            "robot": '"p3dx" | the robot',
+            "robot": f'"p3dx" | {DIFF_DRIVE_ROBOTS}',
             "pose_source": '"ground_truth" | or "odometry"',
         },
     )
 
-    robots = ("p3dx",)
+    robots = robots_with(holonomic=False)
 
 
 class DiffDriveGoalObstaclesVector(NativeVectorEnv):

@@ -14,31 +14,41 @@ from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 
 
-def wheel_matrix(positions: ArrayLike, directions: ArrayLike, wheel_radius: float) -> NDArray[np.float64]:
+def wheel_matrix(
+    positions: ArrayLike, directions: ArrayLike, radii: ArrayLike, roller_angles: ArrayLike = 0.0
+) -> NDArray[np.float64]:
     """Returns the (n, 3) matrix from twist to wheel speeds (rad/s) of a rigid base.
 
-    Row i is the rolling constraint r w_i = d_i . (v + yaw_rate x p_i) of a wheel at p_i that drives along d_i: the
-    speed of the body at the wheel's contact point, along the wheel's drive direction (Lynch and Park, Modern Robotics,
-    eq. 13.5 for wheels whose rollers turn freely across the drive direction).
+    Row i is r_i cos(g_i) w_i = a_i . (v + yaw_rate x p_i) of a wheel at p_i: the speed of the body at the wheel's
+    contact point along a_i, the direction in which the wheel holds on to the floor, at the angle b_i + g_i. Across it
+    the rollers turn freely. b_i is the drive direction and g_i the angle from it to the axis of the roller: zero for
+    plain and omni wheels, whose rolling constraint this is then, and +-45 degrees for mecanum wheels (Lynch and Park,
+    Modern Robotics, 2017, eq. 13.5; Muir and Neuman, "Kinematic modeling of wheeled mobile robots", 1987).
 
     Args:
         positions: (n, 2) contact points in the body frame, m.
-        directions: (n,) angles of the drive directions in the body frame, rad.
-        wheel_radius: m.
+        directions: (n,) angles b of the drive directions in the body frame, rad.
+        radii: m, one or (n,).
+        roller_angles: rad, one or (n,), less than a right angle in size.
     """
     px, py = np.asarray(positions, dtype=np.float64).T
-    angles = np.asarray(directions, dtype=np.float64)
+    rollers = np.broadcast_to(np.asarray(roller_angles, dtype=np.float64), px.shape)
+    angles = np.asarray(directions, dtype=np.float64) + rollers
     s, c = np.array([sin_cos(angle) for angle in angles.tolist()]).T
-    return np.column_stack([c, s, px * s - py * c]) / wheel_radius
+    _, slant = np.array([sin_cos(angle) for angle in rollers.tolist()]).T
+    held: NDArray[np.float64] = np.asarray(radii, dtype=np.float64) * slant
+    matrix: NDArray[np.float64] = np.column_stack([c, s, px * s - py * c]) / held[:, None]
+    return matrix
 
 
-def plain_sum_matrix(matrix: ArrayLike, wheel_radius: float) -> NDArray[np.float64]:
-    """Returns the (3, n) forward map as documents B and C print it: a plain sum, r [cos a; sin a; 1/l].
+def plain_sum_matrix(matrix: ArrayLike, radii: ArrayLike) -> NDArray[np.float64]:
+    """Returns the (3, n) forward map as documents B and C print it: a plain sum, r [cos a; sin a; 1/l] of omni wheels.
 
     It over-reads by n/2 in translation and by n in rotation. The right map is the pseudo-inverse of `wheel_matrix`.
     """
-    constraint = np.asarray(matrix, dtype=np.float64) * wheel_radius
-    return wheel_radius * np.vstack([constraint[:, 0], constraint[:, 1], 1.0 / constraint[:, 2]])
+    r = np.asarray(radii, dtype=np.float64)
+    constraint = np.asarray(matrix, dtype=np.float64) * r.reshape(-1, 1)
+    return r * np.vstack([constraint[:, 0], constraint[:, 1], 1.0 / constraint[:, 2]])
 
 
 @inlined

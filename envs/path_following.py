@@ -15,12 +15,15 @@ from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
 from wayfield.envs.patrols import PATROL
+from wayfield.envs.robots import AnyRobot, robots_with
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
 from wayfield.envs.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
+    DIFF_DRIVE_ROBOTS,
     OMNI_ACTIONS,
     OMNI_ODOMETRY,
+    OMNI_ROBOTS,
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
@@ -346,14 +349,14 @@ class PathFollowing(Task):
 
 
 class DiffDrivePathFollowing(SingleEnv):
-    __doc__ = f"""A Pioneer P3DX follows a path.
+    __doc__ = f"""A differential drive, such as the Pioneer P3DX, follows a path.
 
     ## Description
 
-    A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most 1.2 m/s) shall
-    stay on a polyline and get to its end, or round a closed one. Control period 0.05 s. Progress is measured by a
-    projection that only moves forward: the nearest point of the path within 1 m of arc length ahead of the last one, so
-    that a path may cross itself.
+    A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most 1.2 m/s;
+    others in `wayfield.envs.robots`) shall stay on a polyline and get to its end, or round a closed one. Control period
+    0.05 s. Progress is measured by a projection that only moves forward: the nearest point of the path within 1 m of
+    arc length ahead of the last one, so that a path may cross itself.
 
     ## Action space
 
@@ -407,9 +410,9 @@ class DiffDrivePathFollowing(SingleEnv):
     | argument | default | meaning |
     |---|---|---|
     | scenario | "random_splines" | a name of `envs.scenarios.PATH_SCENARIOS`, a family ("circuits/train"), or a file |
-    | robot | "p3dx" | the robot |
+    | robot | "p3dx" | {DIFF_DRIVE_ROBOTS} |
     | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts; "coppelia": a running CoppeliaSim (p3dx) |
-    | actuators | "ideal" | "ideal"; "lagged": 1.0 m/s^2, 3 rad/s^2, lag 0.1 s; "slow": 0.5, 1.5, 0.25 |
+    | actuators | "ideal" | "lagged": 1 m/s^2, 3 rad/s^2, lag 0.1 s, or the data sheet's; "slow": 0.5, 1.5, 0.25 |
     | action_mode | "twist" | "twist" or "wheel_speeds" |
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 % |
     | pose_source | "ground_truth" | or "odometry" |
@@ -431,12 +434,12 @@ class DiffDrivePathFollowing(SingleEnv):
     * v0: first version.
     """
 
-    robots: ClassVar[tuple[str, ...]] = ("p3dx",)  # the first is the default
+    robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=False)  # the first is the default
 
     def __init__(
         self,
         scenario: str = "random_splines",
-        robot: str | None = None,
+        robot: AnyRobot | None = None,
         dynamics: str = "kinematic",
         actuators: str = "ideal",
         action_mode: str = "twist",
@@ -483,13 +486,14 @@ class DiffDrivePathFollowingVector(NativeVectorEnv):
 class OmniPathFollowing(DiffDrivePathFollowing):
     __doc__ = sheet_like(
         DiffDrivePathFollowing,
-        "An omni robot follows a path.",
+        "A robot on omni or mecanum wheels follows a path.",
         {
             "Description": """
-                A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four
-                (document C: 0.03 m on 0.13 m) shall stay on a polyline and get to its end, or round a closed one.
-                Control period 0.05 s. Progress is measured by a projection that only moves forward: the nearest point
-                of the path within 1 m of arc length ahead of the last one, so that a path may cross itself.
+                A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m), four
+                (document C: 0.03 m on 0.13 m) or four mecanum wheels (0.05 m) shall stay on a polyline and get to its
+                end, or round a closed one. Control period 0.05 s. Progress is measured by a projection that only moves
+                forward: the nearest point of the path within 1 m of arc length ahead of the last one, so that a path
+                may cross itself.
             """,
             "Action space": OMNI_ACTIONS,
             "Observation space": """
@@ -512,12 +516,12 @@ class OmniPathFollowing(DiffDrivePathFollowing):
             "Odometry and wheels": OMNI_ODOMETRY,
         },
         {
-            "robot": '"omni3" | "omni3" or "omni4"',
-            "pose_source": '"ground_truth" | or "odometry", "odometry_uncorrected" (omni3), "odometry_plain_sum"',
+            "robot": f'"omni3" | {OMNI_ROBOTS}',
+            "pose_source": '"ground_truth" | or "odometry", "odometry_uncorrected", "odometry_plain_sum": see below',
         },
     )
 
-    robots = ("omni3", "omni4")
+    robots = robots_with(holonomic=True)
 
 
 class OmniPathFollowingVector(NativeVectorEnv):

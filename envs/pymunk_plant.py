@@ -28,13 +28,13 @@ from wayfield.envs.sensing import advance_odometry
 from wayfield.envs.task import Options, Task
 
 GRAVITY = 9.81  # m/s^2
-CASTER_LOAD = 0.2  # share of the weight that rests on the caster of a differential drive
 HULL_FRICTION = 0.5  # between the hull and what it touches
 FLOOR_FRICTION = 0.4  # under a pushed thing: cardboard on a smooth floor
 
-# 10 ms: the fastest omni base (17 m/s, tier "ideal") goes 0.17 m, less than its hull's radius, so that its
-# centre cannot get through a wall. While wheels slip under full-speed jumps of the command, halving it moves
-# a robot by up to 3 mm in a second; while they grip, not at all.
+# 10 ms, as `robots.SUBSTEP`: the fastest omni base (17 m/s, tier "ideal") goes 0.17 m, less than its hull's
+# radius, so that its centre cannot get through a wall; data sheets of faster robots are refused. While wheels slip
+# under full-speed jumps of the command, halving it moves a robot by up to 3 mm in a second; while they grip, not
+# at all.
 SUBSTEPS = 5
 
 # Overlap in which a contact is kept, so that pymunk sees it. pymunk does not push apart what overlaps by less
@@ -102,7 +102,9 @@ def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
     """Returns the BASE record of a robot: how its wheels hold on to the floor."""
     along = np.zeros((MAX_WHEELS, 2, 3))
     count = len(robot.wheel_positions)
-    along[:count, 0] = robot.wheel_matrix * robot.wheel_radius
+    # a wheel pulls along the axis of the roller on the floor, which turns freely across it
+    held = [wheel.radius * sin_cos(wheel.roller_angle)[1] for wheel in robot.wheels]
+    along[:count, 0] = robot.wheel_matrix * np.reshape(held, (-1, 1))
     if not robot.holonomic:
         # a plain wheel holds across its drive direction too
         for i, ((px, py), angle) in enumerate(zip(robot.wheel_positions, robot.wheel_directions, strict=True)):
@@ -110,7 +112,7 @@ def base_record(robot: Robot, options: Options) -> NDArray[np.void]:
             along[i, 1] = -s, c, px * c + py * s
     feels = (along**2 / np.array([robot.mass, robot.mass, robot.inertia])).sum(axis=2).max(axis=1)
     relaxation = np.divide(1.0, feels, out=np.zeros(MAX_WHEELS), where=feels > 0.0)
-    carried = robot.mass * GRAVITY * (1.0 if robot.holonomic else 1.0 - CASTER_LOAD)
+    carried = robot.mass * GRAVITY * robot.driven_load
     substep = options.dt / SUBSTEPS
     decay, mean = lag_factors(options.actuators.lag, substep)
     return record(

@@ -4,6 +4,7 @@ One NumPy record a robot rather than many arrays: a compiled call pays for each 
 by side in memory. Tasks add their own fields behind these.
 """
 
+import contextlib
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -15,9 +16,9 @@ from wayfield.envs import kinematics
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.disturbances import SHOVE_FROM, SHOVE_UNTIL
 from wayfield.envs.linear import solve
-from wayfield.envs.robots import Robot
+from wayfield.envs.robots import MOST_WHEELS, Robot, wheel_matrix
 
-MAX_WHEELS = 4
+MAX_WHEELS = MOST_WHEELS
 
 ROBOT_STATE = [
     ("x", np.float64),  # true pose, m
@@ -100,26 +101,24 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
 
     Args:
         source: "odometry" for the right maps; "odometry_uncorrected" for document B's two passive encoders without the
-            rotation term l th'; "odometry_plain_sum" for the forward map that documents B and C print.
+            rotation term l th'; "odometry_plain_sum" for the forward map that documents B and C print, of omni wheels.
 
     Raises:
         ValueError: if the robot has no such odometry.
     """
     if source == "odometry_plain_sum":
-        if not robot.holonomic:
+        # a wheel that drives through the centre has no arm to divide by
+        if robot.drive != "omni" or not robot.wheel_matrix[:, 2].all():
             raise ValueError(
                 f"pose_source={source!r} belongs to documents B and C; robot {robot.name!r} has no such map"
             )
-        return robot.wheel_matrix, kinematics.plain_sum_matrix(robot.wheel_matrix, robot.wheel_radius), False
-    if not robot.passive_wheel_positions:
+        return robot.wheel_matrix, kinematics.plain_sum_matrix(robot.wheel_matrix, robot.wheel_radii), False
+    if not robot.encoders:
         if source == "odometry_uncorrected":
             raise ValueError(f"pose_source={source!r} needs passive encoder wheels; robot {robot.name!r} has none")
         return robot.wheel_matrix, robot.forward_matrix, False
-    passive = kinematics.wheel_matrix(
-        robot.passive_wheel_positions, robot.passive_wheel_directions, robot.passive_wheel_radius
-    )
     # two wheels and the IMU's yaw rate as the third reading
-    readings = np.vstack([passive, [0.0, 0.0, 1.0]])
+    readings = np.vstack([wheel_matrix(robot.encoders), [0.0, 0.0, 1.0]])
     believed = readings.copy()
     if source == "odometry_uncorrected":
         believed[:2, 2] = 0.0
@@ -127,6 +126,17 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
 
 
 POSE_SOURCES = ("ground_truth", "odometry", "odometry_uncorrected", "odometry_plain_sum")
+
+
+def pose_sources(robot: Robot) -> tuple[str, ...]:
+    """Returns the names in POSE_SOURCES that a robot can measure its pose by."""
+    found = ["ground_truth"]
+    for source in POSE_SOURCES[1:]:
+        with contextlib.suppress(ValueError):
+            odometry_matrices(robot, source)
+            found.append(source)
+    return tuple(found)
+
 
 # Standard deviations at noise = 1: a good indoor localiser, quadrature encoders with tyre wear, a cheap lidar.
 POSITION_NOISE = 0.01  # m

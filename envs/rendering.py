@@ -355,7 +355,7 @@ def _draw_goals(canvas: Canvas, view: View, goals: NDArray[np.float64], toleranc
 
 def _body_outline(robot: Robot) -> NDArray[np.float64]:
     """Returns the corners (2 n, 2) in m of a body that has one side behind each of the n wheels."""
-    wheels = sorted(robot.wheel_positions, key=lambda position: math.atan2(position[1], position[0]))
+    wheels = sorted(((wheel.x, wheel.y) for wheel in robot.built), key=lambda place: math.atan2(place[1], place[0]))
     corners = []
     for x, y in wheels:
         distance = math.hypot(x, y)
@@ -386,8 +386,8 @@ def _draw_robot(canvas: Canvas, view: View, robot: Robot, pose: tuple[float, flo
     canvas.disc(_HULL, centre, radius_px)
     canvas.disc(_BLUE, centre, radius_px, 1.5)
     canvas.polygon(_BLUE, pixels(_body_outline(robot)))
-    for position, direction in zip(robot.wheel_positions, robot.wheel_directions, strict=True):
-        canvas.polygon(_INK, pixels(_wheel_outline(position, direction, robot.wheel_radius)))
+    for wheel in robot.built:
+        canvas.polygon(_INK, pixels(_wheel_outline((wheel.x, wheel.y), wheel.direction, wheel.radius)))
     chevron = np.array([[0.55, 0.0], [-0.3, 0.38], [-0.1, 0.0], [-0.3, -0.38]]) * robot.hull_radius
     canvas.polygon(_WHITE, pixels(chevron))
 

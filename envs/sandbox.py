@@ -11,7 +11,7 @@ from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import row_clearance
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
-from wayfield.envs.robots import Robot
+from wayfield.envs.robots import Robot, robots_with
 from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
 
 STATE = np.dtype(
@@ -104,8 +104,8 @@ class Sandbox(Task):
         self, robot: Robot, dynamics: str, actuators: str, dt: float, max_obstacles: int, moving: bool
     ) -> None:
         options = Options.of(
-            (robot.name,),
-            robot=None,
+            robots_with(robot.holonomic),
+            robot=robot,
             dynamics=dynamics,
             actuators=actuators,
             action_mode="wheel_speeds",
@@ -116,7 +116,7 @@ class Sandbox(Task):
             address=None,
         )
         self.scenarios = (None,)
-        self.options = dataclasses.replace(options, robot=robot, dt=dt)
+        self.options = dataclasses.replace(options, dt=dt)
         self.robot = robot
         self.layout = Layout(Observation, (Field("pose", (3,), -np.inf, np.inf),))
         self.beam_angles = np.empty(0)
@@ -127,8 +127,8 @@ class Sandbox(Task):
         if not robot.holonomic:
             # the pseudo-inverse without its rounding: wheels that turn alike drive exactly straight
             (_, right), (_, left) = robot.wheel_positions
-            self.params["forward_matrix"][0, 0, :2] = 0.5 * robot.wheel_radius
-            self.params["forward_matrix"][0, 2, :2] = np.array([1.0, -1.0]) * robot.wheel_radius / (left - right)
+            self.params["forward_matrix"][0, 0, :2] = 0.5 * robot.wheel_radii
+            self.params["forward_matrix"][0, 2, :2] = np.array([1.0, -1.0]) * robot.wheel_radii / (left - right)
 
     def obstacle_counts(self, states: NDArray[np.void]) -> NDArray[np.int64]:
         """Returns how many obstacles each robot has around it."""

@@ -4,33 +4,53 @@ import inspect
 import re
 from collections.abc import Mapping
 
+from wayfield.envs.robots import ROBOTS, robots_with
+
 # Sections are indented like the docstrings that they are put into.
 BEYOND_BOUNDS = """Values beyond the bounds are allowed: the base scales all wheels by one factor,
     which keeps the direction of motion. Non-finite values, other shapes and other types are errors."""
 
-DIFF_DRIVE_ACTIONS = f"""`Box(2,)` float32. {BEYOND_BOUNDS}
 
-    | index | `action_mode="twist"` | bound | `action_mode="wheel_speeds"` | bound |
-    |---|---|---|---|---|
-    | 0 | forward speed v, m/s | 1.2 | right wheel, rad/s | 12.31 |
-    | 1 | yaw rate w, rad/s | 6.30 | left wheel, rad/s | 12.31 |"""
+def _names(holonomic: bool) -> str:
+    """Returns what an environment's argument `robot` may be."""
+    names = ", ".join(f'"{name}"' for name in robots_with(holonomic))
+    return f"{names}, a data sheet (.json) of your own, or a `wayfield.envs.robots.Robot`"
 
-OMNI_ACTIONS = f"""`Box(3,)` float32 for `action_mode="twist"`, `Box(3,)` or `Box(4,)` for `"wheel_speeds"`.
+
+def _actions(holonomic: bool) -> str:
+    """Returns the table of the actions: what each number is, and its bound for every robot that ships."""
+    robots = [ROBOTS[name] for name in robots_with(holonomic)]
+    twist = ("v_x, m/s", "v_y, m/s", "yaw rate, rad/s") if holonomic else ("forward speed v, m/s", "yaw rate w, rad/s")
+    most = max(len(robot.wheels) for robot in robots)
+    wheels = [f"wheel {k + 1}, rad/s" for k in range(most)] if holonomic else ["right, rad/s", "left, rad/s"]
+    names = " | ".join(robot.name for robot in robots)
+    rows = [f'| index | "twist" | {names} | "wheel_speeds" | {names} |', "|---" * (3 + 2 * len(robots)) + "|"]
+    for k in range(max(len(twist), most)):
+        bounds = [f"{robot.max_twist[k]:.3g}" if k < len(twist) else "" for robot in robots]
+        speeds = [f"{robot.rated_wheel_speed:.4g}" if k < len(robot.wheels) else "" for robot in robots]
+        asked = twist[k] if k < len(twist) else ""
+        rows.append(f"| {k} | {asked} | {' | '.join(bounds)} | {wheels[k]} | {' | '.join(speeds)} |")
+    return "\n    ".join(rows)
+
+
+DIFF_DRIVE_ROBOTS, OMNI_ROBOTS = _names(False), _names(True)
+
+DIFF_DRIVE_ACTIONS = f"""`Box(2,)` float32, with these bounds by `action_mode`. {BEYOND_BOUNDS}
+
+    {_actions(False)}"""
+
+OMNI_ACTIONS = f"""`Box(3,)` float32 for `action_mode="twist"`, a number for each wheel for `"wheel_speeds"`.
     {BEYOND_BOUNDS}
 
-    | index | "twist" | omni3 | omni4 | "wheel_speeds" | omni3 | omni4 |
-    |---|---|---|---|---|---|---|
-    | 0 | v_x, m/s | 1.73 | 1.27 | wheel 1, rad/s | 20 | 30 |
-    | 1 | v_y, m/s | 1.5 | 1.27 | wheel 2, rad/s | 20 | 30 |
-    | 2 | yaw rate, rad/s | 5.0 | 6.92 | wheel 3, rad/s | 20 | 30 |
-    | 3 | | | | wheel 4, rad/s | | 30 |"""
+    {_actions(True)}"""
 
 DIFF_DRIVE_ODOMETRY = '"odometry" integrates the encoders of the drive wheels.'
 
-OMNI_ODOMETRY = """"odometry" reads omni3's two passive encoder wheels and IMU, and omni4's drive wheels;
-    "odometry_uncorrected" leaves out the rotation term of the passive wheels, "odometry_plain_sum" uses the forward map
-    that documents B and C print. In the tier "ideal" the wheels turn up to 200 rad/s, so that document B's unsaturated
-    runs can be shown; in the other tiers the bounds of the action space hold."""
+OMNI_ODOMETRY = """"odometry" reads the two passive encoder wheels and the IMU of omni3 (and of a data sheet with
+    `encoders`), and the drive wheels of the others; "odometry_uncorrected" leaves out the rotation term of the
+    passive wheels, "odometry_plain_sum" uses the forward map that documents B and C print, of omni wheels. In the
+    tier "ideal" the wheels turn up to 200 rad/s, so that document B's unsaturated runs can be shown; in the other
+    tiers the bounds of the action space hold."""
 
 
 def sheet_like(other: type, summary: str, sections: Mapping[str, str], arguments: Mapping[str, str]) -> str:

@@ -13,7 +13,7 @@ from wayfield.envs import records
 from wayfield.envs.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown
 from wayfield.envs.disturbances import DISTURBANCES, Disturbance
 from wayfield.envs.observation import Layout
-from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators, Robot
+from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered
 from wayfield.envs.scenarios.tasks import TaskSpec
 
 # The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
@@ -44,19 +44,21 @@ class Options:
         """Returns the options whose values and names are those of the registered classes' arguments.
 
         Args:
-            robots: the names that the environment offers; the first is the default.
+            robots: the names that the environment offers; the first is the default. A data sheet or a `Robot` with a
+                drive of their kind will do as well.
             asked: a value for each field but `dt`. shove: (time s, dx m, dy m, turn rad): the pose is displaced by this
                 at that time, in the world frame.
 
         Raises:
-            ValueError: if a name is unknown or a number out of range; the message names the field and the choices.
+            ValueError: if a name is unknown or a number out of range, or a data sheet is wrong; the message names the
+                field and the choices.
+            OSError: if a data sheet cannot be opened.
         """
-        if asked["robot"] is None:
-            asked["robot"] = robots[0]
-        for field, choices in (("robot", robots), *_CHOICES.items()):
+        asked["robot"] = robot = offered(asked["robot"], robots)
+        for field, choices in _CHOICES.items():
             choose(field, asked[field], choices)
-        for field, named in _NAMED.items():
-            asked[field] = named[asked[field]]
+        asked["actuators"] = robot.actuators(asked["actuators"])
+        asked["disturbance"] = DISTURBANCES[asked["disturbance"]]
         if asked["address"] is not None and asked["dynamics"] != "coppelia":
             raise ValueError(f'address={asked["address"]!r} belongs to dynamics="coppelia"')
         noise = asked["noise"]
@@ -118,7 +120,6 @@ class Options:
         return np.full(len(self.robot.wheel_matrix), self.robot.rated_wheel_speed)
 
 
-_NAMED: Mapping[str, Mapping[str, Any]] = {"robot": ROBOTS, "actuators": ACTUATORS, "disturbance": DISTURBANCES}
 _CHOICES: Mapping[str, Collection[str]] = {
     "dynamics": ("kinematic", "pymunk", "coppelia"),
     "actuators": ACTUATORS,

@@ -33,6 +33,15 @@ def tuning_runs(name: str, suite: str) -> int:
     return int(content["trials"]) * int(content["scenarios"]) if content else 0
 
 
+def tuned_robot(name: str, suite: str) -> str:
+    """Returns the name of the robot that the tuned gains of a policy for a suite were found with; "" when none ship.
+
+    Raises:
+        ValueError: as `tuned_gains`.
+    """
+    return str(_shipped(name, suite).get("robot", ""))
+
+
 def _shipped(name: str, suite: str) -> dict[str, Any]:
     if not re.fullmatch(r"[a-z0-9_]+", name) or not re.fullmatch(r"[a-z0-9-]+", suite):
         raise ValueError(f"policy {name!r} and suite {suite!r} must be plain names")

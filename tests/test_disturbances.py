@@ -185,7 +185,7 @@ def test_slip_is_the_share_of_the_way_that_is_lost(make: Any, robot: str, dynami
     wanted, got = (drive(each, (0.4, 0.0, 0.0), 60) for each in (nominal, env))
     assert got[0] == pytest.approx((1.0 - slip) * wanted[0], abs=1e-9)
     believed = env.batch.states["measured_x"][0]
-    passive = bool(ROBOTS[robot].passive_wheel_positions)
+    passive = bool(ROBOTS[robot].encoders)
     assert believed == pytest.approx(got[0] if passive else wanted[0], abs=1e-9)
 
 

@@ -25,6 +25,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.disturbances import DISTURBANCES
 from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.scenarios import TASKS
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -300,7 +301,7 @@ def test_left_of_the_path_is_positive(tmp_path: Path) -> None:
 def test_what_a_goal_seeker_sees(tmp_path: Path, robot: str) -> None:
     waypoints, goal = [[1.0, 0.5], [2.0, -0.5]], [3.0, 0.5, 2.0]
     scenario = written(tmp_path, goal=goal, waypoints=waypoints, waypoint_radius=0.3)
-    env = base(DIFF_GOAL_ID if robot == "p3dx" else GOAL_ID, scenario=scenario, robot=robot, num_beams=5)
+    env = base(TASKS["goal_reaching"].env_id(ROBOTS[robot]), scenario=scenario, robot=robot, num_beams=5, max_range=5.0)
     state = env.batch.states[0]
     for action in actions_of(env, 60, seed=2):
         observation, _, _, _, info = env.step(action)
@@ -593,7 +594,7 @@ def test_a_shove_displaces_the_pose_once(env_id: str, dynamics: str, pose_source
         assert (state["x"], state["y"], state["heading"]) == pytest.approx(wanted, abs=1e-9)
         assert (state["vx"], state["vy"], state["yaw_rate"]) == (0.0, 0.0, 0.0)
         # encoders do not see it, but for passive wheels on the floor of the physics engine
-        passive = bool(env.task.robot.passive_wheel_positions)
+        passive = bool(env.task.robot.encoders)
         if pose_source == "odometry" and not (passive and dynamics == "pymunk"):
             assert (state["measured_x"], state["measured_y"], state["measured_heading"]) == (0.0, 0.0, 0.0)
 
@@ -611,7 +612,7 @@ def test_a_shove_ends_at_an_obstacle(tmp_path: Path) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("scale", [1.0, 1e3])
 def test_a_kinematic_hull_gets_into_nothing(robot: str, scale: float) -> None:
-    env_id = DIFF_GOAL_ID if robot == "p3dx" else GOAL_ID
+    env_id = TASKS["goal_reaching"].env_id(ROBOTS[robot])
     env: Any = gymnasium.make_vec(env_id, 64, scenario="mixed", robot=robot, num_beams=1)
     env.reset(seed=0)
     hull = ROBOTS[robot].hull_radius
@@ -791,14 +792,14 @@ def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: st
         (PATH_ID, {"scenario": "discs"}, "unknown path scenario 'discs'"),
         (GOAL_ID, {"scenario": "disks"}, "'disks'. Did you mean 'discs'?"),
         (PATH_ID, {"scale": 0.0}, "scale is 0.0; it must be a finite number above 0"),
-        (PATH_ID, {"robot": "omni3"}, "robot='omni3' is unknown."),
+        (PATH_ID, {"robot": "omni3"}, "robot 'omni3' has the drive omni; this environment needs differential"),
         (PATH_ID, {"num_preview": -1}, "num_preview must be a whole number >= 0, got -1"),
         (PATH_ID, {"num_preview": 2.5}, "num_preview must be a whole number >= 0, got 2.5"),
         (PATH_ID, {"preview_spacing": 0.0}, "preview_spacing must be a finite number > 0, got 0.0"),
         (PATH_ID, {"pose_source": "odometry_uncorrected"}, "pose_source='odometry_uncorrected' needs passive"),
         (PATH_ID, {"pose_source": "odometry_plain_sum"}, "pose_source='odometry_plain_sum' belongs to"),
         (GOAL_ID, {"robot": "omni4", "pose_source": "odometry_uncorrected"}, "needs passive encoder wheels"),
-        (GOAL_ID, {"robot": "p3dx"}, "robot='p3dx' is unknown."),
+        (GOAL_ID, {"robot": "p3dx"}, "robot 'p3dx' has the drive differential; this environment needs omni or mecanum"),
         (GOAL_ID, {"end_on_contact": False}, 'end_on_contact=False needs dynamics="pymunk"'),
         (GOAL_ID, {"num_beams": -1}, "num_beams must be a whole number >= 0, got -1"),
         (GOAL_ID, {"max_range": -2.0}, "max_range must be a finite number > 0, got -2.0"),
@@ -924,7 +925,8 @@ def test_any_goal_scenario_is_refused_or_survived(
     }
     file = written(tmp_path_factory.getbasetemp(), "any_goal.json", **scenario)
     try:
-        env = gymnasium.make(DIFF_GOAL_ID if options["robot"] == "p3dx" else GOAL_ID, scenario=file, **options)
+        env_id = TASKS["goal_reaching"].env_id(ROBOTS[options["robot"]])
+        env = gymnasium.make(env_id, scenario=file, **options)
     except ValueError as error:
         if "is over the" not in str(error):
             raise

@@ -358,9 +358,9 @@ def test_without_a_turn_the_printed_odometry_stops_after_two_nths(
     policy = policies.make("waypoint", final_tolerance=0.0)
     run = drive(GOAL_ID, scenario, policy, 400, robot=robot, pose_source="odometry_plain_sum")
     assert run.points[-1] == pytest.approx(share * np.array(goal), abs=1e-3)
-    matrix, wheel_radius = ROBOTS[robot].wheel_matrix, ROBOTS[robot].wheel_radius
+    matrix, radii = ROBOTS[robot].wheel_matrix, ROBOTS[robot].wheel_radii
     np.testing.assert_allclose(
-        plain_sum_matrix(matrix, wheel_radius) @ matrix, np.diag([1 / share, 1 / share, 2 / share]), atol=1e-12
+        plain_sum_matrix(matrix, radii) @ matrix, np.diag([1 / share, 1 / share, 2 / share]), atol=1e-12
     )
 
 

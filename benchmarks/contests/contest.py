@@ -15,10 +15,10 @@ from typing import Any
 from wayfield import policies
 from wayfield.benchmarks.cases import Case, Entrant
 from wayfield.benchmarks.results import Row
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.task import CONTROL_PERIOD
-from wayfield.policies.learned.agent import CARD, read_card
+from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.learned.ppo import shipped, trained
 
 TRAINED = ("ppo",)
@@ -115,9 +115,9 @@ class Contest:
         """Returns the header of the column that shows the cost of all runs."""
         return next(column.header for column in self.columns if column.metric == COST)
 
-    def env_id(self, robot: str) -> str:
-        """Returns the registered id of the environment for a robot's name."""
-        return self.spec.env_id(ROBOTS[robot])
+    def env_id(self, robot: AnyRobot) -> str:
+        """Returns the registered id of the environment for a robot."""
+        return self.spec.env_id(robot_of(robot))
 
     def failure_cost(self, steps: int) -> float:
         """Returns what a failed run counts as under a clock of that many control periods.
@@ -131,17 +131,20 @@ class Contest:
         return tuple(each for each in self.spec.families if dynamics == "pymunk" or each not in self.spec.needs_pymunk)
 
     def cases(
-        self, robot: str, course: Course, entrants: Entrants, disturbance: str = "none", speed: float | None = None
+        self, robot: AnyRobot, course: Course, entrants: Entrants, disturbance: str = "none", speed: float | None = None
     ) -> Iterator[Case]:
         """Yields a case for each entrant and each set of its gains, on all scenarios of a course.
 
         Trained agents have one set, "trained", whatever is asked for, and a case for each seed.
 
         Args:
+            robot: one that ships, a data sheet, or a `Robot`.
             disturbance: a level of the ladder.
             speed: m/s, a cruising speed in place of the policy's own; policies without one are left out.
         """
-        conditions = {"robot": robot} | ({} if disturbance == "none" else {"disturbance": disturbance})
+        robot = robot_of(robot)
+        disturbed = {} if disturbance == "none" else {"disturbance": disturbance}
+        conditions = {"robot": shipped_name(robot), **disturbed}
         for name, gains_name, gains, entrant in self._sets(robot, entrants):
             if speed is not None:
                 at_speed = _cruising(name, gains, entrant, speed)
@@ -164,9 +167,11 @@ class Contest:
                 entrant=entrant,
             )
 
-    def _sets(self, robot: str, entrants: Entrants) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
+    def _sets(self, robot: Robot, entrants: Entrants) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
         """Yields each entrant with each set of its gains: its name, the set's name, the gains, and whose it is."""
-        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names)) for name in entrants.policies}
+        sets = {name: list(self.gain_sets(name, robot.name, entrants.gains_names)) for name in entrants.policies}
+        if ROBOTS.get(robot.name) != robot:
+            sets |= {name: [] for name in TRAINED if name in sets}  # no agent ships for another robot of that name
         for home in entrants.homes:
             sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
         for name, of_policy in sets.items():
@@ -189,18 +194,18 @@ class Contest:
         if name in PAPER and "paper" in gains_names:
             yield "paper", dict(PAPER[name])
 
-    def own_sets(self, home: str, robot: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    def own_sets(self, home: str, robot: AnyRobot) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields the agents in a folder of training runs, if they are for the task and the robot.
 
         Raises:
             ValueError: if there are none at all, or a card is damaged.
         """
-        runs = trained(home)
+        runs, robot = trained(home), robot_of(robot)
         if not runs:
             raise ValueError(f"{home!r} holds no trained agents: no seed_N{os.sep}best")
         for seed, folder in runs.items():
             card = read_card(folder / CARD)
-            if card["task"] == self.spec.name and robot in card["robots"]:
+            if card["task"] == self.spec.name and drives(card, robot):
                 yield Path(home).resolve().name, {"seed": seed, "home": home}
 
 

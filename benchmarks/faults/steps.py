@@ -16,8 +16,10 @@ import numpy as np
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.benchmarks.faults import life
 from wayfield.envs.disturbances import DISTURBANCES
-from wayfield.envs.robots import ACTUATORS
+from wayfield.envs.records import pose_sources
+from wayfield.envs.robots import ACTUATORS, ROBOTS, robots_with
 from wayfield.envs.scenarios import FAMILIES, GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 
 BOUNDS = {"NUMBA_BOUNDSCHECK": "1"}  # of the server's environment
 IDS = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
@@ -33,12 +35,6 @@ _LISTED = (
     {"shove": [0, 0, 0, 1e20]}, {"shove": [0, 1e160, 0, 0]}, {"shove": [0, 0, 0, 1e300]}, {"shove": [1e300, 1, 1, 1]},
     {"preview_spacing": 1e6}, {"preview_spacing": 30.0, "scenario": "circle"}, {"num_beams": 10**7},
 )  # fmt: skip
-# what each robot can measure its pose by; the rest is refused
-_MEASURED = {
-    "p3dx": ("odometry",),
-    "omni3": ("odometry", "odometry_uncorrected", "odometry_plain_sum"),
-    "omni4": ("odometry", "odometry_plain_sum"),
-}
 _PATH_ONLY, _GOAL_ONLY = ("preview_spacing", "num_preview", "scale"), ("num_beams", "max_range", "field_of_view")
 
 
@@ -63,7 +59,8 @@ def _setting(rng: random.Random) -> dict[str, Any]:
     path = "Path" in env_id
     task = "path_following" if path else "goal_reaching"
     family = f"{rng.choice((*FAMILIES[task], 'all'))}/{rng.choice(tuple(SPLITS))}"
-    robot = "p3dx" if "DiffDrive" in env_id else rng.choice(("omni3", "omni4"))
+    names = robots_with(holonomic="DiffDrive" not in env_id)
+    robot = rng.choice([name for name in names if ROBOTS[name].hull_radius <= LARGEST_HULL])
     kwargs: dict[str, Any] = {
         "scenario": rng.choice((rng.choice(tuple(PATH_SCENARIOS if path else GOAL_SCENARIOS)), family)),
         "robot": robot,
@@ -71,7 +68,7 @@ def _setting(rng: random.Random) -> dict[str, Any]:
         "actuators": rng.choice(tuple(ACTUATORS)),
         "action_mode": rng.choice(("twist", "wheel_speeds")),
         "noise": rng.choice((0.0, 1.0, rng.uniform(0.0, 10.0))),
-        "pose_source": rng.choice(("ground_truth", *_MEASURED[robot])),
+        "pose_source": rng.choice(pose_sources(ROBOTS[robot])),
         "disturbance": rng.choice(tuple(DISTURBANCES)),
     }
     if rng.random() < 0.3:

@@ -15,6 +15,7 @@ except ModuleNotFoundError as missing:
     sys.exit(f'coppelia: {missing.name} is missing: pip install "wayfield[coppelia]"')
 
 from wayfield.envs.command_line import Choice, OneLineErrors
+from wayfield.envs.coppelia.models import MODELLED
 from wayfield.envs.coppelia.scenes import DOCUMENT_A, SCENES, Conditions, make_world
 from wayfield.envs.coppelia.server import LOCAL, LOG, PORT, Server
 from wayfield.envs.robots import ACTUATORS, ROBOTS
@@ -61,7 +62,7 @@ class Track(Number):
     help=f"{', '.join(SCENES)}; a path or goal scenario or family of the environments; or a scenario file.",
 )
 @click.option("--index", type=click.IntRange(min=0), default=0, help="Which scenario of a family.  [default: 0]")
-@click.option("--robot", type=Choice("--robot", ROBOTS), help="The robot.  [default: the scene's, mostly p3dx]")
+@click.option("--robot", type=Choice("--robot", MODELLED), help="The robot.  [default: the scene's, mostly p3dx]")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="The address that is served.")
 @click.option(
@@ -112,7 +113,7 @@ def main(
     """
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     conditions = Conditions(robot, half_track=track, number=index, **driven)
-    own_track = None if robot in ("omni3", "omni4") else track
+    own_track = None if robot not in (None, "p3dx") else track
     load = functools.partial(_load, conditions=conditions._replace(half_track=own_track, number=0))
     try:
         world = make_world(scene, conditions)

@@ -6,7 +6,10 @@ import math
 from wayfield.envs.coppelia import frames
 from wayfield.envs.coppelia.constants import CYLINDER, JOINT, PROXIMITY_SENSOR, SHAPE
 from wayfield.envs.coppelia.scene import Object, Scene, Sonar
-from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.robots import ROBOTS, Robot, robots_with
+
+# Robots that have a model: CoppeliaSim's own, and bases on wheels with rollers, which are built from their data sheets.
+MODELLED = ("p3dx", *robots_with(holonomic=True))
 
 P3DX_HALF_TRACK = 0.1655  # m, of CoppeliaSim's model; document A gives 0.1905
 P3DX_BASE_HEIGHT = 0.1388  # m, of the base's origin above the floor
@@ -50,7 +53,7 @@ class Model:
 
 
 def model_of(name: str, half_track: float | None = None) -> Model:
-    """Returns the model of a robot of `ROBOTS`.
+    """Returns the model of a robot of `MODELLED`.
 
     Args:
         half_track: m, of the differential drive; None is that of CoppeliaSim's P3DX.
@@ -66,7 +69,10 @@ def model_of(name: str, half_track: float | None = None) -> Model:
     half = P3DX_HALF_TRACK if half_track is None else half_track
     if not 0.02 <= half <= 1.0:
         raise ValueError(f"track={half!r} must be the half track in m, 0.02 to 1")
-    robot = dataclasses.replace(robot, wheel_positions=((0.0, -half), (0.0, half)))
+    right, left = (dataclasses.replace(wheel, y=y) for wheel, y in zip(robot.wheels, (-half, half), strict=True))
+    # the hull stays, whatever the wheels' places: so the track as built does too
+    built = robot.wheels[1].y - robot.wheels[0].y
+    robot = dataclasses.replace(robot, wheels=(right, left), track=built)
     return Model(robot, "PioneerP3DX", P3DX_BASE_HEIGHT, P3DX_AXLE_AHEAD)
 
 
@@ -80,12 +86,12 @@ def _wheel_pose(model: Model, i: int) -> frames.Pose:
     """Returns the place of a wheel joint in the base frame: its axis points left of where the wheel drives."""
     (x, y), direction = model.robot.wheel_positions[i], model.robot.wheel_directions[i]
     axis = frames.quaternion_from_euler(-0.5 * math.pi, 0.0, 0.0)
-    z = model.robot.wheel_radius - model.height
+    z = model.robot.wheels[i].radius - model.height
     return frames.composed(frames.yawed(model.ahead + x, y, z, direction), (0.0, 0.0, 0.0, *axis))
 
 
 def _build_p3dx(scene: Scene, model: Model, base: Object) -> list[Object]:
-    diameter = 2.0 * model.robot.wheel_radius
+    diameter = 2.0 * model.robot.wheels[0].radius
     joints = []
     for i, side in enumerate(("right", "left")):
         joint = scene.add(f"{side}Motor", JOINT, base, _wheel_pose(model, i), part=True, wheel=i)
@@ -107,9 +113,9 @@ def _build_p3dx(scene: Scene, model: Model, base: Object) -> list[Object]:
 
 
 def _build_omni(scene: Scene, model: Model, base: Object) -> list[Object]:
-    diameter = 2.0 * model.robot.wheel_radius
     joints = []
-    for i in range(len(model.robot.wheel_positions)):
+    for i, wheel in enumerate(model.robot.wheels):
+        diameter = 2.0 * wheel.radius
         joint = scene.add(f"wheel{i + 1}", JOINT, base, _wheel_pose(model, i), part=True, wheel=i)
         primitive = (CYLINDER, (diameter, diameter, _OMNI_WHEEL_WIDTH))
         scene.add(f"tyre{i + 1}", SHAPE, joint, part=True, primitive=primitive)

@@ -65,7 +65,7 @@ class CoppeliaPlant:
         if num_envs != 1:
             raise ValueError(f'dynamics="coppelia" drives the one robot of a simulator; num_envs is {num_envs}')
         if task.robot.holonomic:
-            raise ValueError(f'dynamics="coppelia" drives a p3dx; robot is {task.robot.name!r}')
+            raise ValueError(f'dynamics="coppelia" drives a differential drive; robot is {task.robot.name!r}')
         if options.shove is not None or options.disturbance.distorts or options.disturbance.shove > 0.0:
             raise ValueError('dynamics="coppelia" takes no shove and no disturbance of the motion: the simulator moves')
         self.task = task
@@ -115,12 +115,12 @@ class CoppeliaPlant:
             )
         self.height = float(sim("getObjectPosition", self.base)[2])
         robot = self.task.robot
-        expected = abs(robot.wheel_positions[0][1])
-        if abs(self.half_track - expected) > _SAME_SIZE or abs(self.radius - robot.wheel_radius) > _SAME_SIZE:
+        expected, rim = abs(robot.wheels[0].y), robot.wheels[0].radius
+        if abs(self.half_track - expected) > _SAME_SIZE or abs(self.radius - rim) > _SAME_SIZE:
             LOG.warning(
                 "the scene's robot has half track %.4f m and wheel radius %.4f m, the task's %.4f m and %.4f m; "
                 "wheel speeds are those of the scene's",
-                *(self.half_track, self.radius, expected, robot.wheel_radius),
+                *(self.half_track, self.radius, expected, rim),
             )
 
     def _sim(self, function: str, *args: Any) -> Any:

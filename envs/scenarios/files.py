@@ -3,18 +3,19 @@
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NoReturn
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from wayfield.envs.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
+from wayfield.envs.objects import check_keys, fault, json_object, read_text
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table, read_text
+from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
 _GOAL_FIELDS = (
@@ -54,16 +55,16 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         try:
             return PathScenario(name, path_from_table(file, scale))
         except ValueError as error:
-            raise _fault(file, error) from None
+            raise fault(file, error) from None
     if suffix.lower() != ".json":
-        raise _fault(file, f"suffix {suffix!r} is not known; a path is read from .csv, .txt or .json")
-    fields = _json_object(file)
-    _check_keys(file, "", fields, _PATH_FIELDS)
+        raise fault(file, f"suffix {suffix!r} is not known; a path is read from .csv, .txt or .json")
+    fields = json_object(file)
+    check_keys(file, "", fields, _PATH_FIELDS)
     if ("path" in fields) == ("path_file" in fields):
-        raise _fault(file, "exactly one of the fields 'path' and 'path_file' must be given")
+        raise fault(file, "exactly one of the fields 'path' and 'path_file' must be given")
     closed = fields.pop("closed", None)
     if not (closed is None or isinstance(closed, bool)):
-        raise _fault(file, f"closed is {shown(closed)}; it must be true or false")
+        raise fault(file, f"closed is {shown(closed)}; it must be true or false")
     try:
         if "path" in fields:
             fields["path"] = _listed_path(fields["path"], closed, scale)
@@ -74,7 +75,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
             fields["start"] = (x * scale, y * scale, heading)
         return PathScenario(name, **fields)
     except ValueError as error:
-        raise _fault(file, error) from None
+        raise fault(file, error) from None
 
 
 @reader("goal scenario", "goal.json", {"goal.json": _GOAL})
@@ -94,20 +95,20 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
     """
     name, suffix = os.path.splitext(os.path.basename(file))
     if suffix.lower() != ".json":
-        raise _fault(file, f"suffix {suffix!r} is not known; a goal scenario is read from .json")
-    fields = _json_object(file)
-    _check_keys(file, "", fields, _GOAL_FIELDS, required=("goal",))
+        raise fault(file, f"suffix {suffix!r} is not known; a goal scenario is read from .json")
+    fields = json_object(file)
+    check_keys(file, "", fields, _GOAL_FIELDS, required=("goal",))
     for field in ("waypoints", "obstacles"):
         if not isinstance(fields.get(field, []), list):
-            raise _fault(file, f"{field} is {shown(fields[field])}; it must be a list")
+            raise fault(file, f"{field} is {shown(fields[field])}; it must be a list")
         if len(fields.get(field, [])) > MOST_OBSTACLES:
-            raise _fault(file, f"{field} has {len(fields[field])} entries; there must be at most {MOST_OBSTACLES}")
+            raise fault(file, f"{field} has {len(fields[field])} entries; there must be at most {MOST_OBSTACLES}")
     records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
     patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
         return GoalScenario(name, **fields, obstacles=obstacle_field(*(each for each, _ in records)), patrols=patrols)
     except ValueError as error:
-        raise _fault(file, error) from None
+        raise fault(file, error) from None
 
 
 def _table_path(file: str, table: Any, closed: bool | None, scale: float) -> Path:
@@ -137,12 +138,12 @@ def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:
 def _obstacle(file: str, place: str, value: Any) -> tuple[np.void, np.void]:
     """Returns the OBSTACLE and the PATROL record of one entry of a goal scenario's obstacles."""
     if not isinstance(value, dict):
-        raise _fault(file, f"{place} is {shown(value)}; it must be an object with a kind")
+        raise fault(file, f"{place} is {shown(value)}; it must be an object with a kind")
     arguments = dict(value)
     kind = arguments.pop("kind", None)
     if not isinstance(kind, str) or kind not in _OBSTACLE_KINDS:
         near = suggestion(kind, _OBSTACLE_KINDS) if isinstance(kind, str) else ""
-        raise _fault(file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}")
+        raise fault(file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}")
     patrol = arguments.pop("patrol", None) if kind == "circle" else None
     _check_arguments(file, f"{place}.", arguments, _OBSTACLE_KINDS[kind])
     try:
@@ -153,76 +154,17 @@ def _obstacle(file: str, place: str, value: Any) -> tuple[np.void, np.void]:
         if arguments.pop("mass", 0.0) != 0.0:
             raise ValueError("a circle with a patrol cannot have a mass")
         of_patrol = [name for name in inspect.signature(moving_circle).parameters if name not in arguments]
-        _check_keys(file, f"{place}.patrol.", patrol, of_patrol, of_patrol[:-1])
+        check_keys(file, f"{place}.patrol.", patrol, of_patrol, of_patrol[:-1])
         return moving_circle(**arguments, **patrol)
     except ValueError as error:
-        raise _fault(file, error if str(error).startswith(f"{file}:") else f"{place}: {error}") from None
+        raise fault(file, error if str(error).startswith(f"{file}:") else f"{place}: {error}") from None
 
 
 def _check_arguments(file: str, place: str, fields: dict[str, Any], make: Callable[..., np.void]) -> None:
     """Refuses an object that does not hold what a constructor takes."""
     parameters = inspect.signature(make).parameters
     required = [name for name, parameter in parameters.items() if parameter.default is parameter.empty]
-    _check_keys(file, place, fields, parameters, required)
-
-
-def _check_keys(
-    file: str, place: str, fields: dict[str, Any], known: Iterable[str], required: Iterable[str] = ()
-) -> None:
-    """Refuses an object with a field that nothing reads, or without one that is required."""
-    for key in fields:
-        if key not in known:
-            near = suggestion(key, known)
-            raise _fault(file, f"field {shown(place + key)} is not known; the fields are {', '.join(known)}.{near}")
-    for key in required:
-        if key not in fields:
-            raise _fault(file, f"field {place + key!r} is missing")
-
-
-def _json_object(file: str) -> dict[str, Any]:
-    """Returns the one object of a JSON file."""
-    try:
-        content = json.loads(
-            read_text(file), object_pairs_hook=_without_repeats, parse_constant=_not_json, parse_int=_whole
-        )
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{file}:{error.lineno}: {error.msg}") from None
-    except RecursionError:
-        raise _fault(file, "is nested too deeply") from None
-    except MemoryError:
-        raise _fault(file, "is too large for this machine's memory") from None
-    except ValueError as error:
-        raise _fault(file, error) from None
-    if not isinstance(content, dict):
-        raise _fault(file, f"holds {shown(content)}; it must be one object {{...}}")
-    return content
-
-
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Returns the object of the pairs; JSON itself would keep only the last of two fields of one name."""
-    fields = dict(pairs)
-    if len(fields) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"field {shown(twice)} is given twice")
-    return fields
-
-
-def _whole(digits: str) -> int:
-    """Returns the whole number of the digits; Python itself refuses more than some thousands, with a riddle."""
-    if len(digits) > 400:
-        raise ValueError(f"{digits[:20]}... is a number of {len(digits)} digits; no field takes one so large")
-    return int(digits)
-
-
-def _not_json(constant: str) -> NoReturn:
-    raise ValueError(f"{constant} is not a number of JSON; every number must be finite")
-
-
-def _fault(file: str, problem: object) -> ValueError:
-    """Returns the error with the file in front, unless it is there already, with the line."""
-    text = str(problem)
-    return ValueError(text if text.startswith(f"{file}:") else f"{file}: {text}")
+    check_keys(file, place, fields, parameters, required)
 
 
 def holds_goal(file: str) -> bool:

@@ -1,14 +1,14 @@
 """Paths from text tables: x,y columns, CoppeliaSim's seven columns, and race circuits."""
 
 import dataclasses
-import os
 import re
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_POINTS, shown
+from wayfield.envs.checks import FARTHEST, MOST_POINTS, shown
+from wayfield.envs.objects import read_text
 from wayfield.envs.paths import Path
 from wayfield.envs.readers import reader
 
@@ -85,27 +85,6 @@ def path_from_table(file: str, scale: float = 1.0) -> Path:
         line = _line_of(lines, layout, len(points) - 1)
         raise _fault(file, line, f"the table ends after {len(points)} distinct point(s); {kind} needs at least {least}")
     return Path(points, closed)
-
-
-def read_text(file: str) -> str:
-    """Returns the text of a UTF-8 file, without its byte order mark.
-
-    Raises:
-        ValueError: if it is no ordinary file or no UTF-8; one line that starts with file:line.
-        OSError: if it cannot be opened.
-    """
-    if os.path.exists(file) and not os.path.isfile(file):
-        raise _fault(file, 1, "is a folder or a device; it must be a file")
-    with open(file, "rb") as stream:
-        if os.fstat(stream.fileno()).st_size > MOST_BYTES:
-            raise _fault(file, 1, f"holds more than {MOST_BYTES} bytes; it must be smaller")
-        content = stream.read(MOST_BYTES)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise _fault(file, line, f"byte {content[error.start]:#04x} is no UTF-8; it must be text") from None
-    return text
 
 
 def _layout(file: str, lines: list[str]) -> _Layout:

@@ -22,7 +22,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import shown
 from wayfield.envs.compiled import compiled
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.robots import Robot
+from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
 from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
@@ -138,6 +138,8 @@ class Agent:
         name = self.card.get("name", "an agent")
         if briefing.robot.name not in self.card["robots"]:
             raise ValueError(f"{name} drives {', '.join(self.card['robots'])}, not {briefing.robot.name}")
+        if not drives(self.card, briefing.robot):
+            raise ValueError(f"{name} drives another {briefing.robot.name}: its data sheet has other numbers than this")
         if briefing.dt != self.card["dt"]:
             raise ValueError(f"{name} decides every {self.card['dt']:g} s, not every {briefing.dt:g} s")
         try:
@@ -172,6 +174,18 @@ class Agent:
         return self.features.guarded(
             observation, commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
         )
+
+
+def drives(card: Mapping[str, Any], robot: Robot) -> bool:
+    """Returns whether an agent was trained with a robot: one that its card names, by the same data sheet.
+
+    Cards without a digest of the sheet are for robots that ship.
+    """
+    if robot.name not in card["robots"]:
+        return False
+    shipped = ROBOTS.get(robot.name)
+    known = card.get("sheets", {}).get(robot.name, shipped.digest if shipped else "")
+    return bool(robot.digest == known)
 
 
 def commanded(
@@ -397,6 +411,9 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
             raise ValueError(f"{file}: {key} must be a finite number > 0, got {card[key]!r}")
     if not all(isinstance(each, str) for each in card["robots"]):
         raise ValueError(f"{file}: robots must be names, got {shown(card['robots'])}")
+    sheets = card.get("sheets", {})
+    if not isinstance(sheets, dict) or not all(isinstance(each, str) for each in sheets.values()):
+        raise ValueError(f"{file}: sheets must map robots to digests, got {shown(sheets)}")
     if card["env_id"] not in gymnasium.registry:
         ours = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
         raise ValueError(

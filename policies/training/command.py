@@ -32,6 +32,7 @@ class _Train(OneLineErrors):
 @click.command(cls=_Train, name="train.py")
 @click.argument("env_id")
 @click.option("--preset", "name", help=f"What is trained and how: {', '.join(PRESETS)}; default: the environment's.")
+@click.option("--robot", metavar="NAME|FILE.json", help="The robot, in place of the preset's.")
 @click.option("--steps", type=int, help="Frames, in place of the preset's.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="The first seed.")
 @click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, show_default=True, help="Runs, side by side.")
@@ -43,6 +44,7 @@ class _Train(OneLineErrors):
 def main(
     env_id: str,
     name: str | None,
+    robot: str | None,
     steps: int | None,
     seed: int,
     seeds: int,
@@ -58,6 +60,8 @@ def main(
     """
     if steps is not None:
         settings = (*settings, f"steps={steps}")
+    if robot is not None:
+        settings = (*settings, f"robot={robot}")
     try:
         preset = overridden(preset_for(env_id, name), settings)
         folder = Path("results/training") / preset.name if out is None else out

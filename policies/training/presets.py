@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
 from wayfield.envs.checks import choose, shown, suggestion
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ROBOTS, robot_of, shipped_name
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies import POLICIES
 from wayfield.policies.learned.agent import check_hidden
@@ -52,7 +52,7 @@ class Preset:
     reward: Reward
     bar: str  # what a seed must reach on validation
     measured: str
-    robot: str | None = None  # None: the environment's default
+    robot: str | None = None  # a name or the file of a data sheet; None: the environment's default
     steps: int = 6_000_000  # frames
     num_envs: int = 1024
     horizon: int = 32  # control periods between updates
@@ -122,6 +122,12 @@ class Preset:
         if not self.hidden:
             raise ValueError("hidden must be sizes of at least one layer, got none")
         check_hidden(self.hidden)
+
+    @property
+    def sheet(self) -> dict[str, str]:
+        """Returns what tells the data sheet of a robot of one's own from another: its digest; nothing of others."""
+        robot = None if self.robot is None else robot_of(self.robot)
+        return {} if robot is None or isinstance(shipped_name(robot), str) else {"sheet": robot.digest}
 
     @property
     def parts(self) -> list[tuple[int, Mapping[str, Any], float]]:
@@ -300,8 +306,14 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
         part = changes.get(name, vars(preset).get(name))
         changes[name] = _new(preset, part, key, [name, *rest], text)
     try:
+        if changes.get("robot") is not None:
+            features, robot = changes.get("features", preset.features), robot_of(changes["robot"])
+            if features == preset.features and hasattr(features, "hull_radius"):
+                changes["features"] = dataclasses.replace(features, hull_radius=robot.hull_radius)
         # all at once: one may be right only beside another
         return dataclasses.replace(preset, **changes)
+    except OSError as error:
+        raise ValueError(f"robot {changes['robot']!r} cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise ValueError(f"--set {' '.join(settings)[:200]}: {error}") from None
 

@@ -49,6 +49,7 @@ class Job:
             "settings": list(self.settings),
             "steps": self.preset.steps,
             "seed": self.seed,
+            **self.preset.sheet,
         }
 
 
@@ -82,9 +83,10 @@ def check_folder(job: Job) -> None:
     if not job.resume:
         raise ValueError(f"{job.folder} holds a run; continue it with --resume or choose another --out")
     for key, value in job.described().items():
-        if there[key] != value:
+        if there.get(key) != value:
             raise ValueError(
-                f"{job.folder} holds a run with {key} {shown(there[key])}, not {shown(value)}; it cannot be resumed so"
+                f"{job.folder} holds a run with {key} {shown(there.get(key))}, not {shown(value)}; it cannot be "
+                "resumed so"
             )
 
 
@@ -275,6 +277,7 @@ class _Run:
             "env_kwargs": self.kwargs,
             "task": preset.task,
             "robots": [task.robot.name],
+            "sheets": {task.robot.name: task.robot.digest},
             "dt": task.options.dt,
             "speed": preset.speed,
             "observation": list(preset.features.fields),
