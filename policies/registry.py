@@ -13,6 +13,7 @@ from wayfield.policies.lqr import Lqr
 from wayfield.policies.mpc import Mpc
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
+from wayfield.policies.polar import Polar
 from wayfield.policies.policy import Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
 from wayfield.policies.pure_pursuit import PurePursuit
@@ -54,6 +55,10 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "mpc": Mpc,
     # the smooth pose law (Park and Kuipers): to a pose, or along a path
     "smooth_pose": SmoothPose,
+    # the same, forward or backward to a pose, and nearer to it
+    "smooth_pose_backward": partial(SmoothPose, backward=True, arrival_radius=0.02),
+    # feedback of polar coordinates to a pose, forward or backward (Aicardi et al., Astolfi)
+    "polar": Polar,
     # dynamic window approach (Fox, Burgard and Thrun)
     "dwa": Dwa,
     # vector field histogram + (Ulrich and Borenstein)
