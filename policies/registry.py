@@ -18,6 +18,7 @@ from wayfield.policies.policy import Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.random import Random
+from wayfield.policies.reeds_shepp import ReedsShepp
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.smooth_pose import SmoothPose
@@ -59,6 +60,8 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "smooth_pose_backward": partial(SmoothPose, backward=True, arrival_radius=0.02),
     # feedback of polar coordinates to a pose, forward or backward (Aicardi et al., Astolfi)
     "polar": Polar,
+    # the shortest way of a car that goes both ways (Reeds and Shepp), around what stands, and a tracker
+    "reeds_shepp": ReedsShepp,
     # dynamic window approach (Fox, Burgard and Thrun)
     "dwa": Dwa,
     # vector field histogram + (Ulrich and Borenstein)
