@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import bearing, wrap_angle
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import bearing
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.policies.policy import check_gain
 
@@ -87,18 +88,6 @@ class Polar:
         twists = np.empty((len(observation.pose), 2))
         approach(p, observation.goal, observation.goal_heading_error, observation.waypoints_left, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
-
-
-@inlined
-def polar_twist(p, px, py, turn):
-    """Returns (v, w) of the law towards a pose at (px, py) in the robot's frame (m), its heading `turn` (rad) off."""
-    rho = math.sqrt(px * px + py * py)
-    alpha = bearing(py, px)
-    beta = wrap_angle(turn - alpha)
-    v = p.k_rho * rho
-    w = p.k_alpha * alpha + p.k_beta * beta
-    share = min(1.0, p.max_speed / v, math.sqrt(2.0 * p.deceleration * rho) / v, p.max_yaw_rate / max(abs(w), 1e-12))
-    return share * v, share * w
 
 
 @compiled

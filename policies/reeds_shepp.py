@@ -11,6 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
+from wayfield.envs.patrols import patrol_at
 from wayfield.envs.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.params import params
@@ -37,7 +38,10 @@ _WINDOW = 0.15  # m, how far ahead of the last place on the plan the next one is
 _GRAIN = 0.005  # m, between the places that are looked at
 _LEAST_SPEED = 0.02  # m/s, at which a piece is ended
 _STRAY = 0.15  # m, from the plan, beyond which another is made
-_PATIENCE = 20.0  # s, that the robot waits for what moves before it sets off all the same
+_PATIENCE = 40.0  # s, that the robot waits for what moves before it sets off all the same
+_ROOM = 0.05  # m, that it wants to spare beside what moves
+_EARLY, _LATE = 0.2, 0.5  # s, by which it may be at a place before its time and after it
+_STRIDE = 0.04  # m, between the places at which it looks for what moves
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +50,8 @@ class ReedsShepp:
 
     Of the ways that end with a straight piece of -1.5 to 1.5 m it takes the shortest on which the hull has `margin` to
     spare from all that stands; where there is none, one of half the radius, then without the margin, then the shortest
-    of all, which the memory's field `no_path` counts. Where something moves, it sets off once the way is free at its
-    cruising speed, and at half of that, whenever it would be where.
+    of all, which the memory's field `no_path` counts. Where something moves, it sets off once that leaves every place
+    of the way free when the robot will be there.
 
     Along the way, with e the robot's place left of it, th its heading off it, kappa the curvature a little ahead, by
     what the actuators lag, and d = 1 or -1 the direction,
@@ -107,7 +111,7 @@ class ReedsShepp:
 def drive(params, known, poses, goals, turns, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""
     p = params[0]
-    obstacles, counts, patrols, targets, num_goals = known
+    _, _, _, targets, num_goals = known
     for i in range(poses.shape[0]):
         m = memory[i]
         now = m.steps * p.plant.dt
@@ -256,27 +260,51 @@ def make_plan(p, known, poses, goal, m, i):
 
 @compiled
 def may_set_off(p, known, m, i, now):
-    """Returns whether what moves leaves the robot its way, if it sets off now; in the end it does not ask."""
+    """Returns whether what moves leaves the robot its way, if it sets off now; in the end it does not ask.
+
+    The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
+    speeds of `tracked` and the same acceleration.
+    """
     obstacles, counts, patrols, _, _ = known
     moves = False
     for j in range(counts[i]):
         moves = moves or patrols[i, j].leg_time > 0.0
     if not moves or now > _PATIENCE:
         return True
-    around = np.empty((1, obstacles.shape[1]), obstacles.dtype)
-    scripts = np.zeros((1, obstacles.shape[1]), patrols.dtype)
-    count = 0
-    for j in range(counts[i]):
-        if patrols[i, j].leg_time > 0.0:
-            around[0, count] = obstacles[i, j]
-            scripts[0, count] = patrols[i, j]
-            count += 1
-    for pace in (p.speed, 0.7 * p.speed, 0.5 * p.speed):
-        if not is_free(
-            m.plan, m.radius, m.start, m.length, (around, scripts, count), p.plant.hull_radius + 0.05, (now, pace)
-        ):
-            return False
+    needed = p.plant.hull_radius + _ROOM
+    time = now + p.preview
+    begun = 0.0
+    last_end = 0.0
+    s = 0.0
+    while s < m.length:
+        m.along = s
+        end = leg_end(m)
+        if end > last_end:
+            begun = s
+            last_end = end
+        x, y, _ = pose_along(m.plan, m.radius, m.start, s)
+        for shift in (-_EARLY, 0.0, _LATE):
+            for j in range(counts[i]):
+                if patrols[i, j].leg_time > 0.0:
+                    ox, oy, _, _ = patrol_at(patrols[i, j], max(time + shift, now))
+                    dx = ox - x
+                    dy = oy - y
+                    if math.sqrt(dx * dx + dy * dy) - obstacles[i, j].radius < needed:
+                        m.along = 0.0
+                        return False
+        v = min(wanted_speed(p, m, end), math.sqrt(2.0 * p.deceleration * (s - begun + _STRIDE)))
+        time += _STRIDE / max(v, _LEAST_SPEED)
+        s += _STRIDE
+    m.along = 0.0
     return True
+
+
+@inlined
+def wanted_speed(p, m, end):
+    """Returns the speed (m/s) at the robot's place on a leg that ends at arc length `end`."""
+    bend = abs(curvature(m, m.along))
+    v = min(p.speed, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * p.deceleration * (end - m.along)))
+    return max(v, _LEAST_SPEED)
 
 
 @inlined
@@ -290,9 +318,7 @@ def tracked(p, poses, m, i):
     aside = cosine * (poses[i, 1] - y) - sine * (poses[i, 0] - x)
     off = wrap_angle(poses[i, 2] - heading)
     end = leg_end(m)
-    bend = abs(curvature(m, m.along))
-    v = min(p.speed, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * p.deceleration * (end - m.along)))
-    v = max(v, _LEAST_SPEED)
+    v = wanted_speed(p, m, end)
     ahead = min(m.along + v * p.preview, end - 1e-6)
     w = way * v * curvature(m, ahead) - v * (2.0 * off / p.settling + way * aside / (p.settling * p.settling))
     share = min(1.0, p.max_yaw_rate / max(abs(w), 1e-12))

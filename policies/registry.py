@@ -11,6 +11,7 @@ from wayfield.policies.learned.ppo import Ppo
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.lqr import Lqr
 from wayfield.policies.mpc import Mpc
+from wayfield.policies.mpc_pose import MpcPose
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
 from wayfield.policies.polar import Polar
@@ -60,6 +61,8 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "smooth_pose_backward": partial(SmoothPose, backward=True, arrival_radius=0.02),
     # feedback of polar coordinates to a pose, forward or backward (Aicardi et al., Astolfi)
     "polar": Polar,
+    # model predictive control to a pose, forward or backward (Worthmann et al.), on OSQP
+    "mpc_pose": MpcPose,
     # the shortest way of a car that goes both ways (Reeds and Shepp), around what stands, and a tracker
     "reeds_shepp": ReedsShepp,
     # dynamic window approach (Fox, Burgard and Thrun)
