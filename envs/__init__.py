@@ -33,3 +33,19 @@ gymnasium.register(
     vector_entry_point="wayfield.envs.goal_reaching:DiffDriveGoalObstaclesVector",
     max_episode_steps=1200,
 )
+
+# An omni robot comes to rest at a pose: in the open, at a wall, between boxes, past a disc that moves ...
+gymnasium.register(
+    id="wayfield/OmniDocking-v0",
+    entry_point="wayfield.envs.docking:OmniDocking",
+    vector_entry_point="wayfield.envs.docking:OmniDockingVector",
+    max_episode_steps=1200,
+)
+
+# ... and a Pioneer P3DX does, forward or backward.
+gymnasium.register(
+    id="wayfield/DiffDriveDocking-v0",
+    entry_point="wayfield.envs.docking:DiffDriveDocking",
+    vector_entry_point="wayfield.envs.docking:DiffDriveDockingVector",
+    max_episode_steps=1200,
+)

@@ -12,7 +12,8 @@ from wayfield.envs.compiled import machine_code
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.sensing import Lidar, beam_directions, noise_columns, scan_ranges
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Task
+from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
+from wayfield.envs.task import Task
 
 # The arrays that hold all that decides what comes next, but for the generators and the plant.
 STATE_ARRAYS = ("states", "obstacles", "actions", "skip", "noise", "asked")

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs import records, sensing
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, truth, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, row_clearance, sin_cos, wrap_angle
@@ -15,7 +15,7 @@ from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
 from wayfield.envs.robots import AnyRobot, robots_with
-from wayfield.envs.scenarios import TASKS, GoalScenario, goal_scenarios
+from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
 from wayfield.envs.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
@@ -26,8 +26,8 @@ from wayfield.envs.sheets import (
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, drawn_scenario, first_not_finite, places, write_motion
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
+from wayfield.envs.stepping import Outputs, Robots, places, reset_robots, step_robots, write_motion
+from wayfield.envs.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -39,12 +39,16 @@ class Params:
     time_cost: float = 0.01  # m, taken off at every step
     success_reward: float = 5.0  # m
     collision_penalty: float = 5.0  # m
+    rest_speed: float = math.inf  # m/s, no faster than which a robot has reached its goal
+    rest_yaw_rate: float = math.inf  # rad/s
     end_on_success: int = 1  # 0: the episode runs on to the clock, for station keeping
     end_on_contact: int = 1  # 0: contact is survived (pymunk)
 
     def __post_init__(self) -> None:
         for name in ("heading_weight", "time_cost", "success_reward", "collision_penalty"):
             number(name, getattr(self, name), most=MOST_GAIN)
+        for name in ("rest_speed", "rest_yaw_rate"):
+            number(name, min(getattr(self, name), MOST_GAIN), above=0.0, most=MOST_GAIN)  # inf: no bound
         for name in ("end_on_success", "end_on_contact"):
             whole(name, getattr(self, name), 0, 1)
 
@@ -52,7 +56,6 @@ class Params:
 STATE = np.dtype(
     [
         *records.ROBOT_STATE,
-        ("num_obstacles", np.int64),
         ("waypoint", np.int64),  # index of the one being driven to; num_goals - 1 is the goal
         ("goal_distance", np.float64),  # m, to the goal
         ("goal_heading_error", np.float64),  # rad, goal heading minus heading
@@ -95,7 +98,9 @@ class Observation(NamedTuple):
     ranges: NDArray[Any]  # (b, beams) m, at most max_range
 
     @staticmethod
-    def layout(num_twist: int, num_beams: int, max_range: float) -> "Layout[Observation]":
+    def layout(
+        num_twist: int, num_beams: int, max_range: float, task: TaskSpec = TASKS["goal_reaching"]
+    ) -> "Layout[Observation]":
         """Returns the order of the fields in the flat observation."""
         pi = float(np.nextafter(np.float32(math.pi), np.float32(4)))
         return Layout(
@@ -108,7 +113,7 @@ class Observation(NamedTuple):
                 Field("waypoints_left", (), 0.0, np.inf),
                 Field("ranges", (num_beams,), 0.0, max_range),
             ),
-            TASKS["goal_reaching"],
+            task,
         )
 
 
@@ -151,9 +156,21 @@ def track_goal(s, course, goals):
     s.goal_heading_error = wrap_angle(goals[s.scenario, last, 2] - s.heading)
 
 
+class World(NamedTuple):
+    """The bank and the scanner, as the compiled functions read them."""
+
+    courses: NDArray[np.void]  # (scenarios,) COURSE records
+    goals: NDArray[np.float64]  # (scenarios, w, 3) waypoints and, last of num_goals, the goal pose
+    fields: NDArray[np.void]  # (scenarios, m) OBSTACLE records
+    lidar: sensing.Lidar
+
+
 @inlined
-def observe(p, s, course, goals, lidar, obstacles, noise, i, row, out):
+def observe(p, s, course, world, robots, i, row, out):
     """Writes the observation of one robot."""
+    goals = world.goals
+    lidar = world.lidar
+    noise = robots.noise
     sensing.measure(p, s, noise, i, row)
     k = write_motion(s, p.holonomic, i, out)
     sine, cosine = sin_cos(s.measured_heading)
@@ -163,18 +180,19 @@ def observe(p, s, course, goals, lidar, obstacles, noise, i, row, out):
     out[i, k + 2] = wrap_angle(goals[s.scenario, course.num_goals - 1, 2] - s.measured_heading)
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
     k += 4
-    sensing.scan_ranges(lidar, obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
+    sensing.scan_ranges(lidar, robots.obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
     sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
     sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
 
 
 @inlined
-def judge(p, s, course, goals, lidar, obstacles, noise, i, row, outputs):
+def judge(p, s, world, robots, i, row, outputs):
     """Measures robot i against its goal and writes its observation, info and flags."""
+    course = world.courses[s.scenario]
     before = s.remaining_distance
     turn_before = abs(s.goal_heading_error)
-    track_goal(s, course, goals)
-    observe(p, s, course, goals, lidar, obstacles, noise, i, row, outputs.observations)
+    track_goal(s, course, world.goals)
+    observe(p, s, course, world, robots, i, row, outputs.observations)
     progress = before - s.remaining_distance
     turn_progress = turn_before - abs(s.goal_heading_error)
     collision = s.contact != 0
@@ -182,6 +200,8 @@ def judge(p, s, course, goals, lidar, obstacles, noise, i, row, outputs):
         s.waypoint == course.num_goals - 1
         and s.goal_distance <= course.position_tolerance
         and abs(s.goal_heading_error) <= course.heading_tolerance
+        and abs(s.yaw_rate) <= p.rest_yaw_rate
+        and s.vx * s.vx + s.vy * s.vy <= p.rest_speed * p.rest_speed
         and not collision
     )
     reward = progress + p.heading_weight * turn_progress - p.time_cost
@@ -210,82 +230,58 @@ def report(p, s, reward, progress, turn_progress, numbers, i):
     numbers[NUMBER.reward, i] = reward
 
 
+@inlined
+def place(p, s, world, robots, i, draws, j):
+    """Sets the obstacles around a robot and the pose at which it starts: displaced where that is clear."""
+    obstacles = robots.obstacles
+    course = world.courses[s.scenario]
+    s.num_obstacles = course.num_obstacles
+    for k in range(course.num_obstacles):
+        obstacles[i, k] = world.fields[s.scenario, k]
+    if robots.patrols.shape[1] > 0:
+        patrol(robots.patrols, s.scenario, obstacles, i, course.num_obstacles, 0.0)
+    s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
+    s.y = course.start[1] + course.start_offset * (2.0 * draws[j, 2] - 1.0)
+    if row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) <= p.hull_radius:
+        s.x = course.start[0]
+        s.y = course.start[1]
+    s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 3] - 1.0))
+
+
+@inlined
+def begin(p, s, world, robots, i, outputs):
+    """Writes the first observation and numbers of robot i."""
+    course = world.courses[s.scenario]
+    s.waypoint = 0
+    track_goal(s, course, world.goals)
+    observe(p, s, course, world, robots, i, 0, outputs.observations)
+    report(p, s, 0.0, 0.0, 0.0, outputs.numbers, i)
+
+
 @compiled
 def step_rows(
     phases, params, states, obstacles, actions, noise, skip, courses, goals, fields, patrols, beams, out, numbers, flags
 ):
-    """Runs the asked phases of a step for all robots but those in `skip`.
-
-    Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
-    """
-    if phases & COMMAND:
-        bad = first_not_finite(actions, skip)
-        if bad >= 0:
-            return bad
-    p = params[0]
-    lidar = sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
-    outputs = Outputs(out, numbers, flags)
-    for i in range(states.shape[0]):
-        if skip[i]:
-            continue
-        s = states[i]
-        row = s.noise_row if noise.shape[1] > 1 else 0
-        if phases & COMMAND:
-            s.contact = 0
-            kinematic_plant.command(p, s, actions, i)
-            if patrols.shape[1] > 0:
-                patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
-                if phases & DRIVE and s.clearance < 0.0:
-                    # run into where it stands; in a plant with forces it is pushed
-                    s.contact = 1
-                    s.vx = 0.0
-                    s.vy = 0.0
-                    s.yaw_rate = 0.0
-            if not s.contact:
-                kinematic_plant.shove(p, s, obstacles, i, s.num_obstacles)
-        if phases & DRIVE and not s.contact:
-            kinematic_plant.drive(p, s, obstacles, i, s.num_obstacles, noise, row)
-        if phases & JUDGE:
-            s.steps += 1
-            judge(p, s, courses[s.scenario], goals, lidar, obstacles, noise, i, row, outputs)
-            s.noise_row += 1
-    return -1
+    """Runs `stepping.step_robots`."""
+    world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
+    robots = Robots(params, states, obstacles, noise, patrols)
+    return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
 
 @compiled
 def reset_rows(
     params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, beams, out, numbers, flags
 ):
-    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS) or 2 more."""
-    p = params[0]
-    lidar = sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
-    for j in range(rows.shape[0]):
-        i = rows[j]
-        s = states[i]
-        scenario = drawn_scenario(draws, j, courses.shape[0])
-        s.scenario = scenario
-        course = courses[scenario]
-        s.num_obstacles = course.num_obstacles
-        for k in range(course.num_obstacles):
-            obstacles[i, k] = fields[scenario, k]
-        if patrols.shape[1] > 0:
-            patrol(patrols, scenario, obstacles, i, course.num_obstacles, 0.0)
-        s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
-        s.y = course.start[1] + course.start_offset * (2.0 * draws[j, 2] - 1.0)
-        if row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) <= p.hull_radius:
-            s.x = course.start[0]
-            s.y = course.start[1]
-        s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 3] - 1.0))
-        records.halt(s)
-        records.draw_shove(p, s, draws, j)
-        s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
-        s.waypoint = 0
-        track_goal(s, course, goals)
-        observe(p, s, course, goals, lidar, obstacles, noise, i, 0, out)
-        s.noise_row = 1
-        report(p, s, 0.0, 0.0, 0.0, numbers, i)
-        flags[:, i] = False
+    """Runs `stepping.reset_robots`."""
+    world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
+    robots = Robots(params, states, obstacles, noise, patrols)
+    reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
+
+
+@inlined
+def scanner(p, beams, obstacles):
+    """Returns the range scanner, with scratch for the obstacles (b, m) of a batch."""
+    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
 
 
 class GoalReaching(Task):
@@ -297,6 +293,8 @@ class GoalReaching(Task):
     draws = DRAWS
     step_rows = staticmethod(step_rows)
     reset_rows = staticmethod(reset_rows)
+    belongs_to: ClassVar[TaskSpec] = TASKS["goal_reaching"]
+    numbers: ClassVar[type[Params]] = Params
 
     def __init__(
         self,
@@ -317,7 +315,7 @@ class GoalReaching(Task):
         if not FINEST <= field_of_view <= 2.0 * math.pi:
             raise ValueError(f"field_of_view must be above 0 and at most 2 pi rad, got {field_of_view!r}")
         field_of_view, max_range = float(field_of_view), float(max_range)
-        self.scenarios: tuple[GoalScenario, ...] = goal_scenarios(scenario, options.robot.hull_radius)
+        self.scenarios: tuple[GoalScenario, ...] = field_scenarios(self.belongs_to, scenario, options.robot.hull_radius)
         self.options = options
         self.robot = options.robot
         self.max_obstacles = max(len(each.obstacles) for each in self.scenarios)
@@ -342,11 +340,11 @@ class GoalReaching(Task):
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
         beams = sensing.beam_directions(self.beam_angles)
         self.world = (courses, goals, fields, self.patrols, beams)
-        self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range)
+        self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
         self.params = records.record(
             PARAMS,
             options.robot_params()
-            | dataclasses.asdict(Params(**params))
+            | dataclasses.asdict(self.numbers(**params))
             | {
                 "first_beam": self.beam_angles[0] if num_beams else 0.0,
                 "beam_step": self.beam_angles[1] - self.beam_angles[0] if num_beams > 1 else 2.0 * math.pi,
@@ -491,6 +489,7 @@ class OmniGoalObstacles(SingleEnv):
     """
 
     robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=True)  # the first is the default
+    asks: ClassVar[type[GoalReaching]] = GoalReaching
 
     def __init__(
         self,
@@ -516,7 +515,7 @@ class OmniGoalObstacles(SingleEnv):
         if not end_on_contact and dynamics == "kinematic":
             raise ValueError('end_on_contact=False needs dynamics="pymunk": without forces no contact can be survived')
         super().__init__(
-            GoalReaching(
+            self.asks(
                 scenario,
                 Options.of(
                     self.robots,

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import kinematic_plant, records, sensing
+from wayfield.envs import records, sensing
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
@@ -27,8 +27,8 @@ from wayfield.envs.sheets import (
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, drawn_scenario, first_not_finite, places, write_motion
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
+from wayfield.envs.stepping import Outputs, Robots, places, reset_robots, step_robots, write_motion
+from wayfield.envs.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
 
@@ -170,14 +170,25 @@ def observe(p, s, vertices, run, noise, i, row, out):
         k += 2
 
 
+class World(NamedTuple):
+    """The bank, as the compiled functions read it."""
+
+    courses: NDArray[np.void]  # (scenarios,) COURSE records
+    vertices: NDArray[np.void]  # of all paths
+    runs: NDArray[np.void]  # (scenarios,)
+
+
 @inlined
-def judge(p, s, course, vertices, run, noise, i, row, outputs):
+def judge(p, s, world, robots, i, row, outputs):
     """Measures robot i against its path and writes its observation, info and flags."""
+    course = world.courses[s.scenario]
+    vertices = world.vertices
+    run = world.runs[s.scenario]
     before = s.arc_length
     s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
         vertices, run, p.window, s.x, s.y, s.heading, s.arc_length, s.segment
     )
-    observe(p, s, vertices, run, noise, i, row, outputs.observations)
+    observe(p, s, vertices, run, robots.noise, i, row, outputs.observations)
     progress = s.arc_length - before
     success = s.arc_length >= course.finish - p.end_tolerance
     left = abs(s.cross_track_error) > course.corridor
@@ -205,63 +216,47 @@ def report(p, s, course, reward, progress, numbers, i):
     numbers[NUMBER.reward, i] = reward
 
 
-@compiled
-def step_rows(phases, params, states, obstacles, actions, noise, skip, courses, vertices, runs, out, numbers, flags):
-    """Runs the asked phases of a step for all robots but those in `skip`.
+@inlined
+def place(p, s, world, robots, i, draws, j):
+    """Sets the pose at which a robot starts."""
+    course = world.courses[s.scenario]
+    s.num_obstacles = 0
+    sine, cosine = sin_cos(course.start[2])
+    aside = course.start_offset * (2.0 * draws[j, 1] - 1.0)
+    s.x = course.start[0] - sine * aside
+    s.y = course.start[1] + cosine * aside
+    s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 2] - 1.0))
 
-    Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
-    """
-    if phases & COMMAND:
-        bad = first_not_finite(actions, skip)
-        if bad >= 0:
-            return bad
-    p = params[0]
-    outputs = Outputs(out, numbers, flags)
-    for i in range(states.shape[0]):
-        if skip[i]:
-            continue
-        s = states[i]
-        row = s.noise_row if noise.shape[1] > 1 else 0
-        if phases & COMMAND:
-            kinematic_plant.command(p, s, actions, i)
-            kinematic_plant.shove(p, s, obstacles, i, 0)
-        if phases & DRIVE:
-            kinematic_plant.drive(p, s, obstacles, i, 0, noise, row)
-        if phases & JUDGE:
-            s.steps += 1
-            judge(p, s, courses[s.scenario], vertices, runs[s.scenario], noise, i, row, outputs)
-            s.noise_row += 1
-    return -1
+
+@inlined
+def begin(p, s, world, robots, i, outputs):
+    """Writes the first observation and numbers of robot i."""
+    course = world.courses[s.scenario]
+    run = world.runs[s.scenario]
+    s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
+        world.vertices, run, p.window, s.x, s.y, s.heading, 0.0, 0
+    )
+    s.measured_arc_length = s.arc_length
+    s.measured_segment = s.segment
+    observe(p, s, world.vertices, run, robots.noise, i, 0, outputs.observations)
+    report(p, s, course, 0.0, 0.0, outputs.numbers, i)
 
 
 @compiled
-def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, out, numbers, flags):
-    """Starts an episode for each robot in `rows`; draws: uniform numbers, (len(rows), 1 + DRAWS) or 2 more."""
-    p = params[0]
-    for j in range(rows.shape[0]):
-        i = rows[j]
-        s = states[i]
-        scenario = drawn_scenario(draws, j, courses.shape[0])
-        s.scenario = scenario
-        course = courses[scenario]
-        run = runs[scenario]
-        sine, cosine = sin_cos(course.start[2])
-        aside = course.start_offset * (2.0 * draws[j, 1] - 1.0)
-        s.x = course.start[0] - sine * aside
-        s.y = course.start[1] + cosine * aside
-        s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 2] - 1.0))
-        records.halt(s)
-        records.draw_shove(p, s, draws, j)
-        s.clearance = np.inf
-        s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
-            vertices, run, p.window, s.x, s.y, s.heading, 0.0, 0
-        )
-        s.measured_arc_length = s.arc_length
-        s.measured_segment = s.segment
-        observe(p, s, vertices, run, noise, i, 0, out)
-        s.noise_row = 1
-        report(p, s, course, 0.0, 0.0, numbers, i)
-        flags[:, i] = False
+def step_rows(
+    phases, params, states, obstacles, actions, noise, skip, courses, vertices, runs, patrols, out, numbers, flags
+):
+    """Runs `stepping.step_robots`."""
+    robots = Robots(params, states, obstacles, noise, patrols)
+    world = World(courses, vertices, runs)
+    return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
+
+
+@compiled
+def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, patrols, out, numbers, flags):
+    """Runs `stepping.reset_robots`."""
+    robots = Robots(params, states, obstacles, noise, patrols)
+    reset_robots(place, begin, robots, rows, draws, World(courses, vertices, runs), Outputs(out, numbers, flags))
 
 
 class PathFollowing(Task):
@@ -289,11 +284,11 @@ class PathFollowing(Task):
             course["start_offset"] = each.start_offset
             course["start_turn"] = each.start_turn
         self.pool = pool
-        self.world = (courses, pool.vertices, pool.runs)
         self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview)
         self.beam_angles = np.empty(0)
         self.max_obstacles = 0
         self.patrols = np.zeros((len(self.scenarios), 0), PATROL)
+        self.world = (courses, pool.vertices, pool.runs, self.patrols)
         self.params = records.record(
             PARAMS,
             options.robot_params()

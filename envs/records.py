@@ -42,6 +42,7 @@ ROBOT_STATE = [
     ("measured_vx", np.float64),
     ("measured_vy", np.float64),
     ("measured_yaw_rate", np.float64),
+    ("num_obstacles", np.int64),  # around it
     ("clearance", np.float64),  # m, from the hull to the nearest obstacle; inf without obstacles
     ("contact", np.int64),  # 1 when the hull touched something in this step
     ("saturated", np.int64),  # 1 when the wheels could not turn as fast as the action asked

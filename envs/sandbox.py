@@ -12,12 +12,12 @@ from wayfield.envs.geometry import row_clearance
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
 from wayfield.envs.robots import Robot, robots_with
-from wayfield.envs.task import COMMAND, DRIVE, JUDGE, Options, Task
+from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
+from wayfield.envs.task import Options, Task
 
 STATE = np.dtype(
     [
         *records.ROBOT_STATE,
-        ("num_obstacles", np.int64),
         ("rolled_vx", np.float64),  # twist that the wheels turned for on average over the last step
         ("rolled_vy", np.float64),
         ("rolled_yaw_rate", np.float64),

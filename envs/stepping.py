@@ -1,4 +1,4 @@
-"""What the compiled step of every task does alike."""
+"""The compiled step and reset of every task, but for what is its own: how it begins, and how it judges."""
 
 import collections
 import math
@@ -7,7 +7,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs import kinematic_plant, records
 from wayfield.envs.compiled import inlined
+from wayfield.envs.geometry import row_clearance
+from wayfield.envs.patrols import patrol
+
+# The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
+COMMAND = 1  # action to the twist asked of the wheels
+DRIVE = 2  # motion
+JUDGE = 4  # observation, reward, end
+
+
+class Robots(NamedTuple):
+    """The arrays of b robots that a step and a reset are handed, whatever the task."""
+
+    params: NDArray[np.void]  # (1,)
+    states: NDArray[np.void]  # (b,)
+    obstacles: NDArray[np.void]  # (b, m) OBSTACLE records
+    noise: NDArray[np.float64]  # (b, rows, columns)
+    patrols: NDArray[np.void]  # (scenarios, m) PATROL records; (scenarios, 0) where nothing moves
 
 
 class Outputs(NamedTuple):
@@ -56,3 +74,78 @@ def write_motion(s, holonomic, i, out):
         k += 1
     out[i, np.uint64(k)] = s.measured_yaw_rate
     return k + 1
+
+
+@inlined
+def step_robots(judge, phases, robots, actions, skip, world, outputs):
+    """Runs the asked phases of a step for all robots but those in `skip`, as the task's `step_rows`.
+
+    Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
+
+    Args:
+        judge: the task's compiled judge(p, s, world, robots, i, row, outputs): measures robot i, whose noise is in
+            `row`, against what is asked of it, and writes its observation, numbers and flags.
+        robots: Robots.
+        world: what the task's own functions read of its bank.
+        outputs: Outputs.
+    """
+    if phases & COMMAND:
+        bad = first_not_finite(actions, skip)
+        if bad >= 0:
+            return bad
+    params, states, obstacles, noise, patrols = robots
+    p = params[0]
+    for i in range(states.shape[0]):
+        if skip[i]:
+            continue
+        s = states[i]
+        row = s.noise_row if noise.shape[1] > 1 else 0
+        if phases & COMMAND:
+            s.contact = 0
+            kinematic_plant.command(p, s, actions, i)
+            if patrols.shape[1] > 0:
+                patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+                s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+                if phases & DRIVE and s.clearance < 0.0:
+                    # run into where it stands; in a plant with forces it is pushed
+                    s.contact = 1
+                    s.vx = 0.0
+                    s.vy = 0.0
+                    s.yaw_rate = 0.0
+            if not s.contact:
+                kinematic_plant.shove(p, s, obstacles, i, s.num_obstacles)
+        if phases & DRIVE and not s.contact:
+            kinematic_plant.drive(p, s, obstacles, i, s.num_obstacles, noise, row)
+        if phases & JUDGE:
+            s.steps += 1
+            judge(p, s, world, robots, i, row, outputs)
+            s.noise_row += 1
+    return -1
+
+
+@inlined
+def reset_robots(place, begin, robots, rows, draws, world, outputs):
+    """Starts an episode for each robot in `rows`, as the task's `reset_rows`.
+
+    Args:
+        place: the task's compiled place(p, s, world, robots, i, draws, j): sets the obstacles and the pose at which
+            robot i starts in scenario s.scenario, from row j of the draws.
+        begin: its begin(p, s, world, robots, i, outputs): the first observation and numbers.
+        robots: Robots.
+        draws: uniform numbers, (len(rows), 1 + the task's draws) or 2 more.
+        world: what they read of the task's bank; world.courses has a record a scenario.
+        outputs: Outputs.
+    """
+    params, states, obstacles, _, _ = robots
+    p = params[0]
+    for j in range(rows.shape[0]):
+        i = rows[j]
+        s = states[i]
+        s.scenario = drawn_scenario(draws, j, world.courses.shape[0])
+        place(p, s, world, robots, i, draws, j)
+        records.halt(s)
+        records.draw_shove(p, s, draws, j)
+        s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+        begin(p, s, world, robots, i, outputs)
+        s.noise_row = 1
+        outputs.flags[:, i] = False

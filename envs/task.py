@@ -16,11 +16,6 @@ from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered
 from wayfield.envs.scenarios.tasks import TaskSpec
 
-# The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
-COMMAND = 1  # action to the twist asked of the wheels
-DRIVE = 2  # motion
-JUDGE = 4  # observation, reward, end
-
 CONTROL_PERIOD = 0.05  # s
 
 

@@ -12,10 +12,11 @@ from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import MOST_WHOLE
 from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import sin_cos, wrap_angle
-from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, sinc
+from wayfield.envs.geometry import wrap_angle
+from wayfield.envs.kinematics import limit_acceleration, saturation_factor
 from wayfield.envs.paths import segment_at, vertex
 from wayfield.envs.records import aligned, lag_factors, record
+from wayfield.policies.parts.shooting import Slopes, drive_on
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.policies.policy import check_gain, check_whole
 
@@ -491,20 +492,6 @@ def locate(vertices, runs, path_index, model, poses, arc_lengths, i, path, start
     start[4] = end
 
 
-class Slopes(NamedTuple):
-    """The derivatives of the state by the commands of the steps so far, (n,) each.
-
-    Those of the lagging speed by v and of the lagging yaw rate by w are the same.
-    """
-
-    lagging: Array
-    x_v: Array
-    y_v: Array
-    x_w: Array
-    y_w: Array
-    heading_w: Array
-
-
 @compiled
 def linearise(model, path, start, twists, last, commands, progress, i, program):
     """Fills the quadratic program of robot i around its plan.
@@ -547,43 +534,6 @@ def put_plan(commands, progress, i, start, unknowns):
         unknowns[n + k] = commands[i, 1, k]
         sigma += progress[i, k]
         unknowns[2 * n + k] = sigma
-
-
-@inlined
-def drive_on(m, pose, twist, before, after, share, k, slopes):
-    """Returns pose and lagging twist after a control period of step k, and moves their derivatives on.
-
-    Args:
-        before, after: the commands (v, w) of the step before and of this one.
-        share: of the change between them that is done by the end of the period.
-    """
-    x, y, heading = pose
-    v, w = twist
-    command_v = before[0] + share * (after[0] - before[0])
-    command_w = before[1] + share * (after[1] - before[1])
-    mean_v = command_v + m.lag_mean * (v - command_v)
-    mean_w = command_w + m.lag_mean * (w - command_w)
-    v = command_v + m.lag_decay * (v - command_v)
-    w = command_w + m.lag_decay * (w - command_w)
-    to_x, to_y, _ = integrate_arc(x, y, heading, mean_v, 0.0, mean_w, m.dt)
-    half_turn = 0.5 * mean_w * m.dt
-    sine, cosine = sin_cos(heading + half_turn)
-    chord = sinc(half_turn)
-    bend = sinc_slope(half_turn)
-    x_v = m.dt * chord * cosine
-    y_v = m.dt * chord * sine
-    x_w = 0.5 * m.dt * m.dt * mean_v * (bend * cosine - chord * sine)
-    y_w = 0.5 * m.dt * m.dt * mean_v * (bend * sine + chord * cosine)
-    for a in range(k + 1):
-        held = share if a == k else (1.0 - share if a == k - 1 else 0.0)
-        mean = held + m.lag_mean * (slopes.lagging[a] - held)
-        slopes.lagging[a] = held + m.lag_decay * (slopes.lagging[a] - held)
-        slopes.x_v[a] += x_v * mean
-        slopes.y_v[a] += y_v * mean
-        slopes.x_w[a] += x_w * mean - (to_y - y) * slopes.heading_w[a]
-        slopes.y_w[a] += y_w * mean + (to_x - x) * slopes.heading_w[a]
-        slopes.heading_w[a] += m.dt * mean
-    return (to_x, to_y, heading + m.dt * mean_w), (v, w)
 
 
 @inlined
@@ -680,16 +630,6 @@ def bound(m, start, last, program):
     upper[4 * n : -1] = m.wheel_speed_limit
     lower[-1] = -np.inf
     upper[-1] = start[4]
-
-
-@inlined
-def sinc_slope(angle):
-    """Returns the derivative of sin(angle) / angle."""
-    if abs(angle) < 1e-2:
-        # Taylor series; the next term is below 1e-15
-        return angle * (-1 / 3 + angle * angle * (1 / 30 - angle * angle / 840))
-    sine, cosine = sin_cos(angle)
-    return (cosine - sine / angle) / angle
 
 
 @compiled

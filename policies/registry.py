@@ -11,12 +11,15 @@ from wayfield.policies.learned.ppo import Ppo
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.lqr import Lqr
 from wayfield.policies.mpc import Mpc
+from wayfield.policies.mpc_pose import MpcPose
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
+from wayfield.policies.polar import Polar
 from wayfield.policies.policy import Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.random import Random
+from wayfield.policies.reeds_shepp import ReedsShepp
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.smooth_pose import SmoothPose
@@ -54,6 +57,14 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "mpc": Mpc,
     # the smooth pose law (Park and Kuipers): to a pose, or along a path
     "smooth_pose": SmoothPose,
+    # the same, forward or backward to a pose, and nearer to it
+    "smooth_pose_backward": partial(SmoothPose, backward=True, arrival_radius=0.02),
+    # feedback of polar coordinates to a pose, forward or backward (Aicardi et al., Astolfi)
+    "polar": Polar,
+    # model predictive control to a pose, forward or backward (Worthmann et al.), on OSQP
+    "mpc_pose": MpcPose,
+    # the shortest way of a car that goes both ways (Reeds and Shepp), around what stands, and a tracker
+    "reeds_shepp": ReedsShepp,
     # dynamic window approach (Fox, Burgard and Thrun)
     "dwa": Dwa,
     # vector field histogram + (Ulrich and Borenstein)

@@ -12,15 +12,21 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
+from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_switch
+
+_KEPT = 0.5 * math.pi  # rad, by which the other way must be better to be taken instead
+
+# arrived: 1 at the goal; way: 1 forward, -1 backward, 0 not chosen
+MEMORY = np.dtype([("arrived", np.float64), ("way", np.float64)])
 
 
 @dataclasses.dataclass(frozen=True)
 class SmoothPose:
-    """Drives to a pose, forward, along a curve that ends in its heading; follows a path by chasing a pose on it.
+    """Drives to a pose along a curve that ends in its heading; follows a path by chasing a pose on it.
 
     With r the distance to the pose, delta the robot's heading and phi the pose's, both relative to the line of sight
     from the robot to the pose, and s the way left to the goal or to the end of an open path:
@@ -42,6 +48,9 @@ class SmoothPose:
     max_yaw_rate), and goes on only once it is farther away than twice that. Drives any robot as a unicycle,
     differential and omni.
 
+    With `backward` it may also drive to a goal in reverse: the same law in a frame turned by half a turn, v
+    negated. It takes the way on which |delta| + |phi| is smaller, and changes it where the other is by 90 degrees less.
+
     Source: Park and Kuipers, A Smooth Control Law for Graceful Motion of Differential Wheeled Mobile Robots in 2D
     Environment, ICRA 2011. The held yaw rate, the braking and the turn at the end are ours.
     """
@@ -57,17 +66,19 @@ class SmoothPose:
     turn_gain: float = 2.0  # 1/s, of the turn at the goal
     yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
     max_yaw_rate: float = 1.5  # rad/s, of the turn at the goal
+    backward: bool = False  # whether it may drive to a goal in reverse
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
+        check_switch(self, "backward")
+        for field in dataclasses.fields(self)[:-1]:
             check_gain(self, field.name, above=1.0 if field.name == "lam" else 0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns whether each robot has arrived at its goal, (b,): 1 or 0."""
-        return np.zeros(briefing.num_envs)
+        """Returns whether each robot has arrived at its goal and which way it drives, MEMORY records (b,)."""
+        return np.zeros(briefing.num_envs, MEMORY)
 
     def act(
         self,
@@ -131,27 +142,44 @@ def chase(params, course, motion, twists):
         twists[i, 1] = brake * w
 
 
+@inlined
+def detour_angle(px, py, turn):
+    """Returns |delta| + |phi| (rad) of a pose at (px, py) in the robot's frame, its heading `turn` off the robot's."""
+    delta = -bearing(py, px)
+    return abs(delta) + abs(wrap_angle(turn + delta))
+
+
+@inlined
+def chosen_way(p, way, px, py, turn):
+    """Returns which way to drive to a pose, 1 forward or -1 backward, given the one taken so far, 0 for none."""
+    if not p.backward:
+        return 1.0
+    gain = detour_angle(px, py, turn) - detour_angle(-px, -py, turn)  # of driving backward
+    return -1.0 if gain > way * _KEPT else 1.0
+
+
 @compiled
-def approach(params, goals, turns, waypoints_left, arrived, twists):
-    """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` towards a goal and keeps `arrived` (b,) up to date."""
+def approach(params, goals, turns, waypoints_left, memory, twists):
+    """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` towards a goal and keeps the memory up to date."""
     p = params[0]
     for i in range(goals.shape[0]):
+        m = memory[i]
         px = goals[i, 0]
         py = goals[i, 1]
-        r = math.sqrt(px * px + py * py)
         if waypoints_left[i] > 0.0:
-            arrived[i] = 0.0
+            m.arrived = 0.0
+            m.way = 0.0
             twists[i, 0], twists[i, 1] = graceful(p, px, py, bearing(py, px))
             continue
-        near = r <= 2.0 * p.arrival_radius
-        arrived[i] = 1.0 if near and (arrived[i] == 1.0 or r <= p.arrival_radius or px <= 0.0) else 0.0
-        if arrived[i] == 1.0:
-            error = abs(turns[i])
-            rate = min(p.turn_gain * error, math.sqrt(2.0 * p.yaw_acceleration * error), p.max_yaw_rate)
+        m.way = chosen_way(p, m.way, px, py, turns[i])
+        px *= m.way
+        py *= m.way
+        m.arrived = 1.0 if is_there(m.arrived == 1.0, px, py, p.arrival_radius) else 0.0
+        if m.arrived == 1.0:
             twists[i, 0] = 0.0
-            twists[i, 1] = math.copysign(rate, turns[i])
+            twists[i, 1] = turn_rate(p, turns[i])
         else:
             v, w = graceful(p, px, py, turns[i])
-            brake = min(1.0, stopping_speed(r, p.deceleration) / v)
-            twists[i, 0] = brake * v
+            brake = min(1.0, stopping_speed(math.sqrt(px * px + py * py), p.deceleration) / v)
+            twists[i, 0] = m.way * brake * v
             twists[i, 1] = brake * w

@@ -2,14 +2,11 @@
 
 import functools
 import os
-from collections.abc import Iterable
 from typing import Any
 
 from wayfield.envs.checks import number, shown, suggestion
-from wayfield.envs.scenarios.files import goal_scenario_from_file, path_scenario_from_file
+from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
-from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
@@ -17,6 +14,13 @@ from wayfield.envs.scenarios.tasks import TASKS, TaskSpec
 
 _FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json")
 _PATHS, _GOALS = TASKS["path_following"], TASKS["goal_reaching"]
+
+
+def scenarios_of(spec: TaskSpec, name: str, hull_radius: float, scale: float = 1.0) -> tuple[Any, ...]:
+    """Returns the scenarios of a task by a name, for a robot: `path_scenarios` or `field_scenarios`."""
+    if spec.scenario is PathScenario:
+        return path_scenarios(name, scale)
+    return field_scenarios(spec, name, hull_radius)
 
 
 def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
@@ -33,21 +37,26 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
         OSError: if the file cannot be opened.
     """
     scale = number("scale", scale, above=0.0)
-    if isinstance(name, str) and name in PATH_SCENARIOS:
+    if isinstance(name, str) and name in _PATHS.presets:
         return _named_path_scenarios(name, scale)
     if (frozen := _frozen_split(_PATHS, name)) is not None:
         return _scaled(frozen, scale)
     if not _means_file(name):
-        raise _unknown(_PATHS, name, PATH_SCENARIOS)
+        raise _unknown(_PATHS, name)
     return (path_scenario_from_file(os.fspath(name), scale),)
 
 
 def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
-    """Returns the goal-reaching scenarios of a name: one, or the many of a random family.
+    """Returns the goal-reaching scenarios of a name: `field_scenarios` of that task."""
+    return field_scenarios(_GOALS, name, hull_radius)
+
+
+def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any, ...]:
+    """Returns the scenarios of a name, of a task among obstacles: one, or the many of a random family.
 
     Args:
-        name: a name of GOAL_SCENARIOS; a family of FAMILIES["goal_reaching"] or "all", as it is for its training split
-            or with "/train", "/validation" or "/test" behind it; or a .json file; see `goal_scenario_from_file`.
+        name: a name of the task's presets; one of its families or "all", as it is for its training split or with
+            "/train", "/validation" or "/test" behind it; or a .json file; see `field_scenario_from_file`.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -55,17 +64,17 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
         OSError: if the file cannot be opened.
     """
     hull_radius = number("hull_radius", hull_radius, above=0.0)
-    if isinstance(name, str) and name in GOAL_SCENARIOS:
-        return _named_goal_scenarios(name, hull_radius)
-    if (frozen := _frozen_split(_GOALS, name)) is not None:
+    if isinstance(name, str) and name in spec.presets:
+        return _named_field_scenarios(spec.name, name, hull_radius)
+    if (frozen := _frozen_split(spec, name)) is not None:
         if hull_radius > LARGEST_HULL:
             raise ValueError(
                 f"hull_radius is {hull_radius:g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
             )
-        return frozen
+        return _fitted(frozen, LARGEST_HULL - hull_radius)
     if not _means_file(name):
-        raise _unknown(_GOALS, name, GOAL_SCENARIOS)
-    scenario = goal_scenario_from_file(os.fspath(name))
+        raise _unknown(spec, name)
+    scenario = field_scenario_from_file(os.fspath(name), spec.scenario)
     try:
         check_clear(scenario, hull_radius)
     except ValueError as error:
@@ -77,7 +86,7 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
 # them.
 @functools.lru_cache
 def _named_path_scenarios(name: str, scale: float) -> tuple[PathScenario, ...]:
-    bank = PATH_SCENARIOS[name]()
+    bank = _PATHS.presets[name]()
     return _scaled(bank, scale)
 
 
@@ -92,11 +101,17 @@ def _scaled(scenarios: tuple[PathScenario, ...], scale: float) -> tuple[PathScen
 
 
 @functools.lru_cache
-def _named_goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
-    bank = GOAL_SCENARIOS[name](hull_radius)
+def _named_field_scenarios(task: str, name: str, hull_radius: float) -> tuple[Any, ...]:
+    bank: tuple[Any, ...] = TASKS[task].presets[name](hull_radius)
     for scenario in bank:
         check_clear(scenario, hull_radius)
     return bank
+
+
+@functools.lru_cache
+def _fitted(scenarios: tuple[Any, ...], shrinkage: float) -> tuple[Any, ...]:
+    """Returns the scenarios for a hull that is smaller by `shrinkage` (m) than the one that they were made for."""
+    return tuple(scenario.fitted(shrinkage) for scenario in scenarios) if shrinkage else scenarios
 
 
 def _frozen_split(task: TaskSpec, name: str) -> tuple[Any, ...] | None:
@@ -134,8 +149,8 @@ def _has_suffix(name: str) -> bool:
     return os.path.splitext(name)[1].lower() in _FILE_SUFFIXES
 
 
-def _unknown(task: TaskSpec, name: str, named: Iterable[str]) -> ValueError:
-    known = (*named, *families(task.name))
+def _unknown(task: TaskSpec, name: str) -> ValueError:
+    known = (*task.presets, *families(task.name))
     family, _, part = os.fspath(name).partition("/")
     near = suggestion(family, known).replace("'?", f"/{part}'?") if part in SPLITS else suggestion(name, known)
     return ValueError(

@@ -1,8 +1,9 @@
-"""Scenarios from the user's files: JSON for both tasks, and bare path tables."""
+"""Scenarios from the user's files: JSON for every task, and bare path tables."""
 
 import inspect
 import json
 import os
+import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,7 +15,7 @@ from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
-from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
+from wayfield.envs.scenarios.scenario import DockingScenario, GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
@@ -78,15 +79,20 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         raise fault(file, error) from None
 
 
-@reader("goal scenario", "goal.json", {"goal.json": _GOAL})
-def goal_scenario_from_file(file: str) -> GoalScenario:
-    """Returns the goal-reaching scenario of a .json file.
+def _read_dock(read: Callable[..., Any], file: pathlib.Path) -> Any:
+    return read(str(file), DockingScenario)
 
-    It holds one object: "goal" [x, y, heading], and as wanted "start" [x, y, heading], "waypoints" [[x, y],
-    ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and the arguments of the
-    constructor of that name; a circle may have a "patrol", an object with the further arguments of
-    `moving_circle`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and
-    "waypoint_radius", with the meaning and defaults of `GoalScenario`.
+
+@reader("goal scenario", "goal.json", {"goal.json": _GOAL})
+@reader("docking scenario", "dock.json", {"dock.json": _GOAL.replace("goal", "dock")}, _read_dock)
+def field_scenario_from_file(file: str, kind: type[GoalScenario] = GoalScenario) -> GoalScenario:
+    """Returns the goal-reaching or docking scenario of a .json file.
+
+    It holds one object: "goal" [x, y, heading], for docking also called "dock", and as wanted "start" [x, y, heading],
+    "waypoints" [[x, y], ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and the arguments of
+    the constructor of that name; a circle may have a "patrol", an object with the further arguments of
+    `moving_circle`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and "waypoint_radius",
+    with the meaning and defaults of `kind`.
 
     Raises:
         ValueError: if the file cannot be read as such; one line that starts with the file and names the field
@@ -97,7 +103,14 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
     if suffix.lower() != ".json":
         raise fault(file, f"suffix {suffix!r} is not known; a goal scenario is read from .json")
     fields = json_object(file)
-    check_keys(file, "", fields, _GOAL_FIELDS, required=("goal",))
+    if issubclass(kind, DockingScenario):
+        if ("dock" in fields) == ("goal" in fields):
+            raise fault(file, "exactly one of the fields 'dock' and 'goal' must be given")
+        check_keys(file, "", fields, ("dock", *_GOAL_FIELDS))
+        if "dock" in fields:
+            fields["goal"] = _pose_of(file, "dock", fields.pop("dock"))
+    else:
+        check_keys(file, "", fields, _GOAL_FIELDS, required=("goal",))
     for field in ("waypoints", "obstacles"):
         if not isinstance(fields.get(field, []), list):
             raise fault(file, f"{field} is {shown(fields[field])}; it must be a list")
@@ -106,7 +119,14 @@ def goal_scenario_from_file(file: str) -> GoalScenario:
     records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
     patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
-        return GoalScenario(name, **fields, obstacles=obstacle_field(*(each for each, _ in records)), patrols=patrols)
+        return kind(name, **fields, obstacles=obstacle_field(*(each for each, _ in records)), patrols=patrols)
+    except ValueError as error:
+        raise fault(file, error) from None
+
+
+def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
+    try:
+        return pose(field, value)
     except ValueError as error:
         raise fault(file, error) from None
 
@@ -167,12 +187,13 @@ def _check_arguments(file: str, place: str, fields: dict[str, Any], make: Callab
     check_keys(file, place, fields, parameters, required)
 
 
-def holds_goal(file: str) -> bool:
-    """Returns whether a file is a goal scenario; what is wrong with one that cannot be read, its reader will say."""
+def kind_of(file: str) -> str:
+    """Returns the kind of the task that a file is a scenario of; what is wrong with one, its reader will say."""
     if not file.lower().endswith(".json"):
-        return False
+        return "path"
     try:
         content: Any = json.loads(read_text(file))
     except (ValueError, RecursionError):
-        return False
-    return isinstance(content, dict) and "goal" in content
+        return "path"
+    kinds = (kind for kind in ("dock", "goal") if isinstance(content, dict) and kind in content)
+    return next(kinds, "path")

@@ -63,7 +63,8 @@ def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int
 # ---- what the fields are built from
 
 
-def _somewhere(draw: Draw, reach: float = 2.0) -> Frame:
+def somewhere(draw: Draw, reach: float = 2.0) -> Frame:
+    """Returns a frame within `reach` (m) of the origin in x and y, turned and mirrored as drawn."""
     return Frame(draw.number(-reach, reach), draw.number(-reach, reach), draw.heading(), draw.sign() < 0.0)
 
 
@@ -104,7 +105,7 @@ def _two_points(draw: Draw, least: float, reach: float = _REACH) -> tuple[Point,
 
 
 def _open_field(draw: Draw) -> Field:
-    frame = _somewhere(draw)
+    frame = somewhere(draw)
     return frame.point(0.0, 0.0), frame.point(draw.number(4.0, 9.0), 0.0), ()
 
 
@@ -138,7 +139,7 @@ def _collinear(offset: float) -> Callable[[Draw], Field]:
 
 def _near_goal(draw: Draw) -> Field | None:
     """A goal with 0.05 to 0.25 m to spare between the hull and an obstacle behind or beside it."""
-    frame = _somewhere(draw)
+    frame = somewhere(draw)
     distance = draw.number(4.0, 7.0)
     obstacles, places = [], []
     for _ in range(draw.whole(1, 2)):
@@ -212,7 +213,7 @@ def _u_trap(depth: float) -> Callable[[Draw], Field]:
     """Returns the fields with a U of walls of this depth (m) across the straight line, open towards the robot."""
 
     def field(draw: Draw) -> Field:
-        frame = _somewhere(draw)
+        frame = somewhere(draw)
         half, mouth = 0.5 * draw.number(1.4, 2.4), draw.number(0.8, 2.0)
         bottom = mouth + depth
         # where hull and straight line both pass the mouth
@@ -226,7 +227,7 @@ def _u_trap(depth: float) -> Callable[[Draw], Field]:
 
 def _corridor(draw: Draw) -> Field | None:
     """A corridor 0.9 to 1.4 m wide with one bend (L) or two (Z), closed at both ends."""
-    frame = _somewhere(draw)
+    frame = somewhere(draw)
     half = 0.5 * draw.number(0.9, 1.4)
     turns = [draw.number(1.2, 1.9) * draw.sign()]
     if draw.sign() > 0.0:
@@ -286,7 +287,7 @@ def _rooms(draw: Draw) -> Field | None:
 # ---- discs that move
 
 
-def _patrol(lane: Lane, speed: float, phase: float) -> Moving:
+def disc_on_patrol(lane: Lane, speed: float, phase: float) -> Moving:
     """Returns a disc that goes to the other end of its lane and back; phase: share of the way there and back."""
     (x0, y0), (x1, y1), radius = lane
     leg_time = rounded(_distance((x0, y0), (x1, y1)) / speed)
@@ -302,7 +303,7 @@ def _from_line(point: Point, a: Point, b: Point) -> float:
     return _distance((u, v), (t * dx, t * dy))
 
 
-def _keeps_off(lane: Lane, *points: Point) -> bool:
+def keeps_off(lane: Lane, *points: Point) -> bool:
     """Returns whether a disc never comes near the hull of a robot that stands at one of the points."""
     a, b, radius = lane
     # a millimetre for what rounding the speed does to the far end
@@ -328,7 +329,7 @@ def _never_meet(one: Lane, other: Lane) -> bool:
 
 def _crossing(draw: Draw) -> Field | None:
     """One to three discs that cross the straight line to and fro, each on a lane of its own."""
-    frame, distance = _somewhere(draw), draw.number(6.0, 9.0)
+    frame, distance = somewhere(draw), draw.number(6.0, 9.0)
     start, goal = frame.point(0.0, 0.0), frame.point(distance, 0.0)
     lanes: list[Lane] = []
     discs = []
@@ -337,10 +338,10 @@ def _crossing(draw: Draw) -> Field | None:
         side, reach = draw.sign(), draw.number(1.5, 3.0)
         ends = frame.point(x - slant, -side * reach), frame.point(x + slant, side * reach)
         lane = (*ends, draw.number(0.2, 0.4))
-        if not (_keeps_off(lane, start, goal) and all(_never_meet(lane, other) for other in lanes)):
+        if not (keeps_off(lane, start, goal) and all(_never_meet(lane, other) for other in lanes)):
             return None
         lanes.append(lane)
-        discs.append(_patrol(lane, draw.number(0.2, 0.6), draw.number(0.0, 1.0)))
+        discs.append(disc_on_patrol(lane, draw.number(0.2, 0.6), draw.number(0.0, 1.0)))
     return start, goal, discs
 
 
@@ -354,7 +355,7 @@ def _along(speeds: Point, first: Point, last: Point, phases: Point) -> Callable[
     """
 
     def field(draw: Draw) -> Field | None:
-        frame, distance = _somewhere(draw), draw.number(6.0, 9.0)
+        frame, distance = somewhere(draw), draw.number(6.0, 9.0)
         start, goal = frame.point(0.0, 0.0), frame.point(distance, 0.0)
         a, b = draw.number(*first) * distance, draw.number(*last) * distance
         speed, phase, gap = draw.number(*speeds), 0.5 * draw.number(*phases), draw.number(0.9, 1.3)
@@ -363,9 +364,9 @@ def _along(speeds: Point, first: Point, last: Point, phases: Point) -> Callable[
             aside = draw.number(-0.25, 0.25)
             ends = frame.point(a + shift, aside), frame.point(b + shift, aside)
             lanes.append((*ends, draw.number(0.2, 0.35)))
-        if not all(_keeps_off(lane, start, goal) for lane in lanes):
+        if not all(keeps_off(lane, start, goal) for lane in lanes):
             return None
-        return start, goal, [_patrol(lane, speed, phase) for lane in lanes]
+        return start, goal, [disc_on_patrol(lane, speed, phase) for lane in lanes]
 
     return field
 
@@ -379,7 +380,7 @@ def _crowd(draw: Draw) -> Field | None:
     count = draw.whole(8, 30)
     for _ in range(400):
         if len(lanes) == count:
-            discs = [_patrol(lane, draw.number(0.1, 0.5), draw.number(0.0, 1.0)) for lane in lanes]
+            discs = [disc_on_patrol(lane, draw.number(0.1, 0.5), draw.number(0.0, 1.0)) for lane in lanes]
             return *ends, [*_BORDER, *discs]
         radius = draw.number(0.15, 0.3)
         reach = HALF_SIDE - radius - 0.05
@@ -387,14 +388,14 @@ def _crowd(draw: Draw) -> Field | None:
         b = Frame(*a, draw.heading()).point(draw.number(1.0, 4.0), 0.0)
         lane = a, b, radius
         inside = max(abs(b[0]), abs(b[1])) <= reach
-        if inside and _keeps_off(lane, *ends) and all(_never_meet(lane, other) for other in lanes):
+        if inside and keeps_off(lane, *ends) and all(_never_meet(lane, other) for other in lanes):
             lanes.append(lane)
     return None
 
 
 def _push_boxes(draw: Draw) -> Field | None:
     """One to three boxes of 0.5 to 4 kg about the straight line, which a robot may push or pass."""
-    frame, distance = _somewhere(draw), draw.number(4.0, 7.0)
+    frame, distance = somewhere(draw), draw.number(4.0, 7.0)
     start, goal = frame.point(0.0, 0.0), frame.point(distance, 0.0)
     boxes, places = [], []
     count = draw.whole(1, 3)

@@ -134,6 +134,11 @@ class GoalScenario:
         ):
             _settle(self, field, number(field, getattr(self, field), above=0.0, most=most))
 
+    def fitted(self, shrinkage: float) -> "GoalScenario":
+        """Returns the scenario for a smaller hull: itself, with more room."""
+        del shrinkage
+        return self
+
     def decisive(self) -> list[Any]:
         """Returns all numbers that decide an episode, in an order of their own."""
         o = self.obstacles
@@ -146,6 +151,42 @@ class GoalScenario:
         scatter = (self.start_offset, self.start_turn)
         sizes = len(o), len(self.waypoints)
         return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter]
+
+
+def _nothing_closes() -> NDArray[np.float64]:
+    return np.empty((0, 2))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DockingScenario(GoalScenario):
+    """A pose to come to rest at, exactly, from close by.
+
+    Raises:
+        ValueError: as a `GoalScenario`.
+    """
+
+    position_tolerance: float = 0.05  # m
+    heading_tolerance: float = 0.05  # rad
+    # (m, 2) of each obstacle of a family, how far in x and y (m) it is moved for a metre less of hull radius; (0, 2):
+    # all stand where they are
+    closing: NDArray[np.float64] = dataclasses.field(default_factory=_nothing_closes)
+    quantity: float = math.nan  # what the tier is read from: the length of the shortest proven way, m
+
+    def fitted(self, shrinkage: float) -> "DockingScenario":
+        """Returns the scenario for a hull that is smaller by `shrinkage` (m) than the one that it was made for.
+
+        What the hull docks at is moved up to it, so that the gaps stay; the rest stands.
+        """
+        if not self.closing.any():
+            return self
+        obstacles = self.obstacles.copy()
+        obstacles["x"] += shrinkage * self.closing[:, 0]
+        obstacles["y"] += shrinkage * self.closing[:, 1]
+        return dataclasses.replace(self, obstacles=obstacles)
+
+    def decisive(self) -> list[Any]:
+        """Returns all numbers that decide an episode, in an order of their own."""
+        return [*super().decisive(), self.closing]
 
 
 def check_clear(scenario: GoalScenario, hull_radius: float) -> None:

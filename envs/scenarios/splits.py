@@ -26,7 +26,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of a frozen split in their order, each with its tier and the quantity behind it.
 
     Args:
-        task: "path_following" or "goal_reaching".
+        task: "path_following", "goal_reaching" or "docking".
         family: a name of FAMILIES[task], or "all": the families one after the other, but for those that need pymunk.
         name: "train", "validation" or "test".
 

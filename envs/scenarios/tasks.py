@@ -10,8 +10,10 @@ from typing import Any
 
 from wayfield.envs.checks import choose
 from wayfield.envs.robots import Robot
-from wayfield.envs.scenarios import goal_families, path_families
-from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
+from wayfield.envs.scenarios import docking_families, goal_families, path_families
+from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
+from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
+from wayfield.envs.scenarios.scenario import DockingScenario, GoalScenario, PathScenario
 
 TIERS = ("easy", "medium", "hard")
 
@@ -34,9 +36,10 @@ class TaskSpec:
     name: str  # of splits, agents and presets
     suite: str  # of contests and tuned gains
     title: str
-    kind: str  # "path" or "goal": what messages call its scenarios
+    kind: str  # "path", "goal" or "dock": what messages call its scenarios, and the field that a file of one must have
     ids: Mapping[bool, str]  # the registered id for robots that are holonomic, and that are not
     scenario: type[PathScenario] | type[GoalScenario]
+    presets: Mapping[str, Callable[..., Any]]  # scenarios by name, besides the families
     families: Mapping[str, Callable[[int], Any]]
     needs_pymunk: tuple[str, ...]  # families that the kinematic plant cannot show; left out of "all"
     quantity: Callable[[Any], float]  # what a scenario's tier is read from
@@ -73,6 +76,7 @@ TASKS: Mapping[str, TaskSpec] = {
             kind="path",
             ids={False: "wayfield/DiffDrivePathFollowing-v0", True: "wayfield/OmniPathFollowing-v0"},
             scenario=PathScenario,
+            presets=PATH_SCENARIOS,
             families=path_families.PATH_FAMILIES,
             needs_pymunk=(),
             quantity=path_families.path_sharpness,
@@ -92,11 +96,31 @@ TASKS: Mapping[str, TaskSpec] = {
             kind="goal",
             ids={False: "wayfield/DiffDriveGoalObstacles-v0", True: "wayfield/OmniGoalObstacles-v0"},
             scenario=GoalScenario,
+            presets=GOAL_SCENARIOS,
             families=goal_families.GOAL_FAMILIES,
             needs_pymunk=("push_boxes",),
             quantity=goal_families.room_on_the_way,
             feasible=goal_families.feasible,
             tier_bounds=(0.6, 0.35),  # m, the room
+            clock=1200,
+            cost=Cost("time", "time", "s", 1, 60.0),  # the whole clock
+            failure="collision",
+            failed="collided",
+        ),
+        # Come to rest at a pose from close by, with any robot.
+        TaskSpec(
+            name="docking",
+            suite="docking",
+            title="Docking",
+            kind="dock",
+            ids={False: "wayfield/DiffDriveDocking-v0", True: "wayfield/OmniDocking-v0"},
+            scenario=DockingScenario,
+            presets={},
+            families=docking_families.DOCKING_FAMILIES,
+            needs_pymunk=(),
+            quantity=docking_families.manoeuvre,
+            feasible=docking_families.feasible,
+            tier_bounds=(1.8, 2.5),  # m, of the proven way
             clock=1200,
             cost=Cost("time", "time", "s", 1, 60.0),  # the whole clock
             failure="collision",

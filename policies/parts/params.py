@@ -46,7 +46,7 @@ _made: dict[tuple[Any, ...], tuple[NDArray[np.void], Any, Any]] = {}
 _MOST_MADE = 256
 
 
-def params_of(policy: Any, robot: Robot, actuators: Actuators, dt: float, **more: float) -> NDArray[np.void]:
+def params_of(policy: Any, robot: Robot, actuators: Actuators, dt: float, /, **more: float) -> NDArray[np.void]:
     """Returns what `params` does, for actuators that need not be those of the briefing."""
     key = (id(policy), id(robot), actuators, dt, *more.values(), *more)
     found = _made.get(key)

@@ -1,0 +1,112 @@
+"""Docking: come to rest at a pose, forward or backward, in the open, at a wall, between boxes, past what moves."""
+
+import dataclasses
+from typing import Any
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalReaching, OmniGoalObstacles
+from wayfield.envs.scenarios import TASKS
+from wayfield.envs.sheets import sheet_like
+from wayfield.envs.vector import NativeVectorEnv
+
+
+@dataclasses.dataclass(frozen=True)
+class Params(goal_reaching.Params):
+    """The numbers of the task: a turn counts for more than among obstacles, and at the goal the robot must rest."""
+
+    heading_weight: float = 0.3  # m/rad
+    rest_speed: float = 0.02  # m/s
+    rest_yaw_rate: float = 0.05  # rad/s
+
+
+class Docking(GoalReaching):
+    """The docking task of one robot on a bank of poses: goal reaching that ends at rest."""
+
+    belongs_to = TASKS["docking"]
+    numbers = Params
+
+
+_REWARDS = """
+    With `progress` (decrease of `remaining_distance`), `turn_progress` (decrease of |goal_heading_error|), `success`
+    and `collision` of info:
+
+        reward = progress + 0.3 turn_progress - 0.01 + 5 success - 5 collision
+
+    The first two are differences of a potential, so that a way there and back earns nothing, and to back off for a
+    better approach costs only its time.
+"""
+_STARTING_STATE = """
+    At rest at the scenario's start, at most 3 m from the goal in the random families, displaced by uniform draws from
+    +-`start_offset` in x and y (not where that would touch an obstacle) and turned by one from +-`start_turn`. A family
+    such as "open" draws one of 64 scenarios; `reset(options={"scenario": k})` starts the k-th instead, and draws all
+    else as without it. In "wall" and "berth" what the robot docks at stands as near to its hull as the family says,
+    whatever the robot.
+"""
+_EPISODE_END = """
+    Terminated in success when the pose is within the scenario's tolerance of the goal, 0.05 m and 0.05 rad in the
+    families, the speed at most 0.02 m/s and the yaw rate at most 0.05 rad/s; in failure when the hull touches an
+    obstacle, in front of which the kinematic robot stops, or when a moving obstacle runs into the hull, which makes
+    `clearance` negative. Truncated after 1200 steps (60 s). `end_on_success=False` runs on, to show station keeping,
+    and pays the success reward at every step at rest within tolerance; `end_on_contact=False` (pymunk) survives
+    contact.
+"""
+_SCENARIO = '"open" | a family, "open", "behind", "wall", "berth" or "moving" ("wall/train"), "all", or a .json file'
+
+
+class OmniDocking(OmniGoalObstacles):
+    __doc__ = sheet_like(
+        OmniGoalObstacles,
+        "An omni robot comes to rest at a pose.",
+        {
+            "Description": """
+                A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four
+                (document C: 0.03 m on 0.13 m) shall come to rest at a pose from close by: in the open, with its back to
+                a wall, between two boxes, or past a disc that moves. Control period 0.05 s. The hull is a disc: 0.3 m
+                for omni3, 0.177 m for omni4.
+            """,
+            "Rewards": _REWARDS,
+            "Starting state": _STARTING_STATE,
+            "Episode end": _EPISODE_END,
+        },
+        {"scenario": _SCENARIO},
+    )
+
+    asks = Docking
+
+    def __init__(self, scenario: str = "open", **options: Any) -> None:
+        super().__init__(scenario, **options)
+
+
+class OmniDockingVector(NativeVectorEnv):
+    """Many `OmniDocking` robots stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(OmniDocking, num_envs, **kwargs)
+
+
+class DiffDriveDocking(OmniDocking):
+    __doc__ = sheet_like(
+        DiffDriveGoalObstacles,
+        "A Pioneer P3DX comes to rest at a pose.",
+        {
+            "Description": """
+                A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most
+                1.2 m/s), which cannot go sideways, shall come to rest at a pose from close by, forward or backward: in
+                the open, with its back to a wall, between two boxes, or past a disc that moves. No smooth feedback of
+                the pose alone can do it (Brockett, 1983). Control period 0.05 s. The hull is a disc of 0.25 m.
+            """,
+            "Rewards": _REWARDS,
+            "Starting state": _STARTING_STATE,
+            "Episode end": _EPISODE_END,
+        },
+        {"scenario": _SCENARIO},
+    )
+
+    robots = DiffDriveGoalObstacles.robots
+
+
+class DiffDriveDockingVector(NativeVectorEnv):
+    """Many `DiffDriveDocking` robots stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(DiffDriveDocking, num_envs, **kwargs)

@@ -1,0 +1,325 @@
+"""Plans the shortest way of a car that goes both ways, around what stands and past what moves, and tracks it."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
+from wayfield.envs.patrols import patrol_at
+from wayfield.envs.reeds_shepp import PLAN, is_free, plan_to, pose_along
+from wayfield.policies.parts.arriving import is_there, turn_rate
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Map, unicycle_twists
+from wayfield.policies.policy import check_gain
+
+MEMORY = np.dtype(
+    [
+        ("plan", np.float64, (PLAN, 2)),  # turn and length in radii of each piece
+        ("start", np.float64, (3,)),  # pose where the plan begins, m and rad
+        ("radius", np.float64),  # m, of its circles; 0: there is none
+        ("length", np.float64),  # m
+        ("along", np.float64),  # m, of it that is done
+        ("off", np.float64),  # 1 once the robot has set off on it
+        ("arrived", np.float64),
+        ("steps", np.float64),  # since the episode began
+        ("no_path", np.int64),  # plans that are not free, for want of one that is
+    ]
+)
+
+_STRAIGHTS = 6  # lengths of the last piece that are tried, in either direction
+_STRAIGHT_STEP = 0.3  # m, between them
+_WINDOW = 0.15  # m, how far ahead of the last place on the plan the next one is looked for
+_GRAIN = 0.005  # m, between the places that are looked at
+_LEAST_SPEED = 0.02  # m/s, at which a piece is ended
+_STRAY = 0.15  # m, from the plan, beyond which another is made
+_PATIENCE = 40.0  # s, that the robot waits for what moves before it sets off all the same
+_ROOM = 0.05  # m, that it wants to spare beside what moves
+_EARLY, _LATE = 0.2, 0.5  # s, by which it may be at a place before its time and after it
+_STRIDE = 0.04  # m, between the places at which it looks for what moves
+
+
+@dataclasses.dataclass(frozen=True)
+class ReedsShepp:
+    """Drives along the shortest way to the goal of a car that can only turn on circles of `radius`, either way.
+
+    Of the ways that end with a straight piece of -1.5 to 1.5 m it takes the shortest on which the hull has `margin` to
+    spare from all that stands; where there is none, one of half the radius, then without the margin, then the shortest
+    of all, which the memory's field `no_path` counts. Where something moves, it sets off once that leaves every place
+    of the way free when the robot will be there.
+
+    Along the way, with e the robot's place left of it, th its heading off it, kappa the curvature a little ahead, by
+    what the actuators lag, and d = 1 or -1 the direction,
+
+        v = d min(speed, max_yaw_rate / |kappa|, sqrt(2 deceleration s)),  w = v kappa - |v| (2 th / L + d e / L^2),
+
+    s the way left to the next change of direction, brings both errors down critically damped over L = `settling`. At
+    the goal (see `arrival_radius` of `SmoothPose`) it turns on the spot by what is left. Off the way by 0.15 m, or at
+    its end but not at the goal, it plans anew. Waypoints are passed on the way to the goal only by chance.
+
+    Source: Reeds and Shepp, Optimal Paths for a Car That Goes Both Forwards and Backwards, Pacific J. Math. 145(2),
+    1990. The straight end, the waiting and the tracking law are ours.
+    """
+
+    radius: float = 0.4  # m
+    margin: float = 0.02  # m
+    speed: float = 0.4  # m/s
+    deceleration: float = 0.4  # m/s^2; no more than half of what the base can
+    settling: float = 0.15  # m
+    arrival_radius: float = 0.02  # m
+    turn_gain: float = 2.0  # 1/s, of the turn at the goal
+    yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
+    max_yaw_rate: float = 1.2  # rad/s
+
+    knows: ClassVar[str] = "map"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if field.name == "margin":
+                check_gain(self, field.name, least=0.0)
+            else:
+                check_gain(self, field.name, above=0.0)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the plans of each robot, MEMORY records (b,), none yet."""
+        return np.zeros(briefing.num_envs, MEMORY)
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        p = params(
+            self,
+            briefing,
+            deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
+            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
+            preview=briefing.actuators.lag + briefing.dt,
+        )
+        twists = np.empty((len(observation.pose), 2))
+        known = Map.of(briefing)
+        drive(p, known, observation.pose, observation.goal, observation.goal_heading_error, memory, twists)
+        return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
+
+
+@compiled
+def drive(params, known, poses, goals, turns, memory, twists):
+    """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""
+    p = params[0]
+    _, _, _, targets, num_goals = known
+    for i in range(poses.shape[0]):
+        m = memory[i]
+        now = m.steps * p.plant.dt
+        m.steps += 1.0
+        # to the last goal; where there are no waypoints, the observed one is that of the same measurement
+        gx = goals[i, 0]
+        gy = goals[i, 1]
+        sine, cosine = sin_cos(poses[i, 2])
+        if num_goals[i] > 1:
+            dx = targets[i, num_goals[i] - 1, 0] - poses[i, 0]
+            dy = targets[i, num_goals[i] - 1, 1] - poses[i, 1]
+            gx = cosine * dx + sine * dy
+            gy = cosine * dy - sine * dx
+        ended = m.radius > 0.0 and m.length - m.along < _GRAIN
+        # on the last piece backward the goal lies ahead of the robot's back
+        way = -1.0 if m.radius > 0.0 and direction(m) < 0.0 else 1.0
+        near = m.radius > 0.0 and m.length - m.along < 2.0 * p.arrival_radius
+        m.arrived = (
+            1.0
+            if (m.arrived == 1.0 or near or gx * gx + gy * gy < _GRAIN * _GRAIN)
+            and is_there(m.arrived == 1.0, way * gx, way * gy, p.arrival_radius)
+            else 0.0
+        )
+        twists[i, 0] = 0.0
+        if m.arrived == 1.0:
+            twists[i, 1] = turn_rate(p, turns[i])
+            continue
+        twists[i, 1] = 0.0
+        if m.radius == 0.0 or ended or not advance(m, poses, i):
+            make_plan(p, known, poses, (gx, gy, turns[i]), m, i)
+        if m.off == 0.0:
+            if not may_set_off(p, known, m, i, now):
+                continue
+            m.off = 1.0
+        twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
+
+
+@compiled
+def direction(m):
+    """Returns 1 where the plan goes forward at the robot's place on it, -1 where backward, 0 at its end."""
+    left = m.along / m.radius
+    for k in range(PLAN):
+        length = abs(m.plan[k, 1])
+        if left < length - 1e-9:
+            return math.copysign(1.0, m.plan[k, 1])
+        left -= length
+    return 0.0
+
+
+@compiled
+def curvature(m, s):
+    """Returns the curvature (1/m) of the plan at arc length s, signed by the turn when driven forward."""
+    left = s / m.radius
+    bend = 0.0
+    for k in range(PLAN):
+        length = abs(m.plan[k, 1])
+        if length > 1e-9:
+            bend = m.plan[k, 0] / m.radius
+        if left < length - 1e-9:
+            break
+        left -= length
+    return bend
+
+
+@compiled
+def leg_end(m):
+    """Returns the arc length (m) at which the direction changes next, or the plan ends."""
+    way = direction(m)
+    s = 0.0
+    for k in range(PLAN):
+        length = abs(m.plan[k, 1]) * m.radius
+        if length > 1e-9:
+            if s + length > m.along + 1e-9 and m.plan[k, 1] * way < 0.0:
+                return s
+            s += length
+    return m.length
+
+
+@compiled
+def advance(m, poses, i):
+    """Moves the robot's place on its plan on to the nearest one ahead; returns whether it is still near the plan."""
+    end = leg_end(m)
+    last = min(m.along + _WINDOW, end)
+    best = np.inf
+    s = m.along
+    place = s
+    while True:
+        x, y, _ = pose_along(m.plan, m.radius, m.start, s)
+        distance = (x - poses[i, 0]) ** 2 + (y - poses[i, 1]) ** 2
+        if distance < best:
+            best = distance
+            place = s
+        if s >= last:
+            break
+        s = min(s + _GRAIN, last)
+    m.along = place
+    if end - place < 2.0 * _GRAIN and end < m.length:
+        m.along = end + 1e-6  # the next leg
+    return best <= _STRAY * _STRAY
+
+
+@compiled
+def make_plan(p, known, poses, goal, m, i):
+    """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
+    obstacles, counts, patrols, _, _ = known
+    sine, cosine = sin_cos(poses[i, 2])
+    at = np.empty(3)
+    at[0] = poses[i, 0] + cosine * goal[0] - sine * goal[1]
+    at[1] = poses[i, 1] + sine * goal[0] + cosine * goal[1]
+    at[2] = poses[i, 2] + goal[2]
+    standing = np.empty((1, obstacles.shape[1]), obstacles.dtype)
+    scripts = np.zeros((1, obstacles.shape[1]), patrols.dtype)
+    count = 0
+    for j in range(counts[i]):
+        if patrols[i, j].leg_time == 0.0:
+            standing[0, count] = obstacles[i, j]
+            count += 1
+    m.start[:] = poses[i]
+    m.along = 0.0
+    m.off = 0.0
+    plan = np.empty((PLAN, 2))
+    # nearer to what stands than the margin, at either end, one can but go away or dock
+    room = min(
+        clearance(standing[0], count, at[0], at[1]), clearance(standing[0], count, poses[i, 0], poses[i, 1])
+    ) - p.plant.hull_radius  # fmt: skip
+    for attempt in range(4):
+        radius = p.radius if attempt % 2 == 0 else 0.5 * p.radius
+        margin = min(p.margin, room - 0.02) if attempt < 2 else min(0.0, room - 0.02)
+        best = np.inf
+        for k in range(2 * _STRAIGHTS - 1):
+            straight = _STRAIGHT_STEP * ((k + 1) // 2) * (1.0 if k % 2 else -1.0)
+            length = plan_to(m.start, at, radius, straight, plan)
+            if length < best and is_free(
+                plan, radius, m.start, length, (standing, scripts, count), p.plant.hull_radius + margin, (0.0, 1.0)
+            ):
+                best = length
+                m.plan[:] = plan
+        if best < np.inf:
+            m.radius = radius
+            m.length = best
+            return
+    m.no_path += 1
+    m.radius = p.radius
+    m.length = plan_to(m.start, at, p.radius, 0.0, m.plan)
+
+
+@compiled
+def may_set_off(p, known, m, i, now):
+    """Returns whether what moves leaves the robot its way, if it sets off now; in the end it does not ask.
+
+    The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
+    speeds of `tracked` and the same acceleration.
+    """
+    obstacles, counts, patrols, _, _ = known
+    moves = False
+    for j in range(counts[i]):
+        moves = moves or patrols[i, j].leg_time > 0.0
+    if not moves or now > _PATIENCE:
+        return True
+    needed = p.plant.hull_radius + _ROOM
+    time = now + p.preview
+    begun = 0.0
+    last_end = 0.0
+    s = 0.0
+    while s < m.length:
+        m.along = s
+        end = leg_end(m)
+        if end > last_end:
+            begun = s
+            last_end = end
+        x, y, _ = pose_along(m.plan, m.radius, m.start, s)
+        for shift in (-_EARLY, 0.0, _LATE):
+            for j in range(counts[i]):
+                if patrols[i, j].leg_time > 0.0:
+                    ox, oy, _, _ = patrol_at(patrols[i, j], max(time + shift, now))
+                    dx = ox - x
+                    dy = oy - y
+                    if math.sqrt(dx * dx + dy * dy) - obstacles[i, j].radius < needed:
+                        m.along = 0.0
+                        return False
+        v = min(wanted_speed(p, m, end), math.sqrt(2.0 * p.deceleration * (s - begun + _STRIDE)))
+        time += _STRIDE / max(v, _LEAST_SPEED)
+        s += _STRIDE
+    m.along = 0.0
+    return True
+
+
+@inlined
+def wanted_speed(p, m, end):
+    """Returns the speed (m/s) at the robot's place on a leg that ends at arc length `end`."""
+    bend = abs(curvature(m, m.along))
+    v = min(p.speed, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * p.deceleration * (end - m.along)))
+    return max(v, _LEAST_SPEED)
+
+
+@inlined
+def tracked(p, poses, m, i):
+    """Returns (v, w) along the plan."""
+    way = direction(m)
+    if way == 0.0:
+        way = 1.0
+    x, y, heading = pose_along(m.plan, m.radius, m.start, m.along)
+    sine, cosine = sin_cos(heading)
+    aside = cosine * (poses[i, 1] - y) - sine * (poses[i, 0] - x)
+    off = wrap_angle(poses[i, 2] - heading)
+    end = leg_end(m)
+    v = wanted_speed(p, m, end)
+    ahead = min(m.along + v * p.preview, end - 1e-6)
+    w = way * v * curvature(m, ahead) - v * (2.0 * off / p.settling + way * aside / (p.settling * p.settling))
+    share = min(1.0, p.max_yaw_rate / max(abs(w), 1e-12))
+    return share * way * v, share * w
