@@ -20,8 +20,10 @@ from wayfield.benchmarks.drawing import (
     plt,
     saved,
 )
+from wayfield.benchmarks.parts import badness
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
 from wayfield.benchmarks.standings import COMPARED, by_entry, check_columns, front_points, label, values
+from wayfield.benchmarks.suite import WORST
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
 
@@ -152,7 +154,11 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
 def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     """Returns the three worst test episodes of each entry over their scenarios."""
     tested = by_entry(row for row in rows if row["split"] in COMPARED)
-    entries = {entry: [row for row in mine if row["trajectory"]] for entry, mine in tested.items()}
+    cost = contest.spec.cost.metric
+    entries = {
+        entry: sorted((row for row in mine if row["trajectory"]), key=lambda row: badness(row, cost))[:WORST]
+        for entry, mine in tested.items()
+    }
     trajectories = read_trajectories(folder, {row["trajectory"] for mine in entries.values() for row in mine})
     columns = max(len(mine) for mine in entries.values())
     figure, axes = plt.subplots(

@@ -23,7 +23,7 @@ from wayfield.benchmarks.decisions import DECISIONS
 from wayfield.benchmarks.own_policies import Mismatch
 from wayfield.benchmarks.rollout import make_policy, make_vector
 from wayfield.benchmarks.run_folder import Run
-from wayfield.benchmarks.suite import Setting
+from wayfield.benchmarks.suite import WORST, Setting
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.robots import Robot
 from wayfield.envs.scenarios import splits
@@ -53,6 +53,7 @@ class ContestOptions:
     own: tuple[Entrant, ...] = ()  # policies from outside of the package
     courses: tuple[Course, ...] = ()  # the user's own scenarios, in place of the test split
     command: str = ""  # that makes the same again
+    keep: int | None = WORST  # of each entry, the trajectories of its worst episodes; None: all
 
     @property
     def ladder(self) -> bool:
@@ -214,7 +215,7 @@ class ContestOptions:
         limits = [limit for limit in (there, most, self.episodes) if limit is not None]
         count = (self.episodes or 1) if there is None else min(limits)
         for case in cases:
-            yield Setting(self.suite, case, plant, self.actuators, self.seed, count)
+            yield Setting(self.suite, case, plant, self.actuators, self.seed, count, self.keep)
 
 
 def try_out(contest: Contest, robot: Robot, own: Entrant, course: Course | None = None) -> None:

@@ -79,7 +79,7 @@ class _Driver:
         """Takes some steps and notes what each decision took, s."""
         for _ in range(steps):
             start = time.perf_counter()
-            actions = self._pilot.act(self._observations)
+            actions = self._pilot.command(self._observations)
             self.times.append(time.perf_counter() - start)
             self._observations, _, terminated, truncated, _ = self._env.step(actions)
             if (terminated | truncated).any():

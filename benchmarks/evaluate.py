@@ -26,10 +26,10 @@ from wayfield.benchmarks.own_scenario import own_cases, own_courses
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import TABLE, read_rows, readable, write_rows, write_trajectories
 from wayfield.benchmarks.run_folder import Run, default_folder, staging
-from wayfield.benchmarks.suite import Setting, run
+from wayfield.benchmarks.suite import WORST, Setting, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, words_given
+from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, command_given
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
 
@@ -37,6 +37,7 @@ DOCUMENTS = "documents"
 SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
 FAMILIES = tuple(name for spec in TASKS.values() for name in spec.families)
+KEPT = {"worst": WORST, "all": None}
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 
 
@@ -106,6 +107,13 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 )
 @click.option("--video", is_flag=True, help="Film a few representative cases as well.")
 @click.option(
+    "--keep-trajectories",
+    "keep",
+    type=Choice("--keep-trajectories", KEPT),
+    help="Of which episodes of a contest: the three worst of each entry, as poses, or all of them, with speeds and "
+    "errors too; documents keep all.  [default: worst]",
+)
+@click.option(
     "--workers",
     "count",
     type=click.IntRange(min=1),
@@ -156,12 +164,13 @@ class Asked:
     seed: int
     out: str | None
     video: bool
+    keep: str | None
     count: int | None
 
     @property
     def command(self) -> str:
         """Returns the command that was given."""
-        return readable(" ".join(["python evaluate.py", words_given()]).strip())
+        return readable(command_given("python evaluate.py"))
 
     @property
     def processes(self) -> int:
@@ -177,7 +186,7 @@ class Asked:
     def narrowed(self) -> bool:
         """Returns whether there are other options than those that every suite takes."""
         few = (self.names, self.dynamics, self.actuators, self.robot, self.gains, self.homes, self.own, self.families)
-        return any((*few, self.path, self.scenarios, self.episodes, self.video))
+        return any((*few, self.path, self.scenarios, self.episodes, self.video, self.keep))
 
     @property
     def wanted(self) -> str:
@@ -193,6 +202,7 @@ class Asked:
             "own": tuple(readable(text) for text in self.own),
             **{"policies": self.names, "families": self.families},
             **{"scale": self.scale, "episodes": self.episodes, "seed": self.seed},
+            "trajectories": "all_trajectories" if self.keep == "all" else None,
         }
 
     def folder(self, name: str, differing: dict[str, Any]) -> Path:
@@ -241,7 +251,7 @@ class Asked:
                 ("--agents", self.homes),
                 ("--policy", self.own),
             ),
-            ("--families", self.families),
+            *(("--families", self.families), ("--keep-trajectories", self.keep)),
         ):
             if value:
                 raise click.UsageError(
@@ -306,6 +316,7 @@ class Asked:
             own,
             courses,
             self.command,
+            KEPT[self.keep or "worst"],
         )
         differing = (
             ({"scenarios": Path(self.scenarios).resolve().name} if self.scenarios is not None else {})

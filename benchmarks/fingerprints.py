@@ -122,7 +122,7 @@ def batched(envs: Any, pilot: Pilot, steps: int) -> Iterator[Told]:
     yield {"observations": observations, **_inside(info)}
     ended = np.empty(0, np.int64)
     for _ in range(steps):
-        actions = pilot.act(observations)
+        actions = pilot.command(observations)
         observations, rewards, terminated, truncated, info = envs.step(actions)
         if len(ended):
             # their new episodes have begun with this step
@@ -139,7 +139,7 @@ def alone(env: Any, pilot: Pilot, steps: int) -> Iterator[Told]:
     yield {"observations": observation[None], **_inside(info)}
     ended = False
     for _ in range(steps):
-        action = pilot.act(observation)
+        action = pilot.command(observation)
         if ended:
             observation, info = env.reset()
             pilot.reset()

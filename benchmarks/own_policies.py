@@ -181,11 +181,7 @@ def own_policy(text: str) -> OwnClass | OwnModel:
     Raises:
         ValueError: if it names no such thing; the message quotes it and says what would be right.
     """
-    try:
-        source, *words = shlex.split(text) or [""]
-    except ValueError as error:
-        raise ValueError(f"{text!r} cannot be read: {error}") from None
-    gains = dict(_gain(text, word) for word in words)
+    source, gains = source_and_gains(text)
     if source.lower().endswith(".zip"):
         if gains:
             raise ValueError(f"{text!r}: a model takes no gains")
@@ -202,6 +198,15 @@ def own_policy(text: str) -> OwnClass | OwnModel:
     entrant = OwnClass(module, attribute, gains, file_digest(Path(file)) if file else "")
     entrant.make(gains)
     return entrant
+
+
+def source_and_gains(text: str) -> tuple[str, dict[str, Any]]:
+    """Returns the first word of a text, and the gains key=value behind it; ValueError, quoting it, if it has others."""
+    try:
+        source, *words = shlex.split(text) or [""]
+    except ValueError as error:
+        raise ValueError(f"{text!r} cannot be read: {error}") from None
+    return source, dict(_gain(text, word) for word in words)
 
 
 def own_object(policy: Any, number: int) -> OwnObject:

@@ -29,8 +29,6 @@ from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.tuned import tuned_robot, tuning_runs
 
-WORST = 3  # episodes of each policy whose trajectories are kept
-
 _ROWS, _DIGESTS = "rows.json", "part.json"  # of a part, beside its trajectories
 _MARK = ".parts"  # in the folder of the parts
 _ENTRY = ("contest", "suite", "policy", "gains_name", "robot", "split", "disturbance")  # what the worst are chosen of
@@ -49,7 +47,7 @@ class Part:
 
 
 def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
-    """Returns one row for each episode, and the trajectories of the worst episodes of each entry.
+    """Returns one row for each episode, and the trajectories of the worst episodes of each entry, or of all.
 
     Parts that an earlier, interrupted run of the same settings and the same code left in `folder` are not run again,
     but for those that are damaged.
@@ -86,7 +84,7 @@ def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> 
     worst: dict[str, Trajectory] = {}
     for candidates in kept.values():
         cost = CONTESTS[candidates[0][0]["contest"]].spec.cost.metric
-        for row, trajectory in sorted(candidates, key=lambda each: badness(each[0], cost))[:WORST]:
+        for row, trajectory in sorted(candidates, key=lambda each: badness(each[0], cost))[: settings[0].keep]:
             row["trajectory"] = f"{len(worst):05d}"
             worst[row["trajectory"]] = trajectory
     return rows, worst
@@ -143,13 +141,14 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
 
 
 def play(part: Part) -> None:
-    """Runs a part and leaves its rows and its worst trajectories in its folder, whole or not at all."""
-    cost = CONTESTS[part.setting.case.document].spec.cost.metric
+    """Runs a part and leaves its rows and the trajectories that are kept in its folder, whole or not at all."""
+    keep, cost = part.setting.keep, CONTESTS[part.setting.case.document].spec.cost.metric
     found = played(part.setting)
     order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
+    kept = {f"{i:05d}": found[i][1] if keep is None else slim(found[i][1]) for i in order[:keep]}
     stage = temporary_folder(part.folder.parent)
     try:
-        _write_part(stage, [row for row, _ in found], {f"{i:05d}": slim(found[i][1]) for i in order[:WORST]})
+        _write_part(stage, [row for row, _ in found], kept)
         os.replace(stage, part.folder)
         sync_folder(part.folder.parent)
     finally:

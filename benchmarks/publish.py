@@ -484,10 +484,10 @@ def _ranking(rows: Sequence[Row], header: str, unit: str, sign: float) -> str:
 def moving_picture() -> bytes:
     """Returns a GIF of tuned VFH+ that drives through clutter by its scan."""
     import gymnasium
-    import numpy as np
     from PIL import Image
 
     import wayfield.policies
+    from wayfield.benchmarks.video import gif
 
     env = gymnasium.make(
         "wayfield/DiffDriveGoalObstacles-v0",
@@ -509,15 +509,10 @@ def moving_picture() -> bytes:
             frames.append(image.resize((FRAME_PX, FRAME_PX * image.height // image.width), Image.Resampling.LANCZOS))
         if ended:
             break
-        observation, _, terminated, truncated, _ = env.step(pilot.act(observation).astype(np.float32))
+        observation, _, terminated, truncated, _ = env.step(pilot.act(observation))
         ended = terminated or truncated
     env.close()
-    colours = frames[-1].quantize(64)
-    content = io.BytesIO()
-    flat = [frame.quantize(palette=colours, dither=Image.Dither.NONE) for frame in frames]
-    period = 25 * FRAME_SKIP  # ms, so that the film runs at twice the robot's pace
-    flat[0].save(content, "GIF", save_all=True, append_images=flat[1:], duration=period, loop=0, optimize=True)
-    return content.getvalue()
+    return gif(frames, 0.025 * FRAME_SKIP)  # twice the robot's pace
 
 
 if __name__ == "__main__":

@@ -28,9 +28,9 @@ from wayfield.benchmarks.contests import CONTESTS, Contest, Course, Entrants
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.recorder import Episode, Start, record, robots_for
 from wayfield.benchmarks.rollout import make_policy, make_vector
-from wayfield.envs.command_line import SEED, Choice, OneLineErrors, words_given
+from wayfield.envs.command_line import SEED, Choice, OneLineErrors, RobotChoice, words_given
 from wayfield.envs.disturbances import LEVELS
-from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.robots import ACTUATORS, Robot
 from wayfield.envs.scenarios.splits import SPLITS
 from wayfield.envs.storage import clear_stale, locked, temporary_folder
 
@@ -47,7 +47,7 @@ class Conditions:
     """What all episodes of a set have in common."""
 
     split: str
-    robot: str
+    robot: Robot
     dynamics: str
     actuators: str
     disturbance: str
@@ -192,7 +192,7 @@ def _folder(dataset: str) -> Path:
 @click.option("--family", "families", multiple=True, help="Of scenarios; may be repeated.  [default: all]")
 @click.option("--split", type=Choice("--split", SPLITS), default="train", show_default=True)
 @click.option("--episodes", type=click.IntRange(1, 10**7), default=100, show_default=True, help="Of the whole set.")
-@click.option("--robot", type=Choice("--robot", ROBOTS), default="p3dx", show_default=True)
+@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True)
 @click.option("--dynamics", type=Choice("--dynamics", ("kinematic", "pymunk")), default="kinematic", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ACTUATORS), default="lagged", show_default=True)
 @click.option("--disturbance", type=Choice("--disturbance", LEVELS), default="none", show_default=True)
@@ -233,7 +233,7 @@ def main(
     known = contest.families(conditions.dynamics)
     for family in families:
         Choice("--family", known).convert(family, None, None)
-    dataset = dataset or f"wayfield/{contest.name}/{'-'.join(names).replace('_', '-')}-{conditions.robot}-v0"
+    dataset = dataset or f"wayfield/{contest.name}/{'-'.join(names).replace('_', '-')}-{conditions.robot.name}-v0"
     folder = _folder(dataset)
     try:
         parts = sources(contest, names, families or known, episodes, seed, conditions)
@@ -341,7 +341,7 @@ def _write(
         "policies": cards,
         "families": sorted({source.case.experiment for source in parts}),
         "seeds": [parts[0].starts[0].seed, parts[0].starts[0].seed + total - 1],
-        "conditions": dataclasses.asdict(conditions),
+        "conditions": {**vars(conditions), "robot": conditions.robot.name},
         "version": installed.version("wayfield"),
         "command": f"python -m wayfield.benchmarks.record {words_given()}",
     }
@@ -350,7 +350,7 @@ def _write(
         about,
         algorithm_name=", ".join(cards),
         author={"wayfield"},
-        description=f"{contest.spec.title}: {total} episodes, {conditions.robot}, {conditions.actuators} actuators",
+        description=f"{contest.spec.title}, {conditions.robot.name}, {conditions.actuators} actuators",
         requirements=[f"wayfield=={installed.version('wayfield')}"],
     )
     return steps, digest

@@ -80,7 +80,7 @@ def roll_out(
     faults = np.zeros(episodes, np.int64)
     step = 0
     while not lengths.all():
-        observations, _, terminated, truncated, info = env.step(pilot.act(observations))  # type: ignore[arg-type]
+        observations, _, terminated, truncated, info = env.step(pilot.command(observations))  # type: ignore[arg-type]
         step += 1
         history[step] = env.batch.states
         # an ended robot is reset by the next step; it drives on unrecorded until the last one is done

@@ -13,6 +13,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map
 
 Episode = tuple[Row, Trajectory]
+WORST = 3  # episodes of each entry of a contest that are shown
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Setting:
     actuators: str
     seed: int
     episodes: int
+    keep: int | None = WORST  # of the worst episodes of an entry of a contest, their trajectories; None: all, whole
 
 
 def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:

@@ -27,7 +27,9 @@ class Table:
 
     def markdown(self) -> str:
         """Returns the table as a Markdown section."""
-        cells = tabulate(self.rows, self.header, tablefmt="github", disable_numparse=True)
+        # a bar in a cell is no border of it
+        header, *rows = ([cell.replace("|", "\\|") for cell in row] for row in (self.header, *self.rows))
+        cells = tabulate(rows, header, tablefmt="github", disable_numparse=True)
         return f"## {self.title}\n\n{cells}\n\n{self.note}\n"
 
     def latex(self) -> str:

@@ -105,6 +105,12 @@ def words_given() -> str:
     return str(click.get_current_context().meta[_WORDS])
 
 
+def command_given(script: str) -> str:
+    """Returns the whole command that runs, as it was given to `wayfield NAME` or to a script of the same."""
+    path = click.get_current_context().command_path
+    return f"{path if path.startswith('wayfield ') else script} {words_given()}".strip()
+
+
 def _prepare_streams() -> None:
     """Makes stdout and stderr take every text, and be there where the caller has closed them."""
     for name in ("stdout", "stderr"):

@@ -59,10 +59,10 @@ class OmniDocking(OmniGoalObstacles):
         "An omni robot comes to rest at a pose.",
         {
             "Description": """
-                A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m) or four
-                (document C: 0.03 m on 0.13 m) shall come to rest at a pose from close by: in the open, with its back to
-                a wall, between two boxes, or past a disc that moves. Control period 0.05 s. The hull is a disc: 0.3 m
-                for omni3, 0.177 m for omni4.
+                A holonomic robot with three omni wheels (document B: wheel radius 0.075 m on a circle of 0.3 m), four
+                (document C: 0.03 m on 0.13 m) or four mecanum wheels (0.05 m) shall come to rest at a pose from close
+                by: in the open, with its back to a wall, between two boxes, or past a disc that moves. Control period
+                0.05 s. The hull is a disc: 0.3 m for omni3, 0.177 m for omni4, 0.27 m for mecanum4.
             """,
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,

@@ -46,6 +46,7 @@ _FONT_PX = 19
 _ROBOT_RADIUS_PX = 10.0  # the least: smaller robots are drawn larger than they are
 _WALL_PX = 3.0  # the least width of a wall
 _DRAWN_POINTS = 20_000  # of a polyline, at most
+_GHOST_ALPHA = 90  # of 255
 _FAR_PX = 20_000.0  # pixel coordinates are clipped here, because pygame counts in 32-bit integers
 
 
@@ -59,6 +60,15 @@ class Mark:
     pixels: float = 0.0  # px, the least radius of the discs
     line: float = 0.0  # px, the width of the polyline; 0: discs
     outline: bool = False  # whether the discs are rings
+
+
+@dataclasses.dataclass(frozen=True)
+class Ghost:
+    """A robot that is seen through: another one of the same scenario, or the same one at another time."""
+
+    robot: Robot
+    pose: tuple[float, float, float]  # x, y, heading
+    trail: NDArray[np.float64] | None = None  # (t, 2) past positions
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -81,7 +91,9 @@ class Scene:
     lookahead: tuple[float, float] | None = None  # look-ahead point of the robot
     start: tuple[float, float] | None = None
     marks: tuple[Mark, ...] = ()  # drawn over the obstacles, below the robot
+    ghosts: tuple[Ghost, ...] = ()  # drawn below the robot
     caption: str = ""  # one line
+    notes: tuple[str, ...] = ()  # lines in the upper left corner of the world
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,6 +205,21 @@ class Canvas:
         for a, b in (points - area.topleft).tolist():
             pygame.draw.line(layer, (*colour, alpha), a, b, round(_SUPERSAMPLING * width))
         self.surface.blit(layer, area)
+
+    def translucent(self, alpha: int, at: NDArray[np.float64], radius: float, draw: Callable[["Canvas"], None]) -> None:
+        """Draws what a function draws around a point, within a radius, so that the layers below are seen through it."""
+        corner = _SUPERSAMPLING * (at - radius)
+        area = pygame.Rect(*np.clip(np.floor(corner), -_FAR_PX, _FAR_PX).astype(np.int64).tolist(), 0, 0)
+        area.size = (math.ceil(2 * _SUPERSAMPLING * radius), math.ceil(2 * _SUPERSAMPLING * radius))
+        area = area.clip(self.surface.get_clip())
+        if area.width == 0 or area.height == 0:
+            return
+        below = self.surface.subsurface(area).copy()
+        draw(self)
+        drawn = self.surface.subsurface(area).copy()
+        drawn.set_alpha(alpha)
+        self.surface.blit(below, area)
+        self.surface.blit(drawn, area)
 
     def halo_disc(self, colour: Colour, at: NDArray[np.float64], radius: float) -> None:
         """Draws a disc with a white rim that sets it off from what lies below."""
@@ -392,6 +419,14 @@ def _draw_robot(canvas: Canvas, view: View, robot: Robot, pose: tuple[float, flo
     canvas.polygon(_WHITE, pixels(chevron))
 
 
+def _draw_ghost(canvas: Canvas, view: View, ghost: Ghost) -> None:
+    if ghost.trail is not None:
+        canvas.line(_PURPLE, _thinned(view.pixels_from_world(ghost.trail), 1.0), 1.5)
+    reach = max(ghost.robot.hull_radius * view.scale, _ROBOT_RADIUS_PX) + 3.0
+    centre = view.pixels_from_world(ghost.pose[:2])
+    canvas.translucent(_GHOST_ALPHA, centre, reach, lambda it: _draw_robot(it, view, ghost.robot, ghost.pose))
+
+
 def _draw_chase_line(canvas: Canvas, view: View, scene: Scene) -> None:
     """Draws the line from the robot by way of the look-ahead point to the point that is chased."""
     stops = [scene.pose[:2]]
@@ -420,6 +455,8 @@ def _draw_moment(canvas: Canvas, view: View, scene: Scene) -> None:
         _mark_start(canvas, view.pixels_from_world(scene.start))
     if scene.trail is not None:
         canvas.line(_BLUE, _thinned(view.pixels_from_world(scene.trail), 1.0), 1.5)
+    for ghost in scene.ghosts:
+        _draw_ghost(canvas, view, ghost)
     _draw_chase_line(canvas, view, scene)
     _draw_robot(canvas, view, scene.robot, scene.pose)
     if scene.lookahead is not None:
@@ -456,6 +493,7 @@ def _legend(scene: Scene) -> list[tuple[str, Symbol]]:
     entries: list[tuple[bool, str, Symbol]] = [
         (paths > 0, "path", _stroke_symbol(_PATH, 2.0)),
         (trails > 0, "trail", _stroke_symbol(_BLUE, 1.5)),
+        (any(ghost.trail is not None for ghost in scene.ghosts), "ghost", _stroke_symbol(_PURPLE, 1.5)),
         (rays > 0, "rays", _stroke_symbol(_SKY, 1.0)),
         (bool(np.any(masses <= 0.0)), "fixed", _block_symbol(_FIXED)),
         (bool(np.any(masses > 0.0)), "movable", _block_symbol(_ORANGE)),
@@ -526,6 +564,7 @@ class Renderer:
         if view.strip_px == 0:
             return canvas.smoothed()
         texts = self._draw_legend(canvas, view, scene) + self._draw_header(canvas, view, scene.caption)
+        texts += self._draw_notes(canvas, view, scene.notes)
         frame = canvas.smoothed()
         # text goes on the finished frame, where its own smoothing is sharper than ours
         frame.fblits(texts)
@@ -580,6 +619,16 @@ class Renderer:
             texts.append((text, (12.0, middle - text.get_height() / 2)))
         return texts
 
+    def _draw_notes(
+        self, canvas: Canvas, view: View, notes: tuple[str, ...]
+    ) -> list[tuple[pygame.Surface, tuple[float, float]]]:
+        """Clears a panel for the notes and returns them with their places."""
+        words = [self._word(note) for note in notes]
+        if words:
+            width, line = max(word.get_width() for word in words) + 16, words[0].get_height() + 4
+            canvas.rectangle(_WHITE, 8, view.strip_px + 8, width, len(words) * line + 10)
+        return [(word, (16.0, view.strip_px + 14.0 + k * line)) for k, word in enumerate(words)]
+
     def _word(self, word: str) -> pygame.Surface:
         if word not in self._words:
             self._words[word] = _fitted_text(word, math.inf)
@@ -599,11 +648,15 @@ class Renderer:
         pygame.display.flip()
 
 
+class NoDisplay(RuntimeError):
+    """There is no display to open a window on."""
+
+
 def _check_display(driver: str) -> None:
-    """Raises RuntimeError if SDL, finding no display, took a driver that shows nothing and that nobody asked for."""
+    """Raises NoDisplay if SDL, finding no display, took a driver that shows nothing and that nobody asked for."""
     if driver in ("dummy", "offscreen") and not any(map(os.environ.get, ("SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER"))):
         pygame.display.quit()
-        raise RuntimeError(
+        raise NoDisplay(
             'render_mode="human" found no display to open a window on: run it on a desktop (DISPLAY or WAYLAND_DISPLAY '
             'set), use render_mode="rgb_array", or ask for an unseen window with SDL_VIDEODRIVER=dummy'
         )

@@ -134,9 +134,13 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         if self.render_mode == "human":
             self._draw()
 
+    def scene(self) -> Any:
+        """Returns the rendering.Scene of this moment; the trail is there where there is a render mode."""
+        return self.batch.scene(0, np.array(self._trail).reshape(-1, 2), self.marks)
+
     def _draw(self) -> Any:
         from wayfield.envs.rendering import Renderer
 
         if self._renderer is None:
             self._renderer = Renderer(str(self.render_mode), FPS)
-        return self._renderer.draw(self.batch.scene(0, np.array(self._trail), self.marks))
+        return self._renderer.draw(self.scene())

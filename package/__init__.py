@@ -4,5 +4,9 @@ Importing `wayfield` registers the environment ids with Gymnasium and nothing mo
 drawing are loaded when an environment is made, so that the import stays light.
 """
 
-import wayfield.starting  # noqa: I001  before all that takes long
+import importlib.metadata  # noqa: I001  what comes first is meant
+
+import wayfield.starting  # before all that takes long
 import wayfield.envs  # noqa: F401  registers the ids
+
+__version__ = importlib.metadata.version("wayfield")

@@ -7,7 +7,18 @@ In rooms of their own: `parts`, what laws share; `learned`, agents; `training`, 
 from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
-from wayfield.policies.registry import POLICIES, NoCruisingSpeed, cruising, make
+from wayfield.policies.registry import ABOUT, POLICIES, About, NoCruisingSpeed, cruising, make
 from wayfield.policies.tuned import tuned_gains
 
-__all__ = ["POLICIES", "NoCruisingSpeed", "Pilot", "Policy", "cruising", "load_agent", "make", "tuned_gains"]
+__all__ = [
+    "ABOUT",
+    "POLICIES",
+    "About",
+    "NoCruisingSpeed",
+    "Pilot",
+    "Policy",
+    "cruising",
+    "load_agent",
+    "make",
+    "tuned_gains",
+]

@@ -40,6 +40,7 @@ class Pilot:
         self.policy = policy
         self._env = base
         self._shape = base.action_space.shape
+        self._most: NDArray[np.float32] = base.action_space.high
         self._started = False
         self.briefing: Briefing
         self.memory: NDArray[Any]
@@ -63,23 +64,46 @@ class Pilot:
         self.briefing = _briefed(self.briefing, briefing, rows)
         self.memory[rows] = self.policy.reset(self.briefing)[rows]
 
-    def act(self, observation: NDArray[Any]) -> Array:
-        """Returns the action for the observation, with the environment's own shapes.
+    def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
+        """Returns the action for the observation: float32, a member of the environment's action space.
 
-        In float64, as the environments carry actions, and beyond the bounds of the action space where the law asks for
-        more than the wheels can: the plant then scales all of them by one factor. A wrapper that wants members of the
-        space has to be given `numpy.clip(action, space.low, space.high).astype(space.dtype)`.
+        What the law asks for beyond the bounds is scaled by one factor, so that the direction of motion stays, as the
+        wheels do with what they cannot turn. The robot so moves as under `command` up to float32 rounding, but in two
+        cases, where the space is smaller than what the wheels can do: an omni base in the tier "ideal", and omni3's
+        fastest sideways turns. See `command`.
+
+        Raises:
+            RuntimeError: before the first `reset`.
+        """
+        return _contained(self.command(observation), self._most)
+
+    def command(self, observation: NDArray[Any]) -> Array:
+        """Returns what the law asks for, unrounded: the action in float64, beyond the bounds of the action space too.
+
+        Environments take it as it is, and their wheels saturate. Benchmarks drive by it, so that published runs of
+        unsaturated wheels stay those; wrappers, replay buffers and other libraries want `act`. Each observation is for
+        one of the two, once: policies remember.
 
         Raises:
             RuntimeError: before the first `reset`.
         """
         if not self._started:
-            raise RuntimeError("call the pilot's reset after the environment's, before act")
+            raise RuntimeError("call the pilot's reset after the environment's, before it acts")
         fields = self.briefing.layout.unpack(np.atleast_2d(observation).astype(np.float64))
         twists = self.policy.act(fields, self.briefing, self.memory)
         if self.briefing.action_mode == "wheel_speeds":
             twists = self.briefing.robot.wheel_speeds_from_twist(twists)
         return twists.reshape(self._shape)
+
+
+def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Returns actions (..., k) within the bounds, each scaled by one factor where it exceeds them.
+
+    What is not finite stays so, for the environment to refuse.
+    """
+    excess = np.maximum(np.abs(actions) / most, 1.0).max(axis=-1, keepdims=True)
+    scaled = actions / np.where(np.isfinite(excess), excess, 1.0)
+    return np.clip(scaled, -most, most, where=np.isfinite(scaled), out=scaled).astype(np.float32)
 
 
 def _briefed(briefing: Briefing, anew: Briefing, rows: NDArray[Any]) -> Briefing:

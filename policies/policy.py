@@ -6,9 +6,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import MOST_GAIN, MOST_WHOLE, real, refuse, truth, whole
 from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.scenarios import PathScenario, TaskSpec
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,11 @@ class Policy(Protocol):
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns body twists (b, t) in m/s and rad/s, t the robot's twist axes, for observations of shape (b, ...)."""
+
+
+def observation_of(task: TaskSpec) -> type:
+    """Returns what a task gives its policies to observe."""
+    return path_following.Observation if task.scenario is PathScenario else goal_reaching.Observation
 
 
 def check_gain(

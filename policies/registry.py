@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from wayfield.envs.checks import choose
 from wayfield.policies.astar_tracker import AstarTracker
@@ -29,56 +29,69 @@ from wayfield.policies.waypoint import Waypoint
 from wayfield.policies.zero import Zero
 
 POLICIES: dict[str, Callable[..., Policy]] = {
-    # stands still: the floor
     "zero": Zero,
-    # random twists: the floor
     "random": Random,
-    # document A as printed: whole-path search, k_ang = 0.8
     "lookahead_documented": Lookahead,
-    # document A with pure pursuit's equivalent gain and a search that does not jump at crossings
     "lookahead_retuned": partial(Lookahead, k_ang=2.4, search="window"),
-    # document B: exponential decay of the pose error, waypoint after waypoint
     "waypoint": Waypoint,
-    # document C as printed
     "apf_documented": PotentialField,
-    # document C with the avoiding force at local minima
     "apf_escape": partial(PotentialField, escape=True),
-    # the potential field put right: surfaces, FIRAS and Ge-Cui repulsion, capped attraction
     "apf_corrected": CorrectedField,
-    # the arc to a point of the path ahead (Coulter)
     "pure_pursuit": PurePursuit,
-    # pure pursuit that slows down for bends and for what the base can reach (Macenski et al.)
     "regulated_pure_pursuit": RegulatedPurePursuit,
-    # steering on a virtual front axle (Hoffmann et al.)
     "stanley": Stanley,
-    # linear-quadratic regulator in path coordinates, with feed-forward and speed profile
     "lqr": Lqr,
-    # model predictive control, real-time iteration on OSQP
     "mpc": Mpc,
-    # the smooth pose law (Park and Kuipers): to a pose, or along a path
     "smooth_pose": SmoothPose,
-    # the same, forward or backward to a pose, and nearer to it
     "smooth_pose_backward": partial(SmoothPose, backward=True, arrival_radius=0.02),
-    # feedback of polar coordinates to a pose, forward or backward (Aicardi et al., Astolfi)
     "polar": Polar,
-    # model predictive control to a pose, forward or backward (Worthmann et al.), on OSQP
     "mpc_pose": MpcPose,
-    # the shortest way of a car that goes both ways (Reeds and Shepp), around what stands, and a tracker
     "reeds_shepp": ReedsShepp,
-    # dynamic window approach (Fox, Burgard and Thrun)
     "dwa": Dwa,
-    # vector field histogram + (Ulrich and Borenstein)
     "vfh_plus": VfhPlus,
-    # model predictive path integral control (Williams et al.)
     "mppi": Mppi,
-    # optimal reciprocal collision avoidance (van den Berg et al.), with full responsibility
     "orca": Orca,
-    # plans on a map of its own scans, as if what it has not seen were free
     "scan_planner": ScanPlanner,
-    # Theta* on the whole map, then a tracker: the privileged upper reference
     "astar_tracker": AstarTracker,
-    # the agents that ship, trained with proximal policy optimisation (Schulman et al.)
     "ppo": Ppo,
+}
+
+
+class About(NamedTuple):
+    """What a policy is, in a line, and whose law it is; its class has the whole source."""
+
+    what: str
+    source: str
+
+
+ABOUT: dict[str, About] = {
+    "zero": About("stands still: the floor", ""),
+    "random": About("random twists: the floor", ""),
+    "lookahead_documented": About("look-ahead P controller as printed: whole-path search", "document A"),
+    "lookahead_retuned": About(
+        "the same with pure pursuit's equivalent gain, and a search that does not jump at crossings", "document A"
+    ),
+    "waypoint": About("exponential decay of the pose error, waypoint after waypoint", "document B"),
+    "apf_documented": About("potential field of points as printed", "document C"),
+    "apf_escape": About("the same with the avoiding force at local minima", "document C"),
+    "apf_corrected": About("potential field of surfaces, capped attraction", "Khatib 1986; Ge and Cui 2000"),
+    "pure_pursuit": About("the arc to a point of the path ahead", "Coulter 1992"),
+    "regulated_pure_pursuit": About("slows down for bends and for what the base can reach", "Macenski et al. 2023"),
+    "stanley": About("steering on a virtual front axle", "Hoffmann et al. 2007"),
+    "lqr": About("linear-quadratic regulator in path coordinates, feed-forward, speed profile", "Rajamani"),
+    "mpc": About("model predictive control, real-time iteration on OSQP", "Lam et al. 2010; Diehl et al. 2005"),
+    "smooth_pose": About("the smooth pose law: to a pose, or along a path", "Park and Kuipers 2011"),
+    "smooth_pose_backward": About("the same, forward or backward to a pose, and nearer to it", "Park and Kuipers 2011"),
+    "polar": About("feedback of polar coordinates to a pose, forward or backward", "Aicardi et al. 1995; Astolfi 1999"),
+    "mpc_pose": About("model predictive control to a pose, forward or backward, on OSQP", "Worthmann et al. 2016"),
+    "reeds_shepp": About("the shortest way of a car that goes both ways, and a tracker", "Reeds and Shepp 1990"),
+    "dwa": About("dynamic window approach on the scan", "Fox et al. 1997"),
+    "vfh_plus": About("vector field histogram + on the scan", "Ulrich and Borenstein 1998"),
+    "mppi": About("model predictive path integral control on the scan", "Williams et al. 2018"),
+    "orca": About("reciprocal velocity obstacles, with all of the responsibility", "van den Berg et al. 2011"),
+    "scan_planner": About("plans on a map of its own scans, as if the unseen were free", "Koenig and Likhachev 2005"),
+    "astar_tracker": About("Theta* on the whole map, then a tracker: the privileged reference", "Nash et al. 2007"),
+    "ppo": About("the agents that ship, trained by proximal policy optimisation", "Schulman et al. 2017"),
 }
 
 

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from wayfield import policies
-from wayfield.benchmarks import parts, tune
+from wayfield import benchmarks, policies
+from wayfield.benchmarks import parts, suite, tune
 from wayfield.benchmarks.contests import CONTESTS, PAPER, Course, Entrants, goal_obstacles, path_following
 from wayfield.benchmarks.evaluate import main
+from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.standings import how_often_better
@@ -75,12 +76,33 @@ def test_policies_meet_the_same_scenarios(paths: tuple[Path, Result]) -> None:
 def test_the_worst_episodes_keep_their_trajectories(paths: tuple[Path, Result]) -> None:
     rows = [row for row in read_rows(paths[0]) if row["split"] == "test" and row["policy"] == "pure_pursuit"]
     kept = [row for row in rows if row["trajectory"]]
-    assert len(kept) == parts.WORST
+    assert len(kept) == suite.WORST
     best_kept = min(number(row, "cross_track_rms") for row in kept)
     assert all(number(row, "cross_track_rms") <= best_kept for row in rows if not row["trajectory"])
     trajectories = read_trajectories(paths[0])
     for row in kept:
         assert len(trajectories[row["trajectory"]].poses) > 100
+
+
+def test_all_trajectories_are_kept_whole_on_request(tmp_path: Path) -> None:
+    words = ["--suite", "path-following", "--families", "circles", "--policies", "pure_pursuit", "--gains", "default"]
+    words += ["--episodes", "5", "--workers", "1", "--keep-trajectories", "all", "--out", str(tmp_path / "all")]
+    ran = CliRunner().invoke(main, words)
+    assert ran.exit_code == 0, ran.output
+    rows, trajectories = benchmarks.read_rows(tmp_path / "all"), benchmarks.read_trajectories(tmp_path / "all")
+    assert len([row for row in rows if row["split"] == "test"]) == 5
+    assert all(row["trajectory"] in trajectories for row in rows)
+    for row in rows:
+        driven = trajectories[row["trajectory"]]
+        assert driven.twists.shape == driven.poses.shape
+        assert driven.times[-1] == pytest.approx(number(row, "time"))
+        # what the row says can be worked out from the file alone
+        assert measure(driven, None)["cross_track_rms"] == pytest.approx(number(row, "cross_track_rms"), rel=1e-9)
+
+
+def test_trajectories_of_the_documents_are_all_kept() -> None:
+    refused = CliRunner().invoke(main, ["--suite", "documents", "--keep-trajectories", "all"])
+    assert "--keep-trajectories belongs to the contests" in refused.stderr
 
 
 def test_the_front_sweeps_the_speed(paths: tuple[Path, Result]) -> None:

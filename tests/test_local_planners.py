@@ -121,7 +121,7 @@ def drive(
     pilot.reset()
     poses = []
     for _ in range(steps):
-        seen, _, terminated, _, info = env.step(pilot.act(seen).astype(np.float32))
+        seen, _, terminated, _, info = env.step(pilot.act(seen))
         poses.append([env.unwrapped.batch.states[0][name] for name in ("x", "y", "heading")])
         if terminated:
             break

@@ -1,19 +1,27 @@
 """Every policy behind the one door: what it is told, what it remembers, alone and in a batch."""
 
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield import policies
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.documents import documents
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.briefing import KNOWS
+from wayfield.envs.briefing import KNOWS, Briefing
+from wayfield.envs.robots import ACTUATORS
 from wayfield.policies import POLICIES, Pilot
 from wayfield.policies.learned.ppo import shipped
 
@@ -36,6 +44,8 @@ EVERY_PAIR = [
     for env_id in IDS_OF[kind]
     if (name, env_id) not in OTHER_ROBOT
 ]
+ROBOTS_OF = {PATH_ID: ("p3dx",), OMNI_PATH_ID: ("omni3", "omni4"), GOAL_ID: ("omni3", "omni4"), DIFF_GOAL_ID: ("p3dx",)}
+DOCUMENT_CASES = {case.key: case for case in documents()}.values()
 every_policy = pytest.mark.parametrize("name", POLICIES)
 every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:-3]}" for a, b in EVERY_PAIR])
 
@@ -141,7 +151,7 @@ def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: 
         actions = pilot.act(seen)
         assert actions.shape == many.action_space.shape
         assert np.isfinite(actions).all()
-        assert actions.dtype == np.float64
+        assert actions.dtype == np.float32
         for i, env in enumerate(singles):
             if name == "random" and i > 0:
                 continue
@@ -152,6 +162,119 @@ def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: 
             assert not terminated
         seen, _, terminated, _, _ = many.step(actions)
     assert not terminated[0]
+
+
+def _vector(env_id: str, num_envs: int = 4, **options: Any) -> Any:
+    return gymnasium.make_vec(env_id, num_envs, vectorization_mode="vector_entry_point", **options)
+
+
+def _started(name: str, env: Any, seed: int = 0) -> tuple[Pilot, Any]:
+    pilot = Pilot(policies.make(name), env)
+    seen, _ = env.reset(seed=seed)
+    pilot.reset()
+    return pilot, seen
+
+
+@every_pair
+@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
+def test_an_action_is_a_member_of_the_space(name: str, env_id: str, actuators: str) -> None:
+    for robot, mode in itertools.product(ROBOTS_OF[env_id], ("twist", "wheel_speeds")):
+        # what a law asks for is largest at the start, far from goals and beside paths
+        env = _vector(env_id, robot=robot, action_mode=mode, actuators=actuators, **senses(name, env_id))
+        pilot, seen = _started(name, env)
+        for _ in range(4):
+            action = pilot.act(seen)
+            assert action.dtype == env.action_space.dtype
+            assert env.action_space.contains(action)
+            seen, *_ = env.step(action)
+
+
+@pytest.mark.parametrize("case", DOCUMENT_CASES, ids=lambda case: "-".join(case.key).replace(" ", "_"))
+def test_the_documents_own_policies_act_within_the_space_too(case: Case) -> None:
+    for actuators in ACTUATORS:
+        env = gymnasium.make(case.env_id, scenario=case.scenario, actuators=actuators, **case.env_kwargs)
+        seen, _ = env.reset(seed=0)
+        pilot = Pilot(policies.make(case.policy, **case.gains), env)
+        pilot.reset()
+        for _ in range(40):
+            action = pilot.act(seen)
+            assert env.action_space.contains(action)
+            seen, _, terminated, _, _ = env.step(action)
+            if terminated:
+                break
+
+
+@settings(max_examples=settings().max_examples // 4)
+@given(
+    asked=arrays(np.float64, 3, elements=st.floats(-40.0, 40.0)),
+    drive=st.sampled_from([("p3dx", "twist"), ("p3dx", "wheel_speeds"), ("omni4", "twist"), ("omni3", "wheel_speeds")]),
+)
+def test_both_doors_drive_the_same_motion(asked: NDArray[np.float64], drive: tuple[str, str]) -> None:
+    """Whatever is asked for: where the wheels saturate, scaling it before keeps what they make of it."""
+    robot, mode = drive
+    moved = _moved(robot, mode, asked[: 3 if robot != "p3dx" else 2])
+    assert np.abs(moved["act"] - moved["command"]).max() < 1e-6
+
+
+def test_only_the_space_itself_holds_omni3_back() -> None:
+    """Its bound sideways is what it drives without turning; while it turns its wheels could do more."""
+    moved = _moved("omni3", "twist", np.array([0.0, 1.9, 1.5]))
+    assert np.abs(moved["act"] - moved["command"]).max() > 0.01
+    within = _moved("omni3", "twist", np.array([1.0, -1.0, 1.0]))
+    assert np.abs(within["act"] - within["command"]).max() < 1e-6
+
+
+def _moved(robot: str, mode: str, asked: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Returns where both doors lead in two seconds of the same twist."""
+    env_id = OMNI_PATH_ID if robot != "p3dx" else PATH_ID
+    poses = {}
+    for door in ("act", "command"):
+        env: Any = gymnasium.make(env_id, scenario="s_curve", robot=robot, action_mode=mode, actuators="lagged")
+        seen, _ = env.reset(seed=0)
+        pilot = Pilot(Steady(tuple(asked.tolist())), env)
+        pilot.reset()
+        for _ in range(40):
+            seen, *_ = env.step(getattr(pilot, door)(seen))
+        state = env.unwrapped.batch.states[0]
+        poses[door] = np.array([state["x"], state["y"], state["heading"]])
+    return poses
+
+
+@dataclasses.dataclass(frozen=True)
+class Steady:
+    """Asks for the same twist at all times."""
+
+    twist: tuple[float, ...]
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        return np.zeros((briefing.num_envs, 0))
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        return np.tile(self.twist, (briefing.num_envs, 1))
+
+
+@pytest.mark.parametrize("name", ["pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "lookahead_retuned"])
+def test_a_run_through_either_door_is_the_same_up_to_rounding(name: str) -> None:
+    ends = {}
+    for door in ("act", "command"):
+        env = _vector(PATH_ID, 16, actuators="lagged")
+        pilot, seen = _started(name, env)
+        for _ in range(200):
+            seen, *_ = env.step(getattr(pilot, door)(seen))
+        ends[door] = np.column_stack([env.batch.states[axis] for axis in ("x", "y")])
+    assert np.abs(ends["act"] - ends["command"]).max() < 1e-4
+
+
+def test_what_is_not_finite_is_left_for_the_environment_to_refuse() -> None:
+    env: Any = gymnasium.make(OMNI_PATH_ID)
+    for twist in ((math.nan, 9.0, 0.0), (math.inf, 0.0, 0.0)):
+        seen, _ = env.reset(seed=0)
+        pilot = Pilot(Steady(twist), env)
+        pilot.reset()
+        with pytest.raises(ValueError, match="is not finite"):
+            env.step(pilot.act(seen))
 
 
 @every_pair

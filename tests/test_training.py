@@ -7,6 +7,7 @@ import dataclasses
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
@@ -34,6 +36,7 @@ from wayfield.policies.training.curves import read_curve
 from wayfield.policies.training.learner import Learner, policy_layers
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, _Run, train
+from wayfield.policies.training.settings import ABOUT, rows
 from wayfield.policies.training.shaping import GoalReward
 from wayfield.policies.training.ways import left_from, way_field
 
@@ -142,7 +145,7 @@ def test_learning_and_driving_command_the_same_twists() -> None:
     step = part.step
     part.step = lambda actions: (asked.append(actions), step(actions))[1]  # type: ignore[method-assign]
     for _ in range(10):  # no episode ends
-        theirs = pilot.act(env.observations)
+        theirs = pilot.command(env.observations)
         inputs, _, ended, _ = env.step(network(inputs))
         assert not ended.any()
         np.testing.assert_array_equal(asked[-1], theirs)
@@ -779,3 +782,36 @@ def test_a_reader_that_has_gone_costs_nothing(tmp_path: Path) -> None:
     assert gone.returncode != 0
     assert gone.stderr == b""
     assert (tmp_path / "größe 走" / "curves.png").exists()
+
+
+def test_the_settings_are_listed_with_their_ranges() -> None:
+    """Every key that --set takes is there, and a value beyond its range is refused."""
+    keys = set()
+    for preset in PRESETS.values():
+        for key, default, allowed, what in rows(preset):
+            keys.add(key)
+            assert what
+            number = next((float(word) for word in re.findall(r"\d[\d.e]*", allowed)), None)
+            if allowed.startswith(">") and number is not None:
+                beyond = [f"{number - 0.1:g}"] + [f"{number:g}"] * (not allowed.startswith(">="))
+            elif "open" in allowed:
+                beyond = ["0", "1"]
+            elif re.fullmatch(r"\d+ to \d[\de]*", allowed):
+                low, high = (int(float(word)) for word in allowed.split(" to "))
+                beyond = [str(low - 1), str(high + 1)]
+            elif ", " in allowed and not {"name", "policy"} & set(allowed.split(", ")):
+                beyond = ["neither"]
+            else:
+                beyond = []
+            for value in beyond:
+                with pytest.raises(ValueError, match=key.split(".")[-1]):
+                    overridden(preset, [f"{key}={value}"])
+            if default not in ("empty", "none") and key != "controller":
+                assert overridden(preset, [f"{key}={default}"]) == preset
+    assert keys == set(ABOUT)
+    listed = CliRunner().invoke(main, ["--settings"])
+    assert listed.exit_code == 0
+    assert keys <= {line.split()[0] for line in listed.output.splitlines() if line.strip()}
+    assert "reward.success" in CliRunner().invoke(main, [OMNI, "--settings"]).output
+    missing = CliRunner().invoke(main, [])
+    assert "ENV_ID is missing" in missing.stderr

@@ -44,6 +44,11 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
     return _split(FOLDER / f"{task}.json", task, family, name)
 
 
+def tiers(task: str, family: str, name: str) -> tuple[str, ...]:
+    """Returns the tiers of a family's frozen split in its order, as the file has them; no scenario is made."""
+    return tuple(map(str, _read(FOLDER / f"{task}.json")["families"][family][name]["tiers"]))
+
+
 def families(task: str) -> tuple[str, ...]:
     """Returns the names of a task's families, and "all"; none for an unknown task."""
     return ("all", *FAMILIES[task]) if task in FAMILIES else ()

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+import rich.box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
-from wayfield.envs.command_line import SEED, OneLineErrors, words_given
+from wayfield.envs.command_line import SEED, OneLineErrors, command_given
 from wayfield.envs.scenarios import TASKS, TaskSpec
 from wayfield.envs.storage import clear_stale
 from wayfield.policies.training.checkpoints import BEST, CURVE, RUN
@@ -20,17 +22,41 @@ from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
+from wayfield.policies.training.settings import rows
 
 MOST_SEEDS = 1000
 CURVES = "curves.png"
+_PAPER = 1000  # characters, where nobody looks: one line a key, for other commands to read
 
 
 class _Train(OneLineErrors):
     interrupted = "interrupted; where a run has saved, --resume goes on from there"
 
 
-@click.command(cls=_Train, name="train.py")
-@click.argument("env_id")
+def _listed(env_id: str | None, name: str | None) -> None:
+    """Prints what --set can change, with the defaults of a preset, or of the first of each task."""
+    if env_id is None and name is not None:
+        env_id = PRESETS[name].env_ids[0] if name in PRESETS else ""
+    tasks = {preset.task: preset for preset in reversed(PRESETS.values())}
+    try:
+        presets = [preset_for(env_id, name)] if env_id is not None else list(reversed(tasks.values()))
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    console = Console() if sys.stdout.isatty() else Console(width=_PAPER)
+    for preset in presets:
+        title = f"--set KEY=VALUE of preset {preset.name}, for {', '.join(preset.env_ids)}"
+        table = Table(title=title, title_justify="left", box=rich.box.SIMPLE_HEAD, pad_edge=False)
+        for header in ("key", "default", "range", "what it is"):
+            table.add_column(header, no_wrap=header == "key", overflow="fold")
+        for row in rows(preset):
+            table.add_row(*row)
+        with console.capture() as capture:
+            console.print(table)
+        click.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))
+
+
+@click.command(cls=_Train, name="train")
+@click.argument("env_id", required=False)
 @click.option("--preset", "name", help=f"What is trained and how: {', '.join(PRESETS)}; default: the environment's.")
 @click.option("--robot", metavar="NAME|FILE.json", help="The robot, in place of the preset's.")
 @click.option("--steps", type=int, help="Frames, in place of the preset's.")
@@ -41,8 +67,9 @@ class _Train(OneLineErrors):
 )
 @click.option("--resume", is_flag=True, help="Go on with the runs in the folder.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A value of the preset; may be repeated.")
+@click.option("--settings", "listing", is_flag=True, help="List the keys of --set with defaults and ranges, and end.")
 def main(
-    env_id: str,
+    env_id: str | None,
     name: str | None,
     robot: str | None,
     steps: int | None,
@@ -51,6 +78,7 @@ def main(
     out: Path | None,
     resume: bool,
     settings: tuple[str, ...],
+    listing: bool,
 ) -> None:
     """Trains an agent by PPO on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0.
 
@@ -58,6 +86,11 @@ def main(
     last.safetensors and previous.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds.
     Ctrl-C and SIGTERM save.
     """
+    if listing:
+        _listed(env_id, name)
+        return
+    if env_id is None:
+        raise click.UsageError("ENV_ID is missing, such as wayfield/DiffDrivePathFollowing-v0")
     if steps is not None:
         settings = (*settings, f"steps={steps}")
     if robot is not None:
@@ -66,7 +99,7 @@ def main(
         preset = overridden(preset_for(env_id, name), settings)
         folder = Path("results/training") / preset.name if out is None else out
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        command = f"python train.py {words_given()}"
+        command = command_given("python train.py")
         jobs = [
             Job(
                 env_id,

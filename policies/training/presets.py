@@ -320,8 +320,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
 
 def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
     """Returns the new value of an owner's field names[0], or that value with a part of it replaced."""
-    known = {field.name for field in dataclasses.fields(owner) if not _hidden(getattr(owner, field.name))}
-    known -= {"name", "bar", "measured", "task", "env_ids"}
+    known = set(_known(owner))
     if names[0] not in known:
         near = suggestion(names[0], known)
         raise ValueError(f"key {shown(key)} is unknown.{near} Choose from {', '.join(sorted(known))}.")
@@ -337,6 +336,22 @@ def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
         return dataclasses.replace(value, **{names[1]: new})  # type: ignore[type-var]
     except ValueError as error:
         raise ValueError(f"--set {key}={text[:60]}: {error}") from None
+
+
+def settable(preset: Preset) -> list[tuple[str, Any]]:
+    """Returns every key that `overridden` takes, parts' fields with their dots, and its value in the preset."""
+    found = []
+    for name in _known(preset):
+        value = getattr(preset, name)
+        parts = _known(value) if dataclasses.is_dataclass(value) else ()
+        found += [(f"{name}.{part}", getattr(value, part)) for part in parts] or [(name, value)]
+    return found
+
+
+def _known(owner: Any) -> list[str]:
+    """Returns the fields of a preset, or of a part of one, that a setting may name."""
+    names = [field.name for field in dataclasses.fields(owner) if not _hidden(getattr(owner, field.name))]
+    return [name for name in names if name not in ("name", "bar", "measured", "task", "env_ids")]
 
 
 def _hidden(value: Any) -> bool:

@@ -196,7 +196,7 @@ class Shaped(VecEnv):
     def ask(self, pilots: Sequence[Pilot]) -> Array:
         """Returns the twists (b, t) that pilots of the parts ask for."""
         return np.concatenate(
-            [pilot.act(self.observations[rows]) for pilot, rows in zip(pilots, self.worlds.rows, strict=True)]
+            [pilot.command(self.observations[rows]) for pilot, rows in zip(pilots, self.worlds.rows, strict=True)]
         )
 
     def tell(self, pilots: Sequence[Pilot], ended: NDArray[np.bool_]) -> None:

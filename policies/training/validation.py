@@ -95,7 +95,7 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
     steps, returns, driven = np.zeros(count), np.zeros(count), np.zeros(count)
     before = env.batch.states.copy()
     while alive.any():
-        observations, rewards, terminated, truncated, info = env.step(pilot.act(observations))  # type: ignore[arg-type]
+        observations, rewards, terminated, truncated, info = env.step(pilot.command(observations))  # type: ignore[arg-type]
         now = env.batch.states
         steps += alive
         returns += np.where(alive, rewards, 0.0)

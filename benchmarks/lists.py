@@ -1,0 +1,107 @@
+"""What there is: `wayfield policies`, `wayfield scenarios`, `wayfield robots`."""
+
+import sys
+from collections.abc import Sequence
+
+import click
+import rich.box
+import rich.console
+import rich.table
+
+from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS, TIERS
+from wayfield.envs.scenarios.about import ABOUT_FAMILIES
+
+_PAPER = 1000  # characters, where nobody looks: one line an entry, for other commands to read
+
+
+@click.command("policies", cls=OneLineErrors)
+def policies() -> None:
+    """Lists the policies: the task, what they are told before an episode, what they need, the law and its source."""
+    from wayfield.policies import ABOUT, POLICIES
+    from wayfield.policies.policy import observation_of
+
+    rows = []
+    for name, make in POLICIES.items():
+        policy = make()
+        kinds = [spec.kind for spec in TASKS.values() if observation_of(spec) in policy.observes]
+        what, source = ABOUT[name]
+        needs = ", ".join(getattr(policy, "needs", ())) or "-"
+        rows.append([name, "\n".join(kinds), policy.knows, needs, what + (f" ({source})" if source else "")])
+    _show("Policies", ("name", "task", "is told", "needs", "what it is"), rows)
+    _say(
+        "Is told: what it learns before an episode; `sensors` is nothing. Needs: what a robot must be. "
+        "wayfield.policies.make(NAME) makes one; help() of it has its gains, its equations and its whole source. "
+        "Smooth_pose is told the path, or the goal."
+    )
+
+
+@click.command("scenarios", cls=OneLineErrors)
+def scenarios() -> None:
+    """Lists the families of scenarios of each task with their tiers and splits, and the banks of other names."""
+    from wayfield.envs.scenarios import splits
+
+    for spec in TASKS.values():
+        rows = []
+        for family in spec.families:
+            tiers = [tier for name in SPLITS for tier in splits.tiers(spec.name, family, name)]
+            there = ", ".join(tier for tier in TIERS if tier in tiers)
+            rows.append([family, there, ABOUT_FAMILIES[family]])
+        _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
+    sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())
+    _say(
+        f"Splits, frozen, scenarios a family: {sizes}. scenario=NAME draws from the training split, NAME/test from the "
+        "test split, all/test from all families."
+    )
+    _say(f"Courses of the documents and older banks, of paths: {', '.join(PATH_SCENARIOS)}.")
+    _say(f"Of goals: {', '.join(GOAL_SCENARIOS)}. A file of your own: its path.")
+
+
+@click.command("robots", cls=OneLineErrors)
+def robots() -> None:
+    """Lists the robots: drive, size, mass and limits, and the environments that take them."""
+    rows = []
+    for name, robot in ROBOTS.items():
+        ids = "\n".join(spec.env_id(robot).removeprefix("wayfield/") for spec in TASKS.values())
+        rows.append([name, _drive(robot), f"{robot.hull_radius:.2f} m\n{robot.mass:g} kg", _limits(robot), ids])
+    _show("Robots", ("name", "drive", "hull, mass", "at most", "wayfield/"), rows)
+    _say(
+        "Hull: the radius of the disc that must touch nothing. At most: each alone, in the tiers lagged and slow; the "
+        "last is that of the wheels."
+    )
+
+
+def _drive(robot: Robot) -> str:
+    wheels = f"{len(robot.wheel_positions)} wheels,\nr {1000 * robot.wheel_radius:.0f} mm"
+    return f"{'holonomic' if robot.holonomic else 'differential'}\n{wheels}"
+
+
+def _limits(robot: Robot) -> str:
+    units = ("m/s ahead", "m/s aside", "rad/s")
+    most = [f"{robot.max_twist[k]:.2f} {units[axis]}" for k, axis in enumerate(robot.twist_axes)]
+    return "\n".join([*most, f"{robot.rated_wheel_speed:.1f} rad/s"])
+
+
+def _console() -> rich.console.Console:
+    return rich.console.Console() if sys.stdout.isatty() else rich.console.Console(width=_PAPER)
+
+
+def _show(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    console = _console()
+    table = rich.table.Table(title=title, title_justify="left", box=rich.box.SIMPLE_HEAD, pad_edge=False)
+    for name in header:
+        # names are for copying: they are never broken
+        table.add_column(name, no_wrap=name in (header[0], "task", "is told", "at most", "wayfield/"), overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    with console.capture() as capture:
+        console.print(table)
+    for line in capture.get().splitlines():
+        print(line.rstrip())
+
+
+def _say(text: str) -> None:
+    console = _console()
+    console.print(text, soft_wrap=console.width >= _PAPER, markup=False, highlight=False)
+    print()

@@ -1,0 +1,96 @@
+"""The `wayfield` command: says what there is to do, and hands the words over to the one that does it.
+
+Each command is loaded when it is asked for, so that the rest needs neither its extra nor its time.
+"""
+
+import importlib
+import os
+import sys
+from typing import NamedTuple
+
+from wayfield import __version__
+from wayfield.starting import started
+
+
+class _Command(NamedTuple):
+    module: str
+    extra: str  # of the install, that holds what the module imports
+    does: str
+    function: str = "main"
+
+
+COMMANDS = {
+    "evaluate": _Command("wayfield.benchmarks.evaluate", "evaluate", "compare policies: tables and figures"),
+    "train": _Command("wayfield.policies.training.command", "train", "train agents by PPO"),
+    "tune": _Command("wayfield.benchmarks.tune", "tune", "search gains on validation scenarios"),
+    "play": _Command("wayfield.benchmarks.play", "render", "drive by the keyboard, beside a policy's ghost"),
+    "render": _Command("wayfield.benchmarks.video", "render", "film a policy: .mp4, .gif or .png"),
+    "policies": _Command("wayfield.benchmarks.lists", "evaluate", "list them, and what they know", "policies"),
+    "scenarios": _Command("wayfield.benchmarks.lists", "evaluate", "list families, tiers, splits, banks", "scenarios"),
+    "robots": _Command("wayfield.benchmarks.lists", "evaluate", "list them, and what they can", "robots"),
+}
+
+_HELP = "\n".join(
+    [
+        "Usage: wayfield COMMAND [OPTIONS]",
+        "",
+        *(f"  {name:<10} {command.does}" for name, command in COMMANDS.items()),
+        "",
+        "  wayfield COMMAND --help   its options",
+        "  wayfield --version",
+    ]
+)
+
+
+def main() -> None:
+    """Runs the command that the words of the process name, and exits."""
+    words = sys.argv[1:]
+    if not words or words[0] in ("-h", "--help", "help"):
+        started()
+        print(_HELP)
+        sys.exit(0)
+    name, *rest = words
+    if name in ("-V", "--version"):
+        started()
+        print(f"wayfield {__version__}")
+        sys.exit(0)
+    if name not in COMMANDS:
+        started()
+        sys.exit(_refused(name))
+    if name == "train":
+        # threads that wait must not spin: beside other work a spinning thread makes an update twenty times slower
+        os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    command = COMMANDS[name]
+    try:
+        run = getattr(importlib.import_module(command.module), command.function)
+    except ImportError as error:
+        missing = _missing(error)
+        if missing is None:
+            raise
+        print(f'wayfield {name}: {missing} is missing: pip install "wayfield[{command.extra}]"', file=sys.stderr)
+        sys.exit(1)
+    run(args=rest, prog_name=f"wayfield {name}")
+
+
+def _missing(error: ImportError) -> str | None:
+    """Returns the package that an import did not find; None where one of ours is broken."""
+    if isinstance(error, ModuleNotFoundError) and error.name is not None:
+        package = error.name.partition(".")[0]
+        return None if package == "wayfield" else package
+    cause = error.__cause__  # gymnasium's DependencyNotInstalled, which rendering raises
+    return _missing(cause) if isinstance(cause, ImportError) else None
+
+
+def _refused(name: str) -> int:
+    import difflib
+
+    near = difflib.get_close_matches(name, COMMANDS, 1)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    if name.startswith("-"):
+        hint = f" An option comes behind its command: wayfield evaluate {name}"
+    print(f"wayfield: {name!r} is no command.{hint} Choose from {', '.join(COMMANDS)}.", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    main()
