@@ -8,6 +8,16 @@ from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 from wayfield.policies.registry import POLICIES, NoCruisingSpeed, cruising, make
-from wayfield.policies.tuned import tuned_gains
+from wayfield.policies.tuned import NotTuned, tuned_gains
 
-__all__ = ["POLICIES", "NoCruisingSpeed", "Pilot", "Policy", "cruising", "load_agent", "make", "tuned_gains"]
+__all__ = [
+    "POLICIES",
+    "NoCruisingSpeed",
+    "NotTuned",
+    "Pilot",
+    "Policy",
+    "cruising",
+    "load_agent",
+    "make",
+    "tuned_gains",
+]

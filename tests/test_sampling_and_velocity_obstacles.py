@@ -24,6 +24,7 @@ from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
 from wayfield.policies import mppi, orca
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
+from wayfield.policies.parts.stopping import SECTORS
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 
@@ -287,7 +288,7 @@ def test_only_what_is_sensed_matters() -> None:
         obstacles = obstacle_field(circle(x, 0.0, 0.5))[None]
         told = {"goals": np.zeros((1, 1, 3)), "num_goals": np.array([1])}
         briefing = brief("omni4", num_beams=0, obstacles=obstacles, num_obstacles=np.array([1]), **told)
-        policy = Orca(sensing_radius=2.0, perturbation=0.0, horizon=10.0)
+        policy = Orca(sensing_radius=2.0, perturbation=0.0, horizon=10.0, roadmap=False)
         seen = goal_reaching.Observation(
             np.zeros((1, 3)), np.zeros((1, 3)), np.array([[9.0, 0.0]]), np.zeros(1), np.zeros(1), np.empty((1, 0))
         )
@@ -444,7 +445,8 @@ def grids(
     p = policy.params(briefing)[0]
     angles = briefing.beam_angles
     hits = np.empty((len(ranges), 3))
-    count = mppi.find_hits(p, np.column_stack([np.cos(angles), np.sin(angles)]), ranges[None], 0, hits)
+    near = np.full((SECTORS, 4), np.inf)
+    count = mppi.find_hits(p, np.column_stack([np.cos(angles), np.sin(angles)]), ranges[None], 0, near, hits)
     side = 2 * int(p["half"]) + 1
     clearances, slowness, ways = np.empty((side, side)), np.empty((side, side)), np.empty((side, side))
     mppi.measure_clearances(p, hits, count, clearances)
