@@ -230,7 +230,7 @@ def decide(params, beams, ranges, seen, memory, twists):
 
 @compiled
 def find_hits(p, beams, ranges, i, near, hits):
-    """Writes (x, y, joined), body frame, m, of the beams that meet something, near ones to `near` too; returns how many.
+    """Writes (x, y, joined) of the beams that meet something, body frame, m; notes the near ones; returns how many.
 
     joined: 1 when the next hit in the list, or 2 when the first one, lies on the next beam and belongs to the same
     surface as far as the hull is concerned: it cannot pass between, or the two are in line with the hit before or

@@ -99,7 +99,7 @@ class Score:
     """How well a set of gains did in a search; the lower is the better one, compared field by field in this order."""
 
     failures: int
-    off_pace: bool  # whether the successes' mean speed is off the asked one by over PACE_TOLERANCE
+    off_pace: int  # 0: the successes' mean speed is the asked one within PACE_TOLERANCE; 1: it is not; 2: and too slow
     quality: float  # at least 0: of the successes, what the contest compares them by
     mean_speed: float = dataclasses.field(compare=False, default=math.nan)  # m/s, of the successes
     episodes: int = dataclasses.field(compare=False, default=0)
@@ -108,7 +108,7 @@ class Score:
     @property
     def value(self) -> float:
         """Returns a number that orders scores as they are ordered: whole failures, and a share of one for the rest."""
-        return self.failures + 0.5 * self.off_pace + 0.5 * self.quality / (1.0 + self.quality)
+        return self.failures + (self.off_pace + self.quality / (1.0 + self.quality)) / 3.0
 
 
 PACE_TOLERANCE = 0.03  # relative
@@ -134,7 +134,9 @@ class Contest:
     counted: str  # what a failure counts as, in the words of the note
     notes: str  # what a reader of the main table must know
     timed_on: str  # the family on which decisions are timed
-    score: Callable[[Sequence[Row], Sequence[Any], float], Score]  # of rows, scenarios, asked speed (m/s), for `tune`
+    score: Callable[
+        [Sequence[Row], Sequence[Any], float, float], Score
+    ]  # of rows, scenarios, asked and least speed, m/s
 
     @property
     def name(self) -> str:

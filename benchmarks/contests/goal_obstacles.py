@@ -10,13 +10,13 @@ from wayfield.benchmarks.results import Row, number
 from wayfield.envs.scenarios import TASKS
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float) -> Score:
+def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
     """Returns the failures, and 1 minus the mean SCT as the quality; the asked speed is the most that is driven."""
-    del scenarios, speed
+    del scenarios, speed, least
     won = [row for row in rows if number(row, "success") == 1.0]
     mean_speed = statistics.fmean(number(row, "mean_speed") for row in won) if won else math.nan
     quality = 1.0 - statistics.fmean(number(row, "sct") for row in rows)
-    return Score(len(rows) - len(won), False, quality, mean_speed, *driven(rows))
+    return Score(len(rows) - len(won), 0, quality, mean_speed, *driven(rows))
 
 
 GOAL_OBSTACLES = Contest(

@@ -14,12 +14,12 @@ _SPEC = TASKS["path_following"]
 LEAST_ERROR = 1e-3  # m, below which errors are alike
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float) -> Score:
+def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
     """Returns the failures, whether the asked speed (m/s) is held, and the quality of the successes.
 
     That is the mean of ln(RMS error / 1 mm) where the speed is held. Where it is not, ln(time / time at the asked
-    speed) is added: a policy that halves its error by taking twice the time gains nothing. A run that fails counts with
-    the task's cost of a failure.
+    speed) is added: a policy that halves its error by taking twice the time gains nothing; and one that is slower than
+    `least` (m/s) comes after all that are not. A run that fails counts with the task's cost of a failure.
     """
     speeds, terms = [], []
     for row, scenario in zip(rows, scenarios, strict=True):
@@ -31,7 +31,8 @@ def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float) -> Score:
         terms.append((math.log(max(number(row, _SPEC.cost.metric), LEAST_ERROR) / LEAST_ERROR), late))
         speeds.append(number(row, "mean_speed"))
     mean_speed = statistics.fmean(speeds) if speeds else math.nan
-    off_pace = not abs(mean_speed - speed) <= PACE_TOLERANCE * speed
+    held = abs(mean_speed - speed) <= PACE_TOLERANCE * speed
+    off_pace = 0 if held else 2 if mean_speed < least - 1e-9 else 1
     error, late = (statistics.fmean(each) for each in zip(*terms, strict=True))
     return Score(
         len(rows) - len(speeds), off_pace, max(error + (late if off_pace else 0.0), 0.0), mean_speed, *driven(rows)
