@@ -12,6 +12,7 @@ from wayfield.benchmarks.contests import (
     FRONT_SCENARIOS,
     GAINS_NAMES,
     LADDER_SCENARIOS,
+    LADDER_SETS,
     OVERVIEW,
     OVERVIEW_SCENARIOS,
     TRANSFER_SPLIT,
@@ -184,11 +185,12 @@ class ContestOptions:
 
     def _on(self, contest: Contest, plant: str, course: Course) -> Iterator[Setting]:
         """Yields the parts of one family of scenarios."""
-        # the ladder and the front have one row a policy
+        # the front has one row a policy, the ladder one for each set that was tuned without disturbances and under them
         best = self.entrants(contest, ("best",) if len(self.gains_names) > 1 else self.gains_names)
         if self.ladder:
+            sets = self.entrants(contest, LADDER_SETS if len(self.gains_names) > 1 else self.gains_names)
             for level in LEVELS:
-                cases = contest.cases(self.robot, course, best, level)
+                cases = contest.cases(self.robot, course, sets, level)
                 yield from self._settings(contest, plant, course, cases, LADDER_SCENARIOS)
             return
         cases = contest.cases(self.robot, course, self.entrants(contest))

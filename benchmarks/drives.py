@@ -15,13 +15,14 @@ from wayfield.benchmarks.own_policies import own_policy, source_and_gains
 from wayfield.envs.checks import choose
 from wayfield.envs.command_line import SEED, RobotChoice
 from wayfield.envs.rendering import Ghost, Scene
-from wayfield.envs.robots import Robot
+from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.scenarios import TASKS
-from wayfield.policies import POLICIES, load_agent, make, tuned_gains
+from wayfield.policies import POLICIES, load_agent, make
 from wayfield.policies.learned.agent import CARD
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy, observation_of
+from wayfield.policies.tuned import tuned_set
 
 IDS = tuple(name for name in gymnasium.registry if name.startswith("wayfield/"))
 GAINS = ("tuned", "default")
@@ -94,7 +95,10 @@ class Place:
             choose("policy", source, POLICIES)
             tuned: dict[str, Any] = {}
             if self.gains == "tuned" and env is not None:
-                tuned = tuned_gains(source, env.unwrapped.task.spec.suite)
+                task = env.unwrapped.task
+                named = shipped_name(task.robot)
+                found = tuned_set(source, task.spec.suite, named) if isinstance(named, str) else None
+                tuned = dict(found.gains) if found is not None else {}
             return make(source, **tuned | gains)
         except (OSError, TypeError, ValueError) as error:
             raise click.UsageError(f"{text!r}: {error}" if text not in str(error) else str(error)) from None

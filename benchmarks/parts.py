@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
+from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
@@ -27,7 +27,7 @@ from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, wr
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.ppo import shipped, trained
-from wayfield.policies.tuned import tuned_robot, tuning_runs
+from wayfield.policies.tuned import PACE, tuned_set
 
 _ROWS, _DIGESTS = "rows.json", "part.json"  # of a part, beside its trajectories
 _MARK = ".parts"  # in the folder of the parts
@@ -132,12 +132,23 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         learned = f"{training['steps'] / 1e6:.1f} M frames{taught}"
     else:
         made: Any = make(case.policy)
-        runs = tuning_runs(case.policy, contest.name) if case.gains_name == "tuned" else 0
-        tuned_with = tuned_robot(case.policy, contest.name)
-        other = f" with {tuned_with}" if tuned_with not in ("", str(case.env_kwargs["robot"])) else ""
-        learned = f"{runs:,} runs{other}" if runs else ""
-        knows, parameters = made.knows, str(len(dataclasses.fields(made)))
+        knows, parameters, learned = made.knows, str(len(dataclasses.fields(made))), _searched(contest, case)
     return {"knows": knows, "parameters": parameters, "learned_from": learned, "agent_seed": agent_seed}
+
+
+def _searched(contest: Contest, case: Case) -> str:
+    """Returns what the gains of a law were found from; of default gains, whether a search was lost to them."""
+    level = ROBUST_LEVEL if case.gains_name == "robust" else "none"
+    if case.gains_name not in ("tuned", "robust", "default") or case.policy in ("zero", "random"):
+        return ""
+    pace = PACE if case.speed is None else case.speed
+    robot = case.env_kwargs["robot"]  # a name where it ships
+    found = tuned_set(case.policy, contest.name, robot, pace, level) if isinstance(robot, str) else None
+    if found is None:
+        return "not tuned"
+    if case.gains_name == "default" and found.chosen == "search":
+        return ""
+    return f"{found.frames / 1e6:.1f} M frames" + (", best of them" if case.gains_name == "default" else "")
 
 
 def play(part: Part) -> None:

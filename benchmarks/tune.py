@@ -1,8 +1,14 @@
-"""Finds gains on validation scenarios: python -m wayfield.benchmarks.tune POLICY --suite S --trials N
+"""Finds gains for a condition: python -m wayfield.benchmarks.tune POLICY --suite S --robot R --speed V --level L
 
-The score is the contest's (see `contests`), and puts success first: of path following the logarithm of the error plus
-that of the time, of goal reaching the successes and then the mean SCT. The first trial is the default gains, so that
-tuned gains are never worse than those on the scenarios of the search.
+The search drives training scenarios; its best sets and the policy's own gains then drive the validation split, and the
+best there is written. So a set that ships is never worse than the default gains on scenarios that the search has not
+seen, and where nothing found was better the default gains are written, and called so.
+
+Best is what the contest says (`Score` of `contests`): the fewest failures; of those, for a path follower, a mean speed
+within 3 % of the asked one, or where none has that no lower one than with the default gains; of those the least error
+(times the time, where the speed is not held), or the highest SCT. The cruising speed is searched along with the
+other gains, since a law that slows down in bends holds the asked mean only by driving faster elsewhere. The budget is
+counted in frames, the control periods of robots, as that of training is.
 """
 
 import dataclasses
@@ -10,21 +16,26 @@ import errno
 import json
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 import wayfield.policies
-from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants
-from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants, Score
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs.command_line import SEED, Choice, OneLineErrors, RobotChoice, words_given
-from wayfield.envs.robots import AnyRobot, Robot
+from wayfield.envs.command_line import SEED, Choice, OneLineErrors, RobotChoice
+from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import write_whole
+from wayfield.policies.tuned import PACE, condition
+
+SEARCH_SPLIT = "train"
+FINALISTS = 2  # sets of a search that drive the validation split, beside the default gains
+PACE_FACTORS = (0.97, 1.35)  # of the asked speed, between which a path follower's cruising speed is searched
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +47,7 @@ class Range:
     log: bool = True  # whether evenly in its logarithm
 
 
-# The cruising speed is no gain to search: the comparison is made at matched speed.
+# Beside the cruising speed, which all path followers have.
 SEARCHED: Mapping[str, Mapping[str, Range]] = {
     "lookahead_retuned": {"lookahead_distance": Range(0.15, 0.8), "k_ang": Range(1.0, 12.0)},
     "pure_pursuit": {"lookahead_distance": Range(0.15, 1.0)},
@@ -86,7 +97,12 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "influence": Range(0.1, 0.6),
         "obstacle_weight": Range(0.2, 5.0),
     },
-    "orca": {"horizon": Range(0.5, 4.0), "wall_horizon": Range(0.1, 2.0), "margin": Range(0.01, 0.1)},
+    "orca": {
+        "horizon": Range(0.5, 4.0),
+        "wall_horizon": Range(0.1, 2.0),
+        "margin": Range(0.01, 0.1),
+        "tracking_error": Range(0.01, 0.1),
+    },
     "scan_planner": {
         "margin": Range(0.005, 0.06),
         "wanted_clearance": Range(0.05, 0.4),
@@ -97,32 +113,163 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
 }
 
 
-def score(contest: Contest, settings: Sequence[Setting], in_parallel: Map) -> float:
-    """Returns the contest's score of the policy that the settings hold, lower is better."""
-    rows = [row for part in in_parallel(_rows, settings) for row in part]
-    scenarios = [
-        scenario
-        for setting in settings
-        for scenario in splits.split(contest.spec.name, setting.case.experiment, setting.case.split)[: setting.episodes]
-    ]
-    return contest.score(rows, scenarios)
+@dataclasses.dataclass(frozen=True)
+class Search:
+    """What gains are searched for, and how long."""
+
+    policy: str
+    contest: Contest
+    robot: Robot
+    speed: float  # m/s, asked for
+    level: str  # of disturbance
+    actuators: str
+    frames: int  # after which no further set is tried
+    trials: int  # sets, at most
+    scenarios: int  # of each family
+    seed: int
+    started_from: tuple[Mapping[str, float], ...] = ()  # sets that are tried first, after the default gains
+
+    @property
+    def paced(self) -> bool:
+        """Returns whether the mean speed is to be held, and so the cruising speed is searched."""
+        return bool(self.contest.speeds)
+
+    def gains_at(self, gains: Mapping[str, float], factor: float = 1.0) -> dict[str, Any]:
+        """Returns gains, those of a path follower with the cruising speed that is `factor` times the asked one."""
+        if not self.paced:
+            return dict(gains)
+        speed = rounded(factor * self.speed)
+        return {**gains, **{k: rounded(v) for k, v in wayfield.policies.cruising(self.policy, gains, speed).items()}}
+
+    def run(self, in_parallel: Map) -> dict[str, Any]:
+        """Returns the content of a gains file."""
+        found, frames = self._searched(in_parallel)
+        default = self.gains_at({})
+        best, best_score, validated = default, self.score(default, TRANSFER_SPLIT, in_parallel), []
+        default_score = best_score
+        for gains in found:
+            score = self.score(gains, TRANSFER_SPLIT, in_parallel, default_score.mean_speed)
+            validated.append(score)
+            if score < best_score:
+                best, best_score = gains, score
+        frames += default_score.frames + sum(score.frames for score in validated)
+        shipped = self.robot.name if isinstance(shipped_name(self.robot), str) else f"{self.robot.name}.json"
+        return {
+            "policy": self.policy,
+            "suite": self.contest.name,
+            "robot": self.robot.name,
+            "sheet": self.robot.digest,
+            "speed": self.speed,
+            "level": self.level,
+            "actuators": self.actuators,
+            "chosen": "default" if best is default else "search",
+            "gains": best,
+            "frames": frames,
+            "validation": {"chosen": _shown(best_score), "default": _shown(default_score)},
+            "started_from": [dict(each) for each in self.started_from],
+            "searched_on": {
+                "split": SEARCH_SPLIT,
+                "scenarios": self.scenarios,
+                "sha256": self._digest(SEARCH_SPLIT),
+                "validation_sha256": self._digest(TRANSFER_SPLIT),
+            },
+            "seed": self.seed,
+            "command": f"python -m wayfield.benchmarks.tune {self.policy} --suite {self.contest.name} --robot "
+            f"{shipped} --speed {self.speed:g} --level {self.level} --actuators {self.actuators} --frames "
+            f"{self.frames} --trials {self.trials} --scenarios {self.scenarios} --seed {self.seed}"
+            + "".join(f" --from '{json.dumps(dict(each))}'" for each in self.started_from),
+        }
+
+    def _searched(self, in_parallel: Map) -> tuple[list[dict[str, Any]], int]:
+        """Returns the best sets of the search, and the frames that were driven for it."""
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        defaults: Any = wayfield.policies.make(self.policy)
+        ranges = SEARCHED[self.policy]
+        fastest = min(PACE_FACTORS[1], float(self.robot.max_twist[0]) / self.speed)
+        study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=self.seed))
+        start = {name: float(getattr(defaults, name)) for name in ranges}
+        study.enqueue_trial(start | ({"pace": 1.0} if self.paced else {}))
+        for known in self._known(ranges):
+            study.enqueue_trial(start | known)
+        scored: list[tuple[Score, dict[str, Any]]] = []
+        frames = 0
+        while frames < self.frames and len(study.trials) < self.trials:
+            trial = study.ask()
+            factor = trial.suggest_float("pace", PACE_FACTORS[0], max(fastest, 1.0)) if self.paced else 1.0
+            drawn = {
+                k: rounded(trial.suggest_float(k, each.low, each.high, log=each.log)) for k, each in ranges.items()
+            }
+            try:
+                gains = self.gains_at(drawn, factor)
+                wayfield.policies.make(self.policy, **gains)
+            except ValueError:  # two gains that do not go together
+                study.tell(trial, state=optuna.trial.TrialState.FAIL)
+                continue
+            # the first are the default gains: no set shall be slower that cannot hold the asked speed either
+            least = scored[0][0].mean_speed if scored else 0.0
+            score = self.score(gains, SEARCH_SPLIT, in_parallel, least)
+            frames += score.frames
+            scored.append((score, gains))
+            study.tell(trial, score.value)
+        scored.sort(key=lambda each: each[0])
+        return [gains for _, gains in scored[:FINALISTS]], frames
+
+    def _known(self, ranges: Mapping[str, Range]) -> list[dict[str, float]]:
+        """Returns what the search starts from within its ranges: gains, and their pace."""
+        found = []
+        for gains in self.started_from:
+            known = {k: min(max(float(gains[k]), each.low), each.high) for k, each in ranges.items() if k in gains}
+            if self.paced:
+                known["pace"] = min(max(float(gains.get("pace", 1.0)), PACE_FACTORS[0]), PACE_FACTORS[1])
+            found.append(known)
+        return found
+
+    def score(self, gains: Mapping[str, Any], split: str, in_parallel: Map, least: float = 0.0) -> Score:
+        """Returns the contest's score of the policy with these gains on a split; slower than `least` is too slow."""
+        settings = self.settings(gains, split)
+        rows = [row for part in in_parallel(_rows, settings) for row in part]
+        scenarios = [
+            scenario
+            for setting in settings
+            for scenario in self._scenarios(setting.case.experiment, split)[: setting.episodes]
+        ]
+        return self.contest.score(rows, scenarios, self.speed, least)
+
+    def settings(self, gains: Mapping[str, Any], split: str) -> list[Setting]:
+        """Returns a setting for each family of a split."""
+        found = []
+        for family in self.contest.families("kinematic"):
+            entrants = Entrants((self.policy,), ("default",))
+            (case,) = self.contest.cases(self.robot, Course(family, split), entrants, self.level)
+            count = len(self._scenarios(family, split))
+            case = dataclasses.replace(case, gains=dict(gains))
+            found.append(Setting("tune", case, "kinematic", self.actuators, 0, count))
+        return found
+
+    def _scenarios(self, family: str, split: str) -> tuple[Any, ...]:
+        return splits.split(self.contest.spec.name, family, split)[: self.scenarios]
+
+    def _digest(self, split: str) -> str:
+        """Returns the SHA-256 of the scenarios that are driven of a split."""
+        return splits.digest(
+            scenario for family in self.contest.families("kinematic") for scenario in self._scenarios(family, split)
+        )
+
+
+def _shown(score: Score) -> dict[str, Any]:
+    return {
+        "failures": score.failures,
+        "episodes": score.episodes,
+        "off_pace": score.off_pace,
+        "mean_speed": round(score.mean_speed, 4) if score.mean_speed == score.mean_speed else None,
+        "quality": round(score.quality, 6),
+    }
 
 
 def _rows(setting: Setting) -> list[dict[str, str]]:
     return [row for row, _ in episodes(setting)]
-
-
-def settings_of(
-    contest: Contest, robot: AnyRobot, actuators: str, policy: str, gains: Mapping[str, Any], most: int
-) -> list[Setting]:
-    """Returns a setting for each family of the validation split."""
-    found = []
-    for family in contest.families("kinematic"):
-        course, entrants = Course(family, TRANSFER_SPLIT), Entrants((policy,), ("default",))
-        (case,) = contest.cases(robot, course, entrants)
-        count = min(most, len(splits.split(contest.spec.name, family, TRANSFER_SPLIT)))
-        found.append(Setting("tune", dataclasses.replace(case, gains=dict(gains)), "kinematic", actuators, 0, count))
-    return found
 
 
 def folder_of(suite: str) -> Path:
@@ -139,34 +286,42 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.command("tune", cls=OneLineErrors)
 @click.argument("policy", type=Choice("POLICY", SEARCHED))
 @click.option("--suite", type=Choice("--suite", CONTESTS), required=True, help="The contest to tune for.")
-@click.option("--trials", type=click.IntRange(min=1), default=40, show_default=True, help="Sets of gains to try.")
-@click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
+@click.option("--speed", type=click.FloatRange(0.05, 3.0), default=PACE, show_default=True, help="Asked for, m/s.")
+@click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Of disturbance.")
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
+@click.option("--frames", type=click.IntRange(min=1), default=2_000_000, show_default=True, help="Of the search.")
+@click.option("--trials", type=click.IntRange(min=1), default=400, show_default=True, help="Sets to try, at most.")
+@click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
-@click.option("--out", metavar="FILE", help="The gains file.  [default: results/gains/SUITE/POLICY_ROBOT.json]")
+@click.option("--from", "started_from", metavar="SET", multiple=True, help="A set to begin with: JSON.")
+@click.option("--out", metavar="FILE", help="The gains file.  [default: results/gains/SUITE/POLICY_CONDITION.json]")
 @click.option("--ship", is_flag=True, help="Write them where the package keeps its gains.")
 @click.option("--force", is_flag=True, help="Replace the file if there is one.")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
 def main(
     policy: str,
     suite: str,
+    robot: Robot,
+    speed: float,
+    level: str,
+    actuators: str,
+    frames: int,
     trials: int,
     scenarios: int,
-    robot: Robot,
-    actuators: str,
     seed: int,
+    started_from: tuple[str, ...],
     out: str | None,
     ship: bool,
     force: bool,
     count: int | None,
 ) -> None:
-    """Searches the gains of POLICY on the validation split of a suite and writes them with their budget.
+    """Searches the gains of POLICY for a robot, an asked speed and a level of disturbance, and writes them.
 
-    Training and test scenarios are never touched.
+    It searches on the training split of a suite and chooses on the validation split; test scenarios are never touched.
     """
     try:
-        import optuna
+        import optuna  # noqa: F401
     except ImportError:
         raise click.ClickException('optuna is missing: pip install "wayfield[tune]"') from None
     contest = CONTESTS[suite]
@@ -174,49 +329,38 @@ def main(
         raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}")
     if out is not None and (ship or not out.strip()):
         raise click.UsageError("--out is empty; it must name a file" if not ship else "--ship takes the place of --out")
-    shipped = folder_of(suite) / f"{policy}.json"
-    file = shipped if ship else Path(out or f"results/gains/{suite}/{policy}_{robot}.json")
+    name = f"{policy}_{condition(robot.name, speed, level)}.json"
+    file = folder_of(suite) / name if ship else Path(out or f"results/gains/{suite}/{name}")
     _check_file(file, force)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    defaults: Any = wayfield.policies.make(policy)
-    ranges = SEARCHED[policy]
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
-    study.enqueue_trial({name: float(getattr(defaults, name)) for name in ranges})
+    starts = tuple(_start(text) for text in started_from)
+    search = Search(policy, contest, robot, speed, level, actuators, frames, trials, scenarios, seed, starts)
     with workers(count or min(os.cpu_count() or 1, 4)) as in_parallel:
-        for _ in tracked(range(trials), trials, "trials"):
-            trial = study.ask()
-            gains = {
-                name: rounded(trial.suggest_float(name, each.low, each.high, log=each.log))
-                for name, each in ranges.items()
-            }
-            try:
-                wayfield.policies.make(policy, **gains)
-            except ValueError:  # two gains that do not go together
-                study.tell(trial, state=optuna.trial.TrialState.FAIL)
-                continue
-            parts = settings_of(contest, robot, actuators, policy, gains, scenarios)
-            study.tell(trial, score(contest, parts, in_parallel))
-    best = {name: rounded(value) for name, value in study.best_params.items()}
-    content = {
-        "policy": policy,
-        "suite": suite,
-        "gains": best,
-        "score": round(study.best_value, 6),
-        "score_of_defaults": round(float(study.trials[0].value or 0.0), 6),
-        "split": TRANSFER_SPLIT,
-        "trials": trials,
-        "scenarios": scenarios * len(contest.families("kinematic")),
-        "robot": robot.name,
-        "sheet": robot.digest,
-        "actuators": actuators,
-        "seed": seed,
-        "command": f"python -m wayfield.benchmarks.tune {words_given()}",
-    }
+        content = search.run(in_parallel)
     # before they are written: a disk that is full then takes nothing away
-    print(f"{policy}: {content['score_of_defaults']:.4f} by default, {content['score']:.4f} with {best}", flush=True)
+    found = content["validation"]
+    print(f"{policy}: {found['default']} by default, {found['chosen']} with {content['gains']}", flush=True)
     _check_file(file, force)
     write_gains(file, content)
     print(f"Written to {file}")
+
+
+def _start(text: str) -> dict[str, float]:
+    """Returns a set that was given as a JSON object of numbers; click.UsageError if it is none."""
+    try:
+        return {str(name): float(value) for name, value in dict(json.loads(text)).items()}
+    except (ValueError, TypeError):
+        raise click.UsageError(f"--from must be a JSON object of numbers, got {text!r}") from None
+
+
+def start_of(policy: str, suite: str, known: str) -> dict[str, float]:
+    """Returns the set that shipped for a condition, with its pace, as a search may start from."""
+    robot, speed, level = known.split("_")
+    gains = wayfield.policies.tuned_gains(policy, suite, robot, float(speed), level)
+    start = {name: float(gains[name]) for name in SEARCHED[policy] if name in gains}
+    if not CONTESTS[suite].speeds:
+        return start
+    asked = wayfield.policies.cruising(policy, gains, float(speed))
+    return start | {"pace": rounded(max(float(gains[name]) / value for name, value in asked.items()))}
 
 
 def _check_file(file: Path, force: bool) -> None:

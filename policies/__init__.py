@@ -8,13 +8,14 @@ from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 from wayfield.policies.registry import ABOUT, POLICIES, About, NoCruisingSpeed, cruising, make
-from wayfield.policies.tuned import tuned_gains
+from wayfield.policies.tuned import NotTuned, tuned_gains
 
 __all__ = [
     "ABOUT",
     "POLICIES",
     "About",
     "NoCruisingSpeed",
+    "NotTuned",
     "Pilot",
     "Policy",
     "cruising",

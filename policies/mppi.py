@@ -15,7 +15,18 @@ from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
 from wayfield.envs.records import lag_factors
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.stopping import Seen, beam_directions, sees_all_round, set_command
+from wayfield.policies.parts.stopping import (
+    RECALL_RANGE,
+    RECALLED,
+    SECTORS,
+    Seen,
+    beam_directions,
+    keep_near,
+    recalled_near,
+    remember,
+    sees_all_round,
+    set_command,
+)
 from wayfield.policies.policy import check_gain, check_switch, check_whole
 
 
@@ -45,12 +56,14 @@ class Mppi:
     the heading counts for an omni base on its last leg. Within `arrival_radius` of the goal the robot turns to the goal
     heading instead.
 
-    Obstacles are the hits of one scan, in the body frame; hits closer together than the hull is wide are joined. They
+    Obstacles are the hits of the scan, in the body frame; hits closer together than the hull is wide are joined. What
+    is near stays known for `recall` seconds after it drops out of sight, the nearest point of each sector around the
+    robot, as it does for DWA and VFH+ (`parts.stopping`): the tip of a wall mostly stands between two beams. Obstacles
     fill a grid of `cell` around the robot with distances and, with `detour`, with the length L of the shortest way to
     the goal around them (the eikonal equation, by fast sweeping; what was not seen counts as free, and beyond the grid
-    the way is straight). Without it L is the straight distance, as is usual, and a dead end holds the robot. Nothing is
-    remembered of earlier scans, so that a dead end deeper than the scan or the grid can still hold it, and a beam
-    may miss what is narrower than the gap to the next. A differential drive reverses only where it sees all around.
+    the way is straight). Without it L is the straight distance, as is usual, and a dead end holds the robot. Of what is
+    far away nothing is remembered, so that a dead end deeper than the scan or the grid can still hold it. A
+    differential drive reverses only where it sees all around.
 
     Both kinds of robot; an omni base has a channel of its own for sideways motion.
 
@@ -78,6 +91,7 @@ class Mppi:
     reverse_weight: float = 0.5  # s
     sway_weight: float = 0.0  # s
     heading_weight: float = 0.1  # m/rad
+    recall: float = 2.0  # s
     detour: bool = True
     reach: float = 4.0  # m, half side of the grid
     cell: float = 0.1  # m
@@ -108,7 +122,7 @@ class Mppi:
             )
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns what each robot remembers, (b,): its number of decisions, last command and last plan.
+        """Returns what each robot remembers, (b,): its number of decisions, last command, last plan and what was near.
 
         Raises:
             ValueError: if the robot has no beams.
@@ -121,6 +135,7 @@ class Mppi:
             ("decisions", np.int64),  # so far, which numbers the noise
             ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
             ("plan", np.float64, (self.steps, 3)),
+            RECALLED,
         ]
         return np.zeros(briefing.num_envs, kept)
 
@@ -170,7 +185,7 @@ def decide(params, beams, ranges, seen, memory, twists):
     clearances = np.empty((side, side))
     ways = np.empty((side, side))
     slowness = np.empty((side, side))
-    hits = np.empty((beams.shape[0], 3))
+    hits = np.empty((beams.shape[0] + SECTORS, 3))
     plans = np.empty((p.samples + 1, p.steps, 3))
     costs = np.empty(p.samples)
     weights = np.empty(p.samples)
@@ -188,7 +203,10 @@ def decide(params, beams, ranges, seen, memory, twists):
             twists[i, 2] = min(max(p.turn_gain * turn, -p.max_yaw_rate), p.max_yaw_rate)
             m.plan[:] = 0.0
         else:
-            count = find_hits(p, beams, ranges, i, hits)
+            near = recalled_near(p, seen, m, i)
+            count = find_hits(p, beams, ranges, i, near, hits)
+            # points by themselves: they are joined with nothing
+            count = keep_near(p, seen, m, i, near, 0.0, hits, count)
             measure_clearances(p, hits, count, clearances)
             if p.detour:
                 measure_ways(p, clearances, goal_x, goal_y, slowness, ways)
@@ -211,12 +229,12 @@ def decide(params, beams, ranges, seen, memory, twists):
 
 
 @compiled
-def find_hits(p, beams, ranges, i, hits):
-    """Writes (x, y, joined) of the beams that meet something, body frame, m; returns how many.
+def find_hits(p, beams, ranges, i, near, hits):
+    """Writes (x, y, joined) of the beams that meet something, body frame, m; notes the near ones; returns how many.
 
-    joined: 1 when the next hit in the list lies on the next beam and belongs to the same surface as far as the hull is
-    concerned: it cannot pass between, or the two are in line with the hit before or behind them, as on a wall that is
-    seen at a flat angle.
+    joined: 1 when the next hit in the list, or 2 when the first one, lies on the next beam and belongs to the same
+    surface as far as the hull is concerned: it cannot pass between, or the two are in line with the hit before or
+    behind them, as on a wall that is seen at a flat angle.
     """
     count = 0
     last = -2
@@ -227,6 +245,8 @@ def find_hits(p, beams, ranges, i, hits):
         hits[count, 0] = distance * beams[k, 0]
         hits[count, 1] = distance * beams[k, 1]
         hits[count, 2] = 0.0
+        if distance < RECALL_RANGE:
+            remember(near, hits[count, 0], hits[count, 1], max(distance, 1e-6), p.recall)
         if last == k - 1:
             hits[count - 1, 2] = 1.0  # on the next beam; looked at below
         last = k
@@ -252,6 +272,8 @@ def find_hits(p, beams, ranges, i, hits):
             hits[h, 2] = -1.0  # neighbours on their beams all the same
     for h in range(count):
         hits[h, 2] = max(hits[h, 2], 0.0)
+    if closed:
+        hits[count - 1, 2] *= 2.0
     return count
 
 
@@ -282,7 +304,7 @@ def measure_clearances(p, hits, count, clearances):
         dy = 0.0
         scale = 0.0
         if hits[h, 2] > 0.0:
-            after = h + 1 if h + 1 < count else 0
+            after = h + 1 if hits[h, 2] == 1.0 else 0
             dx = hits[after, 0] - ax
             dy = hits[after, 1] - ay
             scale = 1.0 / max(dx * dx + dy * dy, 1e-12)

@@ -13,9 +13,17 @@ from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import nearest_surface, sin_cos
 from wayfield.envs.patrols import patrol_at
+from wayfield.policies.astar_tracker import CELLS, MARGIN_SHARES, lay_grid, plan_with_room
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.polyline_tracker import PLAN, clearance_at, clearance_prices, point_at, project
 from wayfield.policies.parts.steering import Map, velocity_twists
-from wayfield.policies.policy import check_gain, check_whole
+from wayfield.policies.policy import check_gain, check_switch, check_whole
+
+LOOKS = (3.0, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35)  # m along the way, tried as the point to drive at, the farthest first
+STRIDE = 0.05  # m, between the places at which a straight line is looked along
+ASTRAY = 0.5  # m, off the way, from which on it is planned anew
+
+MEMORY = np.dtype([*PLAN, ("grid", np.uint8, (CELLS, CELLS))], align=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +44,7 @@ class Orca:
     what keeps these half-planes for the time ahead keeps clear, and standstill keeps those of all that stands. The
     velocity driven solves
 
-        min |v - u|  subject to  n_j . v >= b_j,  |v| <= max_speed,   u = max_speed or k |e| towards the goal
+        min |v - u|  subject to  n_j . v >= b_j,  |v| <= max_speed,   u = max_speed or k |e| along the way to the goal
 
     by incremental linear programming in the order of the obstacles, what stands first. When no velocity keeps every
     half-plane, those of what moves are moved outwards by the least common violation, by linear programming in three
@@ -50,13 +58,20 @@ class Orca:
     Until it has turned it drives where it looks, at no more than (D - R) / wall_horizon towards what stands, R not
     enlarged.
 
+    The way is a shortest one around what stands, by Theta* on the map and bent towards `wanted_clearance` like that of
+    the A* tracker; u points at the farthest place on it, up to 3 m on, that the robot sees in a straight line with room
+    for its hull, as agents of RVO2 steer for the vertices of their roadmap, and |e| is the length of the way left. Half
+    a metre off it the robot plans anew. With `roadmap` off u points straight at the goal: the law without a memory,
+    which dead ends hold. The others' motion is no part of the way.
+
     It is told the map and the motion of all that moves, and takes of it what is within `sensing_radius`: perception is
     perfect, where scans would have to be clustered and tracked. Velocities are taken to last: where a patrol turns back
-    is not foreseen. The law is local: dead ends hold it, and so do two discs too near each other; a differential drive
-    can be run into while it still turns. Both kinds of robot; within `arrival_radius` of the goal a differential drive
-    turns to the goal heading, unless it has to give way.
+    is not foreseen. Two discs too near each other hold it, and so does a door that leaves the enlarged R no room; a
+    differential drive can be run into while it still turns. Both kinds of robot; within `arrival_radius` of the goal a
+    differential drive turns to the goal heading, unless it has to give way.
 
-    Source: van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, ISRR 2009 (STAR 70, 2011);
+    Source: van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, ISRR 2009 (STAR 70, 2011), and
+    the roadmap example of their library RVO2;
     Alonso-Mora, Breitenmoser, Rufli, Beardsley and Siegwart, DARS 2010 (STAR 83, 2013).
     """
 
@@ -72,6 +87,10 @@ class Orca:
     turn_gain: float = 3.0  # 1/s
     max_yaw_rate: float = 0.5  # rad/s, of an omni base's turn to the goal heading, which bends its velocity by the lag
     arrival_radius: float = 0.05  # m
+    roadmap: bool = True  # whether the wanted velocity points along a way around what stands
+    cell: float = 0.05  # m, of the grid of that way
+    wanted_clearance: float = 0.2  # m, beside the hull, towards which the way is bent
+    surroundings: float = 8.0  # m, around start, goals and robot, of obstacles that the grid holds
     seed: int = 0
 
     knows: ClassVar[str] = "map"
@@ -87,15 +106,18 @@ class Orca:
             "k",
             "turn_gain",
             "max_yaw_rate",
+            "cell",
+            "surroundings",
         ):
             check_gain(self, name, above=0.0)
-        for name in ("margin", "perturbation", "tracking_error", "arrival_radius"):
+        for name in ("margin", "perturbation", "tracking_error", "arrival_radius", "wanted_clearance"):
             check_gain(self, name, least=0.0)
+        check_switch(self, "roadmap")
         check_whole(self, "seed", most=LAST_SEED)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the number of decisions of each robot, (b,): its clock, by which it knows where things move to."""
-        return np.zeros(briefing.num_envs)
+        """Returns MEMORY records (b,): the number of decisions, by which it knows where things move to, and its way."""
+        return np.zeros(briefing.num_envs, MEMORY)
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -110,13 +132,20 @@ class Orca:
             briefing,
             tracking_error=0.0 if robot.holonomic else self.tracking_error,
             perturbation=side * self.perturbation,
+            theta=True,  # these four are the planner's, see `plan_way`
+            snap=0.3,
+            spacing=2.0,
+            rounds=60,
         )
+        needed = robot.hull_radius + self.margin * np.array(MARGIN_SHARES)
+        prices = np.array([clearance_prices(each, 0.0, 0.0) for each in needed.tolist()])
         measured = np.zeros((len(memory), 2))
         measured[:, : len(robot.twist_axes) - 1] = observation.twist[:, :-1]
         # one kernel for every batch: slices of a single row would be compiled anew
         poses, goals = np.ascontiguousarray(observation.pose), np.ascontiguousarray(observation.goal)
-        find_velocities(p, Map.of(briefing), poses, measured, goals, memory, velocity, forward)
-        memory += 1.0
+        left = np.ascontiguousarray(observation.waypoints_left)
+        find_velocities(p, prices, Map.of(briefing), poses, measured, goals, left, memory, velocity, forward)
+        memory["steps"] += 1
         distance = np.hypot(observation.goal[:, 0], observation.goal[:, 1])
         arrived = (distance <= self.arrival_radius) & (observation.waypoints_left < 0.5)
         # unless something drives it away
@@ -149,29 +178,85 @@ def tracking_drift(angle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @compiled
-def find_velocities(params, told, poses, measured, goals, memory, velocities, forward):
+def find_velocities(params, prices, told, poses, measured, goals, waypoints_left, memory, velocities, forward):
     """Fills the (b, 2) velocities of `Orca`, body frame, m/s, and the (b,) speeds at which the way ahead is free.
 
-    Beside the gains: `perturbation` with its side, and `tracking_error` 0 for an omni base.
+    Beside the gains: `perturbation` with its side, and `tracking_error` 0 for an omni base. prices: of a metre at each
+    level of the grid, a row for each of the margins that are tried.
     """
     p = params[0]
     lines = np.empty((told.obstacles.shape[1], 3))
     scratch = np.empty((told.obstacles.shape[1], 3))
     for i in range(velocities.shape[0]):
+        m = memory[i]
         sine, cosine = sin_cos(poses[i, 2])
-        total, hard = fill_lines(p, told, poses, measured, i, memory[i] * p.plant.dt, lines, forward)
-        goal_x = goals[i, 0]
-        goal_y = goals[i, 1]
-        goal_distance = math.sqrt(goal_x**2 + goal_y**2)
-        speed = min(p.k, p.max_speed / max(goal_distance, 1e-12))
-        turn_s, turn_c = sin_cos(p.perturbation * min(goal_distance, 1.0))
-        gx = speed * (turn_c * goal_x - turn_s * goal_y)
-        gy = speed * (turn_s * goal_x + turn_c * goal_y)
-        wanted_x = cosine * gx - sine * gy
-        wanted_y = sine * gx + cosine * gy
+        total, hard = fill_lines(p, told, poses, measured, i, m.steps * p.plant.dt, lines, forward)
+        # where to, world frame, and how far that way is
+        to_x = cosine * goals[i, 0] - sine * goals[i, 1]
+        to_y = sine * goals[i, 0] + cosine * goals[i, 1]
+        way = math.sqrt(to_x**2 + to_y**2)
+        if p.roadmap:
+            to_x, to_y, way = along_the_way(p, m, prices, told, i, poses, waypoints_left[i], to_x, to_y)
+        speed = min(p.k * way, p.max_speed) / max(math.sqrt(to_x**2 + to_y**2), 1e-12)
+        turn_s, turn_c = sin_cos(p.perturbation * min(way, 1.0))
+        wanted_x = speed * (turn_c * to_x - turn_s * to_y)
+        wanted_y = speed * (turn_s * to_x + turn_c * to_y)
         ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted_x, wanted_y, scratch)
         velocities[i, 0] = cosine * ux + sine * uy
         velocities[i, 1] = cosine * uy - sine * ux
+
+
+# The way around what stands.
+
+
+@compiled
+def along_the_way(p, m, prices, told, i, poses, waypoints_left, goal_x, goal_y):
+    """Returns (x, y, length): from robot i to the place on its way that it drives at, and the way left, m, world frame.
+
+    Plans the way where there is none to the next goal yet, or the robot has left it. goal_x, goal_y: from the robot to
+    the goal, which it drives at where there is no way.
+    """
+    x = poses[i, 0]
+    y = poses[i, 1]
+    nth = min(max(told.num_goals[i] - 1 - int(waypoints_left), 0), told.num_goals[i] - 1)
+    stops = told.goals[i, nth : nth + 1, :2]
+    due = m.plans == 0 or m.planned_at != nth
+    s = 0.0
+    if m.num_points > 0 and not due:
+        s, away, _ = project(m, x, y)
+        due = away > ASTRAY
+    if due:
+        if m.plans == 0:
+            lay_grid(p, m, told, i, x, y)
+        m.plans += 1
+        m.planned_at = nth
+        m.no_path = 0 if plan_with_room(p, m, prices, x, y, stops) else 1
+        if m.no_path == 1:
+            m.num_points = 0
+        s = 0.0
+    if m.num_points == 0:
+        return goal_x, goal_y, math.sqrt(goal_x * goal_x + goal_y * goal_y)
+    to_x = goal_x
+    to_y = goal_y
+    for k in range(len(LOOKS)):
+        ahead_x, ahead_y = point_at(m, m.segment, s + LOOKS[k])
+        to_x = ahead_x - x
+        to_y = ahead_y - y
+        if in_sight(p, m, x, y, to_x, to_y):
+            break
+    left = max(m.arc[m.num_points - 1] - s, 0.0)
+    return to_x, to_y, max(left, math.sqrt(to_x * to_x + to_y * to_y))
+
+
+@inlined
+def in_sight(p, m, x, y, dx, dy):
+    """Returns whether the hull fits along the line from (x, y) over (dx, dy), m; it may leave a tight place."""
+    needed = min(p.plant.hull_radius + 0.5 * p.margin, clearance_at(m, x, y) - 0.5 * m.cell)
+    steps = math.ceil(math.sqrt(dx * dx + dy * dy) / STRIDE)
+    free = True
+    for n in range(1, steps + 1):
+        free = free and clearance_at(m, x + n / steps * dx, y + n / steps * dy) >= needed
+    return free
 
 
 @inlined

@@ -120,10 +120,11 @@ def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, flo
     """
     policy: Any = make(name, **gains)
     if isinstance(policy, Lookahead):
-        # the law settles at v = k_lin L; the ratio of the gains says what curves are driven, whatever the speed
+        # the law settles at v = k_lin L; the ratio of the default gains says what curves are driven at any speed
         k_lin = speed / policy.lookahead_distance
-        ratio = policy.k_ang / policy.k_lin
-        return {"k_lin": k_lin} if name == "lookahead_documented" else {"k_lin": k_lin, "k_ang": ratio * k_lin}
+        if name == "lookahead_documented" or "k_ang" in gains:  # a gain that was given is kept
+            return {"k_lin": k_lin}
+        return {"k_lin": k_lin, "k_ang": policy.k_ang / policy.k_lin * k_lin}
     for key in ("speed", "max_speed"):
         if hasattr(policy, key):
             return {key: speed}

@@ -1,55 +1,108 @@
-"""Gains that were found by search on validation scenarios, as they ship with the package."""
+"""Gains that were found by search, for the condition that they were found in, as they ship with the package.
 
+A set belongs to a robot, an asked speed and a level of disturbance. Nothing here hands out a set for another condition:
+whoever asks for one that was not tuned for is told so.
+"""
+
+import dataclasses
+import functools
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from wayfield.envs.checks import shown
 from wayfield.envs.readers import reader
 from wayfield.policies.learned.reading import is_number, is_whole, parsed_object
 
-MOST_DRIVEN = 10**12  # trials, and scenarios of each
+PACE = 0.6  # m/s, the speed that is asked for unless another is
+MOST_FRAMES = 10**12  # of a search
 
 
-def tuned_gains(name: str, suite: str) -> dict[str, Any]:
-    """Returns the tuned gains of a policy for a suite; empty when none ship.
+class NotTuned(ValueError):
+    """No gains were tuned for the condition that was asked for; the message names those that there are."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TunedSet:
+    """The gains that came out of a search, the condition it was made in, and what it cost."""
+
+    gains: Mapping[str, Any]  # complete: the cruising speed that holds the asked one is among them
+    robot: str
+    speed: float  # m/s, asked for
+    level: str  # of disturbance
+    chosen: Literal["search", "default"]  # what was best on validation: a set that was found, or the policy's own gains
+    frames: int  # driven to find it
+
+
+def tuned_gains(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, level: str = "none") -> dict[str, Any]:
+    """Returns the gains of a policy that were tuned for a condition.
+
+    Args:
+        name: of the policy.
+        suite: of the contest, "path-following" or "goal-obstacles".
+        robot: its name.
+        speed: m/s, that is asked for.
+        level: of disturbance, "none" or another of `wayfield.envs.disturbances.LEVELS`.
 
     Raises:
-        ValueError: if the file is damaged or belongs to another policy; the message names it.
+        NotTuned: if none ship for that condition; the message names the conditions that they ship for.
+        ValueError: if the file is damaged or belongs to another policy or condition; the message names it.
     """
-    content = _shipped(name, suite)
-    return dict(content["gains"]) if content else {}
+    found = tuned_set(name, suite, robot, speed, level)
+    if found is None:
+        there = ", ".join(tuned_conditions(name, suite)) or "none"
+        raise NotTuned(
+            f"policy {name!r} has no gains tuned for suite {suite!r} with {condition(robot, speed, level)}; "
+            f"there are: {there}"
+        )
+    return dict(found.gains)
 
 
-def tuning_runs(name: str, suite: str) -> int:
-    """Returns how many episodes were driven to find the tuned gains of a policy for a suite; 0 when none ship.
+def tuned_set(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, level: str = "none") -> TunedSet | None:
+    """Returns the set of gains that was tuned for a condition, as `tuned_gains`; None if there is none.
 
     Raises:
-        ValueError: as `tuned_gains`.
+        ValueError: if the file is damaged or belongs to another policy or condition; the message names it.
     """
-    content = _shipped(name, suite)
-    return int(content["trials"]) * int(content["scenarios"]) if content else 0
-
-
-def tuned_robot(name: str, suite: str) -> str:
-    """Returns the name of the robot that the tuned gains of a policy for a suite were found with; "" when none ship.
-
-    Raises:
-        ValueError: as `tuned_gains`.
-    """
-    return str(_shipped(name, suite).get("robot", ""))
-
-
-def _shipped(name: str, suite: str) -> dict[str, Any]:
     if not re.fullmatch(r"[a-z0-9_]+", name) or not re.fullmatch(r"[a-z0-9-]+", suite):
         raise ValueError(f"policy {name!r} and suite {suite!r} must be plain names")
-    file = resources.files("wayfield.policies") / "gains" / suite / f"{name}.json"
-    return read_gains(file.read_bytes(), str(file), name) if file.is_file() else {}
+    wanted = condition(robot, speed, level)
+    file = _folder(suite) / f"{name}_{wanted}.json" if re.fullmatch(r"[a-z0-9_.]+", wanted) else None
+    if file is None or not file.is_file():
+        return None
+    content = _read(file, name)
+    found = condition(content["robot"], content["speed"], content["level"])
+    if found != wanted:
+        raise ValueError(f"{file} holds gains for {found}, not for {wanted}")
+    return TunedSet(content["gains"], robot, float(content["speed"]), level, content["chosen"], int(content["frames"]))
 
 
-_SAMPLE = '{"policy": "lqr", "gains": {"q_e": 100.0, "share": 0.9}, "trials": 40, "scenarios": 100}'
+def tuned_conditions(name: str, suite: str) -> list[str]:
+    """Returns the conditions that gains of a policy ship for, as `condition` names them."""
+    found = re.compile(rf"{re.escape(name)}_([a-z0-9]+_[0-9.]+_[a-z]+)\.json")
+    folder = _folder(suite)
+    names = sorted(file.name for file in folder.iterdir()) if folder.is_dir() else []
+    return [match[1] for match in map(found.fullmatch, names) if match]
+
+
+def condition(robot: str, speed: float, level: str) -> str:
+    """Returns the name of a condition, such as "p3dx_0.6_none"."""
+    return f"{robot}_{speed:g}_{level}"
+
+
+def _folder(suite: str) -> Any:
+    return resources.files("wayfield.policies") / "gains" / suite
+
+
+@functools.lru_cache(maxsize=512)
+def _read(file: Any, name: str) -> dict[str, Any]:
+    return read_gains(file.read_bytes(), str(file), name)
+
+
+_SAMPLE = """{"policy": "lqr", "robot": "p3dx", "speed": 0.6, "level": "none", "chosen": "search", "frames": 100000,
+"gains": {"q_e": 100.0, "share": 0.9}}"""
 
 
 def _read_sample(read: Callable[..., Any], file: Path) -> Any:
@@ -58,7 +111,7 @@ def _read_sample(read: Callable[..., Any], file: Path) -> Any:
 
 @reader("gains", "lqr.json", {"lqr.json": _SAMPLE}, _read_sample)
 def read_gains(text: bytes | str, source: str, name: str) -> dict[str, Any]:
-    """Returns the content of a gains file: the gains and their budget.
+    """Returns the content of a gains file: the gains, their condition and their budget.
 
     Raises:
         ValueError: if the text is no gains file of that policy; the message names the source.
@@ -72,9 +125,16 @@ def read_gains(text: bytes | str, source: str, name: str) -> dict[str, Any]:
     for key, value in gains.items():
         if not isinstance(value, str | bool) and not is_number(value):
             raise ValueError(f"{source}: gains must map names to plain values, got {key}: {shown(value)}")
-    for key in ("trials", "scenarios"):
-        if not is_whole(content.get(key), 0, MOST_DRIVEN):
-            raise ValueError(
-                f"{source}: {key} must be a whole number from 0 to {MOST_DRIVEN}, got {shown(content.get(key))}"
-            )
+    for key in ("robot", "level"):
+        if not isinstance(content.get(key), str):
+            raise ValueError(f"{source}: {key} must be a name, got {shown(content.get(key))}")
+    speed = content.get("speed")
+    if not is_number(speed) or not speed > 0.0:
+        raise ValueError(f"{source}: speed must be a number above 0, got {shown(speed)}")
+    if content.get("chosen") not in ("search", "default"):
+        raise ValueError(f'{source}: chosen must be "search" or "default", got {shown(content.get("chosen"))}')
+    if not is_whole(content.get("frames"), 0, MOST_FRAMES):
+        raise ValueError(
+            f"{source}: frames must be a whole number from 0 to {MOST_FRAMES}, got {shown(content.get('frames'))}"
+        )
     return content

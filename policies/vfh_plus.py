@@ -2,16 +2,17 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import choose
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import saturation_factor
+from wayfield.envs.kinematics import saturation_factor, to_body_frame
 from wayfield.policies.parts.detour import DETOUR, LOOK, seek
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
@@ -38,6 +39,7 @@ DIRECTIONS = 144  # sectors of the histograms, in the world frame, from -pi on
 WIDTH = 2.0 * math.pi / DIRECTIONS
 SPEEDS = 8  # tried, from the fastest down
 AHEAD = 2.0  # s, that the arc is looked along
+CELL = 0.1  # m, side of a cell of the grid that magnitudes are summed over, the paper's
 MOVING = 0.05  # m/s, from which a motion has a direction
 
 STATE = [
@@ -55,9 +57,10 @@ class VfhPlus:
     """Steers for the cheapest of the directions that no obstacle, grown by the robot's radius, stands in.
 
     1. Primary histogram. A hit at the distance d < window fills the sectors within asin(min(1, r / d)) of its own, r
-       the hull's radius + safety, with the magnitude 1 - (d / window)^2; each keeps the largest. The paper sums over
-       the cells of a grid, so that its thresholds depend on how many there are; a largest value does not depend on the
-       number of beams. Hits beyond the goal do not count.
+       the hull's radius + safety, with the magnitude 1 - (d / window)^2; each keeps the largest. Hits beyond the goal
+       do not count. The paper sums, over the cells of a grid, and so does the law with `magnitudes` "sum": over the
+       cells of CELL in which there is a hit, each counted once, at its centre and with full certainty. A wall then
+       weighs more than a post and is kept farther away from; a largest value depends on no cell and no number of beams.
     2. Binary histogram. A sector is blocked from `high` on, free below `low`, and keeps what it was in between.
     3. Masked histogram. A differential drive that moves at v turns on circles of radius v / max_yaw_rate or more: a hit
        within r of such a circle on its side blocks what lies beyond it. An omni base turns at once, and so does a
@@ -103,6 +106,7 @@ class VfhPlus:
     first_leg: float = 3.0  # m, before a detour tries the other side
     recall: float = 2.0  # s
     foresight: float = 1.5  # s, 0 takes what moves for standing still
+    magnitudes: Literal["largest", "sum"] = "largest"  # what a sector keeps of those of its hits
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -124,6 +128,7 @@ class VfhPlus:
             check_gain(self, name, least=0.0)
         check_gain(self, "high", least=self.low)
         check_gain(self, "patience", least=0.0, finite=False)
+        choose("VfhPlus: magnitudes", self.magnitudes, ("largest", "sum"))
         if self.high >= 1.0 or self.slowing > 1.0:
             raise ValueError(
                 f"VfhPlus: high must be below 1 and slowing at most 1, got {self.high!r} and {self.slowing!r}"
@@ -150,7 +155,13 @@ class VfhPlus:
         """
         scan = Scan.of(self, observation, briefing, memory)
         all_round = sees_all_round(briefing)
-        p = params(self, briefing, all_round=all_round, sideways=briefing.robot.holonomic and all_round)
+        p = params(
+            self,
+            briefing,
+            all_round=all_round,
+            sideways=briefing.robot.holonomic and all_round,
+            summed=self.magnitudes == "sum",
+        )
         twists = np.empty((len(memory), 3))
         steer(p, scan, Seen.of(observation, briefing), memory["state"], twists)
         return twists[:, briefing.robot.twist_axes]
@@ -158,12 +169,16 @@ class VfhPlus:
 
 @compiled
 def steer(params, scan, seen, memory, twists):
-    """Fills the (b, 3) twists of `VfhPlus.act`; beside the gains: `sideways`, whether it drives in any direction."""
+    """Fills the (b, 3) twists of `VfhPlus.act`.
+
+    Beside the gains: `sideways`, whether it drives in any direction, and `summed`, whether magnitudes add up.
+    """
     p = params[0]
     points = np.empty((2 * scan.ranges.shape[1] + SECTORS, 3))
     primary = np.empty(DIRECTIONS)
     blocked = np.empty(DIRECTIONS, np.bool_)
     radius = p.plant.hull_radius + p.margin
+    cells = np.empty((points.shape[0], 2))
     farthest = max(p.window, radius + max(p.max_speed * AHEAD, LOOK))
     for i in range(scan.ranges.shape[0]):
         m = memory[i]
@@ -172,11 +187,14 @@ def steer(params, scan, seen, memory, twists):
             count = find_approaching(p, scan, seen, m, i, radius, points, count)
         hits = points[:count]
         heading = seen.poses[i, 2]
+        weighed = hits
+        if p.summed:
+            weighed = cells[: cells_of(hits, seen.poses[i], cells)]
         d = math.sqrt(seen.goals[i, 0] ** 2 + seen.goals[i, 1] ** 2)
         twist = 0.0, 0.0, turn_towards(seen.heading_errors[i], p.turn_gain, p.max_yaw_rate)
         if not arrived(p, m, d, seen.waypoints_left[i]):
             aim, around = seek(p, hits, seen, m, i)
-            choice, barred = choose_direction(p, hits, m, heading, aim, d, around, primary, blocked)
+            choice, barred = choose_direction(p, weighed, m, heading, aim, d, around, primary, blocked)
             fastest = 0.0 if barred else p.max_speed
             if math.isnan(choice):
                 twist = 0.0, 0.0, 0.0 if p.all_round else turn_towards(aim, p.turn_gain, p.max_yaw_rate)
@@ -239,7 +257,7 @@ def fill_primary(p, hits, heading, seen, circling, primary):
     for j in range(hits.shape[0]):
         x = hits[j, 0]
         y = hits[j, 1]
-        distance = math.sqrt(x * x + y * y)
+        distance = max(math.sqrt(x * x + y * y), 1e-6)
         if distance >= seen:
             continue
         beam = bearing(y, x)
@@ -249,12 +267,33 @@ def fill_primary(p, hits, heading, seen, circling, primary):
         middle = (wrap_angle(heading + beam) + math.pi) / WIDTH - 0.5
         magnitude = 1.0 - (distance / p.window) ** 2
         for k in range(math.ceil(middle - half), math.floor(middle + half) + 1):
-            primary[k % DIRECTIONS] = max(primary[k % DIRECTIONS], magnitude)
+            before = primary[k % DIRECTIONS]
+            primary[k % DIRECTIONS] = before + magnitude if p.summed else max(before, magnitude)
         if blocks_circle(x, y, circling, grown) and beam >= 0.0:
             left = min(left, beam)
         if blocks_circle(x, -y, circling, grown) and beam <= 0.0:
             right = max(right, beam)
     return left, right
+
+
+@inlined
+def cells_of(hits, pose, cells):
+    """Fills `cells` with the centres (m, body frame) of the world's cells that hold a hit; returns how many."""
+    x, y, heading = pose
+    sine, cosine = sin_cos(heading)
+    count = 0
+    for j in range(hits.shape[0]):
+        u = math.floor((x + cosine * hits[j, 0] - sine * hits[j, 1]) / CELL) + 0.5
+        v = math.floor((y + sine * hits[j, 0] + cosine * hits[j, 1]) / CELL) + 0.5
+        bx, by = to_body_frame(x, y, sine, cosine, CELL * u, CELL * v)
+        known = False
+        for k in range(count):
+            known = known or (abs(cells[k, 0] - bx) < 0.5 * CELL and abs(cells[k, 1] - by) < 0.5 * CELL)
+        if not known:
+            cells[count, 0] = bx
+            cells[count, 1] = by
+            count += 1
+    return count
 
 
 @inlined
@@ -341,7 +380,7 @@ def fastest_that_stops(p, hits, command, wheels, heading, turn, fastest, primary
         cosine = 1.0
         turn = 0.0
     k = int((wrap_angle(heading + turn) + math.pi) / WIDTH) % DIRECTIONS
-    fastest *= 1.0 - p.slowing * primary[k]
+    fastest *= 1.0 - p.slowing * min(primary[k], 1.0)
     plant = p.plant
     vx = 0.0
     vy = 0.0

@@ -1,6 +1,7 @@
 """The contests: what they write, that they pair, repeat and go on after an interruption, and how they refuse."""
 
 import csv
+import dataclasses
 import json
 import re
 import subprocess
@@ -12,10 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from hypothesis import given
+from hypothesis import strategies as st
 
 from wayfield import benchmarks, policies
 from wayfield.benchmarks import parts, suite, tune
-from wayfield.benchmarks.contests import CONTESTS, PAPER, Course, Entrants, goal_obstacles, path_following
+from wayfield.benchmarks.contests import CONTESTS, PAPER, Course, Entrants, Score, goal_obstacles, path_following
+from wayfield.benchmarks.contests import contest as contest_module
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
@@ -24,6 +28,7 @@ from wayfield.benchmarks.standings import how_often_better
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.scenarios import GoalScenario, circle, obstacle_field, path_scenarios, splits, wall
+from wayfield.policies.tuned import TunedSet, condition, read_gains, tuned_set
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
 SMALL = (*PATHS, "--families", "circles,polylines_90", "--episodes", "2")
@@ -196,7 +201,7 @@ def test_the_ladder_runs_every_level_of_both_tasks(tmp_path: Path) -> None:
         (("--suite", "path-following", "--policies", "dwa"), "'dwa' takes no part in suite 'path-following'"),
         (("--suite", "goal-obstacles", "--families", "circles"), "'circles' has no scenarios for suite"),
         (("--suite", "goal-obstacles", "--families", "rooms,push_boxes"), "use --dynamics pymunk"),
-        (("--suite", "goal-obstacles", "--policies", "dwa,orca", "--gains", "paper"), "'orca' has no case"),
+        (("--suite", "goal-obstacles", "--policies", "dwa,mppi", "--gains", "paper"), "'mppi' has no case"),
         (("--suite", "path-following", "--seed", "99999999999"), "99999999999"),
         (("--suite", "goal-obstacles", "--families", "cluter_10"), "Did you mean 'clutter_10'?"),
         (("--suite", "path-following", "--video"), "--video belongs to --suite documents"),
@@ -249,23 +254,39 @@ def test_a_goal_behind_walls_has_no_way() -> None:
 
 def test_tuning_writes_gains_that_are_no_worse_and_can_be_used(tmp_path: Path) -> None:
     out = tmp_path / "gains.json"
-    arguments = ["pure_pursuit", "--suite", "path-following", "--trials", "3", "--scenarios", "1", "--workers", "1"]
-    result = CliRunner().invoke(tune.main, [*arguments, "--out", str(out)])
+    arguments = ["pure_pursuit", "--suite", "path-following", "--trials", "4", "--scenarios", "1", "--workers", "1"]
+    result = CliRunner().invoke(tune.main, [*arguments, "--speed", "0.45", "--out", str(out)])
     assert result.exit_code == 0, result.output
     content = json.loads(out.read_text())
-    assert content["score"] <= content["score_of_defaults"]
-    assert content["split"] == "validation"
-    assert content["trials"] == 3
+    assert (content["robot"], content["speed"], content["level"]) == ("p3dx", 0.45, "none")
+    found, default = content["validation"]["chosen"], content["validation"]["default"]
+    order = ("failures", "off_pace", "quality")
+    assert [found[each] for each in order] <= [default[each] for each in order]
+    assert abs(found["mean_speed"] - 0.45) <= 0.03 * 0.45 or found["off_pace"]
+    # at least the default gains once on either split; a path of some 10 m at 0.45 m/s takes 400 frames
+    assert content["frames"] > 2 * 13 * 200
+    assert content["searched_on"]["split"] == "train"
+    assert content["searched_on"]["sha256"] != content["searched_on"]["validation_sha256"]
     policies.make("pure_pursuit", **content["gains"])
+
+
+def test_a_search_ends_with_its_frames(tmp_path: Path) -> None:
+    frames = []
+    for budget in ("1", "10000"):
+        out = tmp_path / f"{budget}.json"
+        arguments = ["pure_pursuit", "--suite", "path-following", "--scenarios", "1", "--workers", "1"]
+        assert CliRunner().invoke(tune.main, [*arguments, "--frames", budget, "--out", str(out)]).exit_code == 0
+        frames.append(json.loads(out.read_text())["frames"])
+    assert frames[0] < frames[1]
 
 
 def test_tuning_replaces_nothing_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tune, "score", lambda *_: 0.0)
+    monkeypatch.setattr(tune.Search, "score", lambda *_: Score(0, 0, 1.0, 0.6, 10, 1000))
     shipped = tmp_path / "shipped"
     monkeypatch.setattr(tune, "folder_of", lambda suite: shipped / suite)
     (shipped / "path-following").mkdir(parents=True)
-    published = shipped / "path-following" / "lqr.json"
+    published = shipped / "path-following" / "lqr_p3dx_0.6_none.json"
     published.write_text("published")
 
     def tuned(*words: str) -> Result:
@@ -273,34 +294,59 @@ def test_tuning_replaces_nothing_unasked(tmp_path: Path, monkeypatch: pytest.Mon
         return CliRunner().invoke(tune.main, [*basic, *words])
 
     assert tuned("--robot", "omni3").exit_code == 0
-    assert [path.name for path in (tmp_path / "results/gains/path-following").iterdir()] == ["lqr_omni3.json"]
+    written = [path.name for path in (tmp_path / "results/gains/path-following").iterdir()]
+    assert written == ["lqr_omni3_0.6_none.json"]
     for words in (["--robot", "omni3"], ["--ship"], ["--out", str(published)]):
         refused = tuned(*words)
         assert refused.exit_code == 2
         assert "--force" in refused.stderr
     assert published.read_text() == "published"
     assert tuned("--ship", "--force").exit_code == 0
-    assert json.loads(published.read_text())["robot"] == "p3dx"
-    monkeypatch.setattr(tune, "score", lambda *_: pytest.fail("it searched"))
+    content = json.loads(published.read_text())
+    assert content["robot"] == "p3dx"
+    assert content["chosen"] == "default"  # nothing was better
+    monkeypatch.setattr(tune.Search, "score", lambda *_: pytest.fail("it searched"))
     for out in (tmp_path, published / "below", ""):
         assert tuned("--out", str(out), "--force").exit_code in (1, 2)
 
 
-def test_the_score_puts_success_first() -> None:
+def test_a_score_puts_success_first_then_the_speed() -> None:
     def row(**cells: float) -> dict[str, str]:
         return {name: str(value) for name, value in cells.items()}
 
-    won, lost = row(success=1, sct=0.1), row(success=0, sct=0.0)
-    quick = row(success=1, sct=0.9)
-    assert goal_obstacles.score([won, won], [0, 0]) < goal_obstacles.score([quick, lost], [0, 0])
-    assert goal_obstacles.score([quick, lost], [0, 0]) < goal_obstacles.score([won, lost], [0, 0])
-    exact, rough = row(success=1, cross_track_rms=0.01, time=20), row(success=1, cross_track_rms=0.02, time=20)
-    slow = row(success=1, cross_track_rms=0.01, time=40)
-    failed = row(success=0, cross_track_rms=0.001, time=1)
+    def goals(*rows: dict[str, str]) -> Score:
+        return goal_obstacles.score(rows, [], 0.6, 0.0)
+
+    won = row(success=1, sct=0.1, time=20, mean_speed=0.5)
+    lost, quick = row(success=0, sct=0.0, time=1, mean_speed=0.5), row(success=1, sct=0.9, time=9, mean_speed=0.6)
+    assert goals(quick, won) < goals(won, won) < goals(quick, lost) < goals(won, lost)
     (path,) = path_scenarios("straight")
-    score = [path_following.score([each], [path]) for each in (exact, rough, slow, failed)]
-    assert score[0] < score[1] == pytest.approx(score[2])
-    assert score[3] > max(score[:3])
+    time = path.path.length / 0.6
+
+    def paths(rms: float, pace: float, *, success: int = 1) -> Score:
+        each = row(success=success, cross_track_rms=rms, time=time / pace, mean_speed=0.6 * pace)
+        return path_following.score([each], [path], 0.6, 0.3)
+
+    exact, rough, slow = paths(0.01, 0.98), paths(0.02, 1.0), paths(0.001, 0.9)
+    # no error makes up for the asked speed, nor any of both for a failure
+    assert exact < rough < slow < paths(0.001, 0.4) < paths(0.001, 1.0, success=0)
+    assert not rough.off_pace
+    assert slow.off_pace
+    # of two that do not hold it, half the error is worth twice the time
+    assert paths(0.01, 0.9).quality == pytest.approx(paths(0.006, 0.54).quality)
+    assert exact.frames == round(time / 0.98 / 0.05)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 300), st.integers(0, 2), st.floats(0.0, 1e3)), min_size=2, max_size=6, unique=True
+    )
+)
+def test_the_value_of_a_score_never_turns_its_order_round(drawn: list[tuple[int, int, float]]) -> None:
+    scores = sorted(Score(*each) for each in drawn)
+    values = [each.value for each in scores]
+    assert values == sorted(values)
+    assert all(each.failures <= each.value < each.failures + 1 for each in scores)
 
 
 @pytest.mark.parametrize(
@@ -325,27 +371,82 @@ def test_every_searched_gain_is_one_and_its_default_lies_in_the_range() -> None:
             assert each.low <= getattr(policy, gain) <= each.high, f"{name}.{gain}"
 
 
-def test_shipped_gains_are_accepted_and_say_what_they_cost() -> None:
+def test_shipped_gains_are_no_worse_than_the_default_ones_and_say_what_they_cost() -> None:
     for name, each in CONTESTS.items():
+        digests: dict[int, set[str]] = {}
         for file in sorted(tune.folder_of(name).glob("*.json")):
             content = json.loads(file.read_text())
-            assert content["policy"] == file.stem
-            assert file.stem in each.policies
-            assert content["score"] <= content["score_of_defaults"]
-            assert content["split"] == "validation"
-            assert content["trials"] >= 10
-            policies.make(file.stem, **policies.tuned_gains(file.stem, name))
+            where = content["robot"], content["speed"], content["level"]
+            assert file.stem == f"{content['policy']}_{condition(*where)}"
+            assert content["policy"] in each.policies
+            found, default = content["validation"]["chosen"], content["validation"]["default"]
+            order = ("failures", "off_pace", "quality")
+            better = [found[each] for each in order] < [default[each] for each in order]
+            assert better == (content["chosen"] == "search")
+            assert better or found == default
+            assert content["frames"] > 10_000
+            there = content["searched_on"]
+            digests.setdefault(there["scenarios"], set()).add(there["sha256"])
+            gains = policies.tuned_gains(content["policy"], name, *where)
+            policies.make(content["policy"], **gains)
+            if each.speeds and not found["off_pace"]:
+                assert abs(found["mean_speed"] - content["speed"]) <= 0.03 * content["speed"] + 1e-4
+        assert all(len(same) == 1 for same in digests.values())
+
+
+def test_gains_are_handed_out_for_their_condition_alone() -> None:
+    for name in CONTESTS:
+        files = sorted(tune.folder_of(name).glob("*.json"))
+        assert files
+        for file in files[:3]:
+            content = json.loads(file.read_text())
+            policy, where = content["policy"], (content["robot"], content["speed"], content["level"])
+            assert tuned_set(policy, name, *where) is not None
+            for other in (("omni9", *where[1:]), (where[0], 0.123, where[2]), (*where[:2], "severe")):
+                assert tuned_set(policy, name, *other) is None
+                with pytest.raises(policies.NotTuned, match=re.escape(condition(*where))):
+                    policies.tuned_gains(policy, name, *other)
+
+
+def test_where_nothing_was_tuned_the_row_is_called_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    contest = CONTESTS["path-following"]
+    for asked in (("tuned",), ("best",), ("default", "tuned", "paper")):
+        assert list(contest.gain_sets("pure_pursuit", "omni4", asked, 0.123)) == [("default", {})]
+    case = next(contest.cases("omni4", Course("circles", "test"), Entrants(("lqr",), ("tuned",)), speed=0.123))
+    assert (case.gains_name, case.gains) == ("default", {"speed": 0.123})
+    assert parts.described(contest, case)["learned_from"] == "not tuned"
+    kept = TunedSet({"speed": 0.7, "q_e": 50.0}, "p3dx", 0.6, "none", "search", 2_340_000)
+    monkeypatch.setattr(contest_module, "tuned_set", lambda *_: kept)
+    monkeypatch.setattr(parts, "tuned_set", lambda *_: kept)
+    # a set that was tuned for a speed is driven as it was found: nothing of it is written over
+    case = next(contest.cases("p3dx", Course("circles", "test"), Entrants(("lqr",), ("tuned",)), speed=0.6))
+    assert (case.gains_name, case.gains) == ("tuned", dict(kept.gains))
+    assert parts.described(contest, case)["learned_from"] == "2.3 M frames"
+    lost = dataclasses.replace(kept, chosen="default")
+    monkeypatch.setattr(contest_module, "tuned_set", lambda *_: lost)
+    assert list(contest.gain_sets("lqr", "p3dx", ("default", "tuned"))) == [("default", {})]
+
+
+def test_a_gain_that_is_given_is_not_written_over_by_a_speed() -> None:
+    assert policies.cruising("lookahead_retuned", {"k_ang": 5.0, "lookahead_distance": 0.3}, 0.6) == {"k_lin": 2.0}
+    assert policies.cruising("lookahead_retuned", {}, 0.3) == pytest.approx({"k_lin": 0.6, "k_ang": 1.2})
 
 
 def test_a_damaged_gains_file_is_refused() -> None:
-    from wayfield.policies.tuned import read_gains
-
+    good = {"policy": "stanley", "robot": "p3dx", "speed": 0.6, "level": "none", "chosen": "search", "frames": 1}
+    assert read_gains(json.dumps({**good, "gains": {"k": 1.0}}), "gains.json", "stanley")["frames"] == 1
     for text, message in (
         ("{", "is no JSON"),
         ('{"policy": "lqr", "gains": {}}', "does not hold gains of policy 'stanley'"),
         ('{"policy": "stanley", "gains": {"k": [1]}}', "must map names to plain values"),
+        *(
+            (json.dumps({**good, "gains": {}, name: value}), f"{name} must be")
+            for name, value in (("robot", 3), ("level", None), ("speed", -1.0), ("chosen", "luck"), ("frames", 0.5))
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             read_gains(text, "gains.json", "stanley")
     with pytest.raises(ValueError, match="plain names"):
         policies.tuned_gains("../x", "path-following")
+    with pytest.raises(policies.NotTuned):
+        policies.tuned_gains("lqr", "path-following", "../p3dx")

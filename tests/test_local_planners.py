@@ -20,6 +20,7 @@ from wayfield.envs.kinematics import integrate_arc
 from wayfield.envs.records import lag_factors
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.sensing import beam_angles
+from wayfield.policies import vfh_plus
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time
@@ -638,3 +639,52 @@ def test_vfh_plus_turns_in_to_a_goal_right_behind_a_disc(radius: float, aside: f
         over = terminated or truncated
     assert info["success"]
     assert info["time"] < 16.0  # 4.6 m at 0.6 m/s, and the turn to the goal heading
+
+
+cells_of = compiled(lambda hits, pose, cells: vfh_plus.cells_of(hits, pose, cells))
+
+
+@given(
+    st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=1, max_size=60),
+    st.tuples(*(st.floats(-3.0, 3.0) for _ in range(3))),
+)
+def test_a_cell_counts_once_however_many_hits_it_holds(
+    drawn: list[tuple[float, float]], pose: tuple[float, float, float]
+) -> None:
+    hits = np.column_stack([np.array(drawn), np.zeros(len(drawn))])
+    s, c = math.sin(pose[2]), math.cos(pose[2])
+    turn = np.array([[c, -s], [s, c]])
+    places = hits[:, :2] @ turn.T + pose[:2]
+    # a hit on the border of two cells may lie in either
+    near_border = np.abs(places / vfh_plus.CELL - np.rint(places / vfh_plus.CELL)).min() < 1e-9
+    cells = np.empty((2 * len(drawn), 2))
+    count = cells_of(np.vstack([hits, hits]), np.array(pose), cells)
+    if not near_border:
+        assert count == len(np.unique(np.floor(places / vfh_plus.CELL), axis=0))
+    centres = cells[:count] @ turn.T + pose[:2]
+    for place in places:
+        assert np.abs(centres - place).max(axis=1).min() <= 0.5 * vfh_plus.CELL + 1e-9
+
+
+def test_summed_magnitudes_grow_with_the_wall_and_largest_ones_do_not() -> None:
+    """A sector in which a wall fills several cells weighs their sum, by the paper, or the nearest of them."""
+    briefing = briefing_of("p3dx", 360)
+    primaries = {}
+    for kind in ("largest", "sum"):
+        policy = VfhPlus(magnitudes=kind)  # type: ignore[arg-type]
+        p = params(policy, briefing, all_round=True, sideways=False, summed=kind == "sum")
+        # three posts in a row of cells before the robot, near enough that each fills the sector straight ahead
+        for posts in (1, 3):
+            hits = np.array([[0.75, 0.1 * k + 0.05, 0.28] for k in (0, -1, 1)[:posts]])
+            primary = np.empty(DIRECTIONS)
+            primary_of(p, hits, policy.window, primary)
+            primaries[kind, posts] = primary[DIRECTIONS // 2]
+    one = primaries["largest", 1]
+    assert primaries["largest", 3] == pytest.approx(one, abs=0.02)
+    assert primaries["sum", 1] == one
+    assert primaries["sum", 3] == pytest.approx(3.0 * one, rel=0.03)
+
+
+primary_of = compiled(
+    lambda params, hits, seen, primary: vfh_plus.fill_primary(params[0], hits, 0.0, seen, math.nan, primary)
+)

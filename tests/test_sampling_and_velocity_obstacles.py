@@ -24,6 +24,7 @@ from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
 from wayfield.policies import mppi, orca
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
+from wayfield.policies.parts.stopping import SECTORS
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 
@@ -287,7 +288,7 @@ def test_only_what_is_sensed_matters() -> None:
         obstacles = obstacle_field(circle(x, 0.0, 0.5))[None]
         told = {"goals": np.zeros((1, 1, 3)), "num_goals": np.array([1])}
         briefing = brief("omni4", num_beams=0, obstacles=obstacles, num_obstacles=np.array([1]), **told)
-        policy = Orca(sensing_radius=2.0, perturbation=0.0, horizon=10.0)
+        policy = Orca(sensing_radius=2.0, perturbation=0.0, horizon=10.0, roadmap=False)
         seen = goal_reaching.Observation(
             np.zeros((1, 3)), np.zeros((1, 3)), np.array([[9.0, 0.0]]), np.zeros(1), np.zeros(1), np.empty((1, 0))
         )
@@ -444,7 +445,8 @@ def grids(
     p = policy.params(briefing)[0]
     angles = briefing.beam_angles
     hits = np.empty((len(ranges), 3))
-    count = mppi.find_hits(p, np.column_stack([np.cos(angles), np.sin(angles)]), ranges[None], 0, hits)
+    near = np.full((SECTORS, 4), np.inf)
+    count = mppi.find_hits(p, np.column_stack([np.cos(angles), np.sin(angles)]), ranges[None], 0, near, hits)
     side = 2 * int(p["half"]) + 1
     clearances, slowness, ways = np.empty((side, side)), np.empty((side, side)), np.empty((side, side))
     mppi.measure_clearances(p, hits, count, clearances)
@@ -507,6 +509,71 @@ def test_a_wall_at_a_flat_angle_has_no_holes_and_two_discs_have_one_between() ->
     _, _, hits, count = grids(Mppi(), scan(circle(2.0, 0.6, 0.2), circle(2.0, -0.6, 0.2)), (4.0, 0.0))
     gaps = np.hypot(*(hits[1:count, :2] - hits[: count - 1, :2]).T)
     assert not hits[: count - 1, 2][gaps > 0.5].any()
+
+
+def test_what_was_near_is_remembered_for_a_while() -> None:
+    """A post that slips in between two beams is still kept clear of, until `recall` has passed."""
+    briefing = brief("p3dx")
+    post, nothing = scan(circle(0.75, 0.0, 0.1)), np.full(72, 5.0)
+    driven = {}
+    for recall in (0.0, 2.0):
+        policy = Mppi(recall=recall, samples=128)
+        memory = policy.reset(briefing)
+        for step in range(60):
+            observation = goal_reaching.Observation(
+                np.zeros((1, 3)), np.zeros((1, 2)), np.array([[3.0, 0.0]]), np.zeros(1), np.zeros(1),
+                (post if step < 5 else nothing)[None],
+            )  # fmt: skip
+            twist = policy.act(observation, briefing, memory)[0]
+            if step in (5, 59):
+                driven[recall, step] = (memory["recalled"][0, :, 2] > 0.0).sum(), twist
+    assert driven[0.0, 5][0] == driven[0.0, 59][0] == driven[2.0, 59][0] == 0
+    assert driven[2.0, 5][0] > 0
+    # to the side of the post, or slower than where nothing is known to stand
+    remembered, forgotten = driven[2.0, 5][1], driven[0.0, 5][1]
+    assert not np.allclose(remembered, forgotten)
+
+
+# Round what stands.
+
+
+def test_the_wanted_velocity_follows_the_way_and_not_the_straight_line() -> None:
+    """Behind a wall across the line, the robot that knows the map sets out for its end, the other one for the wall."""
+    barrier = obstacle_field(wall(1.5, -1.5, 1.5, 1.5), wall(1.5, -1.5, 0.5, -1.5))[None]
+    told = {"goals": np.array([[[3.0, 0.0, 0.0]]]), "num_goals": np.array([1])}
+    briefing = brief("omni4", num_beams=0, obstacles=barrier, num_obstacles=np.array([2]), **told)
+    seen = goal_reaching.Observation(
+        np.zeros((1, 3)), np.zeros((1, 3)), np.array([[3.0, 0.0]]), np.zeros(1), np.zeros(1), np.empty((1, 0))
+    )
+    asked = {}
+    for roadmap in (True, False):
+        policy = Orca(roadmap=roadmap, perturbation=0.0)
+        memory = policy.reset(briefing)
+        asked[roadmap] = policy.act(seen, briefing, memory)[0]
+        if roadmap:
+            arc = memory["arc"][0, : memory["num_points"][0]]
+            # the shortest way past the end of the wall, for a hull that keeps clear of it
+            hull = briefing.robot.hull_radius
+            taut = 2.0 * math.hypot(1.5, 1.5)
+            assert taut < arc[-1] < taut + 2.0 * math.pi * (hull + 0.2)
+    x, y, _ = asked[True]
+    assert math.atan2(y, x) > 0.5
+    assert abs(math.atan2(asked[False][1], asked[False][0])) < 0.05
+
+
+def test_a_robot_that_is_moved_off_its_way_plans_anew() -> None:
+    barrier = obstacle_field(wall(1.5, -1.5, 1.5, 1.5))[None]
+    told = {"goals": np.array([[[3.0, 0.0, 0.0]]]), "num_goals": np.array([1])}
+    briefing = brief("omni4", num_beams=0, obstacles=barrier, num_obstacles=np.array([1]), **told)
+    policy = Orca()
+    memory = policy.reset(briefing)
+    for (x, y), plans in (((0.0, 0.0), 1), ((0.02, 0.0), 1), ((-1.0, -2.0), 2), ((-1.0, -2.0), 2)):
+        seen = goal_reaching.Observation(
+            np.array([[x, y, 0.0]]), np.zeros((1, 3)), np.array([[3.0 - x, -y]]), np.zeros(1), np.zeros(1),
+            np.empty((1, 0)),
+        )  # fmt: skip
+        policy.act(seen, briefing, memory)
+        assert memory["plans"][0] == plans
 
 
 # At the wheel.

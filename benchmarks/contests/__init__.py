@@ -10,12 +10,14 @@ from wayfield.benchmarks.contests.contest import (
     GAINS_NAMES,
     OWN_SPLIT,
     PAPER,
+    ROBUST_LEVEL,
     TRAINED,
     TRANSFER_SPLIT,
     Column,
     Contest,
     Course,
     Entrants,
+    Score,
 )
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
@@ -28,28 +30,32 @@ __all__ = [
     "GAINS",
     "GAINS_NAMES",
     "LADDER_SCENARIOS",
+    "LADDER_SETS",
     "OVERVIEW",
     "OVERVIEW_SCENARIOS",
     "OWN_SPLIT",
     "PAPER",
+    "ROBUST_LEVEL",
     "TRAINED",
     "TRANSFER_SPLIT",
     "Column",
     "Contest",
     "Course",
     "Entrants",
+    "Score",
 ]
 
 CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES)}
 
 # What may be asked for, and the sets of gains that it stands for.
 GAINS: Mapping[str, tuple[str, ...]] = {
-    **{name: (name,) for name in ("default", "tuned", "best", "paper")},
+    **{name: (name,) for name in ("default", "tuned", "robust", "best", "paper")},
     "all": ("default", "tuned", "paper"),
 }
 
 FRONT_SCENARIOS = 2  # of each family, at each speed of the front
 LADDER_SCENARIOS = 2  # of each family, at each level
+LADDER_SETS = ("default", "tuned", "robust")  # of gains, on the ladder
 OVERVIEW_SCENARIOS = 1  # of each family, in the overview
 
 OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part

@@ -1,8 +1,10 @@
 """What a contest is: a task, who takes part, what is measured and how it is shown, and the cases that follow from it.
 
 Every policy meets the same scenarios, starts and disturbances. Gains called "default" are those of the policy's file,
-"tuned" those that were found on the validation split (see `tune`), "paper" those that leave a controller what its paper
-gives it: no memory of what is out of sight, no way around traps, nothing foreseen.
+"tuned" those that were found by search (see `tune`) for the robot and the asked speed that they are shown with,
+"robust" those that were found under the disturbances ROBUST_LEVEL, and "paper" those that leave a controller what its
+paper gives it: its objective alone, no memory of what is out of sight, no way around traps, nothing foreseen. Where no
+set was tuned for a robot and a speed, or the default gains came out best, the default gains are shown, and called so.
 """
 
 import dataclasses
@@ -14,19 +16,28 @@ from typing import Any
 
 from wayfield import policies
 from wayfield.benchmarks.cases import Case, Entrant
-from wayfield.benchmarks.results import Row
+from wayfield.benchmarks.results import Row, number
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.learned.ppo import shipped, trained
+from wayfield.policies.tuned import PACE, tuned_set
 
 TRAINED = ("ppo",)
-GAINS_NAMES = ("default", "tuned", "paper", "best", "trained", "own")
-PAPER: Mapping[str, Mapping[str, float]] = {
-    name: {"patience": math.inf, "recall": 0.0, "foresight": 0.0} for name in ("vfh_plus", "dwa")
+GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own")
+_REACTIVE = {
+    "patience": math.inf,
+    "recall": 0.0,
+    "foresight": 0.0,
+}  # no way around traps, nothing remembered or foreseen
+PAPER: Mapping[str, Mapping[str, Any]] = {
+    "vfh_plus": {**_REACTIVE, "magnitudes": "sum"},
+    "dwa": {**_REACTIVE, "progress": 0.0, "room": 0.0},  # Fox's three terms alone
+    "orca": {"roadmap": False},  # straight at the goal
 }
-TRANSFER_SPLIT = "validation"  # on which gains are tuned: the generalisation gap is the score here minus that on test
+ROBUST_LEVEL = "moderate"  # of disturbance, under which robust gains are tuned
+TRANSFER_SPLIT = "validation"  # by which gains are chosen: the generalisation gap is the score here minus that on test
 OWN_SPLIT = "own"  # of scenarios from the user's files
 COST = "cost"  # a column's metric: the task's cost, where a run that fails counts as the task says
 
@@ -83,6 +94,31 @@ class Entrants:
     own: tuple[Entrant, ...] = ()
 
 
+@dataclasses.dataclass(frozen=True, order=True)
+class Score:
+    """How well a set of gains did in a search; the lower is the better one, compared field by field in this order."""
+
+    failures: int
+    off_pace: int  # 0: the successes' mean speed is the asked one within PACE_TOLERANCE; 1: it is not; 2: and too slow
+    quality: float  # at least 0: of the successes, what the contest compares them by
+    mean_speed: float = dataclasses.field(compare=False, default=math.nan)  # m/s, of the successes
+    episodes: int = dataclasses.field(compare=False, default=0)
+    frames: int = dataclasses.field(compare=False, default=0)  # control periods driven
+
+    @property
+    def value(self) -> float:
+        """Returns a number that orders scores as they are ordered: whole failures, and a share of one for the rest."""
+        return self.failures + (self.off_pace + self.quality / (1.0 + self.quality)) / 3.0
+
+
+PACE_TOLERANCE = 0.03  # relative
+
+
+def driven(rows: Sequence[Row]) -> tuple[int, int]:
+    """Returns the number of episodes and of their frames."""
+    return len(rows), sum(round(number(row, "time") / CONTROL_PERIOD) for row in rows)
+
+
 @dataclasses.dataclass(frozen=True)
 class Contest:
     """A task's contest: who takes part, where, and what is shown of it. What is the task's is in its `spec`."""
@@ -98,7 +134,9 @@ class Contest:
     counted: str  # what a failure counts as, in the words of the note
     notes: str  # what a reader of the main table must know
     timed_on: str  # the family on which decisions are timed
-    score: Callable[[Sequence[Row], Sequence[Any]], float]  # of rows and their scenarios, for `tune`; lower is better
+    score: Callable[
+        [Sequence[Row], Sequence[Any], float, float], Score
+    ]  # of rows, scenarios, asked and least speed, m/s
 
     @property
     def name(self) -> str:
@@ -145,8 +183,8 @@ class Contest:
         robot = robot_of(robot)
         disturbed = {} if disturbance == "none" else {"disturbance": disturbance}
         conditions = {"robot": shipped_name(robot), **disturbed}
-        for name, gains_name, gains, entrant in self._sets(robot, entrants):
-            if speed is not None:
+        for name, gains_name, gains, entrant in self._sets(robot, entrants, speed):
+            if speed is not None and gains_name not in ("tuned", "robust"):
                 at_speed = _cruising(name, gains, entrant, speed)
                 if at_speed is None:
                     continue
@@ -167,11 +205,12 @@ class Contest:
                 entrant=entrant,
             )
 
-    def _sets(self, robot: Robot, entrants: Entrants) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
+    def _sets(
+        self, robot: Robot, entrants: Entrants, speed: float | None
+    ) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
         """Yields each entrant with each set of its gains: its name, the set's name, the gains, and whose it is."""
-        sets = {name: list(self.gain_sets(name, robot.name, entrants.gains_names)) for name in entrants.policies}
-        if ROBOTS.get(robot.name) != robot:
-            sets |= {name: [] for name in TRAINED if name in sets}  # no agent ships for another robot of that name
+        pace = PACE if speed is None else speed
+        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names, pace)) for name in entrants.policies}
         for home in entrants.homes:
             sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
         for name, of_policy in sets.items():
@@ -180,17 +219,30 @@ class Contest:
         for own in entrants.own:
             yield own.name, own.gains_name, dict(own.gains), own
 
-    def gain_sets(self, name: str, robot: str, gains_names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yields the sets of a policy's gains, each with its name."""
+    def gain_sets(
+        self, name: str, robot: AnyRobot, gains_names: Sequence[str], pace: float = PACE
+    ) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields the sets of a policy's gains for a robot and an asked speed (m/s), each with its name.
+
+        Sets that were tuned are complete; to others the asked speed is still to be told. The default gains stand in
+        for a set that was not tuned for robot and speed, and for one in whose search they came out best. Nothing was
+        trained or tuned for a robot that does not ship.
+        """
+        robot = robot_of(robot)
+        ships = ROBOTS.get(robot.name) == robot
         if name in TRAINED:
-            for seed in shipped(self.spec.name, robot):
+            for seed in shipped(self.spec.name, robot.name) if ships else ():
                 yield "trained", {"seed": seed}
             return
-        tuned = policies.tuned_gains(name, self.name)
-        if "default" in gains_names or ("best" in gains_names and not tuned):
+        found = {}
+        for gains_name, level in (("tuned", "none"), ("robust", ROBUST_LEVEL)):
+            if gains_name in gains_names or (gains_name == "tuned" and "best" in gains_names):
+                found[gains_name] = tuned_set(name, self.name, robot.name, pace, level) if ships else None
+        better = {gains_name: each for gains_name, each in found.items() if each and each.chosen == "search"}
+        if "default" in gains_names or ("tuned" in found and "tuned" not in better):
             yield "default", {}
-        if tuned and ("tuned" in gains_names or "best" in gains_names):
-            yield "tuned", tuned
+        for gains_name, each in better.items():
+            yield gains_name, dict(each.gains)
         if name in PAPER and "paper" in gains_names:
             yield "paper", dict(PAPER[name])
 

@@ -1,18 +1,22 @@
 """The contest of goal reaching: reactive laws, planners and agents on 21 families of scenes, by success and time."""
 
+import math
 import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from wayfield.benchmarks.contests.contest import COST, Column, Contest, Heat
+from wayfield.benchmarks.contests.contest import COST, Column, Contest, Heat, Score, driven
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.scenarios import TASKS
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any]) -> float:
-    """Returns minus the successes, and minus a mean SCT that is below one, over the number of scenarios."""
-    successes = sum(number(row, "success") for row in rows)
-    return -(successes + statistics.fmean(number(row, "sct") for row in rows)) / len(scenarios)
+def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
+    """Returns the failures, and 1 minus the mean SCT as the quality; the asked speed is the most that is driven."""
+    del scenarios, speed, least
+    won = [row for row in rows if number(row, "success") == 1.0]
+    mean_speed = statistics.fmean(number(row, "mean_speed") for row in won) if won else math.nan
+    quality = 1.0 - statistics.fmean(number(row, "sct") for row in rows)
+    return Score(len(rows) - len(won), 0, quality, mean_speed, *driven(rows))
 
 
 GOAL_OBSTACLES = Contest(

@@ -5,31 +5,38 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from wayfield.benchmarks.contests.contest import COST, Column, Contest, Heat
+from wayfield.benchmarks.contests.contest import COST, PACE_TOLERANCE, Column, Contest, Heat, Score, driven
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.scenarios import TASKS
 
 _SPEC = TASKS["path_following"]
 
-# Of the score: a policy that halves its error by taking twice the time gains nothing.
-FAILED_TIME = 4.0  # times the time at the cruising speed
-CRUISE = 0.6  # m/s
 LEAST_ERROR = 1e-3  # m, below which errors are alike
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any]) -> float:
-    """Returns the mean over the scenarios of ln(RMS error / 1 mm) + ln(time / time at the cruising speed).
+def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
+    """Returns the failures, whether the asked speed (m/s) is held, and the quality of the successes.
 
-    A run that fails counts as the task's cost of a failure and FAILED_TIME times the time.
+    That is the mean of ln(RMS error / 1 mm) where the speed is held. Where it is not, ln(time / time at the asked
+    speed) is added: a policy that halves its error by taking twice the time gains nothing; and one that is slower than
+    `least` (m/s) comes after all that are not. A run that fails counts with the task's cost of a failure.
     """
-    terms = []
+    speeds, terms = [], []
     for row, scenario in zip(rows, scenarios, strict=True):
+        if number(row, "success") != 1.0:
+            terms.append((math.log(_SPEC.cost.failure / LEAST_ERROR), 0.0))
+            continue
         length = max(scenario.laps, 1) * scenario.path.length
-        won = number(row, "success") == 1.0
-        rms = max(number(row, _SPEC.cost.metric), LEAST_ERROR) if won else _SPEC.cost.failure
-        slowness = number(row, "time") * CRUISE / length if won else FAILED_TIME
-        terms.append(math.log(rms / LEAST_ERROR) + math.log(max(slowness, 1e-3)))
-    return statistics.fmean(terms)
+        late = math.log(max(number(row, "time") * speed / length, 1e-3))
+        terms.append((math.log(max(number(row, _SPEC.cost.metric), LEAST_ERROR) / LEAST_ERROR), late))
+        speeds.append(number(row, "mean_speed"))
+    mean_speed = statistics.fmean(speeds) if speeds else math.nan
+    held = abs(mean_speed - speed) <= PACE_TOLERANCE * speed
+    off_pace = 0 if held else 2 if mean_speed < least - 1e-9 else 1
+    error, late = (statistics.fmean(each) for each in zip(*terms, strict=True))
+    return Score(
+        len(rows) - len(speeds), off_pace, max(error + (late if off_pace else 0.0), 0.0), mean_speed, *driven(rows)
+    )
 
 
 PATH_FOLLOWING = Contest(

@@ -27,8 +27,9 @@ APPROACH = 0.7  # share of the acceleration that a robot brakes with at its goal
 
 
 # What a robot remembers of its scans; the points of two earlier ones lie beside this, see `remembering`.
+RECALLED = ("recalled", np.float64, (SECTORS, 3))  # of `find_hits`: x, y (m, world frame) and for how long still (s)
 SIGHTS = [
-    ("recalled", np.float64, (SECTORS, 3)),  # of `find_hits`: x, y (m, world frame) and for how long still (s)
+    RECALLED,
     ("older_age", np.float64),  # s, of the two scans of `find_approaching`
     ("newer_age", np.float64),
 ]
@@ -119,16 +120,7 @@ def find_hits(p, scan, seen, m, i, farthest, radius, hits):
     """
     ranges = scan.ranges
     directions = scan.directions
-    x = seen.poses[i, 0]
-    y = seen.poses[i, 1]
-    sine, cosine = sin_cos(seen.poses[i, 2])
-    near = np.full((SECTORS, 4), np.inf)  # x, y, distance, seconds left
-    recalled = m.recalled
-    for j in range(SECTORS):
-        left = recalled[j, 2] - p.plant.dt
-        if left > 0.0:
-            bx, by = to_body_frame(x, y, sine, cosine, recalled[j, 0], recalled[j, 1])
-            remember(near, bx, by, max(math.sqrt(bx * bx + by * by), 1e-6), left)
+    near = recalled_near(p, seen, m, i)
     count = 0
     for j in range(ranges.shape[1]):
         distance = max(ranges[i, j], 1e-6)
@@ -140,6 +132,35 @@ def find_hits(p, scan, seen, m, i, farthest, radius, hits):
             if distance < RECALL_RANGE:
                 remember(near, hits[count, 0], hits[count, 1], distance, p.recall)
             count += 1
+    return keep_near(p, seen, m, i, near, radius, hits, count)
+
+
+@inlined
+def recalled_near(p, seen, m, i):
+    """Returns what is still known near robot i, (SECTORS, 4): x, y, distance (m, body frame) and for how long (s)."""
+    x = seen.poses[i, 0]
+    y = seen.poses[i, 1]
+    sine, cosine = sin_cos(seen.poses[i, 2])
+    near = np.full((SECTORS, 4), np.inf)
+    recalled = m.recalled
+    for j in range(SECTORS):
+        left = recalled[j, 2] - p.plant.dt
+        if left > 0.0:
+            bx, by = to_body_frame(x, y, sine, cosine, recalled[j, 0], recalled[j, 1])
+            remember(near, bx, by, max(math.sqrt(bx * bx + by * by), 1e-6), left)
+    return near
+
+
+@inlined
+def keep_near(p, seen, m, i, near, radius, hits, count):
+    """Keeps the nearest points in the memory, and adds those to the hits that are out of sight; returns their number.
+
+    radius: m, that the robot's centre has to keep from them, in the third column, as in `find_hits`.
+    """
+    x = seen.poses[i, 0]
+    y = seen.poses[i, 1]
+    sine, cosine = sin_cos(seen.poses[i, 2])
+    recalled = m.recalled
     for j in range(SECTORS):
         recalled[j, 2] = 0.0
         if near[j, 2] < RECALL_RANGE:

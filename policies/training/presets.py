@@ -139,8 +139,14 @@ class Preset:
 
     @property
     def gains(self) -> dict[str, Any]:
-        """Returns the gains of the controller."""
-        return tuned_gains(self.controller, TASKS[self.task].suite) if self.controller_gains == "tuned" else {}
+        """Returns the gains of the controller: tuned for the robot at the pace of every set, or its own.
+
+        Raises:
+            NotTuned: if there are none for the robot.
+        """
+        if self.controller_gains != "tuned":
+            return {}
+        return tuned_gains(self.controller, TASKS[self.task].suite, self.robot or "p3dx")
 
     @property
     def base(self) -> Base | None:
