@@ -21,7 +21,8 @@ from wayfield.benchmarks.drawing import (
     saved,
 )
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
-from wayfield.benchmarks.standings import COMPARED, by_entry, check_columns, front_points, label, values
+from wayfield.benchmarks.standings import front_points
+from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, costs, label, levels_of, values
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
 

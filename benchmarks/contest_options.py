@@ -2,8 +2,11 @@
 
 import dataclasses
 import functools
+import zlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+import numpy as np
 
 from wayfield.benchmarks.cases import Case, Entrant
 from wayfield.benchmarks.contests import (
@@ -196,7 +199,18 @@ class ContestOptions:
         limits = [limit for limit in (there, most, self.episodes) if limit is not None]
         count = (self.episodes or 1) if there is None else min(limits)
         for case in cases:
-            yield Setting(self.suite, case, plant, self.actuators, self.seed, count)
+            yield Setting(
+                self.suite, case, plant, self.actuators, seed_of(self.seed, case.split, case.experiment), count
+            )
+
+
+def seed_of(seed: int, split: str, family: str) -> int:
+    """Returns the first seed of a family's scenarios: other starts, noise and shoves in each family and split.
+
+    It does not depend on who drives, so that comparisons stay paired.
+    """
+    words = (seed, *(zlib.crc32(name.encode()) for name in (split, family)))
+    return int(np.random.SeedSequence(words).generate_state(1)[0] >> 1)
 
 
 def try_out(contest: Contest, robot: str, own: Entrant, course: Course | None = None) -> None:

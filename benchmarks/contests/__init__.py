@@ -12,6 +12,7 @@ from wayfield.benchmarks.contests.contest import (
     PAPER,
     TRAINED,
     TRANSFER_SPLIT,
+    Bar,
     Column,
     Contest,
     Course,
@@ -34,6 +35,7 @@ __all__ = [
     "PAPER",
     "TRAINED",
     "TRANSFER_SPLIT",
+    "Bar",
     "Column",
     "Contest",
     "Course",
@@ -48,8 +50,8 @@ GAINS: Mapping[str, tuple[str, ...]] = {
     "all": ("default", "tuned", "paper"),
 }
 
-FRONT_SCENARIOS = 2  # of each family, at each speed of the front
-LADDER_SCENARIOS = 2  # of each family, at each level
-OVERVIEW_SCENARIOS = 1  # of each family, in the overview
+FRONT_SCENARIOS = 5  # of each family, at each speed of the front: the fewest that an interval is shown for
+LADDER_SCENARIOS = 5  # of each family, at each level
+OVERVIEW_SCENARIOS = 1  # of each family, in the overview, which shows no intervals
 
 OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part
