@@ -23,9 +23,9 @@ import rich.table
 
 from wayfield.benchmarks.cases import DIFF_DRIVE_GOAL_REACHING, Case
 from wayfield.benchmarks.contests import CONTESTS, TRAINED
+from wayfield.benchmarks.entries import success_interval
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import Row, number
-from wayfield.benchmarks.entries import success_interval
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import workers
 from wayfield.envs.checks import MOST_POINTS, shown

@@ -20,9 +20,9 @@ from wayfield.benchmarks.drawing import (
     plt,
     saved,
 )
+from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, label, values
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
 from wayfield.benchmarks.standings import front_points
-from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, costs, label, levels_of, values
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
 

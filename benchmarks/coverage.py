@@ -17,7 +17,7 @@ import rich.console
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.crossed import exact_interval, share_interval
+from wayfield.benchmarks.crossed import LEAST, exact_interval, share_interval
 from wayfield.benchmarks.paired import difference
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import TABLE
@@ -196,9 +196,10 @@ def coverage_table(count: int, simulations: int, seed: int, command: str) -> Tab
         cells = [design.what, design.where, f"{design.families} x {design.scenarios}", who]
         lines.append([*cells, f"{100.0 * held_by / simulations:.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"])
     note = (
-        f"{simulations:,} samples of each of these made-up populations; a share that a 95 % interval should hold in 95 of "
-        f"100, and is shown for if it does in {100.0 * HOLDS:.0f}. Brackets: the 95 % interval (Clopper and Pearson) of the measured share. An "
-        f"interval is left out where a family has fewer than 5 scenarios. Made by `{command}`."
+        f"In {simulations:,} samples of each of these made-up populations, how many of the 95 % intervals held the "
+        f"true value; no kind of interval is shown that holds less than {100.0 * HOLDS:.0f} % where a family has "
+        f"{LEAST} scenarios, and none where it has fewer. Brackets: Clopper and Pearson's of the measured share. Made "
+        f"by `{command}`."
     )
     return Table("How often the intervals hold", ["interval", "where", "scenarios", "of", "covers (%)"], lines, note)
 

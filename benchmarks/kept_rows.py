@@ -7,7 +7,7 @@ import csv
 import io
 import lzma
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from wayfield.benchmarks.contests import CONTESTS, COST, Contest
@@ -20,19 +20,9 @@ SUFFIX = ".csv.xz"
 DIGITS = 6
 
 _NAMED = (
-    *(
-        "contest",
-        "family",
-        "scenario",
-        "robot",
-        "disturbance",
-        "policy",
-        "gains_name",
-        "gains",
-        "dynamics",
-        "actuators",
-    ),
-    *("seed", "episode", "split", "tier", "speed", "agent_seed", "knows", "parameters", "learned_from", "failure_cost"),
+    *("suite", "contest", "family", "scenario", "robot", "disturbance", "policy", "gains_name", "gains", "dynamics"),
+    *("actuators", "seed", "episode", "split", "tier", "speed", "agent_seed", "knows", "parameters", "learned_from"),
+    "failure_cost",
 )
 _EVERYWHERE = ("success", "collision", "mean_speed")
 
@@ -118,8 +108,3 @@ def read_packed(file: Path) -> list[Row]:
         OSError: if it cannot be opened.
     """
     return unpacked(file.read_bytes(), str(file))
-
-
-def digested(rows: Iterable[Row]) -> list[Row]:
-    """Returns the rows as a reader of the packed file gets them."""
-    return unpacked(packed(list(rows)), "rows")

@@ -45,8 +45,8 @@ def difference_table(contest: Contest, title: str, entries: Mapping[Entry, list[
     unit = cost_unit(contest)
     note = (
         "The first policy less the second, over the scenarios that both met: successes in points, "
-        f"{contest.spec.cost.name} in {unit}, {kind_of_mean(contest)} of the differences, a failure counted. Brackets: 95 % "
-        f"intervals of the paired t-test; p corrected by Holm's method for the {len(pairs)} pairs. {source}"
+        f"{contest.spec.cost.name} in {unit}, {kind_of_mean(contest)} of the differences, a failure counted. Brackets: "
+        f"95 % intervals of the paired t-test; p corrected by Holm's method for the {len(pairs)} pairs. {source}"
     )
     header = ["policy", "less", "success (points)", "p of it", f"{contest.spec.cost.name} ({unit})", "p of this"]
     return Table(f"{title}: paired differences", header, lines, note)
@@ -92,8 +92,8 @@ def success_difference(rows_a: Sequence[Row], rows_b: Sequence[Row]) -> Differen
 def cost_difference(rows_a: Sequence[Row], rows_b: Sequence[Row], contest: Contest) -> Difference:
     """Returns the cost of A less that of B, failures counted; ValueError as `how_often_better`.
 
-    Of times it is the mean. Of errors it is the interquartile mean: a failure counts as a hundred times what others err,
-    and a mean would be that of the failures, which `success_difference` tells.
+    Of times it is the mean. Of errors it is the interquartile mean: a failure counts as a hundred times what others
+    err, and a mean would be that of the failures, which `success_difference` tells.
     """
     rows_a, rows_b = _aligned(rows_a, rows_b)
     a, strata = by_scenario(rows_a, costs(rows_a, contest))

@@ -7,6 +7,7 @@ from importlib.metadata import version
 import numpy as np
 
 from wayfield.benchmarks.aggregates import interval, iqm
+from wayfield.benchmarks.claims import claims_table
 from wayfield.benchmarks.contests import CONTESTS, COST, OWN_SPLIT, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.entries import (
@@ -81,6 +82,7 @@ def contest_tables(
             title = f"{contest.spec.title}, {robot}, {mine[0]['actuators']} actuators, {mine[0]['dynamics']} plant"
             if ladder:
                 found[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
+                found[f"{stem}_ladder_claims"] = claims_table(mine, command)
                 continue
             test = Standings(contest, title, by_entry(row for row in mine if row["split"] in COMPARED), command)
             seen = by_entry(row for row in mine if row["split"] == TRANSFER_SPLIT)
@@ -95,6 +97,7 @@ def contest_tables(
                 found[f"{stem}_front"] = front_table(contest, title, swept, command)
             if any(row["agent_seed"] for rows_of in test.entries.values() for row in rows_of):
                 found[f"{stem}_seeds"] = seed_table(test, seen)
+                found[f"{stem}_claims"] = claims_table(mine, command)
     return found
 
 
@@ -149,18 +152,18 @@ def _standings_note(standings: Standings) -> str:
     )
     return (
         f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors, "
-        f"scores and times: bootstrap{strata}, agents drawn with the scenarios. Shares, scores and what is called a mean "
-        "are means, other numbers interquartile means over the episodes. Rows of trained agents hold every seed. A "
-        f"failure counts as {contest.counted}; speed, time of successes and effort are of the successes and rank nobody. "
-        f"Learned from: frames of {CONTROL_PERIOD:g} s, or runs, driven for it. Compute: one decision of one robot, "
-        f"measured alone. Gap: what the entry does better on the {TRANSFER_SPLIT} split, on which gains were chosen, than "
-        f"on test.{pace} {standings.source} {contest.notes}"
+        f"scores and times: bootstrap{strata}, agents drawn with the scenarios. Shares, scores, imputed times and RMS "
+        "errors are means, other numbers interquartile means over the episodes. Rows of trained agents hold every "
+        f"seed. A failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
+        f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, or runs, driven for it. Compute: one decision of "
+        f"one robot, measured alone. Gap: what the entry does better on the {TRANSFER_SPLIT} split, on which gains "
+        f"were chosen, than on test.{pace} {standings.source} {contest.notes}"
     )
 
 
 BRACKETS = (
-    "Brackets are 95 % intervals, none where a family has fewer than 5 scenarios. Success: Clopper and Pearson's, in as "
-    "many trials as leave the mean as uncertain, at most one a scenario."
+    "Brackets are 95 % intervals, none where a family has fewer than 5 scenarios. Success: Clopper and Pearson's, in "
+    "as many trials as leave the mean as uncertain, at most one a scenario."
 )
 
 
@@ -220,7 +223,8 @@ def seed_table(standings: Standings, seen: Mapping[Entry, list[Row]]) -> Table:
             lines.append([*entry, seed, f"{100.0 * won:.1f}", f"{-cost:.{contest.spec.cost.decimals}f}", bar, over])
     note = (
         f"Success in per cent, then the mean over the scenarios, a failure counted as {failing(contest)}. Bar: "
-        f"{contest.bar.words}. Over {contest.policies[0]}: more successes, or as many at a lower cost. {standings.source}"
+        f"{contest.bar.words}. Over {contest.policies[0]}: more successes, or as many at a lower cost. "
+        f"{standings.source}"
     )
     header = ["policy", "gains", "seed", "success (%)", contest.cost_header]
     header += ["reaches the bar", f"over {contest.policies[0]}"]

@@ -34,6 +34,7 @@ __all__ = [
     "OWN_SPLIT",
     "PAPER",
     "TRAINED",
+    "TRANSFER_SCENARIOS",
     "TRANSFER_SPLIT",
     "Bar",
     "Column",
@@ -52,6 +53,7 @@ GAINS: Mapping[str, tuple[str, ...]] = {
 
 FRONT_SCENARIOS = 5  # of each family, at each speed of the front: the fewest that an interval is shown for
 LADDER_SCENARIOS = 5  # of each family, at each level
+TRANSFER_SCENARIOS = 5  # of each family of the split that gains were chosen on
 OVERVIEW_SCENARIOS = 1  # of each family, in the overview, which shows no intervals
 
 OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part

@@ -37,7 +37,7 @@ def score(rows: Sequence[Row], scenarios: Sequence[Any]) -> float:
 
 
 def reached(rows: Sequence[Row]) -> bool:
-    """Returns whether a seed's RMS error on the validation split is under the bar; a failure counts as the task says."""
+    """Returns whether a seed's RMS error on the validation split, failures counted, is under the bar."""
     errors = [
         number(row, _SPEC.cost.metric) if number(row, "success") == 1.0 else number(row, "failure_cost") for row in rows
     ]
@@ -74,9 +74,9 @@ PATH_FOLLOWING = Contest(
     ranked=((COST, 1.0),),
     counted="an RMS error of 1 m",
     notes=(
-        "RMS error is the mean over all runs, in which every failure counts; 'typical' is the interquartile mean, which a "
-        "few failures leave as it is, and so is 'after 1 m', where the start beside the path is left out. 'worst' is the "
-        "greatest error of any run. Simulation only."
+        "RMS error is the mean over all runs, in which every failure counts; 'typical' is the interquartile mean, "
+        "which a few failures leave as it is, and so is 'after 1 m', where the start beside the path is left out. "
+        "'worst' is the greatest error of any run. Simulation only."
     ),
     timed_on="splines",
     score=score,
