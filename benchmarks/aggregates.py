@@ -4,11 +4,14 @@ The definitions are those of Agarwal et al., "Deep reinforcement learning at the
 (NeurIPS 2021), where a stratum is here a family of scenarios.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
+
+from wayfield.benchmarks.crossed import TRIMMED, enough, spread, winsorised
 
 Array = NDArray[np.float64]
 
@@ -17,7 +20,7 @@ RESAMPLES = 2_000
 
 def iqm(values: Array) -> Array:
     """Returns the interquartile mean over the last axis: the mean without the lowest and the highest quarter."""
-    return np.asarray(scipy.stats.trim_mean(values, 0.25, axis=-1))
+    return np.asarray(scipy.stats.trim_mean(values, TRIMMED, axis=-1))
 
 
 def mean(values: Array) -> Array:
@@ -26,17 +29,26 @@ def mean(values: Array) -> Array:
 
 
 def interval(
-    values: Sequence[float] | Array, strata: Sequence[str], statistic: Callable[[Array], Array], seed: int = 0
-) -> tuple[float, float]:
-    """Returns the 95 % stratified-bootstrap percentile interval of a statistic of the values.
+    values: Sequence[float] | Array,
+    strata: Sequence[str],
+    statistic: Callable[[Array], Array],
+    seed: int = 0,
+    resamples: int = RESAMPLES,
+) -> tuple[float, float] | None:
+    """Returns the 95 % stratified-bootstrap interval of a statistic of the values; None where `enough` says no.
 
     Trained agents are a sample as scenarios are: where there are several, a resample draws agents and scenarios, so
     that ten agents in one scenario do not count as ten scenarios.
 
+    A resample of n from n spreads by (n - 1) / n too little, and a spread of few values is itself uncertain: the
+    percentiles are not 2.5 and 97.5 but those of -+t sqrt(n / (n - 1)) in a normal distribution, with n the scenarios
+    of the smallest stratum, or the agents where they are fewer, and t Student's quantile (the expanded percentile
+    interval of Hesterberg, The American Statistician 69, 2015).
+
     Args:
         values: one finite number a scenario (s,), or a column for each of several trained agents (s, r).
         strata: the stratum of each scenario; every resample draws as many from each stratum as there are.
-        statistic: reduces the last axis, such as `iqm`.
+        statistic: `iqm` or `mean`; reduces the last axis.
         seed: of the resampling.
 
     Raises:
@@ -45,16 +57,22 @@ def interval(
     array, names = np.asarray(values, np.float64), np.asarray(strata)
     if not array.size or len(array) != len(names):
         raise ValueError(f"an interval needs as many values as strata and at least one, got {len(array)}, {len(names)}")
+    if not enough(strata):
+        return None
     table = array.reshape(len(array), -1)
     rng = np.random.default_rng(seed)
-    drawn = [
-        rng.choice(np.flatnonzero(names == name), (RESAMPLES, int((names == name).sum())), axis=-1)
-        for name in np.unique(names)
-    ]
-    scenarios = np.concatenate(drawn, axis=-1)
-    agents = rng.integers(table.shape[1], size=(RESAMPLES, table.shape[1]))
-    resampled = table[scenarios[:, :, np.newaxis], agents[:, np.newaxis, :]].reshape(RESAMPLES, -1)
-    low, high = np.percentile(statistic(resampled), [2.5, 97.5])
+    members = [np.flatnonzero(names == name) for name in np.unique(names)]
+    scenarios = np.concatenate([rng.choice(each, (resamples, len(each))) for each in members], axis=-1)
+    if table.shape[1] == 1:
+        resampled = table[:, 0][scenarios]
+    else:
+        agents = rng.integers(table.shape[1], size=(resamples, table.shape[1]))
+        resampled = table[scenarios[:, :, np.newaxis], agents[:, np.newaxis, :]].reshape(resamples, -1)
+    smallest = min(*map(len, members), table.shape[1] if table.shape[1] > 1 else len(table))
+    moved = winsorised(table) if statistic is iqm else table
+    reach = spread(moved, strata).quantile * math.sqrt(smallest / (smallest - 1))
+    tail = float(scipy.stats.norm.sf(reach))
+    low, high = np.percentile(statistic(resampled), [100.0 * tail, 100.0 * (1.0 - tail)])
     return float(low), float(high)
 
 

@@ -23,9 +23,9 @@ import rich.table
 
 from wayfield.benchmarks.cases import DIFF_DRIVE_GOAL_REACHING, Case
 from wayfield.benchmarks.contests import CONTESTS, TRAINED
+from wayfield.benchmarks.entries import success_interval
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import Row, number
-from wayfield.benchmarks.standings import success_interval
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import workers
 from wayfield.envs.checks import MOST_POINTS, shown
@@ -102,7 +102,7 @@ def settings_of(world: int, file: str, names: tuple[str, ...], actuators: str) -
                 every_scenario=True,
                 split="worlds",
             )
-            found.append(Setting("barn", case, "kinematic", actuators, 0, 1))
+            found.append(Setting("barn", case, "kinematic", actuators, world, 1))
     return found
 
 
@@ -167,11 +167,11 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, coun
     for entry in dict.fromkeys((row["policy"], row["gains_name"]) for row in rows):
         mine = [row for row in rows if (row["policy"], row["gains_name"]) == entry]
         won = [row for row in mine if number(row, "success") == 1.0]
-        low, high = success_interval(mine)
+        ends = success_interval(mine)
         table.add_row(
             *entry,
             f"{len(won)}/{len(mine)}",
-            f"[{low:.2f}, {high:.2f}]",
+            f"[{ends[0]:.2f}, {ends[1]:.2f}]" if ends else "",
             *(f"{sum(number(row, name) for row in mine):.0f}" for name in ("collision", "timeout")),
             *(f"{sum(number(row, name) for row in mine) / len(mine):.3f}" for name in ("barn_score", "spl")),
             f"{sum(number(row, 'time') for row in won) / len(won):.1f}" if won else "",

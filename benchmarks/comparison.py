@@ -10,11 +10,12 @@ from wayfield import policies as registry
 from wayfield.benchmarks.cases import Entrant
 from wayfield.benchmarks.contest_options import ContestOptions, WrongOption
 from wayfield.benchmarks.contests import CONTESTS, GAINS
+from wayfield.benchmarks.entries import COMPARED
 from wayfield.benchmarks.own_policies import own_object, own_policy
 from wayfield.benchmarks.own_scenario import own_courses
 from wayfield.benchmarks.parts import played
 from wayfield.benchmarks.results import Row, number
-from wayfield.benchmarks.standings import COMPARED, contest_tables
+from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import workers as processes

@@ -20,9 +20,10 @@ from wayfield.benchmarks.drawing import (
     plt,
     saved,
 )
+from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, label, values
 from wayfield.benchmarks.parts import badness
 from wayfield.benchmarks.results import Row, number, read_rows, read_trajectories
-from wayfield.benchmarks.standings import COMPARED, by_entry, check_columns, front_points, label, values
+from wayfield.benchmarks.standings import front_points
 from wayfield.benchmarks.suite import WORST
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS

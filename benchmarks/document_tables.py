@@ -6,8 +6,8 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 
 from wayfield.benchmarks.cases import Case, Figure
+from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.documents import TITLES
-from wayfield.benchmarks.intervals import wilson
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.table import Table
 
@@ -161,11 +161,11 @@ def _fixed(value: float, decimals: int) -> str:
 
 
 def _outcome(group: Sequence[Row]) -> str:
-    """Returns how a single episode ended, or the share of successes of several with its 95 % Wilson interval."""
+    """Returns how a single episode ended, or the share of successes of several with its 95 % interval."""
     if len(group) == 1:
         return next(name for name in _OUTCOMES if number(group[0], name) == 1.0).replace("_", " ")
     successes = sum(number(row, "success") == 1.0 for row in group)
-    low, high = wilson(successes, len(group))
+    low, high = exact_interval(successes / len(group), len(group))
     return f"{successes}/{len(group)} [{low:.2f}, {high:.2f}]"
 
 

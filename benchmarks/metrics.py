@@ -15,6 +15,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 JUMP = 0.5  # m, by which a reference point must leap within one control period to count as jumping
+SETTLED = 1.0  # m along the path, after which a start beside it is no longer what is measured
 NEAR = 0.1  # m, clearance under which a robot counts as close to an obstacle
 
 
@@ -22,7 +23,7 @@ NEAR = 0.1  # m, clearance under which a robot counts as close to an obstacle
 METRICS = (
     *("success", "collision", "left_corridor", "timeout", "time", "path_length", "mean_speed"),
     *("completion", "cross_track_rms", "cross_track_rms_time", "cross_track_mean", "cross_track_max"),
-    *("cross_track_p95", "steady_offset", "heading_error_rms", "reference_jumps"),
+    *("cross_track_p95", "steady_offset", "heading_error_rms", "reference_jumps", "settled_rms"),
     *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
     *("final_x", "final_y", "final_x_error", "final_y_error", "final_position_error", "final_heading_error"),
     *("effort", "saturated_share", "ldlj", "squared_jerk", "faults", "spl", "sct", "barn_score"),
@@ -91,7 +92,14 @@ def tracking(trajectory: Trajectory) -> dict[str, float]:
         "steady_offset": steady_offset(errors, along),
         "heading_error_rms": math.sqrt(mean_over_arc_length(trajectory.heading_errors**2, along)),
         "reference_jumps": float(reference_jumps(trajectory.references[:, 4], trajectory.lap_length)),
-    }
+    } | settled(trajectory)
+
+
+def settled(trajectory: Trajectory) -> dict[str, float]:
+    """Returns the RMS error (m) after the first metre of the path: without the start beside it."""
+    later = trajectory.arc_lengths >= trajectory.arc_lengths[0] + SETTLED
+    errors, along = trajectory.cross_track_errors[later], trajectory.arc_lengths[later]
+    return {"settled_rms": math.sqrt(mean_over_arc_length(errors**2, along))} if len(along) > 1 else {}
 
 
 def mean_over_arc_length(values: Array, arc_lengths: Array) -> float:

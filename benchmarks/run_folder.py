@@ -30,6 +30,7 @@ MANIFEST = "run.json"
 LOCK = ".lock"
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
 
+_SHOW_ONLY = ("publish.py", "page.py", "sections.py", "audit.py", "audit_formulas.py")
 _NAMED = ("episodes", "scale", "seed")  # whose values alone say nothing in a folder's name
 _LONGEST_NAME = 120
 _SAMPLE = '{"suite": "path", "command": "evaluate", "code": "0a", "files": {"table.md": "1b"}, "replaced": {}}'
@@ -217,11 +218,11 @@ def file_digest(file: Path) -> str:
 def source_digest() -> str:
     """Returns a digest of source files and agents, so that parts of another version are not taken for this one's.
 
-    `publish.py` is left out: it shows results and makes none.
+    Left out are the modules that show results and make none.
     """
     digest = hashlib.sha256()
     for module in (wayfield.envs, wayfield.policies, benchmarks):
         for file in sorted(pathlib.Path(module.__path__[0]).rglob("*")):
-            if file.suffix in (".py", ".json", ".safetensors") and file.name != "publish.py":
+            if file.suffix in (".py", ".json", ".safetensors") and file.name not in _SHOW_ONLY:
                 digest.update(file.read_bytes())
     return digest.hexdigest()

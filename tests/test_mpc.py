@@ -179,25 +179,28 @@ def test_the_program_is_the_sum_to_first_order(scenario: str, actuators: str) ->
     assert slope == pytest.approx(np.abs(expected_slope).max(), rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("scenario", "steps", "warm"), [("s_curve", 80, False), ("right_angle", 90, True), ("right_angle", 115, True)]
-)
-def test_its_plan_is_the_one_that_ipopt_finds(scenario: str, steps: int, warm: bool) -> None:
-    """The same non-linear program solved by an interior-point method with exact derivatives.
+# scenario, periods driven until the problem, whether ipopt starts from the plan found and its multipliers
+IPOPT_CASES = (("s_curve", 80, False), ("right_angle", 90, True), ("right_angle", 115, True))
 
-    Around a corner there are several local optima, and ipopt ends in another, worse one when it starts from the plan of
-    the period before: there it starts from the plan and its multipliers, and has to stay.
-    """
-    casadi = pytest.importorskip("casadi")
+
+def planned(scenario: str, steps: int) -> tuple[Problem, Mpc, NDArray[Any], Array]:
+    """Returns a problem, the policy that has solved it to the end, its memory, and the plan that it began with."""
     drive = Drive(scenario).go(steps)
     policy = Mpc(iterations=15, tolerance=0.0, solver_iterations=20000)
     problem = Problem(drive, policy)
-    n, h, old = problem.n, policy.step, problem.plan(drive.pilot.memory)
+    old = problem.plan(drive.pilot.memory)
     memory = drive.pilot.memory.copy()
     policy.act(drive.seen(), drive.pilot.briefing, memory)
     assert memory["qp_failures"][0] == 0
-    found = problem.plan(memory)
+    return problem, policy, memory, old
 
+
+def by_ipopt(problem: Problem, policy: Mpc, memory: NDArray[Any], old: Array, warm: bool) -> Array:
+    """Returns the optimal plan of an interior-point method with exact derivatives, and its sum at the end."""
+    import casadi
+
+    drive = problem.drive
+    n, h = problem.n, policy.step
     # the quadratic B-spline as a sum of truncated powers, whose factors are the third differences of its points
     points = problem.path[: int((problem.start[3] + policy.speed * n * h) / mpc.SPACING) + 5]
     factors = 0.5 * np.diff(points, 3, axis=0, prepend=np.zeros((3, 3)))
@@ -233,7 +236,7 @@ def test_its_plan_is_the_one_that_ipopt_finds(scenario: str, steps: int, warm: b
     wheels = tuple(map(tuple, robot.wheel_matrix[:, [0, 2]].tolist()))
     program = mpc.quadratic_program(n, wheels, policy.units(problem.model[0]), policy.solver_iterations)
     solution = exact(
-        x0=found if warm else old,
+        x0=problem.plan(memory) if warm else old,
         lam_g0=memory["multipliers"][0] * program.scale if warm else 0.0,
         lbg=np.concatenate([np.full(row[0].numel(), row[1]) for row in rows]),
         ubg=np.concatenate([np.full(row[0].numel(), row[2]) for row in rows]),
@@ -241,8 +244,27 @@ def test_its_plan_is_the_one_that_ipopt_finds(scenario: str, steps: int, warm: b
     assert exact.stats()["success"]
     best = np.asarray(solution["x"]).ravel()
     assert problem.total(best) == pytest.approx(float(solution["f"]), abs=1e-6)
-    assert problem.total(found) == pytest.approx(problem.total(best), rel=1e-3)
+    return np.append(best, float(solution["f"]))
+
+
+def same_plan(problem: Problem, memory: NDArray[Any], best: Array, total: float) -> None:
+    """Asserts that a plan is as good as the optimum, and begins alike."""
+    found, n = problem.plan(memory), problem.n
+    assert problem.total(found) == pytest.approx(total, rel=1e-3)
     assert found[[0, n]] == pytest.approx(best[[0, n]], abs=5e-3)
+
+
+@pytest.mark.parametrize(("scenario", "steps", "warm"), IPOPT_CASES)
+def test_its_plan_is_the_one_that_ipopt_finds(scenario: str, steps: int, warm: bool) -> None:
+    """The same non-linear program solved by an interior-point method with exact derivatives.
+
+    Around a corner there are several local optima, and ipopt ends in another, worse one when it starts from the plan of
+    the period before: there it starts from the plan and its multipliers, and has to stay.
+    """
+    pytest.importorskip("casadi")
+    problem, policy, memory, old = planned(scenario, steps)
+    *best, total = by_ipopt(problem, policy, memory, old, warm)
+    same_plan(problem, memory, np.array(best), total)
 
 
 # The path as a curve of poses.

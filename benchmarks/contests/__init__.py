@@ -13,6 +13,7 @@ from wayfield.benchmarks.contests.contest import (
     ROBUST_LEVEL,
     TRAINED,
     TRANSFER_SPLIT,
+    Bar,
     Column,
     Contest,
     Course,
@@ -37,7 +38,9 @@ __all__ = [
     "PAPER",
     "ROBUST_LEVEL",
     "TRAINED",
+    "TRANSFER_SCENARIOS",
     "TRANSFER_SPLIT",
+    "Bar",
     "Column",
     "Contest",
     "Course",
@@ -53,9 +56,10 @@ GAINS: Mapping[str, tuple[str, ...]] = {
     "all": ("default", "tuned", "paper"),
 }
 
-FRONT_SCENARIOS = 2  # of each family, at each speed of the front
-LADDER_SCENARIOS = 2  # of each family, at each level
+FRONT_SCENARIOS = 5  # of each family, at each speed of the front: the fewest that an interval is shown for
+LADDER_SCENARIOS = 5  # of each family, at each level
 LADDER_SETS = ("default", "tuned", "robust")  # of gains, on the ladder
-OVERVIEW_SCENARIOS = 1  # of each family, in the overview
+TRANSFER_SCENARIOS = 5  # of each family of the split that gains were chosen on
+OVERVIEW_SCENARIOS = 1  # of each family, in the overview, which shows no intervals
 
 OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part

@@ -53,6 +53,7 @@ class Column:
     with_interval: bool = False
     successes_only: bool = False
     reduction: str = "iqm"
+    imputed: bool = False  # whether a failure counts as the task says, as it does in COST
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +66,14 @@ class Heat:
     decimals: int
     map_name: str  # of matplotlib's colours
     ends: tuple[float, float]  # of the scale, in the unit of the metric
+
+
+@dataclasses.dataclass(frozen=True)
+class Bar:
+    """What a training seed must reach on the validation split, or has failed: that of the presets that ship."""
+
+    words: str
+    reached: Callable[[Sequence[Row]], bool | None]  # of its rows there; None: they do not tell
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,9 +137,12 @@ class Contest:
     env_kwargs: Mapping[str, Any]
     columns: tuple[Column, ...]
     gap: Column  # what is compared between the splits: positive where the entry does better on TRANSFER_SPLIT
+    bar: Bar
     heat: Heat
     log_cost: bool  # whether figures show the cost on a logarithmic scale
     speeds: tuple[float, ...]  # m/s, of the speed-accuracy front; none: there is no front
+    pace: float | None  # m/s, the mean speed that is asked for beside the front; None: none is
+    ranked: tuple[tuple[str, float], ...]  # metrics that sort the standings, each with the sign that puts less first
     counted: str  # what a failure counts as, in the words of the note
     notes: str  # what a reader of the main table must know
     timed_on: str  # the family on which decisions are timed

@@ -1,0 +1,447 @@
+"""Audits published tables, or those of a run: python -m wayfield.benchmarks.audit [RUN]
+
+Every number of the standings, of the pairs and of the claims is made a second time from the rows, with formulas of its
+own (`audit_formulas`). Then the coverage of the intervals is measured in resamples of the rows, conditions that are not
+the same for all are looked for, and what a sceptic would ask is printed. Status 1 where a cell disagrees.
+"""
+
+import csv
+import itertools
+import json
+import math
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from wayfield.benchmarks import audit_formulas as formulas
+from wayfield.benchmarks.aggregates import interval, iqm
+from wayfield.benchmarks.coverage import HOLDS
+from wayfield.benchmarks.kept_rows import SUFFIX, read_packed
+from wayfield.benchmarks.results import EPISODES, Row, read_table
+from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.readers import of_path, reader
+
+KEPT = Path("docs/results")
+LEAST = 5  # scenarios of a family, under which nothing may stand in brackets
+APART = 0.03  # relative, of mean speeds
+MARK = "‡"
+RESAMPLES = 200  # of the rows, in which coverage is measured
+COMPARED = ("test", "own")
+_NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
+
+
+class Audit:
+    """What was found: cells that disagree, and questions."""
+
+    def __init__(self) -> None:
+        self.wrong: list[str] = []
+        self.questions: list[str] = []
+        self.cells = 0
+
+    def check(self, what: str, shown: str, wanted: float, tolerance: float | None = None) -> None:
+        """Compares a shown number with what it should be, to the last digit that is shown."""
+        found = _NUMBER.search(shown)
+        self.cells += 1
+        if found is None or math.isnan(wanted):
+            if bool(found) != (not math.isnan(wanted)):
+                self.wrong.append(f"{what}: shows {shown or 'nothing'}, the rows give {wanted:.6g}")
+            return
+        digits = len(found[0].partition(".")[2])
+        # a number halfway between two may be rounded either way, and the rows are kept with six digits
+        allowed = 0.5001 * 10.0**-digits + 2e-6 * abs(wanted) if tolerance is None else tolerance
+        if abs(float(found[0]) - wanted) > allowed:
+            self.wrong.append(f"{what}: shows {found[0]}, the rows give {wanted:.6g}")
+
+    def note(self, what: str) -> None:
+        """Keeps a disagreement that is no number."""
+        self.wrong.append(what)
+
+    def ask(self, question: str) -> None:
+        """Keeps a question, once."""
+        if question not in self.questions:
+            self.questions.append(question)
+
+
+def label(row: Row) -> str:
+    """Returns how tables call the entry of a row."""
+    return row["policy"] if row["gains_name"] == "default" else f"{row['policy']} ({row['gains_name']})"
+
+
+def entries(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Returns the rows of each entry."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(label(row), []).append(row)
+    return found
+
+
+def strata(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Returns the scenarios of each family; files of the user's own are one."""
+    found: dict[str, set[str]] = {}
+    for row in rows:
+        name = "own" if row["split"] == "own" else row["family"]
+        found.setdefault(name, set()).add(f"{row['scenario']} {row['episode']}")
+    return {name: sorted(each) for name, each in found.items()}
+
+
+def audit_standings(audit: Audit, rows: Sequence[Row], table: Sequence[Row], where: str) -> None:
+    """Makes the standings a second time."""
+    mine = entries([row for row in rows if row["split"] in COMPARED])
+    known = {(row["policy"], row["gains"]): row for row in table}
+    for name, group in mine.items():
+        line = known.pop((group[0]["policy"], group[0]["gains_name"]), None)
+        if line is None:
+            audit.note(f"{where}: {name} has rows and no line")
+            continue
+        few = min(map(len, strata(group).values())) < LEAST
+        for header, cell in line.items():
+            if header not in formulas.MEANINGS:
+                continue
+            of, metric, reduce, factor = formulas.MEANINGS[header]
+            numbers = of(group, metric)
+            missing = not numbers or any(map(math.isnan, numbers))
+            there = [number for number in numbers if not math.isnan(number)]
+            audit.check(f"{where}, {name}, {header}", cell, factor * reduce(there) if there else math.nan)
+            if "[" in cell and few:
+                audit.note(f"{where}, {name}, {header}: brackets of fewer than {LEAST} scenarios a family")
+            if "[" in cell and not missing:
+                _check_ends(audit, f"{where}, {name}, {header}", cell, group, header)
+        _check_pace(audit, where, name, group, line)
+    for policy, gains in known:
+        audit.note(f"{where}: {policy} ({gains}) has a line and no rows")
+
+
+def _check_ends(audit: Audit, what: str, cell: str, rows: Sequence[Row], header: str) -> None:
+    """Compares brackets with those of other formulas: exactly for shares, by their width for the rest."""
+    of, metric, reduce, factor = formulas.MEANINGS[header]
+    value, low, high = (float(each) for each in _NUMBER.findall(cell))
+    if not low - 1e-9 <= value <= high + 1e-9 or low == high:
+        audit.note(f"{what}: [{low:g}, {high:g}] is no interval of {value:g}")
+    if len({row["agent_seed"] for row in rows}) > 1:
+        return  # two samples at once: their coverage is measured instead
+    if header == "success (%)":
+        ends = formulas.binomial_ends(sum(map(formulas.won, rows)), len(rows))
+        audit.check(f"{what}, low end", f"{low}", 100.0 * ends[0], 0.06)
+        audit.check(f"{what}, high end", f"{high}", 100.0 * ends[1], 0.06)
+        return
+    families: dict[str, list[Row]] = {}
+    for row in rows:
+        families.setdefault(row["family"], []).append(row)
+    below, above = formulas.resampled([of(each, metric) for each in families.values()], reduce)
+    width = factor * (above - below)
+    digits = len(_NUMBER.findall(cell)[0].partition(".")[2])
+    if not 0.7 * width - 10.0**-digits <= high - low <= 1.5 * width + 10.0**-digits:
+        audit.note(f"{what}: is {high - low:.4g} wide, resampling gives {width:.4g}")
+
+
+def _check_pace(audit: Audit, where: str, name: str, rows: Sequence[Row], line: Row) -> None:
+    """Looks for an entry that drives at another speed than was asked for, and is not marked."""
+    cell = line.get("mean speed (m/s)")
+    asked = 0.6
+    if cell is None or not any(map(formulas.won, rows)):
+        return
+    speed = formulas.average(formulas.of_successes(rows, "mean_speed"))
+    off = abs(speed - asked) > APART * asked
+    if off != (MARK in cell):
+        audit.note(
+            f"{where}, {name}: drives {speed:.3f} m/s where {asked} were asked for, and is marked {MARK in cell}"
+        )
+    if off:
+        audit.ask(f"{where}: {name} drives {speed:.2f} m/s, asked for {asked:g}: what is its error at that speed?")
+
+
+def audit_pairs(audit: Audit, rows: Sequence[Row], table: Sequence[Row], where: str) -> None:
+    """Makes the matrix of pairs a second time, share by share, and the stars of the clearest and the closest pairs."""
+    mine = entries([row for row in rows if row["split"] in COMPARED])
+    for line in table:
+        for other, cell in line.items():
+            if other == "policy" or not cell or line["policy"] not in mine or other not in mine:
+                continue
+            shares = _wins(mine[line["policy"]], mine[other])
+            whole = [share for of_family in shares.values() for share in of_family]
+            audit.check(f"{where}, {line['policy']} / {other}", cell, formulas.average(whole))
+            alone = all(len({row["agent_seed"] for row in mine[each]}) == 1 for each in (line["policy"], other))
+            if "*" in cell and alone:
+                low, high = formulas.resampled(list(shares.values()), formulas.average)
+                if low < 0.5 < high:
+                    audit.note(f"{where}, {line['policy']} / {other}: starred, where a bootstrap is not sure")
+
+
+def _wins(ours: Sequence[Row], theirs: Sequence[Row]) -> dict[str, list[float]]:
+    """Returns, by family, for each scenario how often the first did better, over all agents of both."""
+    by_scene: dict[tuple[str, str], list[Row]] = {}
+    for row in theirs:
+        by_scene.setdefault((row["scenario"], row["episode"]), []).append(row)
+    scenes: dict[tuple[str, str, str], list[float]] = {}
+    for row in ours:
+        key = row["scenario"], row["episode"]
+        scenes.setdefault((row["family"], *key), []).extend(_win(row, other) for other in by_scene[key])
+    found: dict[str, list[float]] = {}
+    for (family, *_), wins in scenes.items():
+        found.setdefault(family, []).append(formulas.average(wins))
+    return found
+
+
+def _win(a: Row, b: Row) -> float:
+    if formulas.won(a) != formulas.won(b):
+        return 1.0 if formulas.won(a) else 0.0
+    metric = _cost(a)
+    ours, theirs = formulas.value(a, metric), formulas.value(b, metric)
+    if not formulas.won(a) or ours == theirs:
+        return 0.5
+    return 1.0 if ours < theirs else 0.0
+
+
+def _cost(row: Row) -> str:
+    """Returns what two successes are compared by."""
+    return "cross_track_rms" if row.get("cross_track_rms") or row["contest"].startswith("path") else "time"
+
+
+def audit_claims(audit: Audit, rows: Sequence[Row], table: Sequence[Row], where: str) -> None:
+    """Makes the differences of the claims a second time; looks for comparisons that are left out."""
+    told = {(line["condition"], line["against"]) for line in table}
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        if row["split"] in (*COMPARED, "front"):
+            groups.setdefault((row["speed"], row["disturbance"]), []).append(row)
+    expected = 0
+    for group in groups.values():
+        mine = entries(group)
+        agents = [name for name, each in mine.items() if each[0]["policy"] == "ppo"]
+        expected += len(agents) * sum(each[0]["policy"] != "ppo" for each in mine.values())
+    if expected != len(table) or len(told) > len(table):
+        audit.note(f"{where}: {len(table)} claims, where the rows have {expected} comparisons")
+    for line in table:
+        speed, level = _condition(line["condition"])
+        mine = entries(groups.get((speed, level), []))
+        ours, theirs = mine.get(line["policy"]), mine.get(line["against"])
+        if ours is None or theirs is None:
+            audit.note(f"{where}: {line['condition']}, {line['against']} has a claim and no rows")
+            continue
+        shares = [100.0 * formulas.average(formulas.every(each, "success")) for each in (ours, theirs)]
+        what = f"{where}, {line['condition']}, {line['against']}"
+        audit.check(f"{what}, success", line["success (points)"], shares[0] - shares[1])
+        audit.check(f"{what}, cost", line["cost"], _cost_difference(ours, theirs))
+        for cell, verdict in ((line["success (points)"], line["on success"]), (line["cost"], line["on cost"])):
+            numbers = [float(each) for each in _NUMBER.findall(cell.replace(" mm", "").replace(" s", ""))]
+            if verdict in ("wins", "loses") and (len(numbers) < 3 or numbers[1] <= 0.0 <= numbers[2]):
+                audit.note(f"{what}: {verdict}, where the interval holds 0")
+
+
+def _condition(words: str) -> tuple[str, str]:
+    """Returns the asked speed and the level of disturbance that a condition names."""
+    speed = re.search(r"asked for ([\d.]+) m/s", words)
+    level = re.search(r"(\w+) disturbance", words)
+    return speed[1] if speed else "", level[1] if level else "none"
+
+
+def _cost_difference(ours: Sequence[Row], theirs: Sequence[Row]) -> float:
+    """Returns the middle half of differences of errors, mm, or the mean of those of times, s."""
+    metric = _cost(ours[0])
+    by_scene: dict[tuple[str, str], list[float]] = {}
+    for row, number in zip(theirs, formulas.counted(theirs, metric), strict=True):
+        by_scene.setdefault((row["scenario"], row["episode"]), []).append(number)
+    found = [
+        number - other
+        for row, number in zip(ours, formulas.counted(ours, metric), strict=True)
+        for other in by_scene[row["scenario"], row["episode"]]
+    ]
+    return formulas.average(found) if metric == "time" else 1e3 * formulas.middle_half(found)
+
+
+def audit_pairing(audit: Audit, rows: Sequence[Row], where: str) -> None:
+    """Looks for entries that met other scenarios or seeds, and for noise that is the same in several scenes."""
+    kinds: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if row["split"] in (*COMPARED, "front"):
+            kinds.setdefault((row["split"], row["speed"], row["disturbance"]), []).append(row)
+    for kind, group in kinds.items():
+        met = {
+            name: {(row["scenario"], row["episode"], row["seed"]) for row in each}
+            for name, each in entries(group).items()
+        }
+        first = next(iter(met))
+        for name, each in met.items():
+            if each != met[first]:
+                audit.note(f"{where}, {' '.join(kind)}: {name} met other scenarios or seeds than {first}")
+        scenes = met[first]
+        if len({seed for *_, seed in scenes}) < len(scenes):
+            audit.ask(
+                f"{where}, {' '.join(kind)}: the same seeds drive several scenes: is their noise one sample or many?"
+            )
+        if (few := min(map(len, strata(group).values()))) < LEAST:
+            audit.ask(f"{where}, {' '.join(kind)}: {few} scenarios in a family: why not {LEAST}, for an interval?")
+
+
+def audit_conditions(audit: Audit, rows: Sequence[Row], where: str) -> None:
+    """Asks about gains that were tuned elsewhere, budgets that differ, and what entries are told."""
+    tested = [row for row in rows if row["split"] in (*COMPARED, "front")]
+    found = entries(tested)
+    for name, group in found.items():
+        if group[0]["gains_name"] not in ("tuned", "robust"):
+            continue
+        elsewhere = [each for row in {row["gains"]: row for row in group}.values() for each in _tuned_elsewhere(row)]
+        if elsewhere:
+            audit.ask(
+                f"{where}: {name} was tuned for another condition than {', '.join(elsewhere)}: at its best there?"
+            )
+        if len({row["disturbance"] for row in group} - {"none"}) and group[0]["gains_name"] == "tuned":
+            audit.ask(f"{where}: {name} was tuned without disturbances: where are gains that were tuned under them?")
+        if len({row["speed"] for row in group if row["speed"]}) > 1 and len(_other_gains(group)) == 1:
+            audit.ask(f"{where}: {name} has one set of gains at every asked speed: which is it at its best?")
+    budgets = {name: group[0]["learned_from"] for name, group in found.items() if group[0]["learned_from"]}
+    frames = {
+        name: float(match[1]) for name, text in budgets.items() if (match := re.search(r"([\d.]+) M frames", text))
+    }
+    if frames and max(frames.values()) > 1.5 * min(frames.values()):
+        least, most = min(frames, key=frames.__getitem__), max(frames, key=frames.__getitem__)
+        told = f"{most} learned from {frames[most]:g} M frames, {least} from {frames[least]:g} M"
+        audit.ask(f"{where}: {told}: what if it had as many?")
+    if runs := [name for name, text in budgets.items() if name not in frames]:
+        audit.ask(f"{where}: the budget of {', '.join(runs)} is not in frames: how does it compare with training?")
+    told = {group[0]["knows"] for group in found.values()}
+    if len(told) > 1:
+        audit.ask(f"{where}: entries are told {', '.join(sorted(told))}: which of them may be compared?")
+
+
+def _tuned_elsewhere(row: Row) -> list[str]:
+    """Returns the robot and the asked speed of a row, if the gains that it was driven with were tuned for others."""
+    files = [each for each in _shipped_gains() if each["policy"] == row["policy"] and _same(each, row["gains"])]
+    found = []
+    for key, shown, unsaid in (("robot", row["robot"], "p3dx"), ("speed", row["speed"] or "0.6", 0.6)):
+        if files and shown not in {f"{each.get(key, unsaid)}" for each in files}:
+            found.append(shown if key == "robot" else f"{shown} m/s")
+    return found
+
+
+def _other_gains(rows: Sequence[Row]) -> set[str]:
+    """Returns the sets of gains of the rows of the front, cruising speed left out."""
+    without = r"\b(?:speed|max_speed|k_lin|k_ang)=\S+ ?"
+    return {re.sub(without, "", row["gains"]).strip() for row in rows if row["speed"]}
+
+
+def _same(content: dict[str, Any], gains: str) -> bool:
+    """Returns whether a gains file holds what stands in a row; a cruising speed may differ."""
+    words = dict(word.split("=", 1) for word in gains.split() if "=" in word)
+    moved = {"speed", "max_speed", "k_lin", "k_ang"}
+    wanted = {name: f"{each:g}" if isinstance(each, float) else f"{each}" for name, each in content["gains"].items()}
+    return all(words.get(name) == each for name, each in wanted.items() if name not in moved)
+
+
+@reader("gains for the audit", "lqr.json", {"lqr.json": '{"policy": "lqr", "gains": {"q_e": 40.0}}'}, of_path)
+def read_gains_file(file: Any) -> dict[str, Any] | None:
+    """Returns the content of a gains file, None where it is none."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return None
+    whole = isinstance(content, dict) and isinstance(content.get("gains"), dict) and "policy" in content
+    return content if whole else None
+
+
+def _shipped_gains() -> Iterator[dict[str, Any]]:
+    for folder in (resources.files("wayfield.policies") / "gains").iterdir():
+        for file in folder.iterdir() if folder.is_dir() else ():
+            if file.name.endswith(".json") and (content := read_gains_file(file)) is not None:
+                yield content
+
+
+def measured_coverage(audit: Audit, rows: Sequence[Row], where: str) -> None:
+    """Measures how often an interval of a resample of the rows holds what all the rows have, for three entries."""
+    mine = entries([row for row in rows if row["split"] in COMPARED])
+    for name in list(mine)[:: max(len(mine) // 3, 1)][:3]:
+        group = sorted(mine[name], key=lambda row: (row["scenario"], row["episode"], row["agent_seed"]))
+        agents = len({row["agent_seed"] for row in group})
+        numbers = np.array(formulas.counted(group, _cost(group[0]))).reshape(-1, agents)
+        names = [row["family"] for row in group[::agents]]
+        if min(map(len, strata(group).values())) < LEAST or np.isnan(numbers).any():
+            continue
+        true = formulas.middle_half(numbers.ravel().tolist())
+        families = np.array(names)
+        members = [np.flatnonzero(families == each) for each in dict.fromkeys(names)]
+        rng = np.random.default_rng(1)
+        inside = 0
+        for k in range(RESAMPLES):
+            lines = np.concatenate([rng.choice(each, len(each)) for each in members])
+            sample = numbers[lines][:, rng.integers(agents, size=agents)]
+            ends = interval(sample, families[lines].tolist(), iqm, k, 400)
+            inside += ends is not None and ends[0] <= true <= ends[1]
+        share = inside / RESAMPLES
+        print(f"  coverage of the interval of {name}: {100.0 * share:.1f} % of {RESAMPLES} resamples")
+        if share < HOLDS - 2.5 * math.sqrt(HOLDS * (1.0 - HOLDS) / RESAMPLES):
+            audit.note(f"{where}, {name}: 95 % intervals hold in {100.0 * share:.1f} % of resamples")
+
+
+def found_runs(folder: Path) -> Iterator[tuple[str, list[Row], Path]]:
+    """Yields name, rows, and the folder of the tables of each run: one run, or those that a repository keeps.
+
+    Raises:
+        ValueError: if the folder holds neither; the message names it.
+        OSError: if a file cannot be opened.
+    """
+    if (folder / EPISODES).is_file():
+        yield folder.name, read_table(folder / EPISODES), folder
+        return
+    kept = sorted((folder / "rows").glob(f"*{SUFFIX}"))
+    if not kept:
+        raise ValueError(f"{folder} holds neither {EPISODES} of a run nor rows/*{SUFFIX} of published ones")
+    for file in kept:
+        yield file.name.removesuffix(SUFFIX), read_packed(file), folder
+
+
+def audit_run(audit: Audit, name: str, rows: list[Row], folder: Path) -> None:
+    """Audits the tables of a run that its rows can tell about."""
+    contests = dict.fromkeys((row["contest"], row["robot"]) for row in rows if row.get("contest"))
+    for contest, robot in contests:
+        mine = [row for row in rows if (row["contest"], row["robot"]) == (contest, robot)]
+        mine = [{"speed": "", **row} for row in mine]
+        stem = f"{contest.replace('-', '_')}_{robot}"
+        ladder = len({row["disturbance"] for row in mine}) > 1
+        ends = (
+            {"_ladder_claims": audit_claims}
+            if ladder
+            else {"": audit_standings, "_better": audit_pairs, "_claims": audit_claims}
+        )
+        print(f"{name}, {stem}: {len(mine)} rows")
+        for end, function in ends.items():
+            file = folder / f"{stem}{end}.csv"
+            if file.is_file():
+                function(audit, mine, read_table(file), file.stem)
+        audit_pairing(audit, mine, f"{name}, {robot}")
+        audit_conditions(audit, mine, f"{name}, {robot}")
+        if not ladder:
+            measured_coverage(audit, mine, f"{name}, {robot}")
+
+
+@click.command("audit", cls=OneLineErrors)
+@click.argument("run", required=False, type=click.Path(path_type=Path, exists=True, file_okay=False))
+def main(run: Path | None) -> None:
+    """Audits RUN, the folder of a run; without it the tables that the repository publishes, in docs/results.
+
+    Ends with status 1 where a cell disagrees with the rows.
+    """
+    csv.field_size_limit(2**31 - 1)
+    audit = Audit()
+    try:
+        for name, rows, folder in found_runs(run or KEPT):
+            audit_run(audit, name, rows, folder)
+    except (OSError, ValueError) as error:
+        raise click.ClickException(str(error)) from None
+    print(f"\n{audit.cells:,} numbers made a second time; {len(audit.wrong)} findings")
+    for each in audit.wrong:
+        print(f"  disagrees: {each}")
+    print(f"\nWhat a sceptic would ask ({len(audit.questions)}):")
+    for k, each in zip(itertools.count(1), audit.questions, strict=False):
+        print(f"  {k}. {each}")
+    if audit.wrong:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""The formulas of the tables, written a second time from their definitions, for the audit.
+
+Nothing here is shared with the modules that make the tables: plain sums and sorting, tails of the binomial distribution
+instead of quantiles of the beta distribution, another bootstrap in place of both the first and the t-test.
+"""
+
+import bisect
+import math
+import random
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+
+Row = Mapping[str, str]
+Numbers = Sequence[float]
+
+
+def value(row: Row, metric: str) -> float:
+    """Returns the number of a cell; NaN where it is empty or missing."""
+    return float(row.get(metric) or math.nan)
+
+
+def won(row: Row) -> bool:
+    """Returns whether the episode was a success."""
+    return value(row, "success") == 1.0
+
+
+def counted(rows: Sequence[Row], metric: str) -> list[float]:
+    """Returns the metric of each run, that of a failure being what its row says that a failure costs."""
+    return [value(row, metric) if won(row) else value(row, "failure_cost") for row in rows]
+
+
+def of_successes(rows: Sequence[Row], metric: str) -> list[float]:
+    """Returns the metric of each success."""
+    return [value(row, metric) for row in rows if won(row)]
+
+
+def every(rows: Sequence[Row], metric: str) -> list[float]:
+    """Returns the metric of each run that has it."""
+    return [value(row, metric) for row in rows if not math.isnan(value(row, metric))]
+
+
+def average(numbers: Numbers) -> float:
+    """Returns the mean; NaN of nothing."""
+    return math.fsum(numbers) / len(numbers) if numbers else math.nan
+
+
+def middle_half(numbers: Numbers) -> float:
+    """Returns the mean of what is left when a quarter, rounded down, is cut off at either end."""
+    cut = len(numbers) // 4
+    return average(sorted(numbers)[cut : len(numbers) - cut])
+
+
+def largest(numbers: Numbers) -> float:
+    """Returns the largest; NaN of nothing."""
+    return max(numbers) if numbers else math.nan
+
+
+# header of the standings: which runs, which metric, how reduced, to which unit
+Meaning = tuple[Callable[[Sequence[Row], str], list[float]], str, Callable[[Numbers], float], float]
+MEANINGS: Mapping[str, Meaning] = {
+    "success (%)": (every, "success", average, 100.0),
+    "RMS error (m)": (counted, "cross_track_rms", average, 1.0),
+    "typical (m)": (counted, "cross_track_rms", middle_half, 1.0),
+    "after 1 m (m)": (counted, "settled_rms", middle_half, 1.0),
+    "worst (m)": (counted, "cross_track_max", largest, 1.0),
+    "p95 (m)": (counted, "cross_track_p95", middle_half, 1.0),
+    "RMS over time (m)": (counted, "cross_track_rms_time", middle_half, 1.0),
+    "mean speed (m/s)": (of_successes, "mean_speed", average, 1.0),
+    "time (s)": (of_successes, "time", middle_half, 1.0),
+    "time of successes (s)": (of_successes, "time", middle_half, 1.0),
+    "imputed (s)": (counted, "time", average, 1.0),
+    "LDLJ": (every, "ldlj", middle_half, 1.0),
+    "effort (rad²/s)": (of_successes, "effort", middle_half, 1.0),
+    "saturated (%)": (every, "saturated_share", average, 100.0),
+    "faults": (every, "faults", average, 1.0),
+    "collision (%)": (every, "collision", average, 100.0),
+    "SPL": (every, "spl", average, 1.0),
+    "SCT": (every, "sct", average, 1.0),
+    "BARN": (every, "barn_score", average, 1.0),
+    "least clearance (m)": (every, "min_clearance", middle_half, 1.0),
+    "mean (m)": (every, "mean_clearance", middle_half, 1.0),
+    "under 0.1 m (%)": (every, "near_share", average, 100.0),
+}
+
+
+def binomial_ends(successes: int, trials: int) -> tuple[float, float]:
+    """Returns the shares under which so many successes, or more, or fewer, have a chance of 2.5 % each."""
+
+    def tail(share: float, counts: range) -> float:
+        return math.fsum(math.comb(trials, k) * share**k * (1.0 - share) ** (trials - k) for k in counts)
+
+    def solved(excess: Callable[[float], float]) -> float:
+        grid = range(1_000_001)
+        return bisect.bisect_left(grid, 0.0, key=lambda k: excess(k / 1e6)) / 1e6
+
+    low = 0.0 if successes == 0 else solved(lambda share: tail(share, range(successes, trials + 1)) - 0.025)
+    high = 1.0 if successes == trials else solved(lambda share: 0.025 - tail(share, range(successes + 1)))
+    return low, high
+
+
+def resampled(
+    strata: Sequence[Numbers], reduce: Callable[[Numbers], float], times: int = 400, seed: int = 1
+) -> tuple[float, float]:
+    """Returns roughly the 95 % ends of a statistic of one policy: its bootstrap spread, widened for few scenarios.
+
+    Each stratum draws one number fewer than it has, which gives the spread of the mean without a correction (McCarthy
+    and Snowden, Vital and Health Statistics 2-95, 1985); the ends are two such spreads away.
+    """
+    rng = random.Random(seed)
+    whole = [number for stratum in strata for number in stratum]
+    drawn = [
+        reduce([each for stratum in strata for each in rng.choices(stratum, k=len(stratum) - 1)]) for _ in range(times)
+    ]
+    spread = statistics.stdev(drawn)
+    return reduce(whole) - 2.0 * spread, reduce(whole) + 2.0 * spread

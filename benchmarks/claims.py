@@ -1,0 +1,152 @@
+"""What trained agents win, what they lose, and what is not told apart: a line a comparison, none left out.
+
+A claim is a paired difference over the scenarios that both have met, with its interval and a p that is corrected by
+Holm's method for all claims of a run. Whoever errs less by driving more slowly has won nothing.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
+from wayfield.benchmarks.crossed import LEAST
+from wayfield.benchmarks.entries import COMPARED, PACE_TOLERANCE, Entry, by_entry, grouped, label, mean_speed
+from wayfield.benchmarks.matrix import cost_difference, cost_unit, difference_cells, shown_as, success_difference
+from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
+from wayfield.benchmarks.results import Row
+from wayfield.benchmarks.table import Table
+
+WINS, LOSES, ALIKE, SLOWER = "wins", "loses", "not told apart", "not at one speed"
+FEW = "too few scenarios"
+VERDICTS = (WINS, LOSES, ALIKE, SLOWER, FEW)
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Trained agents against another entry under one condition."""
+
+    contest: Contest
+    condition: str
+    agents: Entry
+    other: Entry
+    knows: str  # what the other is told
+    success: Difference
+    cost: Difference
+    speeds: tuple[float, float]  # m/s, of the agents and of the other
+
+    def of_success(self, p: float) -> str:
+        """Returns the verdict on successes, by a corrected p."""
+        return _verdict(p, self.success.value > 0.0)
+
+    def of_cost(self, p: float) -> str:
+        """Returns the verdict on the cost, by a corrected p."""
+        fewer = self.cost.value < 0.0
+        found = _verdict(p, fewer)
+        if found in (WINS, LOSES) and self.contest.pace is not None:
+            # whoever errs less must not be the slower one
+            ahead, behind = self.speeds if fewer else self.speeds[::-1]
+            if ahead < (1.0 - PACE_TOLERANCE) * behind:
+                return SLOWER
+        return found
+
+
+def _verdict(p: float, ahead: bool) -> str:
+    if math.isnan(p):
+        return FEW
+    if p >= SIGNIFICANT:
+        return ALIKE
+    return WINS if ahead else LOSES
+
+
+def comparisons(rows: Sequence[Row]) -> Iterator[Comparison]:
+    """Yields the agents against every other entry under every condition of a run."""
+    for name, of_contest in grouped(rows, "contest").items():
+        for robot, mine in grouped(of_contest, "robot").items():
+            for condition, here in conditions(CONTESTS[name], robot, mine).items():
+                yield from _against(CONTESTS[name], condition, by_entry(here))
+
+
+def conditions(contest: Contest, robot: str, rows: Sequence[Row]) -> Mapping[str, list[Row]]:
+    """Returns the rows of each condition in which entries met the same scenarios, by its name."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row["split"] not in (*COMPARED, "front"):
+            continue
+        words = [contest.spec.title, robot]
+        if row["speed"]:
+            words.append(f"asked for {row['speed']} m/s")
+        if row["disturbance"] != "none":
+            words.append(f"{row['disturbance']} disturbance")
+        if row["suite"] not in CONTESTS and row["disturbance"] == "none":
+            words.append("undisturbed, fewer scenarios")
+        found.setdefault(", ".join(words), []).append(row)
+    return found
+
+
+def _against(contest: Contest, condition: str, entries: Mapping[Entry, list[Row]]) -> Iterator[Comparison]:
+    for agents in entries:
+        if agents[0] not in TRAINED:
+            continue
+        for other in entries:
+            if other != agents and other[0] not in TRAINED:
+                ours, theirs = entries[agents], entries[other]
+                yield Comparison(
+                    contest,
+                    condition,
+                    agents,
+                    other,
+                    theirs[0]["knows"],
+                    success_difference(ours, theirs),
+                    cost_difference(ours, theirs, contest),
+                    (mean_speed(ours), mean_speed(theirs)),
+                )
+
+
+HEADER = ("condition", "policy", "against", "is told")
+SUCCESS, OF_SUCCESS, COST, OF_COST = "success (points)", "on success", "cost", "on cost"
+
+
+def claims_table(rows: Sequence[Row], command: str) -> Table:
+    """Returns every comparison of trained agents in a run."""
+    found = list(comparisons(rows))
+    ps = holm([each.p for one in found for each in (one.success, one.cost)])
+    lines = []
+    for one, p_success, p_cost in zip(found, ps[::2], ps[1::2], strict=True):
+        success = difference_cells(one.success, p_success, 100.0, 1)
+        cost = difference_cells(one.cost, p_cost, *shown_as(one.contest))
+        cost[0] = f"{cost[0]} {cost_unit(one.contest)}"
+        speeds = "" if one.contest.pace is None else " / ".join(f"{each:.2f}" for each in one.speeds)
+        names = one.condition, label(one.agents), label(one.other), one.knows
+        lines.append([*names, *success, one.of_success(p_success), *cost, one.of_cost(p_cost), speeds])
+    note = (
+        "The agents less the other, over the scenarios that both met, all training seeds counted: successes in points; "
+        "errors (interquartile mean of the differences) and times (mean), failures counted. Brackets: 95 % intervals "
+        "of paired t-tests, agents and scenarios both a sample. p: corrected by Holm's method for the "
+        f"{2 * len(found)} claims of this table, decided under {SIGNIFICANT:g}; none where a family has fewer than "
+        f"{LEAST} scenarios. {SLOWER.capitalize()}: who errs less is the slower one by over "
+        f"{100.0 * PACE_TOLERANCE:.0f} %; the speeds are the mean speeds of both. Made by `{command}`."
+    )
+    header = [*HEADER, SUCCESS, "p", OF_SUCCESS, COST, "p of it", OF_COST, "speeds (m/s)"]
+    return Table("What trained agents win, and what they do not", header, lines, note)
+
+
+def summary(lines: Sequence[Row]) -> list[list[str]]:
+    """Returns for each condition whom the agents beat, whom they lose to, and from whom they are not told apart.
+
+    Args:
+        lines: those of a claims table. Success decides; where it does not, the cost does.
+    """
+    found = []
+    for condition, mine in grouped(lines, "condition").items():
+        sides: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
+        for line in mine:
+            decided = line[OF_SUCCESS] in (WINS, LOSES)
+            sides[line[OF_SUCCESS] if decided else line[OF_COST]].append(f"`{line['against']}`")
+        apart = sides[ALIKE] + sides[FEW]
+        found.append(
+            [condition, *(", ".join(each) or "-" for each in (sides[WINS], sides[LOSES], apart, sides[SLOWER]))]
+        )
+    return found
+
+
+SUMMARY_HEADER = ["condition", WINS, LOSES, ALIKE, SLOWER]

@@ -1,0 +1,54 @@
+"""What a policy has beside its law: what it is told, what it sees, what it remembers, and what protects it."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from wayfield.benchmarks.contests import PAPER, TRAINED, Contest
+from wayfield.envs.scenarios import PathScenario
+
+_TOLD: Mapping[str, str] = {
+    "sensors": "nothing",
+    "path": "the whole path",
+    "goal": "the goal",
+    "map": "the goal, every obstacle and how it moves",
+}
+_SEES_PATHS = "its exact pose, errors and twist; the true path, a metre ahead"
+_SEES_GOALS = "its exact pose and twist, where the goal is, its scan"
+_SCANS = "remembers what it has seen, leaves traps by a way around, foresees what moves"
+
+# By policy; nothing stands here for laws that keep at most their last command.
+_PROTECTED: Mapping[str, str] = {
+    "mpc": "its plan; stops where no plan is found",
+    "vfh_plus": _SCANS,
+    "dwa": _SCANS,
+    "mppi": "its plan and how long the way is around what it sees",
+    "scan_planner": "a map of all its scans, foresees what moves, brakes before what it cannot see past",
+    "orca": "gives up no half-plane of what stands",
+    "astar_tracker": "plans on the whole map, waits for what moves",
+}
+_AGENT_ON_PATHS = "its last commands; its reward was the exact error"
+_AGENT_AT_GOALS = (
+    "where it was 1 to 30 s ago; a guard keeps it from nearing what it sees faster than it could stop; its reward used "
+    "the map's shortest way"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Disclosure:
+    """What a reader must know of an entry before comparing it with another, in words."""
+
+    told: str  # before an episode
+    sees: str  # in every step
+    protected: str  # what it remembers, and what keeps it from harm
+
+
+def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Disclosure:
+    """Returns what an entry has; of a policy from outside of the package, what it declares that it knows."""
+    on_path = contest.spec.scenario is PathScenario
+    sees = _SEES_PATHS if on_path else _SEES_GOALS
+    told = _TOLD.get(knows.removeprefix("own, "), knows)
+    if policy in TRAINED:
+        return Disclosure(told, sees, _AGENT_ON_PATHS if on_path else _AGENT_AT_GOALS)
+    if policy in PAPER and gains_name == "paper":
+        return Disclosure(told, sees, "nothing, as published")
+    return Disclosure(told, sees, _PROTECTED.get(policy, ""))

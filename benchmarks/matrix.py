@@ -1,0 +1,122 @@
+"""Who does better than whom: every pair of entries of a contest, in the scenarios that both met."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wayfield.benchmarks.contests import Contest
+from wayfield.benchmarks.entries import Entry, by_scenario, costs, label, scenario, values
+from wayfield.benchmarks.paired import SIGNIFICANT, Difference, advantage, difference, holm
+from wayfield.benchmarks.results import Row
+from wayfield.benchmarks.table import Table
+
+
+def better_table(contest: Contest, title: str, entries: Mapping[Entry, list[Row]], source: str) -> Table:
+    """Returns the paired matrix: how often the policy of the line does better than that of the column."""
+    pairs = list(itertools.combinations(entries, 2))
+    found = [how_often_better(entries[a], entries[b], contest) for a, b in pairs]
+    decided = [p < SIGNIFICANT for p in holm([each.p for each in found])]  # of NaN it is false
+    often: dict[tuple[Entry, Entry], str] = {}
+    for (a, b), each, sure in zip(pairs, found, decided, strict=True):
+        often[a, b] = f"{0.5 + each.value:.2f}{'*' * sure}"
+        often[b, a] = f"{0.5 - each.value:.2f}{'*' * sure}"
+    lines = [[label(a), *(often.get((a, b), "") for b in entries)] for a in entries]
+    note = (
+        "Share of the scenarios in which the policy of the line does better than that of the column, draws "
+        f"counted half: success first, then the lower {contest.spec.cost.name}; a star marks a paired test whose p, "
+        f"corrected by Holm's method for the {len(pairs)} pairs of this table, is under {SIGNIFICANT:g}. {source}"
+    )
+    return Table(f"{title}: better than", ["policy", *map(label, entries)], lines, note)
+
+
+def difference_table(contest: Contest, title: str, entries: Mapping[Entry, list[Row]], source: str) -> Table:
+    """Returns every pair's difference of successes and of costs with its interval and its corrected p."""
+    pairs = list(itertools.combinations(entries, 2))
+    of_success = [success_difference(entries[a], entries[b]) for a, b in pairs]
+    of_cost = [cost_difference(entries[a], entries[b], contest) for a, b in pairs]
+    ps = [holm([each.p for each in column]) for column in (of_success, of_cost)]
+    lines = []
+    for k, (a, b) in enumerate(pairs):
+        cells = difference_cells(of_success[k], ps[0][k], 100.0, 1)
+        cells += difference_cells(of_cost[k], ps[1][k], *shown_as(contest))
+        lines.append([label(a), label(b), *cells])
+    unit = cost_unit(contest)
+    note = (
+        "The first policy less the second, over the scenarios that both met: successes in points, "
+        f"{contest.spec.cost.name} in {unit}, {kind_of_mean(contest)} of the differences, a failure counted. Brackets: "
+        f"95 % intervals of the paired t-test; p corrected by Holm's method for the {len(pairs)} pairs. {source}"
+    )
+    header = ["policy", "less", "success (points)", "p of it", f"{contest.spec.cost.name} ({unit})", "p of this"]
+    return Table(f"{title}: paired differences", header, lines, note)
+
+
+def shown_as(contest: Contest) -> tuple[float, int]:
+    """Returns the factor and the decimals with which differences of cost are shown."""
+    return (1e3, 2) if contest.spec.cost.unit == "m" else (1.0, 2)
+
+
+def cost_unit(contest: Contest) -> str:
+    """Returns the unit in which differences of cost are shown."""
+    return "mm" if contest.spec.cost.unit == "m" else contest.spec.cost.unit
+
+
+def kind_of_mean(contest: Contest) -> str:
+    """Returns how differences of cost are reduced, in words."""
+    return "mean" if contest.spec.cost.unit == "s" else "interquartile mean"
+
+
+def how_often_better(rows_a: Sequence[Row], rows_b: Sequence[Row], contest: Contest) -> Difference:
+    """Returns by how much A beats B more often than in half of the scenarios that both met.
+
+    Raises:
+        ValueError: if the two have not met the same scenarios.
+    """
+    rows_a, rows_b = _aligned(rows_a, rows_b)
+    sides = []
+    for rows in (rows_a, rows_b):
+        won, strata = by_scenario(rows, values(rows, "success"))
+        # a run that fails may have no cost: it is not looked at
+        sides += [won, by_scenario(rows, np.nan_to_num(values(rows, contest.spec.cost.metric)))[0]]
+    return advantage(*sides, strata)
+
+
+def success_difference(rows_a: Sequence[Row], rows_b: Sequence[Row]) -> Difference:
+    """Returns the share of successes of A less that of B; ValueError as `how_often_better`."""
+    rows_a, rows_b = _aligned(rows_a, rows_b)
+    a, strata = by_scenario(rows_a, values(rows_a, "success"))
+    return difference(a, by_scenario(rows_b, values(rows_b, "success"))[0], strata, "share")
+
+
+def cost_difference(rows_a: Sequence[Row], rows_b: Sequence[Row], contest: Contest) -> Difference:
+    """Returns the cost of A less that of B, failures counted; ValueError as `how_often_better`.
+
+    Of times it is the mean. Of errors it is the interquartile mean: a failure counts as a hundred times what others
+    err, and a mean would be that of the failures, which `success_difference` tells.
+    """
+    rows_a, rows_b = _aligned(rows_a, rows_b)
+    a, strata = by_scenario(rows_a, costs(rows_a, contest))
+    b, _ = by_scenario(rows_b, costs(rows_b, contest))
+    return difference(a, b, strata, "mean" if contest.spec.cost.unit == "s" else "iqm")
+
+
+def _aligned(rows_a: Sequence[Row], rows_b: Sequence[Row]) -> tuple[list[Row], list[Row]]:
+    """Returns the rows of both in the order of their scenarios; ValueError unless these are the same."""
+    ordered = sorted(rows_a, key=scenario), sorted(rows_b, key=scenario)
+    if list(dict.fromkeys(map(scenario, ordered[0]))) != list(dict.fromkeys(map(scenario, ordered[1]))):
+        raise ValueError("the two policies have not met the same scenarios: the comparison would not be paired")
+    return ordered
+
+
+def difference_cells(found: Difference, corrected: float, factor: float, decimals: int) -> list[str]:
+    """Returns the cells of a difference: its value with its interval, and its corrected p."""
+    value = f"{factor * found.value:+.{decimals}f}"
+    if math.isnan(found.low):
+        return [value, ""]
+    return [f"{value} [{factor * found.low:+.{decimals}f}, {factor * found.high:+.{decimals}f}]", shown_p(corrected)]
+
+
+def shown_p(p: float) -> str:
+    """Returns a p as it is shown."""
+    return "" if math.isnan(p) else "< 0.001" if p < 1e-3 else f"{p:.3f}"

@@ -1,0 +1,139 @@
+"""The sections of the page of results: the run behind each, and what is shown of it."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES
+from wayfield.benchmarks.coverage import COVERAGE, SUITE
+from wayfield.benchmarks.results import TABLE
+
+KEPT = "docs/results"  # folder of the tables and of what made them
+ROWS = f"{KEPT}/rows"  # of the episodes behind them, packed
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """One run of the page."""
+
+    name: str  # of its folder
+    title: str
+    command: str
+    tables: Mapping[str, str]  # file of the run: heading on the page
+    not_shown: str
+    pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
+
+    @property
+    def of_contest(self) -> bool:
+        """Returns whether it shows contests, whose tables are made from the rows that are kept."""
+        return any(f"--suite {name}" in self.command for name in (*CONTESTS, DISTURBANCES))
+
+    @property
+    def ladder(self) -> bool:
+        """Returns whether it is about the levels of disturbance."""
+        return f"--suite {DISTURBANCES}" in self.command
+
+    def place(self, file: str) -> str:
+        """Returns where the repository keeps a file of the run."""
+        if file in self.pictures:
+            return f"docs/{file}"
+        return f"{KEPT}/{self.name}.md" if file == TABLE else f"{KEPT}/{file}"
+
+
+_MAP_TOLD = "Policies that know the map are told what the others must find out. Simulation only."
+_SPEED = "Simulation only; noise and disturbances are in the section of their own."
+CLAIMS = "What the agents win, and what they do not"
+
+
+def _goals(robot: str, wheels: str) -> Section:
+    """Returns the section of goal reaching with a robot."""
+    name = "goal-obstacles" + ("" if robot == "p3dx" else f"-{robot}")
+    stem = f"goal_obstacles_{robot}"
+    return Section(
+        name,
+        f"Goal reaching among obstacles, {wheels}",
+        "python evaluate.py --suite goal-obstacles" + ("" if robot == "p3dx" else f" --robot {robot}"),
+        {
+            f"{stem}.csv": "Standings",
+            f"{stem}_claims.csv": CLAIMS,
+            f"{stem}_told.csv": "What each has",
+            f"{stem}_families.csv": "By family",
+            f"{stem}_seeds.csv": "Each agent by itself",
+            f"{stem}_better.csv": "Better than, in pairs",
+        },
+        _MAP_TOLD,
+    )
+
+
+_MAIN = (
+    Section(
+        "path-following",
+        "Path following",
+        "python evaluate.py --suite path-following",
+        {
+            "path_following_p3dx.csv": "Standings",
+            "path_following_p3dx_claims.csv": CLAIMS,
+            "path_following_p3dx_front.csv": "Asked for a speed (m/s)",
+            "path_following_p3dx_told.csv": "What each has",
+            "path_following_p3dx_families.csv": "By family",
+            "path_following_p3dx_seeds.csv": "Each agent by itself",
+            "path_following_p3dx_better.csv": "Better than, in pairs",
+        },
+        _SPEED,
+        {"path_following_p3dx_front.png": "Speed and accuracy of the path followers, each swept over its speed"},
+    ),
+    _goals("p3dx", "P3DX"),
+    _goals("omni3", "three omni wheels"),
+    _goals("omni4", "four omni wheels"),
+)
+
+
+def _others() -> tuple[Section, ...]:
+    """Returns a section for each contest that none above is about."""
+    there = {section.command.split()[-1] for section in _MAIN}
+    return tuple(
+        Section(
+            contest.name,
+            contest.spec.title,
+            f"python evaluate.py --suite {contest.name}",
+            {f"{contest.stem}_p3dx.csv": "Standings", f"{contest.stem}_p3dx_told.csv": "What each has"},
+            "Simulation only.",
+        )
+        for contest in CONTESTS.values()
+        if contest.name not in there
+    )
+
+
+SECTIONS = (
+    *_MAIN,
+    *_others(),
+    Section(
+        DISTURBANCES,
+        "Under disturbances",
+        f"python evaluate.py --suite {DISTURBANCES}",
+        {
+            file: heading
+            for contest in CONTESTS.values()
+            for file, heading in (
+                (f"{contest.stem}_p3dx_ladder.csv", contest.spec.title),
+                (f"{contest.stem}_p3dx_ladder_claims.csv", f"{contest.spec.title}: {CLAIMS[0].lower()}{CLAIMS[1:]}"),
+            )
+        },
+        "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart.",
+    ),
+    Section(
+        SUITE,
+        "How often the intervals hold",
+        "python -m wayfield.benchmarks.coverage",
+        {COVERAGE: "Measured by simulation"},
+        "The populations are made up after those of the suites; no interval tells of families that are not driven.",
+    ),
+    Section(
+        "documents",
+        "The three documents",
+        "python evaluate.py --suite documents",
+        {TABLE: "Ours / published"},
+        "The documented gain of A is weak by design of the document, and C's field as printed never arrives: beating "
+        "either alone proves nothing.",
+        {"document_a_trajectories.png": "Document A: the look-ahead controller as documented and retuned"},
+    ),
+)
