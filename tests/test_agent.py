@@ -273,7 +273,7 @@ def test_trailing_points_lie_one_time_constant_behind_a_steady_robot() -> None:
     features = GoalFeatures(trails=(1.0, 4.0))
     perception = Perception(features, Actions("planar"), 3, 0.05)
     memory = perception.fresh(1)
-    at, speed, heading = perception.width + perception.acted, 0.3, 0.7
+    at, speed, heading = perception.width + 2 * features.previous, 0.3, 0.7
     for k in range(1000):
         way = 0.05 * k * speed
         pose = (way * math.cos(heading), way * math.sin(heading), 0.2)
