@@ -36,7 +36,6 @@ ALLOWED = {
     ("envs/scenarios/files.py", "holds_goal"): "called by the readers of scenarios of one's own",
     ("benchmarks/publish.py", "text"): "a developer's tool on the repository's own pages",
     ("benchmarks/publish.py", "gathered"): "takes over files whose digests its run has written down",
-    ("benchmarks/grid_maps.py", "_lines"): "called by the readers of maps and problems",
 }
 
 

@@ -160,12 +160,56 @@ def test_grid_lines_stand_at_whole_metres_and_only_in_the_world():
     renderer = Renderer("rgb_array", fps=20)
     frame = frame_of(empty_scene(), renderer).astype(int).sum(axis=2)
     view = renderer.view(SCENE)
-    for k in range(1, 8):
-        (column, row), (between, above) = view.pixels_from_world([(k, k), (k + 0.5, k + 0.5)]).round().astype(int)
-        assert frame[above, column] < frame[above, between], f"x = {k} m"
-        assert frame[row, between] < frame[above, between], f"y = {k} m"
+    left, top = np.ceil(view.world_from_pixels((2, view.strip_px + 2)) * (1, -1)) * (1, -1)
+    right, bottom = np.floor(view.world_from_pixels((view.width_px - 2, view.height_px - view.strip_px - 2)) * (1, -1))
+    bottom = -bottom
+    assert right - left >= 10
+    assert top - bottom >= 8
+    for x in np.arange(left, right + 1):
+        (column, _), (_, row), (beside, _) = (
+            view.pixels_from_world([(x, 0), (0, 3.5), (x - 0.3, 0)]).round().astype(int)
+        )
+        assert frame[row, column] < frame[row, beside], f"x = {x} m"
         for strip in (frame[: view.strip_px, column], frame[-view.strip_px :, column]):
             assert strip[2] == 3 * 255
+    for y in np.arange(bottom, top + 1):
+        (_, row), (column, _), (_, beside) = (
+            view.pixels_from_world([(0, y), (3.5, 0), (0, y - 0.3)]).round().astype(int)
+        )
+        assert frame[row, column] < frame[beside, column], f"y = {y} m"
+
+
+def test_words_stand_in_the_strips():
+    renderer = Renderer("rgb_array", fps=20)
+    view = renderer.view(SCENE)
+    strip = view.strip_px
+
+    def frame(**layers: object) -> NDArray[np.uint8]:
+        return frame_of(empty_scene(**layers), renderer)
+
+    without = frame()
+    for caption in ("t = 1 s", "t = 1 s " * 50):
+        rows, columns = np.nonzero((frame(caption=caption) != without).any(axis=2))
+        assert rows.max() < strip
+        assert columns.min() < 20
+        # it gives way to the scale bar and its words
+        assert columns.max() < view.width_px - 12 - view.scale - 20
+    at = np.array([[5.0, 4.0, np.nan]])
+    legends = [frame(**layers)[-strip:] for layers in ({}, {"goals": at}, {"goals": np.concatenate([at, at])})]
+    # dark columns: the letters
+    words = [np.flatnonzero((legend.max(axis=2) < 120).any(axis=0)) for legend in legends]
+    assert [len(columns) > 0 for columns in words] == [False, True, True], "a goal has a word"
+    (first,), (last,) = words[1][:1], words[1][-1:]
+    # a waypoint has one before it, and symbols and words keep apart
+    assert words[2][-1] - words[2][0] > 2 * (last - first) + 30
+
+
+def test_a_small_frame_shows_the_world_alone():
+    renderer = Renderer("rgb_array", fps=20, size_px=200)
+    frame = frame_of(empty_scene(), renderer)
+    assert renderer.view(SCENE).strip_px == 0
+    far = np.array([[1e6, 1e6, 0.0]])
+    np.testing.assert_array_equal(frame_of(empty_scene(caption="t = 1 s", goals=far), renderer), frame)
 
 
 def test_the_scale_bar_is_as_long_as_it_says():
@@ -238,6 +282,19 @@ def test_markers_stand_at_their_places(layer):
     assert near.any()
     place = np.median(columns[near]) + 0.5, np.median(rows[near]) + 0.5
     np.testing.assert_allclose(place, (column, row), atol=1.0)
+
+
+def test_nothing_of_the_world_is_drawn_over_the_strip_above_it():
+    obstacles = np.zeros(1, OBSTACLE)
+    obstacles["cos"], obstacles["x"], obstacles["y"], obstacles["radius"] = 1.0, 5.0, 9.0, 3.0
+    renderer = Renderer("rgb_array", fps=20)
+    strip = renderer.view(SCENE).strip_px
+    without = frame_of(empty_scene(), renderer)
+    upwards = np.array([[5.0, 0.0], [5.0, 50.0]])
+    for layers in ({"path": upwards, "corridor": 1.0}, {"obstacles": obstacles}, {"trail": upwards}):
+        frame = frame_of(empty_scene(**layers), renderer)
+        np.testing.assert_array_equal(frame[:strip], without[:strip])
+        assert (frame[strip] != without[strip]).any()
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
