@@ -14,6 +14,7 @@ from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
 from wayfield.envs.records import lag_factors
+from wayfield.envs.scenarios.ways import reached
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
     RECALL_RANGE,
@@ -359,15 +360,10 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
                     along = min(ways[i, j - 1] if j > 0 else FAR, ways[i, j + 1] if j < side - 1 else FAR)
                     if min(across, along) >= here:
                         continue
-                    step = slowness[i, j] * p.cell
-                    apart = abs(across - along)
-                    if apart >= step:
-                        reached = min(across, along) + step
-                    else:
-                        reached = 0.5 * (across + along + math.sqrt(2.0 * step * step - apart * apart))
-                    if reached < here:
-                        change = max(change, here - reached)
-                        ways[i, j] = reached
+                    way = reached(across, along, slowness[i, j] * p.cell)
+                    if way < here:
+                        change = max(change, here - way)
+                        ways[i, j] = way
         if change < 0.01:
             break
     # a hull beside a wall reads nodes in it too: they shall not say how far it is through the wall

@@ -83,9 +83,7 @@ class PotentialField:
         attraction = self.k_att * to_goal
         near = distance <= self.tau
         strength = np.where(near, self.k_rep / distance**4, 0.0)
-        repulsion = np.zeros_like(attraction)
-        for j in range(distance.shape[1]):  # one after the other: a lone robot sums as one of many does
-            repulsion += strength[:, j, None] * away[:, j]
+        repulsion = summed(strength, away)
         force = attraction + repulsion
         if self.escape and distance.shape[1]:
             l_c = lengths(attraction) / (lengths(repulsion) + 0.0001)
@@ -216,6 +214,17 @@ def move(patrols, obstacles, counts, times):
     """Puts the obstacles (b, m) on patrol where they are at the times (b,), s, into their episodes."""
     for i in range(obstacles.shape[0]):
         patrol(patrols, i, obstacles, i, counts[i], times[i])
+
+
+@compiled
+def summed(strength, away):
+    """Returns the sums (b, 2) of vectors (b, m, 2) times their strengths: a lone robot sums as one of many does."""
+    sums = np.zeros((away.shape[0], 2))
+    for i in range(away.shape[0]):
+        for j in range(away.shape[1]):
+            sums[i, 0] += strength[i, j] * away[i, j, 0]
+            sums[i, 1] += strength[i, j] * away[i, j, 1]
+    return sums
 
 
 def choose_side(

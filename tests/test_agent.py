@@ -9,13 +9,14 @@ import shutil
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield.envs import goal_reaching, path_following
@@ -273,7 +274,7 @@ def test_trailing_points_lie_one_time_constant_behind_a_steady_robot() -> None:
     features = GoalFeatures(trails=(1.0, 4.0))
     perception = Perception(features, Actions("planar"), 3, 0.05)
     memory = perception.fresh(1)
-    at, speed, heading = perception.width + perception.acted, 0.3, 0.7
+    at, speed, heading = perception.width + 2 * features.previous, 0.3, 0.7
     for k in range(1000):
         way = 0.05 * k * speed
         pose = (way * math.cos(heading), way * math.sin(heading), 0.2)
@@ -282,6 +283,75 @@ def test_trailing_points_lie_one_time_constant_behind_a_steady_robot() -> None:
     behind = -speed / features.speed_scale * np.array([math.cos(heading - 0.2), math.sin(heading - 0.2)])
     for k in range(2):
         np.testing.assert_allclose(inputs[0, at + 2 * k : at + 2 * k + 2], behind, rtol=0.03)
+
+
+@pytest.mark.parametrize("frame", ["goal", "body"])
+def test_goal_features_are_what_their_docstring_says(frame: Literal["goal", "body"]) -> None:
+    features = GoalFeatures(frame=frame, pool=3, margin=0.05)
+    rng = np.random.default_rng(5)
+    ranges = rng.uniform(0.4, 7.0, (6, 72)).clip(max=5.0)
+    goals, twists = rng.normal(0.0, 2.0, (6, 2)), rng.normal(0.0, 0.4, (6, 3))
+    seen = goal_reaching.Observation(np.zeros((6, 3)), twists, goals, np.zeros(6), np.zeros(6), ranges)
+    out = np.empty((6, features.width(3)), np.float32)
+    angles = features.observe(seen, np.full(6, 0.3), out)
+    bearings, distances = np.arctan2(goals[:, 1], goals[:, 0]), np.hypot(*goals.T)
+    if frame == "goal":
+        assert np.abs((bearings - angles + math.pi) % (2.0 * math.pi) - math.pi).max() <= math.radians(2.5) + 1e-9
+    else:
+        assert not angles.any()
+    beams = np.radians(np.arange(72) * 5.0) - math.pi
+    for i in range(6):
+        points = ranges[i, :, None] * np.column_stack([np.cos(beams - angles[i]), np.sin(beams - angles[i])])
+        met = ranges[i] < 5.0
+        nearest, ways = [], []
+        for first in beams[::3]:
+            # the three beams from this direction of the frame on
+            among = [round((first + k * math.radians(5.0) + angles[i] + math.pi) / math.radians(5.0)) for k in range(3)]
+            nearest.append(min(ranges[i, k % 72] for k in among))
+            along = points @ (math.cos(first), math.sin(first))
+            aside = np.abs(points @ (-math.sin(first), math.cos(first)))
+            before = along - np.sqrt(np.maximum(0.35**2 - aside**2, 0.0))
+            ways.append(before[met & (aside < 0.35) & (along > 0.0)].clip(min=0.0).min(initial=5.0))
+        c, s = math.cos(angles[i]), math.sin(angles[i])
+        expected = [
+            *(math.asinh(distances[i]), distances[i] / (distances[i] + 0.2)),
+            *(math.sin(bearings[i] - angles[i]), math.cos(bearings[i] - angles[i]), 0.5),
+            *((c * twists[i, 0] + s * twists[i, 1]) / 0.6, (c * twists[i, 1] - s * twists[i, 0]) / 0.6),
+            twists[i, 2] / 2.0,
+            *(0.5 / (0.5 + max(r - 0.3, 0.0)) for r in nearest),
+            *(0.5 / (0.5 + way) for way in ways),
+        ]
+        np.testing.assert_allclose(out[i], expected, atol=1e-5)
+
+
+def test_crumbs_tell_where_a_robot_was_and_for_how_long_it_comes_no_nearer() -> None:
+    """One falls each 0.3 m of the way or at the next step of 0.16 m; the last three of them are known."""
+    features = GoalFeatures(trails=(), crumbs=3, frame="body")
+    perception = Perception(features, Actions("planar"), 3, 0.05)
+    memory = perception.fresh(1)
+    at = perception.width + 2 * features.previous
+
+    def known(pose: tuple[float, float, float], distance: float) -> NDArray[np.float32]:
+        inputs, _ = perception.inputs(seeker(pose, (-distance, 0.0)), np.ones(1), memory)
+        return inputs[0, at:]
+
+    for k in range(8):
+        told = known((0.16 * k, 0.0, 0.0), 5.0 + 0.16 * k)
+    # at 1.12 m of the way; they fell at 0, 0.32, 0.64 and 0.96 m
+    assert told[0] == pytest.approx(math.asinh(1.12), abs=1e-5)
+    assert told[1] == pytest.approx(0.35 / (0.35 + 5.0), abs=1e-5)
+    behind = np.flatnonzero(told[2:])
+    assert told[2 + behind] == pytest.approx([0.5 / (0.5 + 0.16)], abs=1e-5)
+    # back between the last two and turned to the left, it has one to its right, and the nearer of two to its left
+    told = known((0.84, 0.0, 0.5 * math.pi), 6.12)
+    left, right = np.flatnonzero(told[2:])
+    assert told[2 + left] == pytest.approx(0.5 / (0.5 + 0.2), abs=1e-5)
+    assert told[2 + right] == pytest.approx(0.5 / (0.5 + 0.12), abs=1e-5)
+    assert (right - left, 2 * left) == (18, behind[0])
+    # nearer than ever; then another goal
+    assert known((0.84, 0.0, 0.0), 4.9)[:2].tolist() == [0.0, 0.0]
+    assert known((0.84, 0.0, 0.0), 5.1)[0] == pytest.approx(math.asinh(0.2), abs=1e-5)
+    assert known((0.84, 0.0, 0.0), 8.0)[:2].tolist() == [0.0, 0.0]
 
 
 @given(seed=st.integers(0, 2**32 - 1), planar=st.booleans(), reaction=st.floats(0.0, 0.5), braking=st.floats(0.3, 2.0))

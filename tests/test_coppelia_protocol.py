@@ -2,9 +2,11 @@
 
 import asyncio
 import contextlib
+import math
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import textwrap
@@ -134,6 +136,19 @@ def test_the_scan_agrees_with_the_decoder(value):
             codec.request_of(payload)
         return
     assert repr(codec.request_of(payload).args) == repr(cbor2.loads(payload)["args"])
+
+
+@pytest.mark.parametrize("kind", ["e", "f", "d"])
+def test_numbers_of_any_width_must_be_finite(kind):
+    """Of half, single and double precision: the largest is taken, infinity and what is no number are named."""
+    head = {"e": b"\xf9", "f": b"\xfa", "d": b"\xfb"}[kind]
+    before = cbor2.dumps({"uuid": "u", "func": "f", "args": [0, 0]})[:-1]  # up to the second argument
+    for value in (0.0, -1.5, *{"e": (65504.0,), "f": (2.0**127,), "d": (1.7e308,)}[kind]):
+        assert codec.request_of(before + head + struct.pack(f">{kind}", value)).args == [0, value]
+    for value in (math.inf, -math.inf, math.nan):
+        with pytest.raises(codec.Refusal) as refused:
+            codec.request_of(before + head + struct.pack(f">{kind}", value))
+        assert "argument 2 holds a number that is not finite" in refused.value.reply["err"]
 
 
 @pytest.mark.parametrize(

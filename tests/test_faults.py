@@ -37,7 +37,6 @@ ALLOWED = {
     ("benchmarks/robot_page.py", "main"): "a developer's tool on the repository's own pages",
     ("benchmarks/publish.py", "text"): "a developer's tool on the repository's own pages",
     ("benchmarks/publish.py", "gathered"): "takes over files whose digests its run has written down",
-    ("benchmarks/grid_maps.py", "_lines"): "called by the readers of maps and problems",
 }
 
 

@@ -336,3 +336,19 @@ def test_a_ray_just_past_a_corner_misses_and_one_just_inside_hits(
         solid = box(3.0, 1.0, length, width, turn)
         wanted = first_hit(solid, 0.0, 0.0, float(bearings[k]) + 0.01 * (inside - 1), 0.0)
         assert ranges[inside] == pytest.approx(wanted, abs=1e-5)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.3])
+@pytest.mark.parametrize("heading", [0.0, 2.5])
+@pytest.mark.parametrize("gap", [0.3, 1.0, 2.5, 4.0])
+def test_a_wall_longer_than_the_range_is_seen_by_every_beam_that_reaches_it(
+    gap: float, heading: float, width: float
+) -> None:
+    """Beam at the angle a to the wall: gap / sin a, out to where that is the range."""
+    side = box(3.0, gap + 0.5 * width, 40.0, width, 0.0) if width > 0.0 else wall(-17.0, gap, 23.0, gap)
+    directions, ranges = scan(obstacle_field(side), (0.0, 0.0, heading), 720, FULL, 5.0)
+    sines = np.sin(directions)
+    expected = np.full(720, 5.0)
+    ahead = sines > gap / 5.0
+    expected[ahead] = gap / sines[ahead]
+    np.testing.assert_allclose(ranges, expected, atol=1e-9)

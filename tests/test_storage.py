@@ -26,6 +26,14 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == [file]
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="counts descriptors as Linux tells them")
+def test_writing_leaves_no_file_open(tmp_path):
+    before = len(os.listdir("/proc/self/fd"))
+    for k in range(20):
+        storage.write_whole(tmp_path / f"{k}", b"new")
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
 def _write_many(file, content):
     for _ in range(100):
         storage.write_whole(file, content)

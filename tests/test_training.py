@@ -33,7 +33,7 @@ from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
-from wayfield.policies.training.learner import Learner, policy_layers
+from wayfield.policies.training.learner import Learner, make_worlds, policy_layers
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, _Run, train
 from wayfield.policies.training.settings import ABOUT, rows
@@ -274,6 +274,53 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
     column, row = np.rint((np.array(held.start[:2]) - low) / 0.1).astype(int)
     # around the end of a wall of 3 m halfway, 0.3 m off it: two legs of at least hypot(1.5, 1.8) m
     assert 2.0 * np.hypot(1.5, 1.8) < ways[row, column] < 2.0 * np.hypot(1.5, 1.8) + 1.5
+
+
+def test_every_robot_of_every_world_is_told_its_own_way() -> None:
+    """Grids of other shapes stand one after the other, of two worlds each: where nothing stands, ways are straight."""
+    env = make_worlds(
+        dataclasses.replace(
+            SEEKING,
+            worlds=(
+                (0.5, {"scenario": "open_field", "num_beams": 24, "max_range": 5.0}),
+                (0.5, {"scenario": "open_fields/test", "num_beams": 24, "max_range": 5.0}),
+            ),
+        ),
+        OMNI,
+    )
+    env.seed(1)
+    env.reset()
+    states = np.concatenate([part.batch.states[["scenario", "x", "y"]] for part in env.worlds.parts])
+    goals = np.concatenate(
+        [[part.task.scenarios[k].goal[:2] for k in part.batch.states["scenario"]] for part in env.worlds.parts]
+    )
+    assert len({*states["scenario"].tolist()}) > 4
+    straight = np.hypot(goals[:, 0] - states["x"], goals[:, 1] - states["y"])
+    assert env.ways is not None
+    np.testing.assert_allclose(env.ways(env.worlds), straight, rtol=0.05, atol=0.1)
+
+
+def test_a_way_between_nodes_is_in_proportion_along_x_and_y_of_its_own_grid() -> None:
+    """Of two grids, one of them longer than wide, that hold a plane each: a plane between nodes is the plane."""
+    planes = [(0.3, 2.0, -0.7, (3, 6), (-1.0, 2.0)), (1.1, -0.4, 0.9, (5, 4), (4.0, -3.0))]
+
+    def plane(k: int, x: Any, y: Any) -> Any:
+        c, a, b, _, _ = planes[k]
+        return c + a * x + b * y
+
+    fields = []
+    for k, (_, _, _, (rows, columns), (x0, y0)) in enumerate(planes):
+        row, column = np.mgrid[:rows, :columns]
+        fields.append(plane(k, x0 + 0.1 * column, y0 + 0.1 * row).ravel())
+    shapes = np.array([[0, 3, 6], [18, 5, 4]])
+    origins = np.array([origin for *_, origin in planes])
+    rng = np.random.default_rng(2)
+    which = rng.integers(0, 2, 50)
+    share = rng.uniform(0.0, 0.99, (50, 2))
+    at = origins[which] + 0.1 * share * (shapes[which][:, [2, 1]] - 1.0)
+    left = np.empty(50)
+    left_from(np.concatenate(fields), shapes, origins, which, at[:, 0], at[:, 1], left)
+    np.testing.assert_allclose(left, [plane(k, x, y) for k, (x, y) in zip(which, at, strict=True)], atol=1e-3)
 
 
 # ---- what is refused

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance
 from wayfield.envs.scenarios.scenario import GoalScenario
 
@@ -100,15 +100,27 @@ def taken_up(scenario: GoalScenario, sweeping: bool) -> NDArray[np.void]:
 def _grid(scenario: GoalScenario, sweeping: bool) -> Grid:
     """Returns the nodes over obstacles, start and goal."""
     taken = taken_up(scenario, sweeping)
-    cosine, sine = np.abs(taken["cos"]), np.abs(taken["sin"])
-    size = np.stack([taken["half_length"], taken["half_width"]])
-    dx = cosine * size[0] + sine * size[1] + taken["radius"]
-    dy = sine * size[0] + cosine * size[1] + taken["radius"]
-    ends = scenario.start, scenario.goal
-    low = [min([*(taken["xy"[k]] - (dx, dy)[k]), *(end[k] for end in ends)]) - _AROUND for k in (0, 1)]
-    high = [max([*(taken["xy"[k]] + (dx, dy)[k]), *(end[k] for end in ends)]) + _AROUND for k in (0, 1)]
-    nx, ny = (math.ceil((high[k] - low[k]) / STEP) + 1 for k in (0, 1))
-    return Grid(clearances(taken, *map(float, low), STEP, nx, ny).ravel(), nx, ny, *map(float, low))
+    x, y, nx, ny = grid_over(taken, [scenario.start[:2], scenario.goal[:2]], _AROUND, STEP)
+    return Grid(clearances(taken, x, y, STEP, nx, ny).ravel(), nx, ny, x, y)
+
+
+def grid_over(
+    obstacles: NDArray[np.void], points: ArrayLike, margin: float, step: float
+) -> tuple[float, float, int, int]:
+    """Returns x, y (m) of the first node of a grid over obstacles and points (n, 2), and its nodes along x and y.
+
+    It goes beyond them by `margin` (m); its nodes are `step` (m) apart.
+    """
+    cosine, sine = np.abs(obstacles["cos"]), np.abs(obstacles["sin"])
+    along, across = obstacles["half_length"], obstacles["half_width"]
+    reach = np.column_stack([cosine * along + sine * across, sine * along + cosine * across])
+    reach += obstacles["radius"][:, None]
+    centres = np.column_stack([obstacles["x"], obstacles["y"]])
+    corners = np.vstack([points, centres - reach, centres + reach])
+    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+    nx, ny = (np.ceil((high - low) / step).astype(int) + 1).tolist()
+    x, y = low.tolist()
+    return x, y, nx, ny
 
 
 @compiled
@@ -178,6 +190,18 @@ def _passes(clear, nx, ny, x, y, ends, at_ends, radius):
     return False
 
 
+@inlined
+def reached(a, b, cost):
+    """Returns the eikonal equation's value at a node: `cost` a step, a and b the least neighbours along x and y.
+
+    The upwind (Godunov) scheme: Rouy and Tourin, SIAM J. Numer. Anal. 29(3), 1992.
+    """
+    apart = abs(a - b)
+    if apart < cost:
+        return 0.5 * (a + b + math.sqrt(2.0 * cost * cost - apart * apart))
+    return min(a, b) + cost
+
+
 @compiled
 def _way_length(clear, nx, ny, x, y, x0, y0, x1, y1, radius):
     """Returns the arrival time at (x0, y0) of a front from (x1, y1) with unit speed through the clear nodes."""
@@ -212,10 +236,7 @@ def _way_length(clear, nx, ny, x, y, x0, y0, x1, y1, radius):
                 continue
             a = min(arrival[other - ny] if p > 0 else np.inf, arrival[other + ny] if p < nx - 1 else np.inf)
             b = min(arrival[other - 1] if q > 0 else np.inf, arrival[other + 1] if q < ny - 1 else np.inf)
-            if abs(a - b) < STEP:
-                new = 0.5 * (a + b + math.sqrt(2.0 * STEP * STEP - (a - b) ** 2))
-            else:
-                new = min(a, b) + STEP
+            new = reached(a, b, STEP)
             if new < arrival[other]:
                 arrival[other] = new
                 heapq.heappush(front, (new, other))

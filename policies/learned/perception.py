@@ -6,7 +6,7 @@ Training and driving run the same code, so that an agent meets the numbers that 
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.float32]
 
 LIMIT = 5.0  # beyond which a number tells a network nothing new
-CRUMBS = 4  # numbers before the crumbs: how many, least distance to the goal, distance, time without a lesser one
 NEXT_GOAL = 0.5  # m, by which the distance to the goal grows only where the goal is another
 MOST_SEEN = 1000  # of frames, points, actions, crumbs and trails, and MOST_BEAMS of beams: they size memory
 MOST_BEAMS = 10_000
@@ -260,9 +259,7 @@ class Actions:
 class Perception:
     """From observations to the inputs of a network, with a memory of one row a robot.
 
-    Where the network adds to a controller, its inputs end with the action that comes nearest to what that asks for. A
-    row holds the last actions, newest first; where trails are kept, whether they have begun, and the trailing points;
-    and the numbers of earlier observations, newest first.
+    Where the network adds to a controller, its inputs end with the action that comes nearest to what that asks for.
 
     Raises:
         ValueError: if there were more numbers to see or to remember than memory is meant for.
@@ -272,30 +269,38 @@ class Perception:
         self.features = features
         self.actions = actions
         self.width = features.width(num_twist)
-        self.acted = features.previous * actions.size
         self.trails = np.array(features.trails, np.float64)
         self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
-        self.trailed = 2 * len(self.trails)
-        self.dropped = self.acted + (self.trailed + 1 if self.trailed else 0)  # number of what is known by crumbs
-        self.first = self.dropped + (CRUMBS + 2 * features.crumbs if features.crumbs else 0)  # of what was seen before
-        self.kept = (features.frames - 1) * features.stride
         self.dt = dt
         self.asked = actions.size if based else 0
         self.crumbed = features.crumbed
-        self.num_inputs = self.width * features.frames + self.acted + self.trailed + self.crumbed + self.asked
+        kept = self._kept()
+        before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed
+        self.num_inputs = self.width * features.frames + before + self.asked
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
-            ("remembers", self.first + self.kept * self.width, MOST_KEPT),
+            ("remembers", sum(math.prod(shape) for shape in kept.values()), MOST_KEPT),
         ):
             if count > most:
                 raise ValueError(f"{type(features).__name__} {what} {count} numbers of a robot; at most {most} may be")
+        self.memory = np.dtype([(name, np.float32, shape) for name, shape in kept.items()])
 
-    def fresh(self, num_envs: int) -> Numbers:
-        """Returns the memory (num_envs, ...) of robots that have seen and done nothing: zeros."""
-        return np.zeros((num_envs, self.first + self.kept * self.width), np.float32)
+    def _kept(self) -> dict[str, tuple[int, ...]]:
+        """Returns the shapes of what a robot remembers, by name."""
+        features = self.features
+        kept: dict[str, tuple[int, ...]] = {"actions": (features.previous, self.actions.size)}  # newest first
+        if len(self.trails):
+            kept |= {"begun": (), "trails": (len(self.trails), 2)}  # whether they have; x, y of each, m
+        if features.crumbs:
+            kept |= dict.fromkeys(Crumbs._fields[:-1], ()) | {"places": (features.crumbs, 2)}
+        return kept | {"seen": ((features.frames - 1) * features.stride, self.width)}  # newest first
+
+    def fresh(self, num_envs: int) -> NDArray[np.void]:
+        """Returns the memory (num_envs,) of robots that have seen and done nothing: zeros."""
+        return np.zeros(num_envs, self.memory)
 
     def inputs(
-        self, observation: Any, speeds: Array, memory: Numbers, asked: Array | None = None
+        self, observation: Any, speeds: Array, memory: NDArray[np.void], asked: Array | None = None
     ) -> tuple[Numbers, Array]:
         """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
 
@@ -306,36 +311,41 @@ class Perception:
         """
         inputs = np.empty((len(memory), self.num_inputs), np.float32)
         angles = self.features.observe(observation, speeds, inputs[:, : self.width])
-        at = self.width + self.acted
-        inputs[:, self.width : at] = memory[:, : self.acted]
-        if self.trailed:
+        at = self.width + self.features.previous * self.actions.size
+        inputs[:, self.width : at] = memory["actions"].reshape(len(memory), -1)
+        if len(self.trails):
             scales = self.features.speed_scale * self.trails
-            fill_trails(observation.pose, angles, self.shares, scales, self.acted, memory, at, inputs)
-            at += self.trailed
+            trailed = inputs[:, at : at + 2 * len(scales)]
+            fill_trails(observation.pose, angles, self.shares, scales, memory["begun"], memory["trails"], trailed)
+            at += 2 * len(scales)
         if isinstance(self.features, GoalFeatures) and self.crumbed:
             scales = np.array([self.dt, self.features.crumb_gap, self.features.range_scale])
-            fill_crumbs(
-                observation.pose, observation.goal, angles, scales, self.features.crumbs, self.dropped, memory,
-                inputs[:, at : at + self.crumbed],
-            )  # fmt: skip
+            crumbs = Crumbs(*(memory[name] for name in Crumbs._fields))
+            fill_crumbs(observation.pose, observation.goal, angles, scales, crumbs, inputs[:, at : at + self.crumbed])
             at += self.crumbed
         for k in range(1, self.features.frames):
-            old = self.first + (k * self.features.stride - 1) * self.width
-            inputs[:, at : at + self.width] = memory[:, old : old + self.width]
+            inputs[:, at : at + self.width] = memory["seen"][:, k * self.features.stride - 1]
             at += self.width
         if asked is not None:
             inputs[:, at:] = self.actions.of_twists(asked, speeds, angles)
         return inputs, angles
 
-    def remember(self, inputs: Numbers, actions: NDArray[Any], memory: Numbers) -> None:
+    def remember(self, inputs: Numbers, actions: NDArray[Any], memory: NDArray[np.void]) -> None:
         """Puts what was just seen and done at the head of the memory."""
-        size = self.actions.size
-        if self.acted:
-            memory[:, size : self.acted] = memory[:, : self.acted - size].copy()
-            memory[:, :size] = actions
-        if self.kept:
-            memory[:, self.first + self.width :] = memory[:, self.first : -self.width].copy()
-            memory[:, self.first : self.first + self.width] = inputs[:, : self.width]
+        for name, newest in (("actions", actions), ("seen", inputs[:, : self.width])):
+            if memory[name].size:
+                memory[name][:, 1:] = memory[name][:, :-1].copy()
+                memory[name][:, 0] = newest
+
+
+class Crumbs(NamedTuple):
+    """What robots remember of crumbs: columns of a memory."""
+
+    dropped: NDArray[np.float32]  # (b,) how many
+    least: NDArray[np.float32]  # (b,) m, the least distance to the goal
+    distance: NDArray[np.float32]  # (b,) m, the last
+    waited: NDArray[np.float32]  # (b,) s, without a lesser one
+    places: NDArray[np.float32]  # (b, crumbs, 2) x, y, m: the last of them, in turn
 
 
 @compiled
@@ -447,60 +457,58 @@ def turn(actions, speeds, angles, out):
 
 
 @compiled
-def fill_trails(poses, angles, shares, scales, first, memory, at, out):
-    """Draws on the trailing points that a memory holds from `first` on, and fills where they are, in the frames."""
+def fill_trails(poses, angles, shares, scales, begun, trails, out):
+    """Draws on the trailing points (b, k, 2), begun or not, and fills where they are, in the frames."""
     for i in range(out.shape[0]):
         cosine = math.cos(poses[i, 2] + angles[i])
         sine = math.sin(poses[i, 2] + angles[i])
-        begun = memory[i, first] > 0.0
-        memory[i, first] = 1.0
+        on = begun[i] > 0.0
+        begun[i] = 1.0
         for k in range(shares.shape[0]):
-            m = first + 1 + 2 * k
             for side in range(2):
-                if begun:
-                    memory[i, m + side] += shares[k] * (poses[i, side] - memory[i, m + side])
+                if on:
+                    trails[i, k, side] += shares[k] * (poses[i, side] - trails[i, k, side])
                 else:
-                    memory[i, m + side] = poses[i, side]
-            dx = (memory[i, m] - poses[i, 0]) / scales[k]
-            dy = (memory[i, m + 1] - poses[i, 1]) / scales[k]
-            out[i, at + 2 * k] = min(max(cosine * dx + sine * dy, -LIMIT), LIMIT)
-            out[i, at + 2 * k + 1] = min(max(cosine * dy - sine * dx, -LIMIT), LIMIT)
+                    trails[i, k, side] = poses[i, side]
+            dx = (trails[i, k, 0] - poses[i, 0]) / scales[k]
+            dy = (trails[i, k, 1] - poses[i, 1]) / scales[k]
+            out[i, 2 * k] = min(max(cosine * dx + sine * dy, -LIMIT), LIMIT)
+            out[i, 2 * k + 1] = min(max(cosine * dy - sine * dx, -LIMIT), LIMIT)
 
 
 @compiled
-def fill_crumbs(poses, goals, angles, scales, count, first, memory, out):
-    """Drops crumbs, which a memory holds from `first` on, and fills what is known by them; see `GoalFeatures`."""
+def fill_crumbs(poses, goals, angles, scales, crumbs, out):
+    """Drops crumbs and fills what is known by them; see `GoalFeatures`."""
     dt, gap, range_scale = scales
+    count = crumbs.places.shape[1]
     directions = out.shape[1] - 2
     for i in range(out.shape[0]):
         x = poses[i, 0]
         y = poses[i, 1]
         # as the memory keeps it: what was rounded up there would else be undercut by a robot that stands
         distance = np.float32(math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1]))
-        dropped = int(memory[i, first])
+        dropped = int(crumbs.dropped[i])
         begins = dropped == 0
-        last = first + CRUMBS + 2 * ((dropped - 1) % count)
-        if begins or math.hypot(x - memory[i, last], y - memory[i, last + 1]) >= gap:
-            last = first + CRUMBS + 2 * (dropped % count)
-            memory[i, last] = x
-            memory[i, last + 1] = y
+        last = (dropped - 1) % count
+        if begins or math.hypot(x - crumbs.places[i, last, 0], y - crumbs.places[i, last, 1]) >= gap:
+            crumbs.places[i, dropped % count, 0] = x
+            crumbs.places[i, dropped % count, 1] = y
             dropped += 1
-            memory[i, first] = dropped
+            crumbs.dropped[i] = dropped
         # a goal that jumps away is the next one
-        if begins or distance < memory[i, first + 1] or distance > memory[i, first + 2] + NEXT_GOAL:
-            memory[i, first + 1] = distance
-            memory[i, first + 3] = 0.0
+        if begins or distance < crumbs.least[i] or distance > crumbs.distance[i] + NEXT_GOAL:
+            crumbs.least[i] = distance
+            crumbs.waited[i] = 0.0
         else:
-            memory[i, first + 3] += dt
-        memory[i, first + 2] = distance
-        out[i, 0] = math.asinh(distance - memory[i, first + 1])
-        out[i, 1] = memory[i, first + 3] / (memory[i, first + 3] + 5.0)
+            crumbs.waited[i] += dt
+        crumbs.distance[i] = distance
+        out[i, 0] = math.asinh(distance - crumbs.least[i])
+        out[i, 1] = crumbs.waited[i] / (crumbs.waited[i] + 5.0)
         out[i, 2:] = 0.0
         heading = poses[i, 2] + angles[i]
         for k in range(min(dropped, count)):
-            at = first + CRUMBS + 2 * k
-            dx = memory[i, at] - x
-            dy = memory[i, at + 1] - y
+            dx = crumbs.places[i, k, 0] - x
+            dy = crumbs.places[i, k, 1] - y
             turn = wrap_angle(math.atan2(dy, dx) - heading) / (2.0 * math.pi)
             j = 2 + math.floor(turn * directions + 0.5) % directions
             out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))

@@ -143,7 +143,7 @@ class Shaped(VecEnv):
     def reset(self) -> NDArray[np.float32]:
         """Starts an episode in every row."""
         observations = self.worlds.reset()
-        self.memory[:] = 0.0
+        self.memory = self.perception.fresh(self.num_envs)
         if self.base is not None:
             self.pilots = self.make_pilots(self.base.policy)
         if self.ways is not None:
@@ -158,8 +158,8 @@ class Shaped(VecEnv):
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Moves every robot by one control period; see `NativeVecEnv.step_wait`."""
         actions = self._actions
-        perception, size = self.perception, self.perception.actions.size
-        change = np.square(actions - self.memory[:, :size]).sum(axis=1) if perception.acted else np.zeros(len(actions))
+        perception, before = self.perception, self.memory["actions"]
+        change = np.square(actions - before[:, 0]).sum(axis=1) if before.size else np.zeros(len(actions))
         twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
         twists = perception.features.guarded(self._fields(self.observations), twists)
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
@@ -180,7 +180,7 @@ class Shaped(VecEnv):
             for j, i in enumerate(rows.tolist()):
                 late = bool(truncated[i] and not terminated[i])
                 infos[i] = {"terminal_observation": last[j], "TimeLimit.truncated": late}
-            self.memory[rows] = 0.0
+            self.memory[rows] = perception.fresh(len(rows))
             self.tell(self.pilots, ended)
         self._see(observations)
         return self._inputs, rewards.astype(np.float32), ended, infos
@@ -239,11 +239,12 @@ class Shaped(VecEnv):
         """Refuses."""
         return self.worlds.env_method(method_name, *args, indices=indices, **kwargs)
 
-    ARRAYS = ("memory", "left", "observations", "_inputs", "_angles")
+    ARRAYS = ("left", "observations", "_inputs", "_angles")
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Returns all that decides what comes next, but for the random generators."""
         arrays = {f"shaped.{name}": getattr(self, name).copy() for name in self.ARRAYS} | self.worlds.arrays()
+        arrays["shaped.memory"] = np.frombuffer(self.memory.tobytes(), np.float32).reshape(self.num_envs, -1)
         if self._asked is not None:
             arrays["shaped._asked"] = self._asked.copy()
         for k, pilot in enumerate(self.pilots):
@@ -258,6 +259,9 @@ class Shaped(VecEnv):
         """Puts everything back to where `arrays` and `generators` were taken; `_inputs` is what is seen next."""
         for name in self.ARRAYS:
             setattr(self, name, arrays[f"shaped.{name}"].copy())
+        self.memory = self.perception.fresh(self.num_envs)
+        if self.memory.nbytes:
+            self.memory[:] = np.frombuffer(arrays["shaped.memory"].tobytes(), self.memory.dtype)
         self.worlds.restore(arrays, generators)
         if self.base is not None:
             self._asked = arrays["shaped._asked"].copy()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from wayfield.envs.compiled import compiled
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GoalScenario
-from wayfield.envs.scenarios.ways import clearances
+from wayfield.envs.scenarios.ways import clearances, grid_over, reached
 
 CELL = 0.1  # m
 MARGIN = 1.0  # m, that a grid goes beyond all that stands
@@ -55,18 +55,12 @@ class Ways:
 def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Returns the way (rows, columns) from each node of a grid to the goal, m, and the grid's first node (x, y)."""
     standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
-    stops = np.array([scenario.start[:2], scenario.goal[:2]])
-    along, across = standing["half_length"], standing["half_width"]
-    cosine, sine = np.abs(standing["cos"]), np.abs(standing["sin"])
-    reach = standing["radius"] + np.stack([cosine * along + sine * across, sine * along + cosine * across])
-    centres = np.stack([standing["x"], standing["y"]])
-    corners = np.vstack([stops, (centres - reach).T, (centres + reach).T])
-    low = corners.min(axis=0) - MARGIN
-    columns, rows = (np.ceil((corners.max(axis=0) + MARGIN - low) / CELL).astype(int) + 1).tolist()
-    spare = np.ascontiguousarray(clearances(standing, *low.tolist(), CELL, columns, rows).T) - hull_radius
+    x, y, columns, rows = grid_over(standing, [scenario.start[:2], scenario.goal[:2]], MARGIN, CELL)
+    spare = np.ascontiguousarray(clearances(standing, x, y, CELL, columns, rows).T) - hull_radius
     price = np.where(spare < 0.0, 10.0, 1.0 + np.clip(1.0 - spare / DEAR, 0.0, 1.0))
     ways = np.full((rows, columns), np.inf)
-    column, row = np.rint((stops[1] - low) / CELL).astype(int).tolist()
+    low = np.array([x, y])
+    column, row = np.rint((scenario.goal[:2] - low) / CELL).astype(int).tolist()
     ways[row, column] = 0.0
     sweep(CELL * price, ways)
     return ways.astype(np.float32), low
@@ -95,14 +89,9 @@ def sweep(costs, ways):
                     b = ways[row, column - 1]
                 if column < columns - 1:
                     b = min(b, ways[row, column + 1])
-                low = min(a, b)
-                if low == math.inf:
+                if min(a, b) == math.inf:
                     continue
-                cost = costs[row, column]
-                apart = max(a, b) - low
-                way = low + cost
-                if apart < cost:
-                    way = low + 0.5 * (apart + math.sqrt(2.0 * cost * cost - apart * apart))
+                way = reached(b, a, costs[row, column])
                 if way < ways[row, column] - 1e-6:
                     ways[row, column] = way
                     changed = True
