@@ -127,7 +127,7 @@ def test_a_line_that_an_option_would_take_is_not_taken_for_a_wrong_one() -> None
         for _ in range(40):
             line = commands._wrong(command, rng)
             assert line["allowed"] == [1, 2]
-            assert line["arguments"] != list(commands.COMMANDS[command][1])
+            assert line["arguments"] != list(commands.COMMANDS[command])
 
 
 @pytest.mark.slow
