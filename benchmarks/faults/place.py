@@ -237,7 +237,7 @@ class Running:
 
 
 def on_cores(count: int, before: Callable[[], None] | None = None) -> Callable[[], None]:
-    """Returns what keeps a new process to some cores: small networks on many threads wait for those most of the time."""
+    """Returns what keeps a new process to some cores: many threads of a small network mostly wait for one another."""
 
     def prepare() -> None:
         if hasattr(os, "sched_setaffinity"):
