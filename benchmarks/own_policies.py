@@ -16,6 +16,7 @@ import shlex
 import sys
 import traceback
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +30,8 @@ from wayfield.benchmarks.run_folder import file_digest
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import KNOWS, Briefing
 from wayfield.envs.checks import shown, suggestion
+from wayfield.envs.readers import reader
+from wayfield.policies.learned.reading import MOST_TEXT, parsed_object
 from wayfield.policies.policy import Policy
 
 OWN = "own"  # the name of the gains of all that the user brings
@@ -387,6 +390,14 @@ def _space(space: Any) -> str:
     return f"Box{space.shape} of {bounds}{' ...' if space.low.size > 3 else ''}"
 
 
+def _sample_model(folder: Path) -> None:
+    data = {"policy_class": {"__module__": "stable_baselines3.common.policies"}, "clip_range": 0.2, "gamma": 0.99}
+    with zipfile.ZipFile(folder / "model.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("data", json.dumps(data, indent=4))
+        archive.writestr("policy.pth", bytes(100))
+
+
+@reader("model of stable-baselines3", "model.zip", _sample_model)
 def _model(source: str) -> OwnModel:
     """Returns the model of a file, "model.zip" or "algorithm:model.zip", without loading it."""
     wanted, colon, file = source.partition(":")
@@ -396,16 +407,27 @@ def _model(source: str) -> OwnModel:
         raise ValueError(f"{source!r}: {wanted!r} is no algorithm; choose from {', '.join(ALGORITHMS)}")
     try:
         with zipfile.ZipFile(file) as archive:
-            names = archive.namelist()
-            if "data" not in names or "policy.pth" not in names:
-                raise ValueError(f"{file!r} is no model of stable-baselines3: it lacks data or policy.pth")
-            data = json.loads(archive.read("data"))
+            sizes = {each.filename: each.file_size for each in archive.infolist()}
+            read = {"data", "policy.pth"} <= set(sizes) and sizes["data"] <= MOST_TEXT
+            content = archive.read("data") if read else b""
     except OSError as error:
         raise ValueError(f"{file!r} cannot be read: {error.strerror or error}") from None
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{file!r} is no zip of a model: {error}") from None
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise ValueError(f"{file!r} is no model of stable-baselines3: its data is no JSON: {error}") from None
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        LookupError,
+        ValueError,
+    ) as error:
+        raise ValueError(f"{file!r} is no zip of a model: {shown(str(error))}") from None
+    if not read:
+        lacks = f"its data has more than {MOST_TEXT} bytes" if "data" in sizes else "it lacks data"
+        raise ValueError(
+            f"{file!r} is no model of stable-baselines3: {lacks if 'policy.pth' in sizes else 'it lacks policy.pth'}"
+        )
+    data = parsed_object(content, f"data of {file!r}")
     algorithm = wanted.upper() or _algorithm(data)
     if not algorithm:
         raise ValueError(f"{file!r} does not tell its algorithm; give it: {ALGORITHMS[0].lower()}:{file}")

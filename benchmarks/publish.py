@@ -7,7 +7,6 @@ tables of README.md, so that a test can make them again.
 """
 
 import datetime
-import io
 import subprocess
 import sys
 import time

@@ -1,31 +1,28 @@
 """Wrong command lines, made from each command's own table of options: one line on stderr, nothing written."""
 
 import importlib
-import io
 import os
 import random
 import signal
-import sys
-import tempfile
 import time
-import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
-from wayfield.benchmarks.faults.place import Ended, changed, contents
+from wayfield.benchmarks.faults.forks import MODULES, Fork
+from wayfield.benchmarks.faults.place import changed, contents
 
-# each command's click object, and arguments that are right beside which one is wrong
-COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "evaluate": ("wayfield.benchmarks.evaluate", ()),
-    "barn": ("wayfield.benchmarks.barn", ("nowhere",)),
-    "decisions": ("wayfield.benchmarks.decisions", ()),
-    "throughput": ("wayfield.benchmarks.throughput", ()),
-    "tune": ("wayfield.benchmarks.tune", ("lqr", "--suite", "path-following")),
-    "train": ("wayfield.policies.training.command", ("wayfield/DiffDrivePathFollowing-v0",)),
-    "fingerprints": ("wayfield.benchmarks.fingerprints", ("--out", "prints.json")),
+# arguments of each command that are right, beside which one is wrong
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "evaluate": (),
+    "barn": ("nowhere",),
+    "decisions": (),
+    "throughput": (),
+    "tune": ("lqr", "--suite", "path-following"),
+    "train": ("wayfield/DiffDrivePathFollowing-v0",),
+    "fingerprints": ("--out", "prints.json"),
 }
 WITHOUT_TABLE = ("onnx", "freeze")  # not made with click at all times: what they get is listed
 _ENV = "wayfield/DiffDrivePathFollowing-v0"
@@ -106,13 +103,13 @@ def _cost(listed: tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]]) 
 
 
 def _table(command: str) -> click.Command:
-    table: click.Command = importlib.import_module(COMMANDS[command][0]).main
+    table: click.Command = importlib.import_module(MODULES[command]).main
     return table
 
 
 def _wrong(command: str, rng: random.Random) -> dict[str, Any]:
     """Returns a line with one thing wrong."""
-    table, right = _table(command), list(COMMANDS[command][1])
+    table, right = _table(command), list(COMMANDS[command])
     options = [each for each in table.params if isinstance(each, click.Option) and each.name != "help"]
     kind = rng.randrange(6)
     option = rng.choice(options)
@@ -202,59 +199,10 @@ def _own(spec: dict[str, Any], arguments: list[str], place: Any, folder: Path) -
 
 def inside(spec: dict[str, Any]) -> dict[str, Any]:
     """Returns what was wrong with how a command line ended, in a fork of a worker that has its modules loaded."""
-    command = spec["command"]
-    _table(command)
-    out, err = (tempfile.TemporaryFile() for _ in range(2))  # noqa: SIM115  closed below
-    with out, err:
-        child = os.fork()
-        if not child:
-            _become(command, spec["arguments"], Path(spec["folder"]), out.fileno(), err.fileno())
-        began = time.monotonic()
-        status = None
-        until = began + spec.get("limit", 15.0)
-        while time.monotonic() < until:
-            done, code = os.waitpid(child, os.WNOHANG)
-            if done:
-                status = os.waitstatus_to_exitcode(code)
-                break
-            time.sleep(0.01)
-        else:
-            os.killpg(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-        texts = []
-        for stream in (out, err):
-            stream.seek(0)
-            texts.append(stream.read().decode(errors="replace"))
-    ended = Ended(status, *texts)
-    problem = ended.fault(spec["allowed"])
+    began = time.monotonic()
+    ended = Fork(spec["command"], spec["arguments"], Path(spec["folder"])).wait(spec.get("limit", 15.0))
     took = time.monotonic() - began
+    problem = ended.fault(spec["allowed"])
     if problem is None and took > spec.get("quick", 15.0) and 0 not in spec["allowed"]:
         problem = f"refused only after {took:.0f} s of work"
     return {} if problem is None else {"problem": problem}
-
-
-def _become(command: str, arguments: list[str], folder: Path, out: int, err: int) -> None:
-    """Turns a fork into the command; does not return."""
-    status = 70
-    try:
-        os.setsid()
-        os.chdir(folder)
-        os.dup2(out, 1)
-        os.dup2(err, 2)
-        sys.stdout = io.TextIOWrapper(os.fdopen(1, "wb", closefd=False), encoding="utf-8", write_through=True)
-        sys.stderr = io.TextIOWrapper(
-            os.fdopen(2, "wb", closefd=False), encoding="utf-8", errors="backslashreplace", write_through=True
-        )
-        sys.argv = [command, *arguments]
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        _table(command).main()  # ends by SystemExit
-    except SystemExit as error:
-        if isinstance(error.code, str):
-            print(error.code, file=sys.stderr)
-        status = error.code if isinstance(error.code, int) else int(error.code is not None)
-    except BaseException:
-        traceback.print_exc()
-        status = 1
-    finally:
-        sys.stdout.flush()
-        os._exit(status)

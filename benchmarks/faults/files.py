@@ -42,7 +42,7 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
         if name in names:
             yield {"reader": name, "key": key, "raw": raw}
     for name in names:
-        bomb = ("bomb",) if READERS[name].file.endswith("npz") else ()
+        bomb = ("bomb",) if READERS[name].file.endswith(("npz", "zip")) else ()
         for kind in ("missing", "folder", "whole", "truncate", *bomb):
             yield {"reader": name, "mutation": kind, "seed": rng.randrange(2**31)}
         for kind in ("ones", "tensors", "tensors") if READERS[name].file.endswith(".safetensors") else ():

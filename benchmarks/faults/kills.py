@@ -1,15 +1,16 @@
 """Runs that are killed at any moment, or find their parts damaged, and are run again until they are done."""
 
+import functools
+import itertools
 import random
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wayfield.benchmarks.faults.place import end_marked, left_running
-from wayfield.benchmarks.faults.runs import LIMIT, OUT, RUNS, differs, finished, parts_of, reference
+from wayfield.benchmarks.faults.forks import Forks
+from wayfield.benchmarks.faults.runs import FORKED, LIMIT, OUT, RUNS, differs, finished, parts_of, reference
 
 _SIGNALS = ("SIGKILL", "SIGKILL", "SIGTERM", "SIGINT")
 _PATIENCE = 30.0  # s, in which a signal must end a run: a training finishes its update
@@ -20,16 +21,34 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
     for run, share in (("contest", 0.6), ("training", 0.7)):
         yield {"run": run, "signal": "SIGKILL", "at": [share]}
     for damage in ("number", "truncate", "flip", "delete"):
-        yield {"run": "contest", "damage": damage}
-    while True:
-        run = rng.choice(("contest", "contest", "training", "training", "tuning"))
+        yield {"run": FORKED["contest"], "forked": True, "damage": damage}
+    for k in itertools.count():
+        forked = k % 20 < 19  # processes that start from nothing, and others below them, take many times as long
+        run = rng.choice(tuple(FORKED.values()) if forked else ("contest", "training", "tuning"))
         moments = [round(rng.uniform(0.02, 1.05), 3) for _ in range(rng.choice((1, 1, 2)))]
-        yield {"run": run, "signal": rng.choice(_SIGNALS), "at": moments}
+        yield {"run": run, "forked": forked, "signal": rng.choice(_SIGNALS), "at": moments}
 
 
 def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
     """Returns what is wrong with the run's end, what it leaves running, or with its results in the end."""
-    del server
+    if spec.get("forked"):
+        problem: str | None = server.ask("kills", spec)
+        return problem
+    return _tried(spec, place)
+
+
+@functools.cache
+def _forks() -> Forks:
+    return Forks()
+
+
+def inside(spec: dict[str, Any]) -> dict[str, Any]:
+    """Returns what was wrong with a run in forks of a worker."""
+    problem = _tried(spec, _forks())
+    return {} if problem is None else {"problem": problem}
+
+
+def _tried(spec: dict[str, Any], place: Any) -> str | None:
     found = reference(spec["run"], place)
     if isinstance(found, str):
         return found
@@ -41,18 +60,14 @@ def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
             return _damaged(spec, place, folder, wanted)
         for share in spec["at"]:
             running = place.start(run.command, [*run.line, *_going_on(spec["run"], folder)], folder)
-            time.sleep(share * seconds)
+            running.ends_within(share * seconds)
             running.send(getattr(signal, spec["signal"]))
-            try:
-                running.process.wait(_PATIENCE)
-            except subprocess.TimeoutExpired:
+            if not running.ends_within(_PATIENCE):
                 running.wait(0.0)
                 return f"{spec['signal']} does not end it within {_PATIENCE:g} s"
-            orphans = left_running(running.mark)
-            ended = running.wait(LIMIT)
+            orphans = running.left()
+            ended = running.wait(0.0 if orphans else LIMIT)
             if orphans:
-                running.wait(0.0)
-                end_marked(running.mark)
                 return f"{spec['signal']} leaves {len(orphans)} processes running: {orphans[0][:120]}"
             if "Traceback" in ended.err:
                 return f"traceback after {spec['signal']}: {ended.err.strip().splitlines()[-1][:200]}"
@@ -69,7 +84,7 @@ def _damaged(spec: dict[str, Any], place: Any, folder: Path, wanted: dict[str, s
     running = place.start(run.command, run.line, folder)
     until = time.monotonic() + LIMIT
     while not (parts := parts_of(folder)) and time.monotonic() < until:
-        if running.process.poll() is not None:
+        if running.ended():
             return None  # done before a part was seen: nothing to damage
         time.sleep(0.01)
     running.wait(0.0)

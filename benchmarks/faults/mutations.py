@@ -4,6 +4,7 @@ import gzip
 import io
 import json
 import random
+import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -187,10 +188,50 @@ def _npz(content: bytes, rng: random.Random) -> bytes:
     return buffer.getvalue()
 
 
+def _model(content: bytes, rng: random.Random) -> bytes:
+    """Returns a zip with the JSON in it changed, a member gone, damaged or there twice, or a pickle in it."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = [(name, archive.read(name)) for name in archive.namelist()]
+    place = rng.randrange(len(members))
+    name, data = members[place]
+    kind = rng.randrange(5)
+    if kind == 0:
+        del members[place]
+    elif kind == 1:
+        members.append((name, rng.choice((_flip, _truncate, _fill))(data, rng)))
+    elif kind == 2:
+        members[place] = name, b"cos\nsystem\n(S'touch executed'\ntR."
+    else:
+        members = [(each, json_text(inner, rng) if each == "data" else inner) for each, inner in members]
+    buffer = io.BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        warnings.simplefilter("ignore")  # a name twice is what is wanted
+        for each, inner in members:
+            archive.writestr(each, inner)
+    return buffer.getvalue() if rng.random() < 0.7 else _flip(buffer.getvalue(), rng)
+
+
+_ITEMS = (  # of CBOR: claims of exabytes, nesting, tags, numbers that are none, ends without a beginning
+    b"\x9b" + b"\xff" * 8, b"\xbb\x7f" + b"\xff" * 7, b"\x7b" + bytes(4) + b"\xff" * 4, b"\x5b\x7f" + b"\xff" * 7,
+    b"\x81" * _DEEP, b"\xa1\x61a" * _DEEP, b"\x9f" * 50, b"\x5f\x41a\xff", b"\x7f\x61a\xff",
+    b"\xc2\x58\x40" + b"\xff" * 64,
+    b"\xd8\x1c\x81\xd8\x1d\x00", b"\xf9\x7e\x00", b"\xfb\x7f\xf0" + bytes(6), b"\xf7", b"\xf8\x18", b"\xff",
+    b"\x61\xff",
+    b"\x1b" + b"\xff" * 8, b"\x3b" + b"\xff" * 8, b"\x60", b"\x80", b"\xa0", b"\xf6",
+)  # fmt: skip
+
+
+def _cbor(content: bytes, rng: random.Random) -> bytes:
+    """Returns a message with an item put in, or in place of what is there."""
+    at, item = rng.randrange(len(content) + 1), rng.choice(_ITEMS)
+    return content[:at] + item + content[at + rng.choice((0, 1, len(item))) :]
+
+
 def _bomb(content: bytes, rng: random.Random) -> bytes:
     """Returns an archive whose one member unpacks to a gibibyte of zeros."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        name = archive.namelist()[0]
+        names = archive.namelist()
+    name = names[0]
     buffer = io.BytesIO()
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (134217728,), }"
     header += b" " * (118 - len(header) - 1) + b"\n"
@@ -201,6 +242,9 @@ def _bomb(content: bytes, rng: random.Random) -> bytes:
         member.write(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
         for _ in range(1024):
             member.write(bytes(1 << 20))
+    with zipfile.ZipFile(buffer, "a") as archive:
+        for each in names[1:]:
+            archive.writestr(each, b"")
     return buffer.getvalue()
 
 
@@ -225,6 +269,8 @@ _BY_SUFFIX: dict[str, list[Mutation]] = {
     ".gz": [_gzip, _gzip, _gzip],
     ".safetensors": [_safetensors, _safetensors, _safetensors],
     ".npz": [_npz, _npz, _npz],
+    ".zip": [_model, _model, _model],
+    ".cbor": [_cbor, _cbor, _cbor],
 }
 NAMED: dict[str, Mutation] = {
     "bomb": _bomb,

@@ -76,6 +76,7 @@ class Place:
         self.scratch = self.out / "work" / "scratch"
         self._marks = (f"{os.getpid()}-{k}" for k in itertools.count())
         self._used: list[str] = []
+        self.references: dict[str, tuple[dict[str, str], float]] = {}  # what `runs.reference` found
         shutil.rmtree(self.scratch, ignore_errors=True)
         for folder in (self.code, self.samples, self.scratch):
             folder.mkdir(parents=True, exist_ok=True)
@@ -134,7 +135,7 @@ class Place:
             folder,
             self.environment(mark, **(environment or {})),
             self.scratch,
-            before,
+            on_cores(2, before) if command == "train" else before,
             closed_stdout,
         )
 
@@ -148,6 +149,10 @@ class Place:
         script.parent.mkdir(parents=True, exist_ok=True)
         script.write_text(_SCRIPT.format(module=module), encoding="utf-8")
         return script
+
+    def warm(self, command: str, arguments: Sequence[str], folder: Path) -> None:
+        """Runs a command once, so that its machine code is kept."""
+        self.run(command, arguments, folder, 600.0)
 
     def run(self, command: str, arguments: Sequence[str], folder: Path, limit: float = 60.0, **kwargs: Any) -> Ended:
         """Runs a command to its end, or for `limit` seconds."""
@@ -204,6 +209,20 @@ class Running:
         while computed(self.process.pid) < seconds and time.monotonic() < until and self.process.poll() is None:
             time.sleep(0.01)
 
+    def ended(self) -> bool:
+        """Returns whether its first process has ended."""
+        return self.process.poll() is not None
+
+    def ends_within(self, seconds: float) -> bool:
+        """Returns whether its first process ends within so many seconds; returns when it does."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(seconds)
+        return self.ended()
+
+    def left(self) -> list[str]:
+        """Returns the command lines of its processes that are still there some seconds after the first has ended."""
+        return left_running(self.mark)
+
     def wait(self, limit: float) -> Ended:
         """Returns how it ended; after the limit (s) all its processes are killed."""
         try:
@@ -215,6 +234,20 @@ class Running:
             self.process.wait()
         out, err = (file.read_text(encoding="utf-8", errors="replace") for file in self._files)
         return Ended(status, out, err)
+
+
+def on_cores(count: int, before: Callable[[], None] | None = None) -> Callable[[], None]:
+    """Returns what keeps a new process to some cores: many threads of a small network mostly wait for one another."""
+
+    def prepare() -> None:
+        if hasattr(os, "sched_setaffinity"):
+            cores = sorted(os.sched_getaffinity(0))
+            first = os.getpid() % len(cores)
+            os.sched_setaffinity(0, (cores + cores)[first : first + count])
+        if before is not None:
+            before()
+
+    return prepare
 
 
 def computed(process: int) -> float:

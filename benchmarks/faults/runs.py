@@ -30,7 +30,7 @@ class Run:
         return [*self.arguments, "--out", self.out]
 
 
-def _contest(policies: str) -> Run:
+def _contest(policies: str, workers: str = "2", episodes: str = "2") -> Run:
     asked = (
         "--suite",
         "path-following",
@@ -41,7 +41,7 @@ def _contest(policies: str) -> Run:
         "--gains",
         "default",
     )
-    return Run("evaluate", (*asked, "--episodes", "2", "--workers", "2"), ("episodes.csv",))
+    return Run("evaluate", (*asked, "--episodes", episodes, "--workers", workers), ("episodes.csv", "trajectories.npz"))
 
 
 def _training(seeds: int) -> Run:
@@ -50,37 +50,43 @@ def _training(seeds: int) -> Run:
     return Run("train", (*asked, *words), tuple(f"seed_{k}/best/weights.safetensors" for k in range(seeds)))
 
 
+def _tuning(workers: str) -> Run:
+    asked = ("lqr", "--suite", "path-following", "--trials", "2", "--scenarios", "1", "--workers", workers)
+    return Run("tune", asked, ("gains.json",), f"{OUT}/gains.json")
+
+
 RUNS = {
     "contest": _contest("pure_pursuit,stanley"),
     "another contest": _contest("smooth_pose"),
     "training": _training(2),
     "one training": _training(1),
-    "tuning": Run(
-        "tune",
-        ("lqr", "--suite", "path-following", "--trials", "2", "--scenarios", "1", "--workers", "2"),
-        ("gains.json",),
-        f"{OUT}/gains.json",
-    ),
+    "tuning": _tuning("2"),
+    "contest in one process": _contest("pure_pursuit", "1", "1"),
+    "another contest in one process": _contest("stanley", "1", "1"),
+    "tuning in one process": _tuning("1"),
 }
-_REFERENCES: dict[str, tuple[dict[str, str], float]] = {}  # contents of the folder and seconds, by run
+# a run that a fork of a worker can do, in place of each
+FORKED = {name: name if name == "one training" else f"{name} in one process"
+          for name in ("contest", "another contest", "one training", "tuning")}  # fmt: skip
 
 
 def reference(name: str, place: Any) -> tuple[dict[str, str], float] | str:
-    """Returns what the run leaves undisturbed and the seconds it takes, from a first run in this campaign; or what went
+    """Returns what the run leaves undisturbed and the seconds it takes, from a first run at this place; or what went
     wrong with that."""
-    if name not in _REFERENCES:
+    if name not in place.references:
         with place.folder() as folder:
             (folder / OUT).mkdir()
             run = RUNS[name]
-            place.run(run.command, run.line, folder, LIMIT)  # compiles
+            place.warm(run.command, run.line, folder)
             shutil.rmtree(folder / OUT)
             (folder / OUT).mkdir()
             began = time.monotonic()
             ended = place.run(run.command, run.line, folder, LIMIT)
             if ended.status != 0:
                 return f"undisturbed it ends with status {ended.status}: {ended.err[-300:]}"
-            _REFERENCES[name] = contents(folder / OUT), time.monotonic() - began
-    return _REFERENCES[name]
+            place.references[name] = contents(folder / OUT), time.monotonic() - began
+    found: tuple[dict[str, str], float] = place.references[name]
+    return found
 
 
 def differs(name: str, folder: Path, wanted: dict[str, str]) -> str | None:

@@ -54,7 +54,11 @@ class Server:
 
     def _started(self) -> "subprocess.Popen[bytes]":
         mark = f"server-{os.getpid()}-{id(self)}"
-        environment = self._place.environment(mark, PYTHONFAULTHANDLER="1", **self._environment)
+        # Numba's cache does not tell code that checks bounds from code that does not
+        compiled = str(self._place.out / "work" / "compiled_checked")
+        environment = self._place.environment(
+            mark, PYTHONFAULTHANDLER="1", NUMBA_CACHE_DIR=compiled, **self._environment
+        )
         log = open(self._place.out / "work" / "worker.log", "ab")  # noqa: SIM115  the child keeps it
         with log:
             self._process = subprocess.Popen(

@@ -18,13 +18,14 @@ from wayfield.benchmarks.faults import life
 from wayfield.envs.disturbances import DISTURBANCES
 from wayfield.envs.records import pose_sources
 from wayfield.envs.robots import ACTUATORS, ROBOTS, robots_with
-from wayfield.envs.scenarios import FAMILIES, GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS
+from wayfield.envs.scenarios import FAMILIES, GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 
 BOUNDS = {"NUMBA_BOUNDSCHECK": "1"}  # of the server's environment
 IDS = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
 _REFUSALS = (ValueError, TypeError, gymnasium.error.Error)
 _CHECKED = 40  # steps in which rows are compared with the single environment
+_MANY = 16_384  # robots
 # keyword arguments are changed to these; texts stand for what JSON cannot hold
 EXTREME: tuple[Any, ...] = (
     1e20, -1e20, 1e160, 1e300, -1e300, 1e-320, "nan", "inf", "-inf", "huge", -1, 0, 0.5, 2**63, 10**9, None, True, "",
@@ -54,17 +55,25 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
 
 
 def _setting(rng: random.Random) -> dict[str, Any]:
-    """Returns a random setting, many robots at once or one."""
+    """Returns a random setting, many robots at once or one.
+
+    Most steps are those of thousands of robots: what makes each of theirs dear (wide observations, a reset at every
+    step, actions that are refused) is drawn for fewer at a time, who run the same code.
+    """
     env_id = rng.choice(IDS)
     path = "Path" in env_id
-    task = "path_following" if path else "goal_reaching"
+    (task,) = (spec.name for spec in TASKS.values() if env_id in spec.ids.values())
     family = f"{rng.choice((*FAMILIES[task], 'all'))}/{rng.choice(tuple(SPLITS))}"
+    named = {"path_following": tuple(PATH_SCENARIOS), "goal_reaching": tuple(GOAL_SCENARIOS)}.get(task, (family,))
     names = robots_with(holonomic="DiffDrive" not in env_id)
     robot = rng.choice([name for name in names if ROBOTS[name].hull_radius <= LARGEST_HULL])
+    dynamics = rng.choice(("kinematic", "kinematic", "kinematic", "pymunk"))
+    robots = rng.choice((0, 1, 3, 64) if dynamics == "pymunk" else (0, 1, 64, 1024, 4096, _MANY, _MANY))
+    many = robots >= _MANY
     kwargs: dict[str, Any] = {
-        "scenario": rng.choice((rng.choice(tuple(PATH_SCENARIOS if path else GOAL_SCENARIOS)), family)),
+        "scenario": rng.choice((rng.choice(named), family)),
         "robot": robot,
-        "dynamics": rng.choice(("kinematic", "kinematic", "kinematic", "pymunk")),
+        "dynamics": dynamics,
         "actuators": rng.choice(tuple(ACTUATORS)),
         "action_mode": rng.choice(("twist", "wheel_speeds")),
         "noise": rng.choice((0.0, 1.0, rng.uniform(0.0, 10.0))),
@@ -77,25 +86,21 @@ def _setting(rng: random.Random) -> dict[str, Any]:
             *(rng.choice((0.1, 1.0, 100.0)) * rng.uniform(-1, 1) for _ in range(3)),
         ]
     if path:
-        kwargs |= {"num_preview": rng.choice((0, 1, 10, 100)), "preview_spacing": rng.choice((1e-3, 0.1, 5.0))}
-        kwargs["scale"] = rng.choice((1.0, 1.0, 0.1, 10.0))
+        kwargs |= {"num_preview": rng.choice((0, 1, 10) if many else (0, 1, 10, 100))}
+        kwargs |= {"preview_spacing": rng.choice((1e-3, 0.1, 5.0)), "scale": rng.choice((1.0, 1.0, 0.1, 10.0))}
     else:
-        kwargs |= {"num_beams": rng.choice((0, 1, 32, 72)), "max_range": rng.choice((0.1, 5.0, 100.0))}
+        kwargs |= {"num_beams": rng.choice((0, 1, 8) if many else (0, 1, 32, 72))}
+        kwargs |= {"max_range": rng.choice((0.1, 5.0, 100.0))}
         kwargs |= {"field_of_view": rng.uniform(0.1, 6.28), "end_on_success": rng.random() < 0.5}
         kwargs["end_on_contact"] = kwargs["dynamics"] == "kinematic" or rng.random() < 0.5
-    robots = (
-        rng.choice((0, 1, 3, 64))
-        if kwargs["dynamics"] == "pymunk"
-        else rng.choice((0, 1, 64, 1024, 4096, 16_384, 16_384))
-    )
     return {
         "env": env_id,
         "kwargs": kwargs,
         "num_envs": robots,  # 0: the single environment
         "autoreset_mode": rng.choice(("NextStep", "SameStep")),
-        "clock": rng.choice((None, 1, 37, 1200)),
-        "actions": rng.choice(("random", "random", "corner", "extreme", "wrong")),
-        "steps": rng.choice((100, 300)),
+        "clock": rng.choice((None, 37, 1200) if robots > 1024 else (None, 1, 37, 1200)),
+        "actions": rng.choice(("random", "random", "corner", "extreme", *(() if robots > 1024 else ("wrong",)))),
+        "steps": 1000 if many else rng.choice((100, 300)),
         "seed": rng.randrange(2**31),
     }
 

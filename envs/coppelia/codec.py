@@ -5,6 +5,7 @@ fraction of a second to decode, so that no message can hold up the server.
 """
 
 import math
+import pathlib
 from typing import Any, NamedTuple
 
 import cbor2
@@ -12,6 +13,7 @@ import numpy as np
 
 from wayfield.envs.compiled import compiled
 from wayfield.envs.coppelia import standstill
+from wayfield.envs.readers import reader
 
 MAX_MESSAGE = 64 * 2**20  # bytes; libzmq closes the connection of a longer one
 MAX_DEPTH = 32  # of arrays and maps in one another
@@ -131,6 +133,21 @@ def scan(data):
     return _INFINITE if infinite else 0
 
 
+def _sample_request(folder: pathlib.Path) -> None:
+    args = ["/p3dx", 1.5, [1, {"name": b"\0\1"}]]
+    message = {"uuid": "a", "ver": 2, "lang": "python", "func": "sim.getObject", "args": args, "timeout": 1.0}
+    (folder / "request.cbor").write_bytes(cbor2.dumps(message))
+
+
+def _request_of_file(function: Any, file: pathlib.Path) -> Request:
+    try:
+        request: Request = function(file.read_bytes())
+    except Refusal as error:
+        raise ValueError(f"{file}: {error}") from None
+    return request
+
+
+@reader("request over ZeroMQ", "request.cbor", _sample_request, _request_of_file)
 def request_of(payload: bytes) -> Request:
     """Returns the request in a message.
 
