@@ -28,6 +28,8 @@ from wayfield.envs.storage import clear_stale, locked, sync_folder, temporary_fo
 
 MANIFEST = "run.json"
 LOCK = ".lock"
+REPORT = "report.html"
+DRIVES, WORLDS = "drives.npz", "worlds.json"  # what the report replays, and where
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
 
 _NAMED = ("episodes", "scale", "seed")  # whose values alone say nothing in a folder's name
@@ -119,7 +121,7 @@ def refuse_foreign(out: Path, run: Run) -> None:
         return
     known = _known_files(out, run)
     present = [PurePosixPath(file.relative_to(out)) for file in (*out.glob("*"), *out.glob("video/*"))]
-    patterns = (EPISODES, TRAJECTORIES, TABLE, *run.names)
+    patterns = (EPISODES, TRAJECTORIES, TABLE, REPORT, DRIVES, WORLDS, *run.names)
     _refuse(out, (str(name) for name in present if any(fnmatch.fnmatch(str(name), each) for each in patterns)), known)
 
 
@@ -217,11 +219,12 @@ def file_digest(file: Path) -> str:
 def source_digest() -> str:
     """Returns a digest of source files and agents, so that parts of another version are not taken for this one's.
 
-    `publish.py` is left out: it shows results and makes none.
+    `publish.py` and `report` are left out: they show results and make none.
     """
     digest = hashlib.sha256()
     for module in (wayfield.envs, wayfield.policies, benchmarks):
         for file in sorted(pathlib.Path(module.__path__[0]).rglob("*")):
-            if file.suffix in (".py", ".json", ".safetensors") and file.name != "publish.py":
+            shows = file.name == "publish.py" or file.parent.name == "report"
+            if file.suffix in (".py", ".json", ".safetensors") and not shows:
                 digest.update(file.read_bytes())
     return digest.hexdigest()
