@@ -15,6 +15,7 @@ import math
 import os
 import tempfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -22,14 +23,20 @@ import rich.console
 import rich.table
 
 from wayfield.benchmarks.cases import DIFF_DRIVE_GOAL_REACHING, Case
+from wayfield.benchmarks.contest_report import holding
 from wayfield.benchmarks.contests import CONTESTS, TRAINED
-from wayfield.benchmarks.entries import success_interval
+from wayfield.benchmarks.entries import by_entry, label, success_interval
 from wayfield.benchmarks.progress import tracked
-from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.report.drives import Drive, drive_of, write_drives
+from wayfield.benchmarks.report.page import Section, write_page
+from wayfield.benchmarks.report.worlds import write_worlds
+from wayfield.benchmarks.results import TABLE, Row, number, readable, write_rows
+from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, episodes
+from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import workers
 from wayfield.envs.checks import MOST_POINTS, shown
-from wayfield.envs.command_line import Names, OneLineErrors
+from wayfield.envs.command_line import Names, OneLineErrors, words_given
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import circle, goal_scenarios
@@ -106,10 +113,48 @@ def settings_of(world: int, file: str, names: tuple[str, ...], actuators: str) -
     return found
 
 
-def _row(setting: Setting) -> Row:
-    ((row, _),) = episodes(setting)
+def _driven(setting: Setting) -> tuple[Row, Drive]:
+    ((row, trajectory),) = episodes(setting)
     seed = setting.case.gains["seed"] if setting.case.policy in TRAINED else ""
-    return row | {"split": setting.case.split, "agent_seed": str(seed)}
+    # the scratch file's name is that of its world
+    row = row | {"scenario": Path(row["scenario"]).stem, "split": setting.case.split, "agent_seed": str(seed)}
+    return row, drive_of(trajectory)
+
+
+HEADER = ["policy", "gains", "success", "95 % interval", "collision", "timeout", "BARN score", "SPL", "time (s)"]
+
+
+def barn_table(rows: Sequence[Row], count: int) -> Table:
+    """Returns successes and scores of each policy and each set of its gains over `count` worlds."""
+    lines = []
+    for entry, mine in by_entry(rows).items():
+        won = [row for row in mine if number(row, "success") == 1.0]
+        ends = success_interval(mine)
+        lines.append([
+            *entry,
+            f"{len(won)}/{len(mine)}",
+            f"[{ends[0]:.2f}, {ends[1]:.2f}]" if ends else "",
+            *(f"{sum(number(row, name) for row in mine):.0f}" for name in ("collision", "timeout")),
+            *(f"{sum(number(row, name) for row in mine) / len(mine):.3f}" for name in ("barn_score", "spl")),
+            f"{sum(number(row, 'time') for row in won) / len(won):.1f}" if won else "",
+        ])  # fmt: skip
+    note = "The challenge's rules, our robot and scan: scores compare with each other, not with the published ones."
+    return Table(f"BARN, {count} worlds, p3dx, lagged actuators", HEADER, lines, note)
+
+
+def told_of(rows: Sequence[Row], table: Table) -> tuple[str, Table]:
+    """Returns who gets the best score, as a sentence, and the table."""
+    scores = {
+        entry: sum(number(row, "barn_score") for row in mine) / len(mine) for entry, mine in by_entry(rows).items()
+    }
+    ranked = sorted(scores.items(), key=lambda each: -each[1])
+    first = by_entry(rows)[ranked[0][0]]
+    share, ends = sum(number(row, "success") for row in first) / len(first), success_interval(first)
+    best = [label(entry) for entry, score in ranked if score == ranked[0][1]]
+    who = f"{best[0]} has the best score" if len(best) == 1 else f"A draw of {', '.join(best)}"
+    shown = f" [{100 * ends[0]:.0f}, {100 * ends[1]:.0f}]" if ends else ""
+    sentence = f"{table.title}: {who}, {ranked[0][1]:.3f}, with {100 * share:.0f} % success{shown}."
+    return sentence, table
 
 
 @click.command("barn", cls=OneLineErrors)
@@ -118,9 +163,10 @@ def _row(setting: Setting) -> Row:
     "--policies", type=Names("--policies", CONTEST.policies), help="Only these.  [default: all of goal-obstacles]"
 )
 @click.option("--first", type=click.IntRange(min=1), help="Only the first worlds.")
+@click.option("--out", metavar="DIR", help="Folder of the results.  [default: results/barn, and what differs]")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
-def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, count: int | None) -> None:
-    """Drives every policy through the BARN worlds in FOLDER and prints successes and the BARN score."""
+def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, out: str | None, count: int | None) -> None:
+    """Drives every policy through the BARN worlds in FOLDER, prints successes and the BARN score, writes a report."""
     try:
         found = dict(list(worlds(folder).items())[:first])
     except OSError as error:
@@ -148,35 +194,27 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, coun
             settings += settings_of(world, str(file), policies or CONTEST.policies, "lagged")
         with workers(count or min(os.cpu_count() or 1, 4)) as in_parallel:
             try:
-                rows = list(tracked(in_parallel(_row, settings), len(settings), "runs"))
+                driven = list(tracked(in_parallel(_driven, settings), len(settings), "runs"))
             except ValueError as error:  # a world without a way has no shortest one to compare with
                 raise click.UsageError(f"FOLDER {str(folder)!r}: {error}") from None
-    table = rich.table.Table(title=f"BARN, {len(found)} worlds, p3dx, lagged actuators", title_justify="left")
-    for header in (
-        "policy",
-        "gains",
-        "success",
-        "95 % interval",
-        "collision",
-        "timeout",
-        "BARN score",
-        "SPL",
-        "time (s)",
-    ):
+        rows = [row for row, _ in driven]
+        made = barn_table(rows, len(found))
+        differing = {"policies": policies, "first": str(first) if first else None}
+        command = readable(f"python -m wayfield.benchmarks.barn {words_given()}")
+        target, this = default_folder("barn", differing) if out is None else Path(out), Run("barn", command)
+        with holding(target, this), staging(target, this) as stage:
+            write_rows(stage, rows)
+            write_drives(stage, {k: drive for k, (_, drive) in enumerate(driven)})
+            write_worlds(stage, settings)
+            (stage / TABLE).write_text(made.markdown(), encoding="utf-8")
+            write_page(stage / REPORT, "wayfield: BARN", [Section(stage, [made], told_of(rows, made))], command)
+    table = rich.table.Table(title=made.title, title_justify="left")
+    for header in HEADER:
         table.add_column(header, justify="left" if header in ("policy", "gains") else "right")
-    for entry in dict.fromkeys((row["policy"], row["gains_name"]) for row in rows):
-        mine = [row for row in rows if (row["policy"], row["gains_name"]) == entry]
-        won = [row for row in mine if number(row, "success") == 1.0]
-        ends = success_interval(mine)
-        table.add_row(
-            *entry,
-            f"{len(won)}/{len(mine)}",
-            f"[{ends[0]:.2f}, {ends[1]:.2f}]" if ends else "",
-            *(f"{sum(number(row, name) for row in mine):.0f}" for name in ("collision", "timeout")),
-            *(f"{sum(number(row, name) for row in mine) / len(mine):.3f}" for name in ("barn_score", "spl")),
-            f"{sum(number(row, 'time') for row in won) / len(won):.1f}" if won else "",
-        )
+    for line in made.rows:
+        table.add_row(*line)
     rich.console.Console(width=120).print(table)
+    print(f"Report: {target / REPORT}")
 
 
 if __name__ == "__main__":

@@ -8,19 +8,25 @@ from pathlib import Path
 import click
 
 from wayfield.benchmarks.contest_options import ContestOptions, WrongOption
+from wayfield.benchmarks.contests import OVERVIEW
 from wayfield.benchmarks.decisions import measured, read_decisions, write_decisions
-from wayfield.benchmarks.parts import Part, clear_parts, parts_of, run_contest
+from wayfield.benchmarks.parts import Part, clear_parts, drives_of, parts_of, run_contest
 from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.report.drives import write_drives
+from wayfield.benchmarks.report.page import Section, write_page
+from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.results import TABLE, read_rows, write_rows, write_trajectories
-from wayfield.benchmarks.run_folder import Run, held, staging
+from wayfield.benchmarks.run_folder import REPORT, Run, held, staging
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.workers import Map, workers
 
+Short = list[tuple[str, Table]]  # of each task: who wins, as a sentence and a small table
 
-def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Table]:
-    """Plays a contest in `count` processes, writes its files into the folder, and returns its tables."""
+
+def contest_report(options: ContestOptions, folder: Path, count: int) -> tuple[list[Table], Short]:
+    """Plays a contest in `count` processes, writes its files into the folder; returns its tables and what they say."""
     try:
         settings = options.settings()
     except WrongOption as error:
@@ -31,7 +37,7 @@ def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Ta
     with holding(folder, run):
         parts = parts_of(settings, folder)
         try:
-            tables = _played(options, settings, folder, run, count)
+            told = _played(options, settings, folder, run, count)
         except (KeyboardInterrupt, SystemExit):
             raise Interrupted("interrupted", parts) from None
         except (OSError, MemoryError) as error:
@@ -42,7 +48,7 @@ def contest_report(options: ContestOptions, folder: Path, count: int) -> list[Ta
         except ValueError as error:  # a damaged agent, or a policy of the user's own that fails
             raise click.ClickException(str(error)) from None
         clear_parts(parts)
-    return tables
+    return told
 
 
 @contextlib.contextmanager
@@ -56,16 +62,24 @@ def holding(folder: Path, run: Run) -> Iterator[None]:
         yield
 
 
-def _played(options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, count: int) -> list[Table]:
-    """Plays the parts of a contest and writes its files; returns its tables."""
+def _played(
+    options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, count: int
+) -> tuple[list[Table], Short]:
+    """Plays the parts of a contest and writes its files; returns its tables and what they say."""
     with staging(folder, run) as stage, workers(count) as in_parallel:
         rows, trajectories = run_contest(settings, folder, in_parallel)
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
+        write_drives(stage, drives_of(parts_of(settings, folder)))
+        write_worlds(stage, settings)
         if not options.ladder:
             # after the rest, alone on the machine
             write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
-        return write_report(stage, options.command, options.ladder, in_parallel)
+        tables = write_report(stage, options.command, options.ladder, in_parallel)
+        if options.suite == OVERVIEW:  # which has one report of all that it runs
+            return tables, []
+        title = f"wayfield: {options.suite}"
+        return tables, write_page(stage / REPORT, title, [Section(stage, tables)], options.command)
 
 
 class Stopped(click.ClickException):

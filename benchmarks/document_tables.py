@@ -96,14 +96,80 @@ def document_tables(rows: Sequence[Row], cases: Iterable[Case]) -> list[Table]:
     return [_table(document, [row for row in rows if row["document"] == document], published) for document in order]
 
 
-def _table(
-    document: str, rows: Sequence[Row], published: Mapping[tuple[str, str, str, str], Mapping[str, Figure]]
-) -> Table:
-    columns = _COLUMNS[document]
+def reproduced(rows: Sequence[Row], cases: Iterable[Case]) -> tuple[str, Table]:
+    """Returns how well the published figures are met, as a sentence and as a small table, a document a line."""
+    published = {case.key: case.published for case in cases}
+    lines = []
+    met = asked = 0
+    for document in dict.fromkeys(row["document"] for row in rows):
+        mine = [row for row in rows if row["document"] == document]
+        off = [
+            deviation(group, {metric: figure})
+            for (experiment, policy, gains, *_), group in _groups(mine).items()
+            for metric, figure in published.get((document, experiment, policy, gains), {}).items()
+        ]
+        if off:
+            close = sum(each <= CLOSE for each in off)
+            met, asked = met + close, asked + len(off)
+            missed = sum(math.isinf(each) for each in off)
+            title = TITLES.get(document, document).removeprefix("Document ")
+            lines.append([title, f"{close} of {len(off)}", f"{100.0 * statistics.median(off):.1f} %", str(missed)])
+    sentence = f"The documents: {met} of {asked} published figures are met within {100.0 * CLOSE:.0f} %."
+    if not asked:
+        sentence = f"The documents: {len(rows)} runs, for none of which a figure was published."
+    note = "Figures of every plant; what never came is an arrival of which the document tells and ours has none."
+    return sentence, Table("The three documents", ["document", "met", "median off", "never came"], lines, note)
+
+
+def ranked(rows: Sequence[Row]) -> tuple[str, Table]:
+    """Returns who does best in a scenario of the user's own, as a sentence and as a small table.
+
+    A run that succeeds comes before one that fails; then the error counts on a path, and elsewhere the time.
+    """
+    on_path = any(row["cross_track_rms"] for row in rows)
+    metric, name, decimals = ("cross_track_rms", "RMS error (m)", 4) if on_path else ("time", "time (s)", 2)
+
+    def cost(row: Row) -> float:
+        value = number(row, metric)
+        return math.inf if math.isnan(value) else value
+
+    order = sorted(rows, key=lambda row: (row["success"] != "1", cost(row)))
+    lines = [
+        [
+            row["policy"],
+            row["dynamics"],
+            _outcome([row]),
+            f"{cost(row):.{decimals}f}",
+            f"{number(row, 'mean_speed'):.2f}",
+        ]
+        for row in order
+    ]
+    first, plants = order[0], len({row["dynamics"] for row in rows})
+    won = f"{first['policy']} does best: {name.split(' (')[0]} {cost(first):.{decimals}f} {name.split('(')[1][:-1]}"
+    if first["success"] != "1":
+        won = "No policy succeeds"
+    sentence = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario. {won}; one run each, so without an interval."
+    header = ["policy", "plant", "outcome", name, "speed (m/s)"]
+    return sentence, Table(str(rows[0]["experiment"]), header, lines, "")
+
+
+CLOSE = 0.05  # of a published figure: relative deviation that counts as met
+
+
+def _groups(rows: Sequence[Row]) -> dict[tuple[str, ...], list[Row]]:
+    """Returns the episodes of each line of a document's table."""
     groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
         key = tuple(row[name] for name in ("experiment", "policy", "gains", "dynamics", "actuators"))
         groups.setdefault(key, []).append(row)
+    return groups
+
+
+def _table(
+    document: str, rows: Sequence[Row], published: Mapping[tuple[str, str, str, str], Mapping[str, Figure]]
+) -> Table:
+    columns = _COLUMNS[document]
+    groups = _groups(rows)
     tiers = {row["actuators"] for row in rows}
     lines = []
     compared = False
@@ -170,16 +236,24 @@ def _outcome(group: Sequence[Row]) -> str:
 
 
 def _deviation(group: Sequence[Row], published: Mapping[str, Figure]) -> str:
-    """Returns the largest relative deviation of the means from the published figures."""
+    """Returns the largest relative deviation of the means from the published figures, in words."""
+    worst = deviation(group, published)
+    if not published:
+        return ""
+    if math.isinf(worst):
+        return "never"
+    return f"{100.0 * worst:.1f} %" if worst < 1.0 else "> 100 %"
+
+
+def deviation(group: Sequence[Row], published: Mapping[str, Figure]) -> float:
+    """Returns the largest relative deviation of the means from the published figures; inf where one never came."""
     worst = 0.0
     for metric, figure in published.items():
         values = [value for row in group if not math.isnan(value := number(row, metric))]
         if not values:
-            return "never"
+            return math.inf
         low, high = figure if isinstance(figure, tuple) else (figure, figure)
         mean = statistics.fmean(values)
         beyond = max(low - mean, mean - high, 0.0)
         worst = max(worst, beyond / abs(low if mean < low else high))
-    if not published:
-        return ""
-    return f"{100.0 * worst:.1f} %" if worst < 1.0 else "> 100 %"
+    return worst

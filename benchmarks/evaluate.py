@@ -19,15 +19,19 @@ from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contest_options import ContestOptions
 from wayfield.benchmarks.contest_report import contest_report, holding
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, GAINS, OVERVIEW, Course
-from wayfield.benchmarks.document_tables import document_tables
+from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_policies import own_policy, told_of_models
 from wayfield.benchmarks.own_scenario import own_cases, own_courses
 from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.report.drives import drive_of, write_drives
+from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
+from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.results import TABLE, read_rows, readable, write_rows, write_trajectories
-from wayfield.benchmarks.run_folder import Run, default_folder, staging
+from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import WORST, Setting, run
 from wayfield.benchmarks.table import Table
+from wayfield.benchmarks.terminal import print_short
 from wayfield.benchmarks.workers import Map, workers
 from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, command_given
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
@@ -105,6 +109,7 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     metavar="DIR",
     help="Folder of the results.  [default: results/SUITE, and what differs from the defaults]",
 )
+@click.option("--full", is_flag=True, help="Print every table, not only one small table a task.")
 @click.option("--video", is_flag=True, help="Film a few representative cases as well.")
 @click.option(
     "--keep-trajectories",
@@ -163,6 +168,7 @@ class Asked:
     episodes: int | None
     seed: int
     out: str | None
+    full: bool
     video: bool
     keep: str | None
     count: int | None
@@ -269,15 +275,23 @@ class Asked:
         )
         with holding(folder / "contests", options.run):  # is it free? Better told before the documents are run
             pass
-        self._run_cases(DOCUMENTS, documents(), folder / DOCUMENTS)
+        cases = documents()
+        shown = self._run_cases(DOCUMENTS, cases, folder / DOCUMENTS)
         with _ended_by_signals():
-            _print(contest_report(options, folder / "contests", self.processes))
-        print(f"Results are in {folder}{os.sep}")
+            tables, _ = contest_report(options, folder / "contests", self.processes)
+            known = reproduced(read_rows(folder / DOCUMENTS), cases)
+            sections = [Section(folder / "contests", tables), Section(folder / DOCUMENTS, shown, known)]
+            this = Run(OVERVIEW, self.command)
+            with holding(folder, this), staging(folder, this) as stage:
+                told = write_page(stage / REPORT, "wayfield: overview", sections, self.command, SMALL_BUDGET)
+        self._tell([*tables, *shown], told, folder)
 
     def run_documents(self) -> None:
         """Runs the experiments of the documents."""
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
-        self._run_cases(DOCUMENTS, _cases_of_documents(self.names), self.folder(DOCUMENTS, differing))
+        cases, folder = _cases_of_documents(self.names), self.folder(DOCUMENTS, differing)
+        shown = self._run_cases(DOCUMENTS, cases, folder)
+        self._tell(shown, [reproduced(read_rows(folder), cases)], folder)
 
     def run_path(self) -> None:
         """Runs all that can do it on a path, or in a goal scenario, of the user's own."""
@@ -286,7 +300,8 @@ class Asked:
             cases = own_cases(self.path, self.scale, self.names, self.robot or "p3dx")
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
-        self._run_cases(cases[0].document, cases, folder)
+        shown = self._run_cases(cases[0].document, cases, folder)
+        self._tell(shown, [ranked(read_rows(folder))], folder)
 
     def run_scenarios(self) -> None:
         """Runs a contest on the scenario files of a folder."""
@@ -326,11 +341,20 @@ class Asked:
         )
         folder = self.folder(suite, differing)
         with _ended_by_signals():
-            _print(contest_report(options, folder, self.processes))
-        print(f"Results are in {folder}{os.sep}")
+            tables, told = contest_report(options, folder, self.processes)
+        self._tell(tables, told, folder)
 
-    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path) -> None:
-        """Runs cases of the documents or of a path, prints their tables, writes their files, and says where."""
+    def _tell(self, tables: Sequence[Table], told: Iterable[tuple[str, Table]], folder: Path) -> None:
+        """Prints who wins and a small table a task, or with --full every table; names the report on the last line."""
+        if self.full:
+            _print(tables)
+        else:
+            print_short(told)
+            print(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
+        print(f"Report: {folder / REPORT}")
+
+    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path) -> list[Table]:
+        """Runs cases of the documents or of a path, and writes their files; returns their tables."""
         plants = DYNAMICS[self.dynamics or "both"]
         actuators = self.actuators or "ideal"
         settings = [
@@ -356,13 +380,17 @@ class Asked:
                 raise click.ClickException(str(error)) from None
             write_rows(stage, rows)
             write_trajectories(stage, trajectories)
+            write_drives(stage, {k: drive_of(each) for k, each in enumerate(trajectories.values())})
+            write_worlds(stage, settings)
             shown = _report(stage, cases, in_parallel)
             if self.video:
                 from wayfield.benchmarks.video import film
 
                 film(stage / "video", cases, plants[0], actuators, self.seed)
-        _print(shown)
-        print(f"Results are in {folder}{os.sep}")
+            if self.wanted != OVERVIEW:  # which has one report of all that it runs
+                told = reproduced(read_rows(stage), cases) if name == DOCUMENTS else ranked(read_rows(stage))
+                write_page(stage / REPORT, f"wayfield: {name}", [Section(stage, shown, told)], self.command)
+        return shown
 
 
 def _conditions(dynamics: str | None, plant: str, actuators: str | None, tier: str) -> dict[str, Any]:

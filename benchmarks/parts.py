@@ -16,6 +16,7 @@ from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
 from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.report.drives import DRIVES, Drive, drive_of, read_drives, write_drives
 from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
 from wayfield.benchmarks.run_folder import UNFINISHED, file_digest, source_digest
 from wayfield.benchmarks.suite import Setting, episodes
@@ -159,6 +160,7 @@ def play(part: Part) -> None:
     kept = {f"{i:05d}": found[i][1] if keep is None else slim(found[i][1]) for i in order[:keep]}
     stage = temporary_folder(part.folder.parent)
     try:
+        write_drives(stage, {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(found)})
         _write_part(stage, [row for row, _ in found], kept)
         os.replace(stage, part.folder)
         sync_folder(part.folder.parent)
@@ -169,13 +171,15 @@ def play(part: Part) -> None:
 def _write_part(folder: Path, rows: Sequence[Row], trajectories: dict[str, Trajectory]) -> None:
     write_whole(folder / _ROWS, json.dumps(rows).encode())
     write_trajectories(folder, trajectories)
-    with open(folder / TRAJECTORIES, "rb+") as written:
-        os.fsync(written.fileno())
-    digests = {name: file_digest(folder / name) for name in (_ROWS, TRAJECTORIES)}
+    for name in (TRAJECTORIES, DRIVES):
+        with open(folder / name, "rb+") as written:
+            os.fsync(written.fileno())
+    digests = {name: file_digest(folder / name) for name in (_ROWS, TRAJECTORIES, DRIVES)}
     write_whole(folder / _DIGESTS, json.dumps(digests).encode())
 
 
 def _sample_part(folder: Path) -> None:
+    write_drives(folder, {0: np.ones((3, 3), np.int32)})
     _write_part(
         folder, [{"policy": "lqr", "success": "1"}], {"00000": Trajectory(times=np.arange(3.0), poses=np.ones((3, 3)))}
     )
@@ -195,10 +199,25 @@ def read_part(folder: Path) -> tuple[list[Row], dict[str, Trajectory]]:
         digests = json.loads((folder / _DIGESTS).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{folder / _DIGESTS} is no JSON: {error}") from None
-    for name in (_ROWS, TRAJECTORIES):
+    for name in (_ROWS, TRAJECTORIES, DRIVES):
         if not isinstance(digests, dict) or file_digest(folder / name) != digests.get(name):
             raise ValueError(f"{folder / name} does not have the SHA-256 that it was written with")
     return json.loads((folder / _ROWS).read_text(encoding="utf-8")), read_trajectories(folder)
+
+
+def drives_of(parts: Sequence[Part]) -> dict[int, Drive]:
+    """Returns the drives of all episodes of some parts, by the number of their row in the run.
+
+    Raises:
+        ValueError: if a part is damaged; the message names the file.
+        OSError: if a file is missing or cannot be opened.
+    """
+    found: dict[int, Drive] = {}
+    first = 0
+    for part in parts:
+        found.update((first + i, drive) for i, drive in read_drives(part.folder).items())
+        first += part.setting.episodes
+    return found
 
 
 def badness(row: Row, cost: str) -> tuple[float, float]:

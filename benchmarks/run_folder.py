@@ -28,6 +28,8 @@ from wayfield.envs.storage import clear_stale, locked, sync_folder, temporary_fo
 
 MANIFEST = "run.json"
 LOCK = ".lock"
+REPORT = "report.html"
+DRIVES, WORLDS = "drives.npz", "worlds.json"  # what the report replays, and where
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
 
 _SHOW_ONLY = ("publish.py", "page.py", "sections.py", "audit.py", "audit_formulas.py")
@@ -120,7 +122,7 @@ def refuse_foreign(out: Path, run: Run) -> None:
         return
     known = _known_files(out, run)
     present = [PurePosixPath(file.relative_to(out)) for file in (*out.glob("*"), *out.glob("video/*"))]
-    patterns = (EPISODES, TRAJECTORIES, TABLE, *run.names)
+    patterns = (EPISODES, TRAJECTORIES, TABLE, REPORT, DRIVES, WORLDS, *run.names)
     _refuse(out, (str(name) for name in present if any(fnmatch.fnmatch(str(name), each) for each in patterns)), known)
 
 
@@ -223,6 +225,7 @@ def source_digest() -> str:
     digest = hashlib.sha256()
     for module in (wayfield.envs, wayfield.policies, benchmarks):
         for file in sorted(pathlib.Path(module.__path__[0]).rglob("*")):
-            if file.suffix in (".py", ".json", ".safetensors") and file.name not in _SHOW_ONLY:
+            shows = file.name in _SHOW_ONLY or file.parent.name == "report"
+            if file.suffix in (".py", ".json", ".safetensors") and not shows:
                 digest.update(file.read_bytes())
     return digest.hexdigest()

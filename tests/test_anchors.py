@@ -55,7 +55,9 @@ def test_gains_are_those_of_the_matrix_exponential() -> None:
         np.testing.assert_allclose(found, case["gains"], rtol=exact, atol=1e-9)
 
 
-@pytest.mark.parametrize("case", anchor("ipopt_plans.json")["cases"], ids=lambda case: f"{case['scenario']}-{case['steps']}")
+@pytest.mark.parametrize(
+    "case", anchor("ipopt_plans.json")["cases"], ids=lambda case: f"{case['scenario']}-{case['steps']}"
+)
 def test_plans_are_those_of_ipopt(case: dict[str, Any]) -> None:
     problem, _, memory, _ = test_mpc.planned(case["scenario"], case["steps"])
     test_mpc.same_plan(problem, memory, np.array(case["plan"]), case["total"])

@@ -1,0 +1,244 @@
+"""What the report says of a contest: who wins, with intervals, and the numbers behind its charts."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from wayfield.benchmarks.aggregates import interval, iqm
+from wayfield.benchmarks.contests import COST, Contest
+from wayfield.benchmarks.entries import Entry, by_entry, by_scenario, costs, failing, label, success_interval, values
+from wayfield.benchmarks.matrix import how_often_better
+from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
+from wayfield.benchmarks.results import Row
+from wayfield.benchmarks.standings import Standings, front_points
+from wayfield.benchmarks.standings import ranked as in_order
+from wayfield.benchmarks.table import Table
+from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.scenarios import TIERS
+
+MAP = "map"  # what an upper reference is told
+MOST_SMALL = 5  # lines of the small table
+
+Chart = dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """What a contest's episodes say: a sentence, a small table, and charts as plain data."""
+
+    sentence: str
+    small: Table
+    charts: tuple[Chart, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Standing:
+    """One entry's share of successes and its cost, each with its 95 % interval where there are enough scenarios."""
+
+    entry: Entry
+    told: str
+    success: tuple[float, ...]  # value, low and high; the value alone of too few scenarios
+    cost: tuple[float, ...]
+    speed: float  # m/s, of the successes
+
+
+def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
+    """Returns the finding of the episodes of one contest and robot, those that entries are ranked on."""
+    entries = by_entry(rows)
+    standings = {entry: _standing(entry, mine, contest) for entry, mine in entries.items()}
+    by_cost = contest.heat.metric == COST
+    ranked = [standings[entry] for entry in in_order(Standings(contest, "", entries, ""))]
+    rivals = [each for each in ranked if MAP not in each.told] or ranked
+    best = rivals[0]
+    ps = holm([how_often_better(entries[best.entry], entries[each.entry], contest).p for each in rivals[1:]])
+    # of too few scenarios p is NaN: nothing is told apart
+    level = [each for each, p in zip(rivals[1:], ps, strict=True) if not p < SIGNIFICANT]
+    count = len({(row["scenario"], row["episode"]) for row in rows})
+    families = len({row["family"] for row in rows})
+    sentence = (
+        f"{contest.spec.title} with {robot}: {len(entries)} policies on the same {count} scenarios of {families} "
+        f"families. {_who(best, level, contest, by_cost)}"
+    )
+    if len(rivals) < len(ranked):
+        above = next(each for each in ranked if MAP in each.told)
+        reference = _achieved(above, contest, by_cost)
+        sentence += f" {label(above.entry)}, which is told the map, is the upper reference: {reference}."
+    charts = [_bars(contest, robot, list(standings.values()), by_cost), _duels(contest, robot, entries)]
+    charts.append(_heat(contest, robot, entries))
+    return Finding(sentence, _small(contest, robot, rivals, level, ranked, by_cost), tuple(charts))
+
+
+def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
+    cost = costs(rows, contest)
+    won = [row for row in rows if row["success"] == "1"]
+    return _Standing(
+        entry,
+        rows[0]["knows"],
+        (float(values(rows, "success").mean()), *(success_interval(rows) or ())),
+        (float(iqm(cost)), *(interval(*by_scenario(rows, cost), iqm) or ())),
+        float(iqm(values(won, "mean_speed"))) if won else math.nan,
+    )
+
+
+def _with_ends(found: tuple[float, ...], factor: float, decimals: int) -> str:
+    """Returns a value with its interval in brackets, where it has one."""
+    value, *ends = (f"{factor * each:.{decimals}f}" for each in found)
+    return f"{value} [{ends[0]}, {ends[1]}]" if ends else value
+
+
+def _achieved(each: _Standing, contest: Contest, by_cost: bool) -> str:
+    if not by_cost:
+        return f"success in per cent {_with_ends(each.success, 100.0, 1)}"
+    cost = contest.spec.cost
+    return f"{cost.name} in {cost.unit} {_with_ends(each.cost, 1.0, cost.decimals)}"
+
+
+def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost: bool) -> str:
+    won = _achieved(best, contest, by_cost)
+    if not level:
+        return f"{label(best.entry)} wins: {won}."
+    names = [label(each.entry) for each in level]
+    with_whom = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"A draw: {label(best.entry)} ({won}) and {with_whom} cannot be told apart in pairs."
+
+
+def _small(
+    contest: Contest,
+    robot: str,
+    rivals: Sequence[_Standing],
+    level: Sequence[_Standing],
+    ranked: Sequence[_Standing],
+    by_cost: bool,
+) -> Table:
+    """Returns the small table: the first few, then the trained agents and the upper reference where they are not."""
+    shown = list(rivals[:MOST_SMALL])
+    shown += [each for each in ranked if each not in shown and (each.entry[1] == "trained" or MAP in each.told)][:2]
+    cost, decimals = contest.spec.cost, contest.spec.cost.decimals
+    lines = []
+    for each in shown:
+        verdict = "first" if each is rivals[0] else "draw" if each in level else ""
+        if MAP in each.told and rivals[0].told != each.told:
+            verdict = "told map"
+        shares, of_cost = _with_ends(each.success, 100.0, 1), _with_ends(each.cost, 1.0, decimals)
+        lines.append([label(each.entry), shares, of_cost, f"{each.speed:.2f}", verdict])
+    header = ["policy", "success (%)", f"{cost.name} ({cost.unit})", "speed (m/s)", "verdict"]
+    note = (
+        f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals, where there are scenarios enough. "
+        f"{cost.name} is the interquartile mean over all episodes, a failure counted as {failing(contest)}. Speed is of "
+        "the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
+        f"{len(ranked) - len(shown)} more are in the full table."
+    )
+    return Table(f"{contest.spec.title}, {robot}", header, lines, note)
+
+
+def _bars(contest: Contest, robot: str, standings: Sequence[_Standing], by_cost: bool) -> Chart:
+    """Returns success, or the cost where that tells entries apart, of each entry with its interval."""
+    cost = contest.spec.cost
+    unit, name, factor = (cost.unit, cost.name, 1.0) if by_cost else ("%", "success", 100.0)
+    rows = [
+        {"label": label(each.entry), "values": [factor * value for value in (each.cost if by_cost else each.success)]}
+        for each in standings
+    ]
+    return {
+        "kind": "bars",
+        "title": f"{contest.spec.title}, {robot}: {name} ({unit})",
+        "unit": unit,
+        "log": by_cost and contest.log_cost,
+        "decimals": cost.decimals if by_cost else 1,
+        "most": None if by_cost else 100.0,
+        "rows": rows,
+    }
+
+
+def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> Chart:
+    """Returns how often the entry of a line does better than that of a column, and whether a paired test is sure."""
+    names = list(entries)
+    cells: list[list[list[float] | None]] = [[None] * len(names) for _ in names]
+    pairs: dict[tuple[int, int], Difference] = {}
+    for i, a in enumerate(names):
+        for j in range(i):
+            pairs[i, j] = how_often_better(entries[a], entries[names[j]], contest)
+    for ((i, j), each), p in zip(pairs.items(), holm([each.p for each in pairs.values()]), strict=True):
+        sure = float(p < SIGNIFICANT)
+        cells[i][j], cells[j][i] = [0.5 + each.value, sure], [0.5 - each.value, sure]
+    return {
+        "kind": "duels",
+        "title": f"{contest.spec.title}, {robot}: policy against policy",
+        "labels": [label(entry) for entry in names],
+        "cells": cells,
+    }
+
+
+def _heat(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> Chart:
+    """Returns success and cost of the successes of each entry in each family and in each tier."""
+    rows = [row for mine in entries.values() for row in mine]
+    columns = [("family", name) for name in dict.fromkeys(row["family"] for row in rows)]
+    columns += [("tier", name) for name in TIERS if any(row["tier"] == name for row in rows)]
+    cells = []
+    for mine in entries.values():
+        line = []
+        for column, name in columns:
+            group = [row for row in mine if row[column] == name]
+            won = [row for row in group if row["success"] == "1"]
+            cost = float(iqm(values(won, contest.spec.cost.metric))) if won else None
+            line.append([len(won), len(group), cost])
+        cells.append(line)
+    return {
+        "kind": "heat",
+        "title": f"{contest.spec.title}, {robot}: families and tiers",
+        "contest": contest.name,
+        "robot": robot,
+        "by_cost": contest.heat.metric == COST,
+        "factor": contest.heat.factor,
+        "decimals": contest.heat.decimals,
+        "what": contest.heat.title,
+        "ends": list(contest.heat.ends),
+        "labels": [label(entry) for entry in entries],
+        "columns": [list(column) for column in columns],
+        "cells": cells,
+    }
+
+
+def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
+    """Returns the speed-accuracy front from the rows of its split."""
+    series = []
+    for entry, mine in by_entry(rows).items():
+        points = [
+            {"x": point.pace, "y": point.error, "low": point.error if math.isnan(point.low) else point.low,
+             "high": point.error if math.isnan(point.high) else point.high, "lost": point.lost, "asked": point.asked}
+            for point in front_points(contest, mine)
+        ]  # fmt: skip
+        series.append({"label": label(entry), "points": points})
+    cost = contest.spec.cost
+    return {
+        "kind": "front",
+        "title": f"{contest.spec.title}, {robot}: speed and accuracy",
+        "x": "mean speed (m/s)",
+        "y": f"{cost.name} ({cost.unit})",
+        "log": contest.log_cost,
+        "series": series,
+    }
+
+
+def ladder_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
+    """Returns the success of each entry at each level of disturbance."""
+    levels = [level for level in LEVELS if any(row["disturbance"] == level for row in rows)]
+    series = []
+    for entry, mine in by_entry(rows).items():
+        points = []
+        for k, level in enumerate(levels):
+            group = [row for row in mine if row["disturbance"] == level]
+            share = float(values(group, "success").mean())
+            low, high = success_interval(group) or (share, share)
+            points.append({"x": k, "y": 100 * share, "low": 100 * low, "high": 100 * high, "asked": level})
+        series.append({"label": label(entry), "points": points})
+    return {
+        "kind": "ladder",
+        "title": f"{contest.spec.title}, {robot}: under disturbances",
+        "x": "level of disturbance",
+        "y": "success (%)",
+        "log": False,
+        "levels": levels,
+        "series": series,
+    }

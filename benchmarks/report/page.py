@@ -1,0 +1,276 @@
+"""Puts the report together: one self-contained HTML file from the folders of a run."""
+
+import base64
+import dataclasses
+import datetime
+import html
+import json
+import platform
+import re
+import subprocess
+import zlib
+from collections.abc import Sequence
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import wayfield
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.entries import COMPARED, label
+from wayfield.benchmarks.report.drives import DRIVES, Drive, packed, read_drives
+from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
+from wayfield.benchmarks.report.worlds import WORLDS, World, read_worlds
+from wayfield.benchmarks.results import Row, number, read_rows
+from wayfield.benchmarks.run_folder import source_digest
+from wayfield.benchmarks.table import Table
+
+BUDGET = 6_000_000  # bytes of a report
+SMALL_BUDGET = 1_500_000  # bytes of the overview's
+
+STYLES = ("page.css", "charts.css", "replay.css")
+# in the order in which they need each other
+SCRIPTS = (
+    *("data.js", "dom.js", "tables.js", "charts.js", "heat.js"),
+    *("view.js", "scene.js", "traces.js", "replay.js", "picks.js", "main.js"),
+)
+OUTCOMES = ("success", "collision", "left_corridor", "timeout")
+_TRAINED = "trained"
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """What a report shows of one folder: its tables, and what they were made from."""
+
+    folder: Path
+    tables: Sequence[Table]
+    small: tuple[str, Table] | None = None  # who wins, as a sentence and a small table; a contest says so by itself
+
+
+@dataclasses.dataclass
+class Content:
+    """What the page reads, gathered over the sections."""
+
+    sentences: list[str] = dataclasses.field(default_factory=list)
+    small: list[Table] = dataclasses.field(default_factory=list)
+    charts: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    tables: list[Table] = dataclasses.field(default_factory=list)
+    worlds: list[World] = dataclasses.field(default_factory=list)
+    episodes: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    drives: list[Drive | None] = dataclasses.field(default_factory=list)
+    missing: list[str] = dataclasses.field(default_factory=list)
+    seeds: set[str] = dataclasses.field(default_factory=set)
+
+
+def write_page(
+    file: Path, title: str, sections: Sequence[Section], command: str, budget: int = BUDGET
+) -> list[tuple[str, Table]]:
+    """Writes the report of some folders as one file of at most `budget` bytes; returns its sentences and small tables.
+
+    Raises:
+        ValueError: if a folder's files are damaged; the message names the file.
+        OSError: if one cannot be opened, or the report not be written.
+    """
+    content = Content()
+    for section in sections:
+        _gather(section, content)
+    file.write_text(rendered(title, content, made(command, content), budget), encoding="utf-8")
+    return list(zip(content.sentences, content.small, strict=True))
+
+
+def _gather(section: Section, content: Content) -> None:
+    """Adds what a section shows."""
+    rows = read_rows(section.folder)
+    content.tables += section.tables
+    content.seeds.update(row["seed"] for row in rows)
+    if section.small is not None:
+        content.sentences.append(section.small[0])
+        content.small.append(section.small[1])
+    if rows and "contest" in rows[0] and rows[0]["contest"] in CONTESTS:
+        _gather_contests(rows, content)
+    _gather_episodes(section.folder, rows, content)
+
+
+def _gather_contests(rows: Sequence[Row], content: Content) -> None:
+    for contest in CONTESTS.values():
+        of_contest = [row for row in rows if row["contest"] == contest.name]
+        for robot in dict.fromkeys(row["robot"] for row in of_contest):
+            mine = [row for row in of_contest if row["robot"] == robot]
+            if len({row["disturbance"] for row in mine}) > 1:
+                content.charts.append(ladder_chart(contest, robot, mine))
+                calm = [row for row in mine if row["disturbance"] == "none"] or mine
+                finding = found(contest, f"{robot}, undisturbed", calm)
+            else:
+                swept = [row for row in mine if row["split"] == "front"]
+                finding = found(contest, robot, [row for row in mine if row["split"] in COMPARED])
+                if swept:
+                    content.charts.append(front_chart(contest, robot, swept))
+            _add(finding, content)
+
+
+def _add(finding: Finding, content: Content) -> None:
+    content.sentences.append(finding.sentence)
+    content.small.append(finding.small)
+    content.charts += finding.charts
+
+
+def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> None:
+    """Adds the episodes whose scenario is kept; says so where there is nothing to replay."""
+    if not (folder / DRIVES).is_file() or not (folder / WORLDS).is_file():
+        content.missing.append(
+            f"{folder.name} holds no {DRIVES} or no {WORLDS}, as runs of earlier versions: nothing of it can be replayed."
+        )
+        return
+    drives = read_drives(folder)
+    worlds, keys = read_worlds(folder)
+    if len(keys) != len(rows):
+        raise ValueError(f"{folder / WORLDS} tells of {len(keys)} episodes; there are {len(rows)}")
+    index: dict[str, int] = {}
+    for k, (row, key) in enumerate(zip(rows, keys, strict=True)):
+        if not key or row.get("split", "test") not in (*COMPARED, "", "worlds"):
+            continue
+        if key not in index:
+            index[key] = len(content.worlds)
+            content.worlds.append(worlds[key])
+        content.episodes.append(_episode(row, index[key]))
+        content.drives.append(drives.get(k))
+
+
+def _episode(row: Row, world: int) -> dict[str, Any]:
+    """Returns what the page is told of an episode."""
+    if "contest" in row:
+        place, family, policy = row["contest"], row["family"], label((row["policy"], row["gains_name"]))
+    else:
+        place, family, policy = row["document"], row["experiment"], f"{row['policy']} {row['gains']}".strip()
+    seed = row.get("agent_seed", "")
+    told = {
+        "contest": place,
+        "family": family,
+        "tier": row.get("tier", ""),
+        "policy": policy,
+        "agent": seed,
+        "robot": row["robot"],
+        "plant": row["dynamics"],
+        "actuators": row["actuators"],
+        "disturbance": row["disturbance"],
+        "outcome": next(name for name in OUTCOMES if number(row, name) == 1.0),
+        "time": number(row, "time"),
+        "world": world,
+        "episode": int(row["episode"]),
+    }
+    if row.get("cross_track_rms"):
+        told["error"] = number(row, "cross_track_rms")
+    return told
+
+
+def made(command: str, content: Content) -> list[list[str]]:
+    """Returns how the report was made, as pairs of what and how."""
+    seeds = sorted(map(int, content.seeds))
+    return [
+        ["command", command],
+        ["commit", commit() or "not known"],
+        ["code", source_digest()[:12]],
+        ["wayfield", version("wayfield")],
+        ["Python", platform.python_version()],
+        *([name, version(name)] for name in ("numpy", "numba", "gymnasium")),
+        ["machine", f"{platform.system()} {platform.machine()}"],
+        ["seeds", ", ".join(map(str, seeds)) if len(seeds) < 9 else f"{seeds[0]} to {seeds[-1]}"],
+        ["date", datetime.date.today().isoformat()],
+    ]
+
+
+def commit() -> str:
+    """Returns the commit of the code as git describes it, marked where the code differs; "" where there is no git."""
+    home = Path(wayfield.__file__).resolve().parents[1]
+    try:
+        told = (
+            subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
+            for words in (["describe", "--always", "--tags", "--dirty"],)
+        )
+        return next(told)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def rendered(title: str, content: Content, how: Sequence[Sequence[str]], budget: int, extra: Any = None) -> str:
+    """Returns the page's text; as many episodes can be replayed as the budget has room for."""
+    plain = {
+        "charts": content.charts,
+        "tables": [dataclasses.asdict(table) for table in content.tables],
+        "worlds": content.worlds,
+        "missing": content.missing,
+        "made": how,
+        **(extra or {}),
+    }
+    template = asset("page.html")
+    parts = {
+        "title": html.escape(title),
+        "style": "\n".join(asset(name) for name in STYLES),
+        "summary": "".join(f"<p>{html.escape(each)}</p>" for each in content.sentences),
+        "small": "".join(_static(table) for table in content.small),
+        "made": "".join(f"<dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd>" for a, b in how),
+        "script": "\n".join(asset(name) for name in SCRIPTS),
+    }
+    fixed = sum(map(len, parts.values())) + len(template)
+    head = _json(plain | {"episodes": content.episodes, "drives": []})
+    room = (budget - fixed) * 3 // 4 - len(zlib.compress(head, 9)) - 20_000
+    chosen = _chosen(content, room)
+    episodes = [told | ({"drive": k} if k in chosen else {}) for k, told in enumerate(content.episodes)]
+    pieces: list[bytes] = []
+    shapes: dict[int, list[int]] = {}
+    at = 0
+    for k in sorted(chosen):
+        drive = content.drives[k]
+        assert drive is not None
+        pieces.append(packed(drive))
+        shapes[k] = [at, *drive.shape]
+        at += len(pieces[-1])
+    told = _json(plain | {"episodes": episodes, "drives": shapes})
+    payload = len(told).to_bytes(4, "little") + told + b"".join(pieces)
+    parts["payload"] = base64.b64encode(zlib.compress(payload, 9)).decode()
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+
+
+def _chosen(content: Content, room: int) -> set[int]:
+    """Returns the episodes that are replayed: all, or the first of every family and tier with every policy before more.
+
+    Args:
+        room: bytes, compressed.
+    """
+    met: dict[tuple[Any, ...], list[int]] = {}
+    keys = []
+    for k, told in enumerate(content.episodes):
+        group = met.setdefault((told["contest"], told["robot"], told["family"], told["tier"]), [])
+        if told["world"] not in group:
+            group.append(told["world"])
+        keys.append((max(group.index(told["world"]), int(told["agent"] or 0)), group.index(told["world"]), k))
+    chosen: set[int] = set()
+    for *_, k in sorted(keys):
+        drive = content.drives[k]
+        if drive is None:
+            continue
+        room -= len(zlib.compress(packed(drive), 6))
+        if room < 0:
+            break
+        chosen.add(k)
+    return chosen
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False, default=str).encode()
+
+
+def _static(table: Table) -> str:
+    """Returns a small table as HTML, to be read without a script too."""
+    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in table.header)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows)
+    return (
+        f'<div class="wide" tabindex="0" role="region" aria-label="{html.escape(table.title)}"><table><caption>'
+        f"{html.escape(table.title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+        f'<p class="note">{html.escape(table.note)}</p>'
+    )
+
+
+def asset(name: str) -> str:
+    """Returns the text of a file of the folder `page`."""
+    return (resources.files("wayfield.benchmarks.report") / "page" / name).read_text(encoding="utf-8")

@@ -1,0 +1,46 @@
+// The payload: zlib over [length of the JSON, the JSON, the packed trajectories], as base64.
+
+const QUANTUM = 1e-3; // m and rad
+const DT = 0.05; // s
+
+function bytesOf(base64) {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let k = 0; k < bytes.length; k++) bytes[k] = text.charCodeAt(k);
+  return bytes;
+}
+
+async function inflated(bytes) {
+  if (typeof DecompressionStream === "undefined") {
+    throw new Error("this browser cannot unpack it: it has no DecompressionStream (Chrome 80, Firefox 113, Safari 16.4 have)");
+  }
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+async function readPayload() {
+  const bytes = await inflated(bytesOf(document.getElementById("payload").textContent.trim()));
+  const length = new DataView(bytes.buffer).getUint32(0, true);
+  const told = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
+  return { told, packed: bytes.subarray(4 + length) };
+}
+
+// Undoes `drives.packed`: folded second differences, a column after the other, in four planes of bytes.
+function unpacked(packed, [at, steps, columns]) {
+  const count = steps * columns;
+  const found = [];
+  for (let c = 0; c < columns; c++) {
+    const column = new Float64Array(steps);
+    let first = 0;
+    let value = 0;
+    for (let k = 0; k < steps; k++) {
+      const i = at + c * steps + k;
+      const folded = packed[i] + 256 * packed[i + count] + 65536 * packed[i + 2 * count] + 16777216 * packed[i + 3 * count];
+      first += folded % 2 ? (folded + 1) / 2 : -folded / 2;
+      value += first;
+      column[k] = value * QUANTUM;
+    }
+    found.push(column);
+  }
+  return { x: found[0], y: found[1], heading: found[2], error: found[3] || null };
+}

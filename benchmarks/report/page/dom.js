@@ -1,0 +1,69 @@
+// Elements are made by code and filled with text nodes: what comes from files is never read as HTML.
+
+const SVG = "http://www.w3.org/2000/svg";
+const COLOURS = 9;
+const DASHES = ["", "7 4", "2 3", "8 3 2 3"];
+
+function fill(node, attributes, children) {
+  for (const [name, value] of Object.entries(attributes || {})) {
+    if (name === "on") for (const [event, run] of Object.entries(value)) node.addEventListener(event, run);
+    else if (value === true) node.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) node.setAttribute(name, value);
+  }
+  for (const child of children.flat(Infinity)) if (child !== null && child !== undefined) node.append(child);
+  return node;
+}
+
+const el = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
+const draw = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
+const byId = (id) => document.getElementById(id);
+
+function say(text) {
+  byId("said").textContent = text;
+}
+
+function problem(text) {
+  const place = byId("problem");
+  place.textContent = text;
+  place.hidden = false;
+}
+
+// A policy has one colour and one dash on the whole page, in the order in which policies come up.
+const ranks = new Map();
+function rank(label) {
+  if (!ranks.has(label)) ranks.set(label, ranks.size);
+  return ranks.get(label);
+}
+const colourName = (label) => `--c${rank(label) % COLOURS}`;
+const colourOf = (label) => `var(${colourName(label)})`;
+const dashOf = (label) => DASHES[Math.floor(rank(label) / COLOURS) % DASHES.length];
+
+let inks = null;
+function ink(name) {
+  if (inks === null) {
+    const style = getComputedStyle(document.documentElement);
+    inks = new Map(["--paper", "--ink", "--faint", "--line", "--panel", "--accent", "--solid", "--path", "--goal", "--fail"]
+      .concat([...Array(COLOURS).keys()].map((k) => `--c${k}`)).map((each) => [each, style.getPropertyValue(each).trim()]));
+  }
+  return inks.get(name);
+}
+
+const themed = []; // run when the theme changes
+function wireTheme() {
+  const root = document.documentElement;
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const changed = () => { inks = null; for (const run of themed) run(); };
+  dark.addEventListener("change", changed);
+  byId("theme").addEventListener("click", () => {
+    const now = root.dataset.theme || (dark.matches ? "dark" : "light");
+    root.dataset.theme = now === "dark" ? "light" : "dark";
+    changed();
+  });
+}
+
+function swatch(label) {
+  return draw("svg", { viewBox: "0 0 30 12", class: "swatch", "aria-hidden": "true" },
+    draw("line", { x1: 1, y1: 6, x2: 29, y2: 6, stroke: colourOf(label), "stroke-width": 4, "stroke-dasharray": dashOf(label) }));
+}
+
+const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

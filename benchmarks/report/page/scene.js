@@ -1,0 +1,189 @@
+// What stands in a world, and the robots in it.
+
+const HULLS = { p3dx: 0.25, omni3: 0.3, omni4: 0.17677669529663687 }; // m
+const REACH = 5.0; // m, of the scan that is drawn
+const BEAMS = 72;
+
+// Obstacles are [x, y, cos, sin, half_length, half_width, radius, mass], patrols [x, y, vx, vy, leg_time, phase].
+function obstaclesAt(world, time) {
+  if (!world.patrols || !world.patrols.length) return world.obstacles || [];
+  return world.obstacles.map((obstacle, k) => {
+    const [x, y, vx, vy, legTime, phase] = world.patrols[k];
+    if (!(legTime > 0)) return obstacle;
+    const elapsed = time + phase;
+    const leg = Math.floor(elapsed / legTime);
+    const along = leg % 2 ? legTime - (elapsed - leg * legTime) : elapsed - leg * legTime;
+    return [x + along * vx, y + along * vy, ...obstacle.slice(2)];
+  });
+}
+
+function distanceTo([ox, oy, cos, sin, halfLength, halfWidth, radius], x, y) {
+  const u = Math.abs(cos * (x - ox) + sin * (y - oy)) - halfLength;
+  const v = Math.abs(cos * (y - oy) - sin * (x - ox)) - halfWidth;
+  return Math.hypot(Math.max(u, 0), Math.max(v, 0)) + Math.min(Math.max(u, v), 0) - radius;
+}
+
+function clearanceAt(world, time, x, y, hull) {
+  let least = Infinity;
+  for (const obstacle of obstaclesAt(world, time)) least = Math.min(least, distanceTo(obstacle, x, y));
+  return least - hull;
+}
+
+// The range along a direction, by stepping as far as nothing can be: what is drawn, not what policies are given.
+function rangeAlong(obstacles, x, y, dx, dy) {
+  let gone = 0;
+  for (let k = 0; k < 60 && gone < REACH; k++) {
+    let free = REACH;
+    for (const obstacle of obstacles) free = Math.min(free, distanceTo(obstacle, x + gone * dx, y + gone * dy));
+    if (free < 0.003) return gone;
+    gone += free;
+  }
+  return Math.min(gone, REACH);
+}
+
+function boundsOf(world, actors) {
+  const xs = [];
+  const ys = [];
+  const put = (x, y, r = 0) => { xs.push(x - r, x + r); ys.push(y - r, y + r); };
+  for (const point of world.path || []) put(point[0], point[1], Math.min(world.corridor, 0.5));
+  for (const point of [world.start, world.goal, ...(world.waypoints || [])]) if (point) put(point[0], point[1], 0.6);
+  for (const [x, y, cos, sin, l, w, r] of world.obstacles || []) {
+    const [a, b] = [Math.abs(cos) * l + Math.abs(sin) * w + r, Math.abs(sin) * l + Math.abs(cos) * w + r];
+    xs.push(x - a, x + a);
+    ys.push(y - b, y + b);
+  }
+  for (const [x, y, vx, vy, t] of world.patrols || []) if (t > 0) { put(x, y, 0.3); put(x + t * vx, y + t * vy, 0.3); }
+  for (const { x, y } of actors) for (let k = 0; k < x.length; k += 10) put(x[k], y[k], 0.3);
+  if (!xs.length) return [-1, -1, 1, 1];
+  const limits = (values) => {
+    let [low, high] = [Infinity, -Infinity];
+    for (const value of values) { low = Math.min(low, value); high = Math.max(high, value); }
+    const margin = 0.03 * (high - low) + 0.15;
+    return [low - margin, high + margin];
+  };
+  const [x0, x1] = limits(xs);
+  const [y0, y1] = limits(ys);
+  return [x0, y0, x1, y1];
+}
+
+function drawWorld(context, world, time, pixel) {
+  if (world.path && world.path.length) {
+    context.beginPath();
+    world.path.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
+    if (world.closed) context.closePath();
+    context.strokeStyle = ink("--panel");
+    context.lineWidth = 2 * world.corridor;
+    if (world.corridor < 3) context.stroke();
+    context.strokeStyle = ink("--path");
+    context.lineWidth = 3 * pixel;
+    context.stroke();
+    const end = world.closed ? world.path[0] : world.path[world.path.length - 1];
+    flag(context, end[0], end[1], 7 * pixel);
+  }
+  for (const obstacle of obstaclesAt(world, time)) drawObstacle(context, obstacle, pixel);
+  (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
+  if (world.goal) {
+    const [x, y, heading] = world.goal;
+    ring(context, x, y, Math.max(world.position_tolerance, 4 * pixel), pixel);
+    context.beginPath();
+    context.moveTo(x, y);
+    context.lineTo(x + 0.45 * Math.cos(heading), y + 0.45 * Math.sin(heading));
+    context.stroke();
+    flag(context, x, y, 9 * pixel);
+  }
+}
+
+function drawObstacle(context, [x, y, cos, sin, l, w, r, mass], pixel) {
+  context.fillStyle = ink("--solid");
+  context.strokeStyle = ink("--solid");
+  context.beginPath();
+  if (l === 0 && w === 0) {
+    context.arc(x, y, r, 0, 2 * Math.PI);
+    context.fill();
+    return;
+  }
+  const corner = (a, b) => [x + a * l * cos - b * w * sin, y + a * l * sin + b * w * cos];
+  for (const [a, b] of [[1, 1], [-1, 1], [-1, -1], [1, -1]]) context.lineTo(...corner(a, b));
+  context.closePath();
+  context.lineWidth = (w > 0 ? 1 : 3) * pixel;
+  if (mass > 0) context.setLineDash([4 * pixel, 3 * pixel]);
+  if (w > 0 && !(mass > 0)) context.fill();
+  context.stroke();
+  context.setLineDash([]);
+}
+
+function ring(context, x, y, radius, pixel) {
+  context.strokeStyle = ink("--goal");
+  context.lineWidth = 2 * pixel;
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context.stroke();
+}
+
+function flag(context, x, y, size) {
+  context.fillStyle = ink("--goal");
+  context.beginPath();
+  for (let k = 0; k < 10; k++) {
+    const r = k % 2 ? 0.42 * size : size;
+    const angle = Math.PI / 2 + (k * Math.PI) / 5;
+    context.lineTo(x + r * Math.cos(angle), y + r * Math.sin(angle));
+  }
+  context.closePath();
+  context.fill();
+}
+
+function drawActor(context, actor, k, hull, pixel, chosen) {
+  const last = Math.min(k, actor.x.length - 1);
+  const colour = ink(colourName(actor.policy));
+  context.strokeStyle = colour;
+  context.globalAlpha = actor.ghost ? 0.35 : 1;
+  context.lineWidth = (chosen ? 3 : 2) * pixel;
+  context.setLineDash(dashOf(actor.policy).split(" ").filter(Boolean).map((each) => each * pixel));
+  context.beginPath();
+  for (let i = 0; i <= last; i++) context.lineTo(actor.x[i], actor.y[i]);
+  context.stroke();
+  context.setLineDash([]);
+  const [x, y, heading] = [actor.x[last], actor.y[last], actor.heading[last]];
+  context.beginPath();
+  context.arc(x, y, hull, 0, 2 * Math.PI);
+  context.globalAlpha *= 0.25;
+  context.fillStyle = colour;
+  context.fill();
+  context.globalAlpha = actor.ghost ? 0.35 : 1;
+  context.stroke();
+  context.beginPath();
+  context.moveTo(x, y);
+  context.lineTo(x + hull * Math.cos(heading), y + hull * Math.sin(heading));
+  context.stroke();
+  if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success") failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
+  context.globalAlpha = 1;
+}
+
+// A failure is marked where it happened, by a cross in a circle.
+function failed(context, x, y, size, pixel) {
+  context.strokeStyle = ink("--fail");
+  context.lineWidth = 3 * pixel;
+  context.beginPath();
+  context.moveTo(x - size, y - size);
+  context.lineTo(x + size, y + size);
+  context.moveTo(x - size, y + size);
+  context.lineTo(x + size, y - size);
+  context.stroke();
+}
+
+function drawScan(context, world, time, x, y, heading, pixel) {
+  const obstacles = obstaclesAt(world, time).filter((each) => distanceTo(each, x, y) < REACH);
+  context.strokeStyle = ink("--accent");
+  context.globalAlpha = 0.35;
+  context.lineWidth = pixel;
+  context.beginPath();
+  for (let k = 0; k < BEAMS; k++) {
+    const angle = heading - Math.PI + (k * 2 * Math.PI) / BEAMS;
+    const [dx, dy] = [Math.cos(angle), Math.sin(angle)];
+    const range = rangeAlong(obstacles, x, y, dx, dy);
+    context.moveTo(x, y);
+    context.lineTo(x + range * dx, y + range * dy);
+  }
+  context.stroke();
+  context.globalAlpha = 1;
+}

@@ -1,0 +1,119 @@
+// Error, speed and clearance over time, under the replay and linked to its cursor.
+
+function speeds({ x, y }) {
+  const found = new Float64Array(x.length);
+  for (let k = 0; k < x.length; k++) { // over five moments: poses are rounded
+    const [a, b] = [Math.max(k - 2, 0), Math.min(k + 2, x.length - 1)];
+    found[k] = b > a ? Math.hypot(x[b] - x[a], y[b] - y[a]) / ((b - a) * DT) : 0;
+  }
+  return found;
+}
+
+function errorsOf(actor, world) {
+  if (actor.error) return actor.error;
+  if (!world.goal) return new Float64Array(actor.x.length).fill(NaN);
+  return actor.x.map((x, k) => Math.hypot(world.goal[0] - x, world.goal[1] - actor.y[k]));
+}
+
+function clearances(actor, world) {
+  const hull = HULLS[actor.robot] || 0.25;
+  return actor.x.map((x, k) => clearanceAt(world, k * DT, x, actor.y[k], hull));
+}
+
+class Trace {
+  constructor(name, unit, values, seek) {
+    this.name = name;
+    this.unit = unit;
+    this.values = values; // of an actor in a world
+    this.kept = new WeakMap();
+    this.canvas = el("canvas", { class: "trace", role: "img", "aria-label": `${name} (${unit}) over time; follows the cursor of the replay` });
+    this.view = new View(this.canvas);
+    this.last = 1;
+    const at = (event) => seek(Math.round((event.clientX - this.canvas.getBoundingClientRect().left - 44) / (this.canvas.clientWidth - 52) * this.last));
+    this.canvas.addEventListener("pointerdown", (event) => { this.canvas.setPointerCapture(event.pointerId); at(event); });
+    this.canvas.addEventListener("pointermove", (event) => { if (event.buttons) at(event); });
+  }
+
+  of(actor, world) {
+    const found = this.kept.get(actor);
+    if (found && found.length === actor.x.length) return found;
+    const made = this.values(actor, world);
+    this.kept.set(actor, made);
+    return made;
+  }
+
+  // The curves do not move with the cursor: they are drawn once, and copied under it.
+  draw(actors, world, step, last, chosen, changed) {
+    const { view } = this;
+    view.measure();
+    const key = [view.width, last, chosen && chosen.policy, actors.length, actors.map((actor) => actor.x.length).join()].join("|");
+    if (changed || key !== this.key) {
+      this.key = key;
+      this.picture = this.curves(actors, world, last, chosen);
+    }
+    const { context, ratio } = view;
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, view.canvas.width, view.canvas.height);
+    context.drawImage(this.picture, 0, 0);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const x = 44 + (view.width - 52) * Math.min(step / last, 1);
+    context.strokeStyle = ink("--accent");
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.moveTo(x, 2);
+    context.lineTo(x, view.height - 2);
+    context.stroke();
+    if (chosen) {
+      const values = this.of(chosen, world);
+      const value = values[Math.min(step, values.length - 1)];
+      context.fillStyle = ink("--ink");
+      context.textAlign = x > view.width - 100 ? "right" : "left";
+      if (Number.isFinite(value)) context.fillText(`${value.toFixed(3)} ${this.unit}`, x + (x > view.width - 100 ? -5 : 5), 13);
+    }
+  }
+
+  curves(actors, world, last, chosen) {
+    this.last = last;
+    const { view } = this;
+    const picture = document.createElement("canvas");
+    [picture.width, picture.height] = [view.canvas.width, view.canvas.height];
+    const context = picture.getContext("2d");
+    context.setTransform(view.ratio, 0, 0, view.ratio, 0, 0);
+    let [low, high] = [0, 1e-3];
+    const all = actors.map((actor) => this.of(actor, world));
+    for (const values of all) for (const value of values) if (Number.isFinite(value)) { low = Math.min(low, value); high = Math.max(high, value); }
+    const y = scale(low, high, view.height - 6, 18, false);
+    const x = (k) => 44 + ((view.width - 52) * k) / last;
+    context.font = "11px system-ui, sans-serif";
+    view.context.font = context.font;
+    context.fillStyle = ink("--faint");
+    context.strokeStyle = ink("--line");
+    for (const tick of ticks(low, high, false).filter((_, k, found) => k % Math.ceil(found.length / 4) === 0)) {
+      context.beginPath();
+      context.moveTo(44, y(tick));
+      context.lineTo(view.width - 8, y(tick));
+      context.stroke();
+      context.textAlign = "right";
+      context.fillText(short(tick), 40, y(tick) + 4);
+    }
+    context.textAlign = "left";
+    context.fillStyle = ink("--ink");
+    const name = this.name === "error" && world.goal ? "distance to the goal" : this.name;
+    context.fillText(`${name} (${this.unit})`, 48, 12);
+    actors.forEach((actor, i) => {
+      context.strokeStyle = ink(colourName(actor.policy));
+      context.lineWidth = actor === chosen ? 2.2 : 1.2;
+      context.globalAlpha = chosen && actor !== chosen ? 0.55 : 1;
+      context.setLineDash(dashOf(actor.policy).split(" ").filter(Boolean).map(Number));
+      context.beginPath();
+      const values = all[i];
+      let pen = false;
+      for (let k = 0; k < values.length; k++) {
+        if (Number.isFinite(values[k])) { if (pen) context.lineTo(x(k), y(values[k])); else context.moveTo(x(k), y(values[k])); pen = true; } else pen = false;
+      }
+      context.stroke();
+    });
+    context.globalAlpha = 1;
+    return picture;
+  }
+}

@@ -1,0 +1,73 @@
+// Metres to pixels: fits a world into a canvas, zooms, moves, follows.
+
+class View {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.bounds = [-1, -1, 1, 1];
+    this.zoom = 1;
+    this.middle = null; // m; null: that of the bounds
+    this.measure();
+  }
+
+  measure() {
+    const ratio = window.devicePixelRatio || 1;
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    const [w, h] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
+    if (this.canvas.width !== w || this.canvas.height !== h) {
+      this.canvas.width = w;
+      this.canvas.height = h;
+    }
+    this.ratio = ratio;
+  }
+
+  fit(bounds) {
+    this.bounds = bounds;
+    this.zoom = 1;
+    this.middle = null;
+  }
+
+  get pixels() { // of a metre
+    const [x0, y0, x1, y1] = this.bounds;
+    return this.zoom * Math.min(this.width / Math.max(x1 - x0, 0.1), this.height / Math.max(y1 - y0, 0.1));
+  }
+
+  get centre() {
+    const [x0, y0, x1, y1] = this.bounds;
+    return this.middle || [(x0 + x1) / 2, (y0 + y1) / 2];
+  }
+
+  // The context in metres, y up.
+  begin() {
+    const { context, ratio, pixels } = this;
+    const [cx, cy] = this.centre;
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    const k = ratio * pixels;
+    context.setTransform(k, 0, 0, -k, ratio * this.width / 2 - k * cx, ratio * this.height / 2 + k * cy);
+    context.lineJoin = "round";
+    context.lineCap = "round";
+    return context;
+  }
+
+  metres(event) {
+    const box = this.canvas.getBoundingClientRect();
+    const [cx, cy] = this.centre;
+    return [cx + (event.clientX - box.left - this.width / 2) / this.pixels, cy - (event.clientY - box.top - this.height / 2) / this.pixels];
+  }
+
+  zoomBy(factor, at) {
+    const [cx, cy] = this.centre;
+    const zoom = Math.min(Math.max(this.zoom * factor, 0.3), 40);
+    const share = 1 - this.zoom / zoom;
+    const [x, y] = at || [cx, cy];
+    this.middle = [cx + share * (x - cx), cy + share * (y - cy)];
+    this.zoom = zoom;
+  }
+
+  moveBy(dx, dy) {
+    const [cx, cy] = this.centre;
+    this.middle = [cx - dx / this.pixels, cy + dy / this.pixels];
+  }
+}
