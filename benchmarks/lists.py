@@ -73,8 +73,8 @@ def robots() -> None:
 
 
 def _drive(robot: Robot) -> str:
-    wheels = f"{len(robot.wheel_positions)} wheels,\nr {1000 * robot.wheel_radius:.0f} mm"
-    return f"{'holonomic' if robot.holonomic else 'differential'}\n{wheels}"
+    radii = sorted({round(1000.0 * radius) for radius in robot.wheel_radii.tolist()})
+    return f"{robot.drive}\n{len(robot.wheels)} wheels,\nr {', '.join(map(str, radii))} mm"
 
 
 def _limits(robot: Robot) -> str:

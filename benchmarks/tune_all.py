@@ -12,6 +12,7 @@ from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL
 from wayfield.benchmarks.tune import SEARCHED, Search, folder_of, start_of, write_gains
 from wayfield.benchmarks.workers import workers
 from wayfield.envs.command_line import SEED, Names, OneLineErrors
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.tuned import PACE, condition, tuned_conditions
 
 Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, asked speed (m/s), level of disturbance
@@ -66,7 +67,7 @@ def main(
             nearest = tuple(sorted(known, key=lambda each: _apart(each, robot, speed, level)))[:1]
             starts = tuple(start_of(policy, suite, each) for each in nearest)
             search = Search(
-                policy, CONTESTS[suite], robot, speed, level, "lagged", budget, trials, scenarios, seed, starts
+                policy, CONTESTS[suite], ROBOTS[robot], speed, level, "lagged", budget, trials, scenarios, seed, starts
             )
             content = search.run(in_parallel)
             write_gains(file, content)
