@@ -243,7 +243,7 @@ def along_lap(vertices, run, s, segment):
     # s may sit a rounding error outside the lap that its segment belongs to
     if segment == 0 and s - lap > 0.5 * run.length:
         lap += run.length
-    elif s - lap < vertex(vertices, run, segment).s - 0.5 * run.length:
+    elif s - lap <= vertex(vertices, run, segment).s - 0.5 * run.length:
         lap -= run.length
     return s - lap
 

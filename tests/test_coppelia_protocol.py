@@ -14,7 +14,7 @@ import threading
 import time
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 cbor2 = pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
@@ -122,6 +122,7 @@ def test_ten_thousand_calls_get_an_answer_and_no_function_fails(raw, func, args)
     answers(raw, func, args)
 
 
+@example("sim.getConfigDistance", [[], [], [], 0])
 @given(st.sampled_from(NAMES), st.lists(PLAUSIBLE, max_size=7))
 @settings(max_examples=100)
 def test_plausible_arguments_get_an_answer_and_no_function_fails(raw, func, args):

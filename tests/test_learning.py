@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -267,6 +267,7 @@ def test_ppo_has_the_numbers_of_the_preset() -> None:
     assert Learner(dataclasses.replace(preset, batch_size=10**6), PATH, 0).ppo.batch_size == 16 * 8
 
 
+@example(shares=[0.21875, 1.0, 1.0, 1.0], paces=[1.0, 1.0, 1.0, 1.0], num_envs=200)  # rounded, there were four too many
 @given(
     st.lists(st.floats(0.2, 1.0), min_size=1, max_size=4), st.lists(st.floats(0.1, 1.5), min_size=1, max_size=4),
     st.integers(200, 1100),
@@ -277,7 +278,7 @@ def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], pace
     assert sum(count for count, _, _ in parts) == num_envs
     asked = [(share / len(paces) * num_envs, kwargs, pace) for share, kwargs in worlds for pace in paces]
     for (count, kwargs, pace), (wanted, asked_kwargs, asked_pace) in zip(parts, asked, strict=True):
-        assert abs(count - wanted) <= (len(parts) + 1) / 2
+        assert abs(count - wanted) <= 1.5 + 1e-9
         assert (kwargs, pace) == (asked_kwargs, asked_pace)
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -52,6 +52,10 @@ def point_at(path: Path, s: float) -> NDArray[np.float64]:
     return np.array([np.interp(s, arc_lengths, points[:, k]) for k in range(2)])
 
 
+# there and back again, to the end of the lap: the last segment begins half a lap before it
+@example(
+    path=Path([(0.0, 0.0), (0.0, -1.0), (0.0, -2.0)], closed=True), x=0.0, y=0.0, fraction=1.0, lap=0, window=math.inf
+)
 @given(
     paths(), COORDINATES, COORDINATES, FRACTIONS, st.integers(0, 2), st.one_of(st.floats(0.0, 60.0), st.just(math.inf))
 )

@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -478,6 +478,8 @@ def test_missing_files_and_folders(tmp_path: FilePath) -> None:
 def test_points_survive_the_way_through_a_file(
     tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, float]]
 ) -> None:
+    # shorter paths are refused
+    assume(np.hypot(*np.diff(points, axis=0).T).min() > 1e-3)
     file = tmp_path_factory.getbasetemp() / "round_trip.csv"
     file.write_text("\n".join(f"{x!r},{y!r}" for x, y in points))
     (scenario,) = path_scenarios(str(file))

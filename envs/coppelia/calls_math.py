@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wayfield.envs.checks import shown
 from wayfield.envs.coppelia import curves, frames
 from wayfield.envs.coppelia.codec import MAX_ITEMS
 from wayfield.envs.coppelia.signatures import (
@@ -15,6 +16,7 @@ from wayfield.envs.coppelia.signatures import (
     WRONG_TYPE,
     CallError,
     Optional,
+    Wrong,
     angles,
     anything,
     blob,
@@ -239,7 +241,7 @@ def _at(
 def array_of_types(caller: "Caller", value: Any) -> list[Any]:
     """Returns an array of column types."""
     if not isinstance(value, list) or len(value) > 64:
-        raise ValueError("it must be an array of at most 64")
+        raise Wrong(f"it must be an array of at most 64, got {shown(value)}")
     return value
 
 

@@ -134,7 +134,9 @@ class Preset:
         """Returns the number of robots, the keyword arguments and the pace (m/s) of each part of the worlds."""
         asked = [(share / len(self.paces), kwargs, pace) for share, kwargs in self.worlds for pace in self.paces]
         counts = [round(share * self.num_envs) for share, _, _ in asked]
-        counts[0] += self.num_envs - sum(counts)
+        surplus = sum(counts) - self.num_envs
+        for k in range(abs(surplus)):  # of the rounding: one each from the first parts on, or one each to them
+            counts[k] -= 1 if surplus > 0 else -1
         return [(count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True)]
 
     @property
