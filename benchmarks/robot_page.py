@@ -12,6 +12,7 @@ import click
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Polygon
+from numpy.typing import NDArray
 
 from wayfield.benchmarks.drawing import RC, colour, plt
 from wayfield.benchmarks.table import Table
@@ -27,11 +28,12 @@ _ROLLERS = 5  # drawn on a wheel
 _BODY, _INK, _SOFT = "#E3EDF7", "#2B3440", "#9AA2AC"
 
 
-def _corners(wheel: Wheel) -> np.ndarray:
+def _corners(wheel: Wheel) -> NDArray[np.float64]:
     """Returns the corners (4, 2) of a wheel seen from above, m."""
     c, s = math.cos(wheel.direction), math.sin(wheel.direction)
     half = np.array([[1.0, _WIDE], [-1.0, _WIDE], [-1.0, -_WIDE], [1.0, -_WIDE]]) * wheel.radius
-    return half @ np.array([[c, s], [-s, c]]) + (wheel.x, wheel.y)
+    corners: NDArray[np.float64] = half @ np.array([[c, s], [-s, c]]) + (wheel.x, wheel.y)
+    return corners
 
 
 def _rollers(axis: Any, wheel: Wheel) -> None:

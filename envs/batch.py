@@ -11,7 +11,7 @@ from wayfield.envs.checks import choose, memory, shown
 from wayfield.envs.compiled import machine_code
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.patrols import PATROL
-from wayfield.envs.sensing import Lidar, beam_directions, noise_columns, scan_ranges
+from wayfield.envs.sensing import BEAM_NOISE_COLUMN, Lidar, beam_directions, scan_ranges
 from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.task import Task
 
@@ -57,7 +57,7 @@ class Batch:
         noises = ("position_noise", "encoder_noise", "range_noise")
         self.noisy = drops or any(task.params[name][0] > 0.0 for name in noises)
         rows = NOISE_BLOCK if self.noisy else 1
-        columns = noise_columns(task.params["num_encoders"].item(), task.num_beams, drops)
+        columns = BEAM_NOISE_COLUMN + task.num_beams * (1 + drops)
         # two observations are alive at a time, and a policy is told the obstacles once more
         each = (
             task.state_dtype.itemsize

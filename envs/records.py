@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from wayfield.envs import kinematics
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.disturbances import SHOVE_FROM, SHOVE_UNTIL
-from wayfield.envs.linear import solve
-from wayfield.envs.robots import MOST_WHEELS, Robot, wheel_matrix
+from wayfield.envs.linear import pseudo_inverse, solve
+from wayfield.envs.robots import MOST_ENCODERS, MOST_WHEELS, Robot, wheel_matrix
 
 MAX_WHEELS = MOST_WHEELS
 
@@ -109,7 +109,8 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
     """
     if source == "odometry_plain_sum":
         # a wheel that drives through the centre has no arm to divide by
-        if robot.drive != "omni" or not robot.wheel_matrix[:, 2].all():
+        many = len(robot.wheels) > MOST_ENCODERS
+        if robot.drive != "omni" or many or not robot.wheel_matrix[:, 2].all():
             raise ValueError(
                 f"pose_source={source!r} belongs to documents B and C; robot {robot.name!r} has no such map"
             )
@@ -117,6 +118,9 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
     if not robot.encoders:
         if source == "odometry_uncorrected":
             raise ValueError(f"pose_source={source!r} needs passive encoder wheels; robot {robot.name!r} has none")
+        if len(robot.wheels) > MOST_ENCODERS:
+            read = robot.wheel_matrix[:MOST_ENCODERS]
+            return read, pseudo_inverse(read), False
         return robot.wheel_matrix, robot.forward_matrix, False
     # two wheels and the IMU's yaw rate as the third reading
     readings = np.vstack([wheel_matrix(robot.encoders), [0.0, 0.0, 1.0]])

@@ -23,6 +23,7 @@ from wayfield.envs.readers import reader
 
 DRIVES = ("differential", "omni", "mecanum")
 MOST_WHEELS = 8
+MOST_ENCODERS = 4  # of driven wheels; of more wheels, odometry reads the first
 CASTER_LOAD = 0.2  # share of the weight that rests on the casters of a differential drive, unless its sheet says so
 FULL_TURN = 2.0 * math.pi  # rad
 SPANNED = 1e-3  # of the wheel matrix without units: a smaller singular value, beside the largest, counts as zero
@@ -199,6 +200,8 @@ class Robot:
             if self.drive != "mecanum" and wheel.roller_angle:
                 raise ValueError(f"wheels[{i}].roller_angle is {wheel.roller_angle:g}; it belongs to the drive mecanum")
         self._check_span("wheels", self.wheel_matrix, self.twist_axes)
+        if len(self.wheels) > MOST_ENCODERS:
+            self._check_span("wheels[0] to wheels[3], which odometry reads,", self.wheel_matrix[:4], self.twist_axes)
         if self.encoders:
             if len(self.encoders) != 2:
                 raise ValueError(f"encoders has {len(self.encoders)} entries; it must have 2, beside an IMU, or none")

@@ -10,16 +10,9 @@ from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import ray_to_box, ray_to_circle, sin_cos, sines, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
-# Columns of a row of noise: x, y, heading, four encoders, then one a beam, and where beams drop out one more a beam;
-# last those of the fifth encoder and the next.
+# Columns of a row of noise: x, y, heading, four encoders, then one a beam, and where beams drop out one more a beam.
 POSE_NOISE_COLUMNS = 3
 BEAM_NOISE_COLUMN = 7
-
-
-def noise_columns(num_encoders: int, num_beams: int, drops: bool) -> int:
-    """Returns how many numbers a row of noise has."""
-    more = max(num_encoders - (BEAM_NOISE_COLUMN - POSE_NOISE_COLUMNS), 0)
-    return BEAM_NOISE_COLUMN + num_beams * (1 + drops) + more
 
 
 def beam_angles(num_beams: int, field_of_view: float) -> NDArray[np.float64]:
@@ -52,10 +45,7 @@ def encoder_twist(p, vx, vy, yaw_rate, noise, i, row):
     for k in range(p.num_encoders):
         rate = p.encoder_matrix[k, 0] * vx + p.encoder_matrix[k, 1] * vy + p.encoder_matrix[k, 2] * yaw_rate
         if p.encoder_noise > 0.0:
-            column = POSE_NOISE_COLUMNS + k
-            if column >= BEAM_NOISE_COLUMN:
-                column = noise.shape[2] - p.num_encoders + k
-            rate *= 1.0 + p.encoder_noise * noise[i, row, column]
+            rate *= 1.0 + p.encoder_noise * noise[i, row, POSE_NOISE_COLUMNS + k]
         read_vx += p.odometry_matrix[0, k] * rate
         read_vy += p.odometry_matrix[1, k] * rate
         read_yaw_rate += p.odometry_matrix[2, k] * rate

