@@ -1,4 +1,4 @@
-"""Scenarios from the user's own files: every path follower on a path, or every goal seeker in a goal scenario."""
+"""Scenarios from the user's own files: all that take part in a contest, on a path, to a goal or a dock of a file."""
 
 import dataclasses
 import functools
@@ -16,14 +16,15 @@ from wayfield.benchmarks.run_folder import file_digest
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.envs.readers import reader
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import GoalScenario, goal_scenarios, path_scenarios
-from wayfield.envs.scenarios.files import holds_goal
+from wayfield.envs.scenarios import GoalScenario, PathScenario, scenarios_of
+from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.policies.policy import check_robot, lacks
 
 OF_KIND = {contest.spec.kind: contest for contest in CONTESTS.values()}
-POLICIES = {kind: (*contest.policies, "zero", "random") for kind, contest in OF_KIND.items()}
+POLICIES = {kind: tuple(dict.fromkeys((*contest.policies, "zero", "random"))) for kind, contest in OF_KIND.items()}
 SUFFIXES = (".csv", ".json", ".txt")
-_DOES = {"path": "follow paths", "goal": "reach goals among obstacles"}
+_DOES = {"path": "follow paths", "goal": "reach goals among obstacles", "dock": "come to rest at a pose"}
 
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s
@@ -77,16 +78,17 @@ def own_scenario(file: str, scale: float | None = None) -> OwnScenario:
 def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     """Returns the scenario of a file of that SHA-256."""
     del digest
-    contest = OF_KIND["goal" if holds_goal(file) else "path"]
+    contest = OF_KIND[kind_of(file)]
+    spec = contest.spec
     scenario: Any
-    if contest.spec.scenario is GoalScenario:
+    if not issubclass(spec.scenario, PathScenario):
         if scale is not None:
-            raise ValueError("--scale belongs to paths: the file holds a goal scenario")
-        (scenario,) = goal_scenarios(file, ROBOTS["p3dx"].hull_radius)
+            raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
+        (scenario,) = scenarios_of(spec, file, ROBOTS["p3dx"].hull_radius)
         length, shorter = _DETOUR * _straight_way(scenario), ""
     else:
         scale = scale or 1.0
-        (scenario,) = path_scenarios(file, scale)
+        (scenario,) = scenarios_of(spec, file, ROBOTS["p3dx"].hull_radius, scale)
         length = max(scenario.laps, 1) * scenario.path.length
         shorter = f" with --scale, {_LONGEST / length * scale:.2g} for example"
     if length > _LONGEST:
@@ -109,13 +111,14 @@ def own_cases(file: str, scale: float | None = None, names: tuple[str, ...] | No
         ValueError: as `own_scenario`, or if a policy cannot do it.
         OSError: if the file cannot be opened.
     """
-    kind = "goal" if holds_goal(file) else "path"
+    kind = kind_of(file)
     for name in names or ():
         if name not in POLICIES[kind]:
             known = ", ".join(map(repr, POLICIES[kind]))
             raise ValueError(f"--policies {name!r} does not {_DOES[kind]}; choose from {known}")
-        policies.make(name)
+        check_robot(policies.make(name), ROBOTS["p3dx"])
     own = own_scenario(file, scale)
+    able = [name for name in POLICIES[kind] if not lacks(policies.make(name), ROBOTS["p3dx"])]
     return tuple(
         Case(
             kind,
@@ -127,7 +130,7 @@ def own_cases(file: str, scale: float | None = None, names: tuple[str, ...] | No
             max_episode_steps=own.steps,
             filmed=name in ("lookahead_retuned", "scan_planner"),
         )
-        for name in names or POLICIES[kind]
+        for name in names or able
     )
 
 
@@ -143,7 +146,7 @@ def own_courses(folder: str, scale: float | None, robot: str) -> tuple[Contest, 
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
     if not files:
         raise ValueError(f"{folder!r} holds no scenarios: no .csv, .json or .txt file")
-    own = [own_scenario(str(file), scale if not holds_goal(str(file)) else None) for file in files]
+    own = [own_scenario(str(file), scale if kind_of(str(file)) == "path" else None) for file in files]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:
         found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
@@ -155,11 +158,11 @@ def own_courses(folder: str, scale: float | None, robot: str) -> tuple[Contest, 
         stems[file.stem] = file.name
     contest = own[0].contest
     if scale is not None and own[0].scale is None:
-        raise ValueError("--scale belongs to paths: the files hold goal scenarios")
-    if contest.spec.scenario is GoalScenario:
+        raise ValueError(f"--scale belongs to paths: the files hold {contest.spec.kind} scenarios")
+    if not issubclass(contest.spec.scenario, PathScenario):
         hull = ROBOTS[robot].hull_radius
         for each in own:
-            goal_scenarios(each.file, hull)
+            scenarios_of(contest.spec, each.file, hull)
             try:
                 shortest_way(each.scenario, hull)
             except ValueError as error:

@@ -20,6 +20,7 @@ from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, read_card
 from wayfield.policies.learned.ppo import shipped, trained
+from wayfield.policies.policy import lacks
 
 TRAINED = ("ppo",)
 GAINS_NAMES = ("default", "tuned", "paper", "best", "trained", "own")
@@ -166,7 +167,8 @@ class Contest:
 
     def _sets(self, robot: str, entrants: Entrants) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
         """Yields each entrant with each set of its gains: its name, the set's name, the gains, and whose it is."""
-        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names)) for name in entrants.policies}
+        able = (name for name in entrants.policies if not lacks(policies.make(name), ROBOTS[robot]))
+        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names)) for name in able}
         for home in entrants.homes:
             sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
         for name, of_policy in sets.items():
