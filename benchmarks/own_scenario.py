@@ -81,7 +81,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     contest = OF_KIND[kind_of(file)]
     spec = contest.spec
     scenario: Any
-    if not issubclass(spec.scenario, PathScenario):
+    if spec.scenario is not PathScenario:
         if scale is not None:
             raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
         (scenario,) = scenarios_of(spec, file, ROBOTS["p3dx"].hull_radius)
@@ -159,7 +159,7 @@ def own_courses(folder: str, scale: float | None, robot: str) -> tuple[Contest, 
     contest = own[0].contest
     if scale is not None and own[0].scale is None:
         raise ValueError(f"--scale belongs to paths: the files hold {contest.spec.kind} scenarios")
-    if not issubclass(contest.spec.scenario, PathScenario):
+    if contest.spec.scenario is not PathScenario:
         hull = ROBOTS[robot].hull_radius
         for each in own:
             scenarios_of(contest.spec, each.file, hull)

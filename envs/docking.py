@@ -12,7 +12,6 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.envs.sheets import sheet_like
 from wayfield.envs.vector import NativeVectorEnv
 
-
 _LEAST_FRAME = 3.0  # m
 
 

@@ -79,10 +79,10 @@ def make_world(name: str, conditions: Conditions = Conditions(), files: bool = T
     known = (*SCENES, *PATH_SCENARIOS, *GOAL_SCENARIOS)
     for spec in TASKS.values():
         if name in spec.presets or (files and family in spec.families):
-            return _scenario_world(_chosen(_bank(spec, name, conditions), name, conditions.number), conditions)
+            return _scenario_world(spec, name, conditions.number, conditions)
     if files and name.lower().endswith((".json", ".csv", ".txt")):
         (spec,) = (spec for spec in TASKS.values() if spec.kind == kind_of(name))
-        return _scenario_world(_bank(spec, name, conditions)[0], conditions)
+        return _scenario_world(spec, name, 0, conditions)
     if name.lower().endswith(".ttt"):
         raise ValueError(f"{name!r} is a scene of CoppeliaSim's own format, which is not read; choose a scene by name")
     raise ValueError(f"scene {name!r} is unknown.{suggestion(name, known)} The scenes are {', '.join(known)}")
@@ -98,10 +98,9 @@ def _bank(spec: TaskSpec, name: str, conditions: Conditions) -> tuple[Any, ...]:
     return scenarios_of(spec, name, model_of(conditions.robot or "p3dx").robot.hull_radius)
 
 
-def _scenario_world(scenario: PathScenario | GoalScenario, conditions: Conditions) -> World:
-    if isinstance(scenario, PathScenario):
-        return _path_world(scenario, conditions)
-    return _goal_world(scenario, conditions)
+def _scenario_world(spec: TaskSpec, name: str, index: int, conditions: Conditions) -> World:
+    scenario = _chosen(_bank(spec, name, conditions), name, index)
+    return _path_world(scenario, conditions) if spec.scenario is PathScenario else _goal_world(scenario, conditions)
 
 
 def _world(
