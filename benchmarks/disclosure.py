@@ -24,6 +24,8 @@ _PROTECTED: Mapping[str, str] = {
     "mppi": "its plan and how long the way is around what it sees",
     "scan_planner": "a map of all its scans, foresees what moves, brakes before what it cannot see past",
     "orca": "gives up no half-plane of what stands",
+    "mpc_pose": "its plan",
+    "reeds_shepp": "its plan, made anew where the map moves into it",
     "astar_tracker": "plans on the whole map, waits for what moves",
 }
 _AGENT_ON_PATHS = "its last commands; its reward was the exact error"

@@ -90,12 +90,12 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     "--path",
     "path",
     metavar="FILE",
-    help="A path (.csv, .txt, .json) or a goal scenario (.json) of your own, instead of a suite.",
+    help="A path (.csv, .txt, .json), or a goal or docking scenario (.json), of your own, instead of a suite.",
 )
 @click.option(
     "--scenarios",
     metavar="FOLDER",
-    help="A contest on the scenario files of a folder, paths or goals (.csv, .txt, .json), instead of a suite.",
+    help="A contest on the scenario files of a folder, paths, goals or docks (.csv, .txt, .json), instead of a suite.",
 )
 @click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
 @click.option(
@@ -127,8 +127,8 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
     (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
-    goal-obstacles), and under growing disturbances (disturbances); or the documents and a test scenario a family
-    (overview).
+    goal-obstacles, docking), and under growing disturbances (disturbances); or the documents and a test scenario a
+    family (overview).
 
     Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
     (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that

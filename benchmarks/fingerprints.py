@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield import policies
-from wayfield.benchmarks.contests import CONTESTS, TRAINED
+from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
 from wayfield.benchmarks.progress import tracked
 from wayfield.envs.command_line import Names, OneLineErrors
 from wayfield.envs.readers import of_path, reader
@@ -96,6 +96,16 @@ class World:
         return " ".join((self.contest, self.robot, self.plant, self.condition.name, policy, gains_name))
 
 
+def conditions(contest: Contest) -> tuple[Condition, ...]:
+    """Returns the conditions of a contest that has none of its own: its first family, and its last, disturbed."""
+    first, *_, last = contest.spec.families
+    return (
+        Condition("plain", f"{first}/test"),
+        Condition("noise", f"{first}/test", {**_LAGGED, "noise": 1.0}),
+        Condition("moderate", f"{last}/test", {**_LAGGED, "disturbance": "moderate", "action_mode": "wheel_speeds"}),
+    )
+
+
 def worlds() -> list[World]:
     """Returns every robot on every plant under every condition."""
     return [
@@ -103,7 +113,7 @@ def worlds() -> list[World]:
         for name, contest in CONTESTS.items()
         for robot in DRIVEN
         for plant in PLANTS
-        for condition in CONDITIONS[name]
+        for condition in CONDITIONS.get(name) or conditions(contest)
     ]
 
 

@@ -1,4 +1,4 @@
-"""Scenarios from the user's own files: every path follower on a path, or every goal seeker in a goal scenario."""
+"""Scenarios from the user's own files: all that take part in a contest, on a path, to a goal or a dock of a file."""
 
 import dataclasses
 import functools
@@ -17,15 +17,16 @@ from wayfield.benchmarks.shortest import shortest_way
 from wayfield.envs.checks import FINEST
 from wayfield.envs.readers import reader
 from wayfield.envs.robots import AnyRobot, robot_of, shipped_name
-from wayfield.envs.scenarios import GoalScenario, goal_scenarios, path_scenarios
-from wayfield.envs.scenarios.files import holds_goal
+from wayfield.envs.scenarios import PathScenario, scenarios_of
+from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.policy import check_robot, lacks
 
 OF_KIND = {contest.spec.kind: contest for contest in CONTESTS.values()}
-POLICIES = {kind: (*contest.policies, "zero", "random") for kind, contest in OF_KIND.items()}
+POLICIES = {kind: tuple(dict.fromkeys((*contest.policies, "zero", "random"))) for kind, contest in OF_KIND.items()}
 SUFFIXES = (".csv", ".json", ".txt")
-_DOES = {"path": "follow paths", "goal": "reach goals among obstacles"}
+_DOES = {"path": "follow paths", "goal": "reach goals among obstacles", "dock": "come to rest at a pose"}
 
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s
@@ -79,16 +80,17 @@ def own_scenario(file: str, scale: float | None = None) -> OwnScenario:
 def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     """Returns the scenario of a file of that SHA-256."""
     del digest
-    contest = OF_KIND["goal" if holds_goal(file) else "path"]
+    contest = OF_KIND[kind_of(file)]
+    spec = contest.spec
     scenario: Any
-    if contest.spec.scenario is GoalScenario:
+    if spec.scenario is not PathScenario:
         if scale is not None:
-            raise ValueError("--scale belongs to paths: the file holds a goal scenario")
-        (scenario,) = goal_scenarios(file, FINEST)
+            raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
+        (scenario,) = scenarios_of(spec, file, FINEST)
         length, shorter = _DETOUR * _straight_way(scenario), ""
     else:
         scale = scale or 1.0
-        (scenario,) = path_scenarios(file, scale)
+        (scenario,) = scenarios_of(spec, file, FINEST, scale)
         length = max(scenario.laps, 1) * scenario.path.length
         shorter = f" with --scale, {_LONGEST / length * scale:.2g} for example"
     if length > _LONGEST:
@@ -114,18 +116,19 @@ def own_cases(
         ValueError: as `own_scenario`, or if a policy or the robot cannot do it.
         OSError: if the file cannot be opened.
     """
-    kind = "goal" if holds_goal(file) else "path"
+    kind, robot = kind_of(file), robot_of(robot)
     for name in names or ():
         if name not in POLICIES[kind]:
             known = ", ".join(map(repr, POLICIES[kind]))
             raise ValueError(f"--policies {name!r} does not {_DOES[kind]}; choose from {known}")
-        policies.make(name)
-    own, robot = own_scenario(file, scale), robot_of(robot)
-    if own.contest.spec.scenario is GoalScenario:
-        goal_scenarios(own.file, robot.hull_radius)
+        check_robot(policies.make(name), robot)
+    own = own_scenario(file, scale)
+    if own.contest.spec.scenario is not PathScenario:
+        scenarios_of(own.contest.spec, own.file, robot.hull_radius)
     if names is None:
         agents = shipped(own.contest.spec.name, robot.name) if isinstance(shipped_name(robot), str) else {}
-        names = tuple(name for name in POLICIES[kind] if agents or name not in TRAINED)
+        there = [name for name in POLICIES[kind] if agents or name not in TRAINED]
+        names = tuple(name for name in there if not lacks(policies.make(name), robot))
     return tuple(
         Case(
             kind,
@@ -153,7 +156,7 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
     if not files:
         raise ValueError(f"{folder!r} holds no scenarios: no .csv, .json or .txt file")
-    own = [own_scenario(str(file), scale if not holds_goal(str(file)) else None) for file in files]
+    own = [own_scenario(str(file), scale if kind_of(str(file)) == "path" else None) for file in files]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:
         found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
@@ -165,11 +168,11 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
         stems[file.stem] = file.name
     contest = own[0].contest
     if scale is not None and own[0].scale is None:
-        raise ValueError("--scale belongs to paths: the files hold goal scenarios")
-    if contest.spec.scenario is GoalScenario:
+        raise ValueError(f"--scale belongs to paths: the files hold {contest.spec.kind} scenarios")
+    if contest.spec.scenario is not PathScenario:
         hull = robot_of(robot).hull_radius
         for each in own:
-            goal_scenarios(each.file, hull)
+            scenarios_of(contest.spec, each.file, hull)
             try:
                 shortest_way(each.scenario, hull)
             except ValueError as error:
@@ -180,7 +183,7 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     )
 
 
-def _straight_way(scenario: GoalScenario) -> float:
+def _straight_way(scenario: Any) -> float:
     """Returns the length (m) from the start over the waypoints to the goal, whatever stands there."""
     places = np.vstack([scenario.start[:2], np.reshape(scenario.waypoints, (-1, 2)), scenario.goal[:2]])
     return float(np.hypot(*np.diff(places, axis=0).T).sum())

@@ -218,12 +218,13 @@ def seed_table(standings: Standings, seen: Mapping[Entry, list[Row]]) -> Table:
             won, cost = standing(mine)
             over = "" if documented is None else "yes" if standing(mine) > standing(documented) else "no"
             there = [row for row in seen.get(entry, []) if row["agent_seed"] == seed]
-            reached = contest.bar.reached(there) if there else None
+            reached = contest.bar.reached(there) if contest.bar and there else None
             bar = "" if reached is None else "yes" if reached else "no"
             lines.append([*entry, seed, f"{100.0 * won:.1f}", f"{-cost:.{contest.spec.cost.decimals}f}", bar, over])
+    bar_words = contest.bar.words if contest.bar else "none is set"
     note = (
         f"Success in per cent, then the mean over the scenarios, a failure counted as {failing(contest)}. Bar: "
-        f"{contest.bar.words}. Over {contest.policies[0]}: more successes, or as many at a lower cost. "
+        f"{bar_words}. Over {contest.policies[0]}: more successes, or as many at a lower cost. "
         f"{standings.source}"
     )
     header = ["policy", "gains", "seed", "success (%)", contest.cost_header]

@@ -40,7 +40,7 @@ PACE_FACTORS = (0.97, 1.35)  # of the asked speed, between which a path follower
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """Where a gain is searched."""
+    """Where a gain is searched. A policy may say so itself, in `searched`: the low and the high end by gain."""
 
     low: float
     high: float
@@ -110,6 +110,12 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "foresight": Range(0.5, 3.0),
     },
     "astar_tracker": {"margin": Range(0.03, 0.2), "wanted_clearance": Range(0.05, 0.5)},
+    "smooth_pose_backward": {"k1": Range(0.3, 3.0), "k2": Range(1.0, 10.0), "beta": Range(0.01, 1.0)},
+    **{
+        name: {gain: Range(*ends) for gain, ends in policy.searched.items()}
+        for name, policy in wayfield.policies.POLICIES.items()
+        if hasattr(policy, "searched")
+    },
 }
 
 

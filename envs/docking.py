@@ -3,11 +3,16 @@
 import dataclasses
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wayfield.envs import goal_reaching
 from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalReaching, OmniGoalObstacles
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.sheets import sheet_like
 from wayfield.envs.vector import NativeVectorEnv
+
+_LEAST_FRAME = 3.0  # m
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +29,13 @@ class Docking(GoalReaching):
 
     belongs_to = TASKS["docking"]
     numbers = Params
+
+    def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
+        """Returns what a frame shows of the task, as fields of `rendering.Scene`; no frame is smaller than 3 by 3 m."""
+        drawn = super().drawing(state)
+        x0, y0, x1, y1 = drawn["bounds"]
+        x, y = 0.5 * max(_LEAST_FRAME - (x1 - x0), 0.0), 0.5 * max(_LEAST_FRAME - (y1 - y0), 0.0)
+        return drawn | {"bounds": (x0 - x, y0 - y, x1 + x, y1 + y)}
 
 
 _REWARDS = """

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -80,6 +81,11 @@ class MpcPose:
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    searched: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "across": (1.0, 20.0),
+        "heading": (0.02, 0.5),
+        "effort": (0.01, 0.5),
+    }
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -60,6 +61,11 @@ class Polar:
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    searched: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "k_rho": (1.0, 5.0),
+        "k_alpha": (5.5, 20.0),
+        "deceleration": (0.2, 0.8),
+    }
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

@@ -81,15 +81,19 @@ def check_switch(policy: object, name: str) -> None:
     truth(f"{type(policy).__name__}: {name}", getattr(policy, name))
 
 
+def lacks(policy: object, robot: Robot) -> list[str]:
+    """Returns what a policy, or its class, needs of a robot that this one cannot do."""
+    return [need for need in getattr(policy, "needs", ()) if not getattr(robot, need)]
+
+
 def check_robot(policy: Policy, robot: Robot) -> None:
     """Raises ValueError, naming policy and robot, unless the robot can all that the policy needs.
 
     A policy that needs more than wheels that turn it says so in `needs`, names of what a `Robot` says that it can.
     """
-    for need in getattr(policy, "needs", ()):
-        if not getattr(robot, need):
-            able = ", ".join(name for name, each in ROBOTS.items() if getattr(each, need))
-            raise ValueError(f"{type(policy).__name__} drives {need} robots only ({able}), not {robot.name!r}")
+    for need in lacks(policy, robot):
+        able = ", ".join(name for name, each in ROBOTS.items() if getattr(each, need))
+        raise ValueError(f"{type(policy).__name__} drives {need} robots only ({able}), not {robot.name!r}")
 
 
 def check_scan(policy: Policy, ranges: Array, briefing: Briefing) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -78,6 +79,12 @@ class ReedsShepp:
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    searched: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "radius": (0.15, 0.8),
+        "margin": (0.005, 0.04),
+        "settling": (0.08, 0.4),
+        "deceleration": (0.2, 0.8),
+    }
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

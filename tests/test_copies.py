@@ -20,11 +20,13 @@ PATH, GOAL, DRIVE = (
     "wayfield/OmniGoalObstacles-v0",
     "wayfield/DiffDriveGoalObstacles-v0",
 )
+DOCK = "wayfield/DiffDriveDocking-v0"
 KINDS: list[tuple[str, dict[str, Any]]] = [
     (PATH, {"disturbance": "strong", "actuators": "lagged"}),
     (GOAL, {"disturbance": "severe", "noise": 1.0, "robot": "omni4", "pose_source": "odometry"}),
     (DRIVE, {"scenario": "moving_crowd/train", "num_beams": 16}),
     (PATH, {"dynamics": "pymunk"}),
+    (DOCK, {"scenario": "moving/train", "actuators": "lagged", "noise": 1.0}),
     (GOAL, {"dynamics": "pymunk", "end_on_contact": False, "disturbance": "moderate"}),
 ]
 WAYS: list[Callable[[Any], Any]] = [

@@ -32,12 +32,15 @@ PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
 OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
 DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
+OMNI_DOCK_ID, DIFF_DOCK_ID = "wayfield/OmniDocking-v0", "wayfield/DiffDriveDocking-v0"
 PATH_IDS = (PATH_ID, OMNI_PATH_ID)
 ROBOTS_OF = {
     PATH_ID: ["p3dx"],
     GOAL_ID: ["omni3", "omni4"],
     OMNI_PATH_ID: ["omni3", "omni4"],
     DIFF_GOAL_ID: ["p3dx"],
+    OMNI_DOCK_ID: ["omni3", "omni4"],
+    DIFF_DOCK_ID: ["p3dx"],
 }
 IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
 EVERY_ROBOT = [(env_id, robot) for env_id in IDS for robot in ROBOTS_OF[env_id]]

@@ -20,6 +20,7 @@ PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
 OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
 DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
+OMNI_DOCK_ID, DIFF_DOCK_ID = "wayfield/OmniDocking-v0", "wayfield/DiffDriveDocking-v0"
 IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
 every_id = pytest.mark.parametrize("env_id", IDS)
 
@@ -44,6 +45,10 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "diff-goal": (DIFF_GOAL_ID, {"noise": 1.0}),
     "diff-goal-wheels-severe": (DIFF_GOAL_ID, {"action_mode": "wheel_speeds", "disturbance": "severe"}),
     "diff-goal-pymunk": (DIFF_GOAL_ID, {"dynamics": "pymunk", "actuators": "lagged", "pose_source": "odometry"}),
+    "dock-wall": (DIFF_DOCK_ID, {"scenario": "wall", "actuators": "lagged"}),
+    "dock-moving-noise": (DIFF_DOCK_ID, {"scenario": "moving/test", "noise": 1.0, "disturbance": "moderate"}),
+    "dock-omni4-berth": (OMNI_DOCK_ID, {"scenario": "berth", "robot": "omni4", "action_mode": "wheel_speeds"}),
+    "dock-pymunk": (OMNI_DOCK_ID, {"scenario": "all", "dynamics": "pymunk", "pose_source": "odometry"}),
     "goal-pymunk-pushing": (GOAL_ID, {"dynamics": "pymunk", "scenario": "push_box", "end_on_contact": False}),
 }
 # where nothing but the clock, or a goal that random motion does not find, ends an episode

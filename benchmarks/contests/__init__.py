@@ -1,6 +1,6 @@
 """The contests: policies against each other on frozen test scenarios, or on those of the user's own files.
 
-One file a contest, with all that is its own: `path_following` and `goal_obstacles`. `contest` says what a contest is.
+One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`. `contest` says what one is.
 """
 
 from collections.abc import Mapping
@@ -20,6 +20,7 @@ from wayfield.benchmarks.contests.contest import (
     Entrants,
     Score,
 )
+from wayfield.benchmarks.contests.docking import DOCKING
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
 
@@ -48,7 +49,7 @@ __all__ = [
     "Score",
 ]
 
-CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES)}
+CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES, DOCKING)}
 
 # What may be asked for, and the sets of gains that it stands for.
 GAINS: Mapping[str, tuple[str, ...]] = {
@@ -62,4 +63,4 @@ LADDER_SETS = ("default", "tuned", "robust")  # of gains, on the ladder
 TRANSFER_SCENARIOS = 5  # of each family of the split that gains were chosen on
 OVERVIEW_SCENARIOS = 1  # of each family, in the overview, which shows no intervals
 
-OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of both contests, in part
+OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of all contests, in part

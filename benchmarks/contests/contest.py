@@ -22,6 +22,7 @@ from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.learned.ppo import shipped, trained
+from wayfield.policies.policy import lacks
 from wayfield.policies.tuned import PACE, tuned_set
 
 TRAINED = ("ppo",)
@@ -137,7 +138,7 @@ class Contest:
     env_kwargs: Mapping[str, Any]
     columns: tuple[Column, ...]
     gap: Column  # what is compared between the splits: positive where the entry does better on TRANSFER_SPLIT
-    bar: Bar
+    bar: Bar | None  # None: no agents are trained for it
     heat: Heat
     log_cost: bool  # whether figures show the cost on a logarithmic scale
     speeds: tuple[float, ...]  # m/s, of the speed-accuracy front; none: there is no front
@@ -222,7 +223,8 @@ class Contest:
     ) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
         """Yields each entrant with each set of its gains: its name, the set's name, the gains, and whose it is."""
         pace = PACE if speed is None else speed
-        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names, pace)) for name in entrants.policies}
+        able = (name for name in entrants.policies if not lacks(policies.make(name), robot))
+        sets = {name: list(self.gain_sets(name, robot, entrants.gains_names, pace)) for name in able}
         for home in entrants.homes:
             sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
         for name, of_policy in sets.items():

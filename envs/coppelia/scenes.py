@@ -3,7 +3,7 @@
 import functools
 import itertools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,12 +22,12 @@ from wayfield.envs.scenarios import (
     TASKS,
     GoalScenario,
     PathScenario,
+    TaskSpec,
     box,
     circle,
-    goal_scenarios,
-    path_scenarios,
+    scenarios_of,
 )
-from wayfield.envs.scenarios.files import holds_goal
+from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.task import CONTROL_PERIOD
 
 DOCUMENT_A = "document-a"
@@ -78,12 +78,11 @@ def make_world(name: str, conditions: Conditions = Conditions(), files: bool = T
     family = name.partition("/")[0]
     known = (*SCENES, *PATH_SCENARIOS, *GOAL_SCENARIOS)
     for spec in TASKS.values():
-        presets, bank, world_of = _BANKS[spec.kind]
-        if name in presets or (files and family in spec.families):
-            return world_of(_chosen(bank(name, conditions), name, conditions.number), conditions)
+        if name in spec.presets or (files and family in spec.families):
+            return _scenario_world(spec, name, conditions.number, conditions)
     if files and name.lower().endswith((".json", ".csv", ".txt")):
-        _, bank, world_of = _BANKS["goal" if holds_goal(name) else "path"]
-        return world_of(bank(name, conditions)[0], conditions)
+        (spec,) = (spec for spec in TASKS.values() if spec.kind == kind_of(name))
+        return _scenario_world(spec, name, 0, conditions)
     if name.lower().endswith(".ttt"):
         raise ValueError(f"{name!r} is a scene of CoppeliaSim's own format, which is not read; choose a scene by name")
     raise ValueError(f"scene {name!r} is unknown.{suggestion(name, known)} The scenes are {', '.join(known)}")
@@ -95,13 +94,13 @@ def _chosen(bank: tuple, name: str, index: int):  # type: ignore[no-untyped-def,
     return bank[index]
 
 
-def _goals(name: str, conditions: Conditions) -> tuple[GoalScenario, ...]:
-    return goal_scenarios(name, model_of(conditions.robot or "p3dx").robot.hull_radius)
+def _bank(spec: TaskSpec, name: str, conditions: Conditions) -> tuple[Any, ...]:
+    return scenarios_of(spec, name, model_of(conditions.robot or "p3dx").robot.hull_radius)
 
 
-def _paths(name: str, conditions: Conditions) -> tuple[PathScenario, ...]:
-    del conditions
-    return path_scenarios(name)
+def _scenario_world(spec: TaskSpec, name: str, index: int, conditions: Conditions) -> World:
+    scenario = _chosen(_bank(spec, name, conditions), name, index)
+    return _path_world(scenario, conditions) if spec.scenario is PathScenario else _goal_world(scenario, conditions)
 
 
 def _world(
@@ -245,7 +244,7 @@ def _arena(name: str, conditions: Conditions) -> World:
 def _documented(scenario: str, robot: str, name: str, conditions: Conditions) -> World:
     """Returns the world of a scenario that a document runs with a robot of its own."""
     conditions = conditions._replace(robot=conditions.robot or robot)
-    return _goal_world(_goals(scenario, conditions)[0], conditions)
+    return _goal_world(_bank(TASKS["goal_reaching"], scenario, conditions)[0], conditions)
 
 
 SCENES: Mapping[str, Callable[[str, Conditions], World]] = {
@@ -259,10 +258,4 @@ SCENES: Mapping[str, Callable[[str, Conditions], World]] = {
     "document-b": functools.partial(_documented, "omni3_waypoints", "omni3"),
     # Document C, scenario 1: the base of four omni wheels, a box halfway to the goal.
     "document-c": functools.partial(_documented, "apf_1", "omni4"),
-}
-
-# By the kind of a task: the names of its presets, its bank of scenarios, and the world of one.
-_BANKS: Mapping[str, tuple[Collection[str], Callable[[str, Conditions], Any], Callable[..., World]]] = {
-    "path": (PATH_SCENARIOS, _paths, _path_world),
-    "goal": (GOAL_SCENARIOS, _goals, _goal_world),
 }

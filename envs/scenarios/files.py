@@ -85,7 +85,7 @@ def _read_dock(read: Callable[..., Any], file: pathlib.Path) -> Any:
 
 @reader("goal scenario", "goal.json", {"goal.json": _GOAL})
 @reader("docking scenario", "dock.json", {"dock.json": _GOAL.replace("goal", "dock")}, _read_dock)
-def field_scenario_from_file(file: str, kind: type[GoalScenario] = GoalScenario) -> GoalScenario:
+def field_scenario_from_file(file: str, kind: type[Any] = GoalScenario) -> GoalScenario:
     """Returns the goal-reaching or docking scenario of a .json file.
 
     It holds one object: "goal" [x, y, heading], for docking also called "dock", and as wanted "start" [x, y, heading],
@@ -119,9 +119,11 @@ def field_scenario_from_file(file: str, kind: type[GoalScenario] = GoalScenario)
     records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
     patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
-        return kind(name, **fields, obstacles=obstacle_field(*(each for each, _ in records)), patrols=patrols)
+        obstacles = obstacle_field(*(each for each, _ in records))
+        scenario: GoalScenario = kind(name, **fields, obstacles=obstacles, patrols=patrols)
     except ValueError as error:
         raise fault(file, error) from None
+    return scenario
 
 
 def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
