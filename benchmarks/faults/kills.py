@@ -1,6 +1,5 @@
 """Runs that are killed at any moment, or find their parts damaged, and are run again until they are done."""
 
-import functools
 import itertools
 import random
 import signal
@@ -9,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wayfield.benchmarks.faults.forks import Forks
 from wayfield.benchmarks.faults.runs import FORKED, LIMIT, OUT, RUNS, differs, finished, parts_of, reference
 
 _SIGNALS = ("SIGKILL", "SIGKILL", "SIGTERM", "SIGINT")
@@ -31,24 +29,7 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
 
 def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
     """Returns what is wrong with the run's end, what it leaves running, or with its results in the end."""
-    if spec.get("forked"):
-        problem: str | None = server.ask("kills", spec)
-        return problem
-    return _tried(spec, place)
-
-
-@functools.cache
-def _forks() -> Forks:
-    return Forks()
-
-
-def inside(spec: dict[str, Any]) -> dict[str, Any]:
-    """Returns what was wrong with a run in forks of a worker."""
-    problem = _tried(spec, _forks())
-    return {} if problem is None else {"problem": problem}
-
-
-def _tried(spec: dict[str, Any], place: Any) -> str | None:
+    del server
     found = reference(spec["run"], place)
     if isinstance(found, str):
         return found
