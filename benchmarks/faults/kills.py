@@ -16,8 +16,8 @@ _PATIENCE = 30.0  # s, in which a signal must end a run: a training finishes its
 
 def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
     """Yields a kill in the middle of each run, damages of parts, then kills at random, without end."""
-    for run, share in (("contest", 0.6), ("training", 0.7)):
-        yield {"run": run, "signal": "SIGKILL", "at": [share]}
+    for run, share in (("contest", 0.6), ("one training", 0.7), ("tuning", 0.6)):
+        yield {"run": FORKED[run], "forked": True, "signal": "SIGKILL", "at": [share]}
     for damage in ("number", "truncate", "flip", "delete"):
         yield {"run": FORKED["contest"], "forked": True, "damage": damage}
     for k in itertools.count():
