@@ -52,6 +52,8 @@ def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
                 return f"{spec['signal']} leaves {len(orphans)} processes running: {orphans[0][:120]}"
             if "Traceback" in ended.err:
                 return f"traceback after {spec['signal']}: {ended.err.strip().splitlines()[-1][:200]}"
+            if run.out != OUT and (folder / run.out).exists():  # done before it was killed; it refuses to do it again
+                return differs(spec["run"], folder / OUT, wanted)
         return finished(spec["run"], place, folder, wanted, _going_on(spec["run"], folder))
 
 
