@@ -8,7 +8,7 @@ import pytest
 
 import wayfield
 from wayfield import benchmarks, envs, policies
-from wayfield.benchmarks.faults import campaign, commands, files, mutations, place
+from wayfield.benchmarks.faults import campaign, commands, files, mutations, place, server, steps
 from wayfield.envs.readers import READERS
 
 OPENING = {
@@ -44,6 +44,7 @@ ALLOWED = {
     ("benchmarks/run_folder.py", "file_digest"): "takes a digest, whatever the content",
     ("benchmarks/run_folder.py", "source_digest"): "takes the digest of the package's own files",
     ("benchmarks/results.py", "read_table"): "called by the readers of episodes and decisions",
+    ("envs/coppelia/codec.py", "_request_of_file"): "calls the reader of requests",
     ("envs/scenarios/files.py", "kind_of"): "called by the readers of scenarios of one's own",
     ("benchmarks/robot_page.py", "main"): "a developer's tool on the repository's own pages",
     ("benchmarks/publish.py", "text"): "a developer's tool on the repository's own pages",
@@ -120,7 +121,7 @@ def test_the_same_seed_draws_the_same_trials(group: str) -> None:
         return [each for each, _ in zip(trials, range(120), strict=False)]
 
     assert drawn(3) == drawn(3)
-    assert drawn(3) != drawn(4) or group == "disk"
+    assert drawn(3) != drawn(4)
 
 
 def test_what_is_wrong_about_an_end_is_told() -> None:
@@ -139,6 +140,22 @@ def test_a_line_that_an_option_would_take_is_not_taken_for_a_wrong_one() -> None
             line = commands._wrong(command, rng)
             assert line["allowed"] == [1, 2]
             assert line["arguments"] != list(commands.COMMANDS[command])
+
+
+def test_code_that_checks_bounds_is_kept_apart_from_code_that_does_not(tmp_path: Path, monkeypatch) -> None:
+    started: list[dict[str, str]] = []
+
+    def popen(*_: object, env: dict[str, str], **__: object) -> None:
+        started.append(env)
+        raise RuntimeError("seen")
+
+    work = place.Place(tmp_path)
+    monkeypatch.setattr(server.subprocess, "Popen", popen)
+    with pytest.raises(RuntimeError, match="seen"):
+        server.Server(work, **steps.BOUNDS).ask("steps", {})
+    (checked,) = started
+    assert checked["NUMBA_BOUNDSCHECK"] == "1"
+    assert checked["NUMBA_CACHE_DIR"] != work.environment()["NUMBA_CACHE_DIR"]
 
 
 @pytest.mark.slow

@@ -2,8 +2,10 @@
 
 import csv
 import dataclasses
+import json
 import os
 import sys
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -153,6 +155,29 @@ def test_what_is_no_policy_is_one_line_and_nothing_is_written(home: Path, text: 
     assert said in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not (home / "out").exists()
+
+
+def test_a_damaged_or_bloated_model_is_one_line_that_names_it(home: Path) -> None:
+    def written(data: str) -> bytes:
+        with zipfile.ZipFile("model.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("data", data)
+            archive.writestr("policy.pth", "")
+        return (home / "model.zip").read_bytes()
+
+    bad = {
+        "more than 16777216 bytes": [written(" " * 2**25)],
+        "": [written("[" * 10**5)],
+    }
+    whole = written(json.dumps({"policy_class": {"__module__": "stable_baselines3.sac.policies"}, "n": [*range(99)]}))
+    assert own_policies.own_policy("model.zip").algorithm == "SAC"  # type: ignore[union-attr]
+    for at in range(40, whole.index(b"policy.pth") - 40, 7):  # the packed bytes
+        bad[""].append(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
+    for said, contents in bad.items():
+        for content in contents:
+            (home / "model.zip").write_bytes(content)
+            with pytest.raises(ValueError, match=f"'model.zip'.*{said}") as caught:
+                own_policies.own_policy("model.zip")
+            assert "\n" not in str(caught.value)
 
 
 def test_a_policy_of_another_task_is_told_what_both_speak(home: Path) -> None:

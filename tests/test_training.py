@@ -309,8 +309,8 @@ def test_a_way_between_nodes_is_in_proportion_along_x_and_y_of_its_own_grid() ->
         return c + a * x + b * y
 
     fields = []
-    for k, (_, _, _, (rows, columns), (x0, y0)) in enumerate(planes):
-        row, column = np.mgrid[:rows, :columns]
+    for k, (_, _, _, (lines, columns), (x0, y0)) in enumerate(planes):
+        row, column = np.mgrid[:lines, :columns]
         fields.append(plane(k, x0 + 0.1 * column, y0 + 0.1 * row).ravel())
     shapes = np.array([[0, 3, 6], [18, 5, 4]])
     origins = np.array([origin for *_, origin in planes])

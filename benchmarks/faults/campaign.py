@@ -80,14 +80,13 @@ def _group(place: Place, name: str, seed: int, until: float, told: Callable[[str
     """Tries until the time is over, and counts; one that may take longer than what is left is left out."""
     alike: collections.Counter[tuple[str, str]] = collections.Counter()
     server = Server(place, **steps.BOUNDS)
-    group = GROUPS[name]
     # not the seed alone: groups would draw the same numbers
     source = random.Random(int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "little"))
     try:
-        for spec in group.trials(source):
+        for spec in GROUPS[name].trials(source):
             if count.tried and spec.get("limit", 0.0) > until - time.monotonic():
                 continue
-            problem = group.attempt(spec, place, server)
+            problem = _attempt(name, spec, place, server)
             count.tried += 1
             if problem:
                 count.failed += 1
@@ -101,6 +100,13 @@ def _group(place: Place, name: str, seed: int, until: float, told: Callable[[str
         server.close()
 
 
+def _attempt(name: str, spec: dict[str, Any], place: Place, server: Server) -> str | None:
+    """Does a trial here or, where its commands are to be forks, in the worker that they are forked from."""
+    if spec.get("forked"):
+        return server.ask("forks", {"group": name, "trial": spec})
+    return GROUPS[name].attempt(spec, place, server)
+
+
 def repeated(place: Place, file: Path) -> str | None:
     """Returns what is wrong with a trial that was kept, done again.
 
@@ -109,12 +115,13 @@ def repeated(place: Place, file: Path) -> str | None:
     """
     try:
         kept_before = json.loads(file.read_text(encoding="utf-8"))
-        group, spec = GROUPS[kept_before["group"]], dict(kept_before["trial"])
+        name, spec = str(kept_before["group"]), dict(kept_before["trial"])
+        GROUPS[name]
     except (ValueError, TypeError, LookupError, RecursionError) as error:
         raise ValueError(f"{file} keeps no trial of a fault campaign: {error}") from None
     server = Server(place, **steps.BOUNDS)
     try:
-        return group.attempt(spec, place, server)
+        return _attempt(name, spec, place, server)
     finally:
         server.close()
 

@@ -52,8 +52,10 @@ _LISTED: tuple[tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]], ...
     ("evaluate", ("--suite", "\N{GREEK SMALL LETTER ALPHA}"), (1, 2), {"own": True, "environment": {"LC_ALL": "C"}}),
     ("evaluate", ("-h",), (0,), {"own": True, "environment": {"LC_ALL": "C"}}),
     ("evaluate", (*_CONTEST, "--workers", "1"), (0, 1), {"own": True, "environment": {"LC_ALL": "C"}, "writes": True}),
-    ("evaluate", ("-h",), (0, 1), {"own": True, "closed": True}),
-    ("evaluate", (*_CONTEST, "--workers", "1"), (0, 1), {"own": True, "closed": True, "writes": True}),
+    ("evaluate", ("-h",), (0, 1), {"own": True, "output": "closed"}),
+    ("evaluate", (*_CONTEST, "--workers", "1"), (0, 1), {"own": True, "output": "closed", "writes": True}),
+    *((command, ("--help",), (0, 141), {"own": True, "output": "pipe"}) for command in ("evaluate", "tune", "train")),
+    ("evaluate", (*_CONTEST, "--workers", "1"), (0, 141), {"own": True, "output": "pipe", "writes": True}),
     *((command, line, (0, 130), {"own": True, "interrupt": seconds, "writes": seconds > 1.0})
       for seconds in (0.15, 0.6, 2.0) for command, line in (
           ("evaluate", _CONTEST), ("evaluate.py", _CONTEST), ("train", (_ENV,)), ("tune", ("lqr", "--suite", _PATH)),
@@ -183,7 +185,7 @@ def _own(spec: dict[str, Any], arguments: list[str], place: Any, folder: Path) -
     """Runs the line in a process of its own, under another locale, without an output, or interrupted."""
     running = place.start(
         spec["command"], [os.fsencode(each) if each.isprintable() is False else each for each in arguments], folder,
-        closed_stdout=spec.get("closed", False), environment=spec.get("environment"),
+        output=spec.get("output", ""), environment=spec.get("environment"),
     )  # fmt: skip
     if "interrupt" in spec:
         running.computed(spec["interrupt"])
@@ -192,8 +194,8 @@ def _own(spec: dict[str, Any], arguments: list[str], place: Any, folder: Path) -
     found: str | None = ended.fault(spec["allowed"])
     if ended.status is None and "interrupt" in spec:
         return "Ctrl-C does not end it"
-    if found is None and "interrupt" in spec and ended.status == 130 and len(ended.err.strip().splitlines()) != 1:
-        return f"{len(ended.err.strip().splitlines())} lines about an interruption"
+    if found is None and "interrupt" in spec and ended.status == 130 and len(ended.said) != 1:
+        return f"{len(ended.said)} lines about an interruption"
     return found
 
 

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from wayfield.benchmarks.faults.place import changed, contents
-from wayfield.benchmarks.faults.runs import LIMIT, OUT, RUNS, reference
+from wayfield.benchmarks.faults.runs import FORKED, LIMIT, OUT, RUNS, reference
 
 _CAPBSET_DROP = 24
 _OVERRIDING = (1, 2)  # capabilities by which root writes and reads what nobody may
 
 
 def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
-    """Yields a folder that is read-only, caches that are, and disks and files of several sizes; once each."""
+    """Yields caches and folders that are read-only, disks and files of several sizes; then other sizes, without end."""
     for command in ("train", "evaluate"):
         yield {"run": command, "how": "no cache"}
     for run in ("contest", "one training", "tuning"):
@@ -28,6 +28,9 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
             yield {"run": run, "how": "full", "size": size}
     for run in ("one training", "contest"):
         yield {"run": run, "how": "limit", "size": rng.choice((100, 3000, 10_000))}
+    while True:
+        how, run = rng.choice(("full", "limit")), rng.choice(tuple(FORKED.values()))
+        yield {"run": run, "how": how, "size": int(10.0 ** rng.uniform(2.0, 6.0)), "forked": True}
 
 
 def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:

@@ -1,6 +1,7 @@
 """Commands as forks of a worker that has their modules loaded: what takes seconds to begin takes hundredths of one."""
 
 import contextlib
+import functools
 import importlib
 import io
 import itertools
@@ -12,6 +13,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from wayfield.benchmarks.faults import life
 from wayfield.benchmarks.faults.place import Ended, on_cores
@@ -139,6 +141,18 @@ class Forks:
     ) -> Ended:
         """Runs a command to its end, or for `limit` seconds."""
         return self.start(command, arguments, folder, before=before).wait(limit)
+
+
+@functools.cache
+def _forks() -> Forks:
+    return Forks()
+
+
+def inside(spec: dict[str, Any]) -> dict[str, Any]:
+    """Returns what was wrong with a trial of a group, done with forks of this worker."""
+    group = importlib.import_module(f"wayfield.benchmarks.faults.{spec['group']}")
+    problem = group.attempt(spec["trial"], _forks(), None)
+    return {} if problem is None else {"problem": problem}
 
 
 def _become(

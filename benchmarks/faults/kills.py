@@ -1,6 +1,5 @@
 """Runs that are killed at any moment, or find their parts damaged, and are run again until they are done."""
 
-import functools
 import itertools
 import random
 import signal
@@ -9,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wayfield.benchmarks.faults.forks import Forks
 from wayfield.benchmarks.faults.runs import FORKED, LIMIT, OUT, RUNS, differs, finished, parts_of, reference
 
 _SIGNALS = ("SIGKILL", "SIGKILL", "SIGTERM", "SIGINT")
@@ -18,8 +16,8 @@ _PATIENCE = 30.0  # s, in which a signal must end a run: a training finishes its
 
 def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
     """Yields a kill in the middle of each run, damages of parts, then kills at random, without end."""
-    for run, share in (("contest", 0.6), ("training", 0.7)):
-        yield {"run": run, "signal": "SIGKILL", "at": [share]}
+    for run, share in (("contest", 0.6), ("one training", 0.7), ("tuning", 0.6)):
+        yield {"run": FORKED[run], "forked": True, "signal": "SIGKILL", "at": [share]}
     for damage in ("number", "truncate", "flip", "delete"):
         yield {"run": FORKED["contest"], "forked": True, "damage": damage}
     for k in itertools.count():
@@ -31,24 +29,7 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
 
 def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
     """Returns what is wrong with the run's end, what it leaves running, or with its results in the end."""
-    if spec.get("forked"):
-        problem: str | None = server.ask("kills", spec)
-        return problem
-    return _tried(spec, place)
-
-
-@functools.cache
-def _forks() -> Forks:
-    return Forks()
-
-
-def inside(spec: dict[str, Any]) -> dict[str, Any]:
-    """Returns what was wrong with a run in forks of a worker."""
-    problem = _tried(spec, _forks())
-    return {} if problem is None else {"problem": problem}
-
-
-def _tried(spec: dict[str, Any], place: Any) -> str | None:
+    del server
     found = reference(spec["run"], place)
     if isinstance(found, str):
         return found
@@ -71,6 +52,8 @@ def _tried(spec: dict[str, Any], place: Any) -> str | None:
                 return f"{spec['signal']} leaves {len(orphans)} processes running: {orphans[0][:120]}"
             if "Traceback" in ended.err:
                 return f"traceback after {spec['signal']}: {ended.err.strip().splitlines()[-1][:200]}"
+            if run.out != OUT and (folder / run.out).exists():  # done before it was killed; it refuses to do it again
+                return differs(spec["run"], folder / OUT, wanted)
         return finished(spec["run"], place, folder, wanted, _going_on(spec["run"], folder))
 
 

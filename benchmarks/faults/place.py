@@ -48,13 +48,18 @@ class Ended:
     out: str
     err: str
 
+    @property
+    def said(self) -> list[str]:
+        """Returns the lines on stderr that are not about progress."""
+        return [line for line in self.err.strip().splitlines() if not _PROGRESS.match(line)]
+
     def fault(self, allowed: Sequence[int]) -> str | None:
         """Returns what is wrong with the end; None where nothing is.
 
         Args:
             allowed: exit statuses; where they are refusals, exactly one line must say why.
         """
-        lines = [line for line in self.err.strip().splitlines() if not _PROGRESS.match(line)]
+        lines = self.said
         if "Traceback (most recent call last)" in self.err:
             return f"traceback: {_short(lines[-1])}"
         if self.status is None:
@@ -122,10 +127,14 @@ class Place:
         folder: Path,
         *,
         before: Callable[[], None] | None = None,
-        closed_stdout: bool = False,
+        output: str = "",
         environment: Mapping[str, str] | None = None,
     ) -> "Running":
-        """Starts a command in a folder; its output goes to files beside that folder."""
+        """Starts a command in a folder; its output goes to files beside that folder.
+
+        Args:
+            output: "closed" or "pipe", one whose reader has gone, takes the place of standard output.
+        """
         driver = [str(self._script(command))] if command in _SCRIPTS else ["-m", _MODULES[command]]
         mark = next(self._marks)
         self._used.append(mark)
@@ -136,7 +145,7 @@ class Place:
             self.environment(mark, **(environment or {})),
             self.scratch,
             on_cores(2, before) if command == "train" else before,
-            closed_stdout,
+            output,
         )
 
     def _script(self, command: str) -> Path:
@@ -177,7 +186,7 @@ class Running:
         environment: Mapping[str, str],
         scratch: Path,
         before: Callable[[], None] | None,
-        closed_stdout: bool,
+        output: str,
     ) -> None:
         parent = os.getpid()
 
@@ -191,12 +200,17 @@ class Running:
         self._files = [scratch / f"{mark}.out", scratch / f"{mark}.err"]
         with open(self._files[0], "wb") as out, open(self._files[1], "wb") as err:
             shown: Any = out
-            if closed_stdout:
+            if output == "closed":
                 line = ["/bin/sh", "-c", 'exec "$@" >&-', "sh", *line]
+            elif output == "pipe":
+                reader, shown = os.pipe()
+                os.close(reader)
             self.process = subprocess.Popen(
                 line, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=shown, stderr=err,
                 start_new_session=True, preexec_fn=prepare,
             )  # fmt: skip
+            if output == "pipe":
+                os.close(shown)
 
     def send(self, number: int) -> None:
         """Sends a signal to the command's first process alone."""

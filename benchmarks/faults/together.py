@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wayfield.benchmarks.faults.runs import LIMIT, OUT, RUNS, differs, parts_of, reference
+from wayfield.benchmarks.faults.runs import FORKED, LIMIT, OUT, RUNS, differs, parts_of, reference
 
 _LISTED = (
     ("contest", "contest", 0.0),
@@ -23,8 +23,12 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
     yield {"first": "one training", "second": "one training", "delay": 0.0, "cut": 0.7}
     yield {"first": "contest", "second": "another contest", "parts": True}
     while True:
-        first, second, _ = rng.choice(_LISTED)
-        yield {"first": first, "second": second, "delay": round(rng.uniform(0.0, 1.0), 3)}
+        first, second = (FORKED[name] for name in rng.choice(_LISTED)[:2])
+        spec = {"first": first, "second": second, "forked": True}
+        if "contest" in first and rng.random() < 0.2:
+            yield spec | {"parts": True}
+        else:
+            yield spec | {"delay": round(rng.uniform(0.0, 1.0), 3)}
 
 
 def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
@@ -69,7 +73,7 @@ def _over_parts(spec: dict[str, Any], place: Any, folder: Path) -> str | None:
     running = place.start(run.command, run.line, folder)
     until = time.monotonic() + LIMIT
     while not (parts := parts_of(folder)) and time.monotonic() < until:
-        if running.process.poll() is not None:
+        if running.ended():
             return None
         time.sleep(0.01)
     running.wait(0.0)
