@@ -106,5 +106,5 @@ def test_an_example_runs_with_its_library_freshly_installed(script: str, tmp_pat
     )
     names = {"gymnasium", "numpy", *(name.split("[")[0] for name in LIBRARIES[script])}
     listed = subprocess.run([*pip, "freeze"], capture_output=True, text=True, check=True).stdout.splitlines()
-    print(*(line for line in listed if line.split("==")[0] in names))
+    print(*(line for line in listed if line.split("==")[0].replace("_", "-") in names))
     assert steps_told(run(python, script, "--steps", "512", folder=tmp_path)) >= 512
