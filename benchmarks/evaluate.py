@@ -462,9 +462,11 @@ def _print(shown: Iterable[Table]) -> None:
     for table in shown:
         whole = table.terminal()
         columns = len(table.header)
+        if paper.measure(whole).maximum > console.width:
+            whole = table.terminal(stacked=True)
         while columns > 4 and paper.measure(whole).maximum > console.width:
             columns -= 1
-            whole = table.terminal(columns)
+            whole = table.terminal(columns, stacked=True)
         with console.capture() as capture:
             console.print(whole)
         for line in capture.get().splitlines():

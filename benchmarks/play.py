@@ -144,11 +144,13 @@ class Game:
     def scene(self) -> Scene:
         """Returns what the window shows."""
         scene = self.mine.scene()
-        state = "any of these keys starts" if self.waits and not self.mine.steps else "paused" if self.waits else ""
+        state = "drive to start the clock" if self.waits and not self.mine.steps else "paused" if self.waits else ""
         if self.mine.ended:
             state = f"{self.mine.told}: R again, N next"
         robot = self.mine.single.task.robot
-        notes = (_TO_DRIVE[robot.holonomic], _TO_RULE) if self.shown else ()
+        # they cover a part of the world: not while it is driven in
+        standing = self.waits or bool(self.mine.ended)
+        notes = (_TO_DRIVE[robot.holonomic], _TO_RULE) if self.shown and standing else ()
         return dataclasses.replace(
             scene,
             ghosts=() if self.ghost is None else (self.ghost.ghost(),),

@@ -45,8 +45,12 @@ class Table:
         writer.writerows(self.rows)
         return text.getvalue()
 
-    def terminal(self, columns: int | None = None) -> rich.table.Table:
-        """Returns the table, or its first columns, for a rich console; a rule stands between experiments."""
+    def terminal(self, columns: int | None = None, stacked: bool = False) -> rich.table.Table:
+        """Returns the table, or its first columns, for a rich console; a rule stands between experiments.
+
+        Args:
+            stacked: whether intervals stand below what they are of, which takes less room.
+        """
         table = rich.table.Table(
             title=self.title,
             title_justify="left",
@@ -56,6 +60,10 @@ class Table:
         for name in self.header[:columns]:
             table.add_column(name.replace(" (", "\n("), overflow="fold")
         for row, following in itertools.zip_longest(self.rows, self.rows[1:]):
-            cells = ["\n".join(textwrap.wrap(cell, _CELL_WIDTH, **_WHOLE_WORDS)) for cell in row[:columns]]
+            lines = [cell.replace(" [", "\n[") if stacked else cell for cell in row[:columns]]
+            cells = [
+                "\n".join("\n".join(textwrap.wrap(line, _CELL_WIDTH, **_WHOLE_WORDS)) for line in cell.split("\n"))
+                for cell in lines
+            ]
             table.add_row(*cells, end_section=following is not None and following[0] != row[0])
         return table

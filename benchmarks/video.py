@@ -58,7 +58,8 @@ def _film(folder: Path, case: Case, dynamics: str, actuators: str, seed: int) ->
     ended = False
     while not ended:
         if isinstance(pilot.policy, Lookahead):
-            recorded.unwrapped.marks = chased(pilot, recorded.unwrapped)
+            single: Any = recorded.unwrapped
+            single.marks = chased(pilot, single)
         observation, _, terminated, truncated, _ = recorded.step(pilot.act(observation))
         ended = terminated or truncated
     recorded.close()  # type: ignore[no-untyped-call]

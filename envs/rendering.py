@@ -208,10 +208,9 @@ class Canvas:
 
     def translucent(self, alpha: int, at: NDArray[np.float64], radius: float, draw: Callable[["Canvas"], None]) -> None:
         """Draws what a function draws around a point, within a radius, so that the layers below are seen through it."""
-        corner = _SUPERSAMPLING * (at - radius)
-        area = pygame.Rect(*np.clip(np.floor(corner), -_FAR_PX, _FAR_PX).astype(np.int64).tolist(), 0, 0)
-        area.size = (math.ceil(2 * _SUPERSAMPLING * radius), math.ceil(2 * _SUPERSAMPLING * radius))
-        area = area.clip(self.surface.get_clip())
+        left, top = np.clip(np.floor(_SUPERSAMPLING * (at - radius)), -_FAR_PX, _FAR_PX).astype(np.int64).tolist()
+        side = math.ceil(2 * _SUPERSAMPLING * radius)
+        area = pygame.Rect(left, top, side, side).clip(self.surface.get_clip())
         if area.width == 0 or area.height == 0:
             return
         below = self.surface.subsurface(area).copy()

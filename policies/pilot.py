@@ -40,7 +40,7 @@ class Pilot:
         self.policy = policy
         self._env = base
         self._shape = base.action_space.shape
-        self._most: NDArray[np.float32] = base.action_space.high
+        self._most = base.task.options.max_action.astype(np.float32)  # as the space has it
         self._started = False
         self.briefing: Briefing
         self.memory: NDArray[Any]

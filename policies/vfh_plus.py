@@ -61,6 +61,8 @@ class VfhPlus:
        do not count. The paper sums, over the cells of a grid, and so does the law with `magnitudes` "sum": over the
        cells of CELL in which there is a hit, each counted once, at its centre and with full certainty. A wall then
        weighs more than a post and is kept farther away from; a largest value depends on no cell and no number of beams.
+       Where a goal in the window leaves the hull less than its safety, obstacles are grown by what it leaves, no less
+       than the hull and the margin.
     2. Binary histogram. A sector is blocked from `high` on, free below `low`, and keeps what it was in between.
     3. Masked histogram. A differential drive that moves at v turns on circles of radius v / max_yaw_rate or more: a hit
        within r of such a circle on its side blocks what lies beyond it. An omni base turns at once, and so does a
@@ -226,12 +228,18 @@ def choose_direction(p, hits, m, heading, aim, d, around, primary, blocked):
         course = heading + bearing(m.command[1], m.command[0])
     else:
         course = math.nan
-    seen = p.window if around else min(p.window, d + p.plant.hull_radius + p.safety)
+    close = not around and d < p.window
+    grown = p.plant.hull_radius + p.safety
+    goal = (math.inf, 0.0)
+    if close:
+        sine, cosine = sin_cos(aim)
+        goal = (d * cosine, d * sine)
+        grown = min(grown, max(p.plant.hull_radius + p.margin, nearest_to(hits, goal)))
+    seen = p.window if around else min(p.window, d + grown)
     circling = speed / p.max_yaw_rate if speed > MOVING and not p.sideways else math.nan
-    left, right = fill_primary(p, hits, heading, seen, circling, primary)
+    left, right = fill_primary(p, hits, heading, seen, grown, goal, circling, primary)
     fill_binary(p, primary, m.binary)
     fill_masked(m.binary, heading, left, right, blocked)
-    close = not around and d < p.window
     choice = best_direction(p, blocked, heading + aim, close, course, m.previous)
     barred = math.isnan(choice)
     if barred:
@@ -243,14 +251,36 @@ def choose_direction(p, hits, m, heading, aim, d, around, primary, blocked):
 
 
 @inlined
-def fill_primary(p, hits, heading, seen, circling, primary):
-    """Stage 1: fills the primary polar histogram from the hits nearer than `seen` (m).
+def nearest_to(hits, point):
+    """Returns the distance (m) of a point (body frame) from the nearest hit; infinity without any."""
+    nearest = math.inf
+    for j in range(hits.shape[0]):
+        dx = hits[j, 0] - point[0]
+        dy = hits[j, 1] - point[1]
+        nearest = min(nearest, math.sqrt(dx * dx + dy * dy))
+    return nearest
+
+
+@inlined
+def past(x, y, goal, grown):
+    """Returns whether a hit lies behind the goal (body frame; none: infinity) as seen on the straight way to it.
+
+    It would block that way in the histogram, though nobody goes there.
+    """
+    if goal[0] == math.inf:
+        return False
+    d = math.sqrt(goal[0] * goal[0] + goal[1] * goal[1])
+    return x * goal[0] + y * goal[1] >= d * d and abs(goal[0] * y - goal[1] * x) < d * grown
+
+
+@inlined
+def fill_primary(p, hits, heading, seen, grown, goal, circling, primary):
+    """Stage 1: fills the primary polar histogram from the hits nearer than `seen` (m), and not past the goal.
 
     Beside it, of the same hits, the limits of stage 3: returns the directions (rad, body frame) to the left and to the
     right beyond which circles of radius `circling` (m) do not reach; pi and -pi where nothing is in their way, or where
     `circling` is NaN.
     """
-    grown = p.plant.hull_radius + p.safety
     left = math.pi
     right = -math.pi
     primary[:] = 0.0
@@ -258,7 +288,7 @@ def fill_primary(p, hits, heading, seen, circling, primary):
         x = hits[j, 0]
         y = hits[j, 1]
         distance = max(math.sqrt(x * x + y * y), 1e-6)
-        if distance >= seen:
+        if distance >= seen or past(x, y, goal, grown):
             continue
         beam = bearing(y, x)
         # a robot within the grown obstacle has half of all directions before it

@@ -278,7 +278,12 @@ def test_the_window_hears_posted_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(steps) == 6
     assert game.mine.steps == 5 + 1
     assert not game.shown
+    game.begin()
     assert not game.scene().notes
+    game.hear(press(pygame.K_h))
+    assert "W A S D" in game.scene().notes[0]
+    game.hear(press(pygame.K_UP))
+    assert not game.scene().notes  # they do not cover what is driven in
 
 
 def test_without_a_display_the_game_says_one_line(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """The tables of a contest from rows made by hand, whose aggregates are known; and episodes rolled out one by one."""
 
 import math
+import re
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+import rich.console
 
 from wayfield import policies
 from wayfield.benchmarks.aggregates import interval, iqm, mean
@@ -279,3 +281,24 @@ def test_what_a_new_contest_shows_is_all_in_its_own_file() -> None:
         assert contest.timed_on in contest.families("kinematic")
         assert set(contest.policies) <= set(policies.POLICIES)
         assert contest.failure_cost(contest.spec.clock) == pytest.approx(contest.spec.cost.failure)
+
+
+def test_a_narrow_terminal_stacks_intervals_before_it_leaves_columns_out() -> None:
+    header = ["policy", "success (%)", "SPL", "SCT", "learned from"]
+    row = ["vfh_plus", "96.0 [92.3, 98.0]", "0.825 [0.799, 0.851]", "0.412 [0.399, 0.425]", "1,800 runs"]
+    table = Table("Standings", header, [row], "")
+    paper = rich.console.Console(width=1000)
+    wide, narrow = (paper.measure(table.terminal(stacked=stacked)).maximum for stacked in (False, True))
+    assert narrow < 80 < wide
+    with paper.capture() as capture:
+        paper.print(table.terminal(stacked=True))
+    shown = capture.get()
+    assert all(number in shown for cell in row for number in cell.split(" [")[0].split())
+    assert shown.index("96.0") < shown.index("[92.3, 98.0]")
+
+
+def test_a_bar_in_a_cell_is_no_border() -> None:
+    text = Table("Costs", ["policy", "a|b"], [["mine:P", "|v|"]], "note").markdown()
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert {len(re.split(r"(?<!\\)\|", line)) for line in lines} == {4}
+    assert r"\|v\|" in text

@@ -2,13 +2,21 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 import urllib.error
 import urllib.request
 from pathlib import Path
+from typing import Any
 
+import gymnasium
+import numpy as np
 import pytest
+
+from wayfield.policies import Pilot, load_agent
+from wayfield.policies.learned.onnx import export_onnx
+from wayfield.policies.learned.ppo import shipped
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -17,12 +25,18 @@ EXAMPLES = ROOT / "examples"
 LIBRARIES = {
     "cleanrl_ppo.py": ["torch"],
     "minari_collect.py": ["minari[create,hdf5]", "pillow"],
+    "onnx_drive.py": ["click", "onnx", "onnxruntime"],
     "rllib_ppo.py": ["ray[rllib]", "torch"],
     "sb3_contrib_recurrent_ppo.py": ["sb3-contrib", "stable-baselines3", "torch"],
     "sb3_ppo.py": ["stable-baselines3", "torch"],
     "skrl_ppo.py": ["skrl", "torch"],
 }
-HERE = [("sb3_ppo.py",), ("cleanrl_ppo.py", "--autoreset", "NextStep"), ("cleanrl_ppo.py", "--autoreset", "SameStep")]
+HERE = [
+    ("onnx_drive.py",),
+    ("sb3_ppo.py",),
+    ("cleanrl_ppo.py", "--autoreset", "NextStep"),
+    ("cleanrl_ppo.py", "--autoreset", "SameStep"),
+]
 
 
 def run(python: Path | str, script: str, *arguments: str, folder: Path) -> str:
@@ -53,6 +67,26 @@ def test_an_example_runs(command: tuple[str, ...], tmp_path: Path) -> None:
     assert steps_told(run(sys.executable, *command, "--steps", "8192", folder=tmp_path)) == 8192
 
 
+@pytest.mark.parametrize(("task", "seed"), [("path_following", 1), ("goal_reaching", 0)])
+def test_the_graph_and_plain_numpy_drive_as_the_agent_does(task: str, seed: int, tmp_path: Path) -> None:
+    onnx_drive = runpy.run_path(str(EXAMPLES / "onnx_drive.py"))
+    agent = load_agent(shipped(task, "p3dx")[seed])
+    export_onnx(agent, tmp_path / "agent.onnx")
+    driver = onnx_drive["Driver"](tmp_path / "agent.onnx")
+    env: Any = gymnasium.make(agent.card["env_id"], **agent.card["env_kwargs"])
+    pilot = Pilot(agent, env)
+    for scenario in (0, 70):
+        seen, _ = env.reset(seed=scenario, options={"scenario": scenario})
+        pilot.reset()
+        driver.reset()
+        for _ in range(200):
+            asked = pilot.command(seen)
+            np.testing.assert_allclose(driver.act(seen), asked, atol=2e-4)
+            seen, _, terminated, _, _ = env.step(asked)
+            if terminated:
+                break
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("script", sorted(LIBRARIES))
 def test_an_example_runs_with_its_library_freshly_installed(script: str, tmp_path: Path) -> None:
@@ -72,5 +106,5 @@ def test_an_example_runs_with_its_library_freshly_installed(script: str, tmp_pat
     )
     names = {"gymnasium", "numpy", *(name.split("[")[0] for name in LIBRARIES[script])}
     listed = subprocess.run([*pip, "freeze"], capture_output=True, text=True, check=True).stdout.splitlines()
-    print(*(line for line in listed if line.split("==")[0] in names))
+    print(*(line for line in listed if line.split("==")[0].replace("_", "-") in names))
     assert steps_told(run(python, script, "--steps", "512", folder=tmp_path)) >= 512

@@ -623,9 +623,12 @@ def test_gains_out_of_range_are_refused(planner: Any, gain: str, value: float) -
 
 @pytest.mark.parametrize("aside", [0.0, -0.1, 0.2])
 @pytest.mark.parametrize("radius", [0.3, 0.5])
-def test_vfh_plus_turns_in_to_a_goal_right_behind_a_disc(radius: float, aside: float, tmp_path: Path) -> None:
-    """The goal leaves the hull its safety of 0.05 m, and no more: there is a way, and no reason to circle the disc."""
-    along = 4.0 - math.sqrt((radius + 0.305) ** 2 - aside**2)
+@pytest.mark.parametrize("left", [0.055, 0.03, 0.01])
+def test_vfh_plus_turns_in_to_a_goal_right_behind_a_disc(
+    radius: float, aside: float, left: float, tmp_path: Path
+) -> None:
+    """The goal leaves the hull its safety of 0.05 m, or less: there is a way, and no reason to circle the disc."""
+    along = 4.0 - math.sqrt((radius + 0.25 + left) ** 2 - aside**2)
     disc = {"kind": "circle", "x": along, "y": aside, "radius": radius}
     file = tmp_path / "behind.json"
     file.write_text(json.dumps({"start": [0, 0, 0], "goal": [4, 0, 0], "obstacles": [disc]}))

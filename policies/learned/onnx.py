@@ -1,9 +1,11 @@
 """An agent's network as an ONNX graph: python -m wayfield.policies.learned.onnx FOLDER FILE.onnx
 
-The graph takes `features` (b, inputs) as `features.Perception` makes them and gives `action` (b, outputs), clipped to
-[-1, 1]; what features and actions mean is in the agent's card.
+The graph takes `features` (b, inputs) as `perception.Perception` makes them and gives `action` (b, outputs), clipped to
+[-1, 1]; what features and actions mean is in the agent's card, which the graph's metadata holds as JSON under "card".
+`examples/onnx_drive.py` makes the features of an observation, and a twist of the action, without wayfield.
 """
 
+import json
 import os
 import pathlib
 
@@ -54,6 +56,7 @@ def export_onnx(agent: Agent, file: str | os.PathLike[str]) -> None:
     )
     # an old operator set, so that old runtimes read it too
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    helper.set_model_props(model, {"card": json.dumps(agent.card)})
     onnx.checker.check_model(model)
     write_whole(pathlib.Path(file), model.SerializeToString())
 

@@ -94,4 +94,6 @@ def _text(value: Any) -> str:
         return ",".join(map(_text, value)) or "empty"
     if value is None or isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value) or "empty"
+    if isinstance(value, float):
+        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return str(value) or "empty"

@@ -1,0 +1,152 @@
+"""A trained agent without wayfield's code: its network in onnxruntime, its features and actions in plain NumPy.
+
+    python -m wayfield.policies.learned.onnx FOLDER agent.onnx
+    python onnx_drive.py agent.onnx
+
+`Driver` needs the graph alone, which carries the agent's card: it turns a flat observation into a twist (v, w), for
+path followers and for goal seekers of the frame "body". Copy it to your robot; here it drives our environment.
+"""
+
+import argparse
+import json
+import tempfile
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+
+def clip(numbers):
+    return np.clip(numbers, -5.0, 5.0)
+
+
+class Driver:
+    """Drives by a graph, from the beginning of an episode; `reset` at the next."""
+
+    def __init__(self, file):
+        self.session = onnxruntime.InferenceSession(str(file))
+        self.card = json.loads(self.session.get_modelmeta().custom_metadata_map["card"])
+        self.f, self.speed = self.card["features"], self.card["speed"]
+        self.see = self.path if self.card["task"] == "path_following" else self.goal
+        self.reset()
+
+    def reset(self):
+        self.acted = np.zeros((self.f["previous"], 2))  # the latest first
+        self.seen = deque([0.0] * ((self.f["frames"] - 1) * self.f["stride"]))  # the latest first
+        self.points = None  # that trail behind
+
+    def act(self, observation):
+        """Returns the twist (v, w), m/s and rad/s, for a flat observation; once a control period."""
+        o = np.asarray(observation, float)
+        now = self.see(o)
+        old = [np.broadcast_to(each, now.shape) for each in list(self.seen)[self.f["stride"] - 1 :: self.f["stride"]]]
+        inputs = np.concatenate([now, self.acted.ravel(), self.trails(o[:3]), *old]).astype(np.float32)
+        (a,) = self.session.run(None, {"features": inputs[None]})[0]
+        self.acted = np.vstack([a, self.acted[:-1]]) if len(self.acted) else self.acted
+        if self.seen:
+            self.seen.rotate(1)
+            self.seen[0] = now
+        twist = np.array([self.speed * 0.5 * (a[0] + 1.0), self.card["actions"]["yaw_rate"] * a[1]])
+        return self.guarded(twist, o)
+
+    def motion(self, twist):
+        return clip(twist / [self.f["speed_scale"], self.f["yaw_scale"]])
+
+    def path(self, o):
+        """Of a path follower: pose, twist, cross-track error, heading error, arc length, preview (n, 2)."""
+        f, twist, e, turned, preview = self.f, o[3:5], o[5], o[6], o[8:].reshape(-1, 2)
+        head = [np.arcsinh(e / f["error_scale"]), clip(e / (10 * f["error_scale"])), np.sin(turned), np.cos(turned)]
+        # the turns of the path from point to point, from the nearest one on
+        steps = np.diff(np.vstack([[-e * np.sin(turned), -e * np.cos(turned)], preview]), axis=0)
+        turns, heading = [], -turned
+        for dx, dy in steps:
+            ahead = np.arctan2(dy, dx) if dx * dx + dy * dy > 1e-4 else heading
+            turns.append((ahead - heading + np.pi) % (2 * np.pi) - np.pi)
+            heading = ahead
+        speed = [self.speed / f["speed_scale"]]
+        near = clip(preview / f["preview_scale"]).ravel()
+        return np.concatenate([head, speed, self.motion(twist), near, np.arcsinh(np.array(turns) / f["turn_scale"])])
+
+    def goal(self, o):
+        """Of a goal seeker: pose, twist, goal, its heading, waypoints left, ranges (n,) from the back on."""
+        f, twist, goal, ranges = self.f, o[3:5], o[5:7], o[9:]
+        distance, bearing = np.hypot(*goal), np.arctan2(goal[1], goal[0])
+        near = [
+            np.arcsinh(distance / f["distance_scale"]),
+            distance / (distance + 0.2),
+            np.sin(bearing),
+            np.cos(bearing),
+        ]
+        nearest = ranges.reshape(-1, f["pool"]).min(axis=1) - f["hull_radius"]
+        # how far a disc could go in each direction before it touches a point of the scan
+        beams, radius = np.arange(len(ranges)), np.minimum(f["hull_radius"] + f["margin"], ranges)
+        off = np.abs(beams - beams[:: f["pool"], None])
+        off = np.minimum(off, len(ranges) - off)
+        aside, ahead = (ranges * part(off * 2 * np.pi / len(ranges)) for part in (np.sin, np.cos))
+        met = (off <= (len(ranges) - 1) // 4) & (aside < radius) & (ranges < f["max_range"])
+        way = np.where(met, ahead - np.sqrt(np.maximum(radius**2 - aside**2, 0.0)), f["max_range"]).min(axis=1)
+        room = np.maximum(np.concatenate([nearest, way]), 0.0)
+        speed = [self.speed / f["speed_scale"]]
+        return np.concatenate([near, speed, self.motion(twist), f["range_scale"] / (f["range_scale"] + room)])
+
+    def trails(self, pose):
+        """Points that trail behind, each drawn on by its own time."""
+        times = np.array(self.f["trails"], float)[:, None]
+        if not len(times):
+            return []
+        before = np.tile(pose[:2], (len(times), 1)) if self.points is None else self.points
+        self.points = before + (1.0 - np.exp(-self.card["dt"] / times)) * (pose[:2] - before)
+        (s, c), away = (np.sin(pose[2]), np.cos(pose[2])), self.points - pose[:2]
+        return clip(away @ [[c, -s], [s, c]] / (self.f["speed_scale"] * times)).ravel()
+
+    def guarded(self, twist, o):
+        """A goal seeker approaches what it sees no faster than it could stop."""
+        braking, reaction = self.f.get("braking", 0.0), self.f.get("reaction", 0.0)
+        if not braking:
+            return twist
+        room = np.maximum(o[9:] - self.f["hull_radius"] - self.f["gap"], 0.0)
+        towards = twist[0] * np.cos(np.arange(len(room)) * 2 * np.pi / len(room) - np.pi)
+        most = braking * (np.sqrt(reaction**2 + 2 * room / braking) - reaction)
+        fast = towards > np.maximum(most, 0.0)
+        return twist * [np.min(most[fast] / towards[fast], initial=1.0), 1.0]
+
+
+def main() -> None:
+    import gymnasium
+
+    import wayfield  # noqa: F401  registers the ids
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", nargs="?", help="default: an agent that ships is exported")
+    parser.add_argument("--steps", type=int, default=2_000)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        file = options.file or exported(Path(folder) / "agent.onnx")
+        driver = Driver(file)
+    env = gymnasium.make(driver.card["env_id"], **driver.card["env_kwargs"])
+    observation, _ = env.reset(seed=0)
+    arrived = episodes = 0
+    for _ in range(options.steps):
+        twist = np.clip(driver.act(observation), env.action_space.low, env.action_space.high)
+        observation, _, terminated, truncated, info = env.step(twist.astype(np.float32))
+        if terminated or truncated:
+            episodes += 1
+            arrived += info["success"]
+            observation, _ = env.reset()
+            driver.reset()
+    print(f"{arrived} of {episodes} episodes succeeded; {options.steps} steps")
+
+
+def exported(file):
+    """Writes the first path follower that ships."""
+    from wayfield.policies import load_agent
+    from wayfield.policies.learned.onnx import export_onnx
+    from wayfield.policies.learned.ppo import shipped
+
+    export_onnx(load_agent(shipped("path_following", "p3dx")[0]), file)
+    return file
+
+
+if __name__ == "__main__":
+    main()
