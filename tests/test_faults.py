@@ -34,7 +34,7 @@ ALLOWED = {
     ("benchmarks/run_folder.py", "source_digest"): "takes the digest of the package's own files",
     ("benchmarks/results.py", "read_table"): "called by the readers of episodes and decisions",
     ("envs/scenarios/files.py", "holds_goal"): "called by the readers of scenarios of one's own",
-    ("benchmarks/publish.py", "text"): "a developer's tool on the repository's own pages",
+    ("benchmarks/page.py", "text"): "a developer's tool on the repository's own pages",
     ("benchmarks/publish.py", "gathered"): "takes over files whose digests its run has written down",
     ("benchmarks/grid_maps.py", "_lines"): "called by the readers of maps and problems",
 }
