@@ -35,7 +35,9 @@ def interval(
     seed: int = 0,
     resamples: int = RESAMPLES,
 ) -> tuple[float, float] | None:
-    """Returns the 95 % stratified-bootstrap interval of a statistic of the values; None where `enough` says no.
+    """Returns the 95 % stratified-bootstrap interval of a statistic of the values; None where nothing is known of it.
+
+    That is where `enough` says no, and where all scenarios of a stratum gave one number.
 
     Trained agents are a sample as scenarios are: where there are several, a resample draws agents and scenarios, so
     that ten agents in one scenario do not count as ten scenarios.
@@ -69,8 +71,10 @@ def interval(
         agents = rng.integers(table.shape[1], size=(resamples, table.shape[1]))
         resampled = table[scenarios[:, :, np.newaxis], agents[:, np.newaxis, :]].reshape(resamples, -1)
     smallest = min(*map(len, members), table.shape[1] if table.shape[1] > 1 else len(table))
-    moved = winsorised(table) if statistic is iqm else table
-    reach = spread(moved, strata).quantile * math.sqrt(smallest / (smallest - 1))
+    found = spread(winsorised(table) if statistic is iqm else table, strata)
+    if not found.variance > 0.0:
+        return None
+    reach = found.quantile * math.sqrt(smallest / (smallest - 1))
     tail = float(scipy.stats.norm.sf(reach))
     low, high = np.percentile(statistic(resampled), [100.0 * tail, 100.0 * (1.0 - tail)])
     return float(low), float(high)

@@ -305,9 +305,9 @@ def audit_conditions(audit: Audit, rows: Sequence[Row], where: str) -> None:
         audit.ask(f"{where}: {told}: what if it had as many?")
     if runs := [name for name, text in budgets.items() if name not in frames]:
         audit.ask(f"{where}: the budget of {', '.join(runs)} is not in frames: how does it compare with training?")
-    told = {group[0]["knows"] for group in found.values()}
-    if len(told) > 1:
-        audit.ask(f"{where}: entries are told {', '.join(sorted(told))}: which of them may be compared?")
+    known = {group[0]["knows"] for group in found.values()}
+    if len(known) > 1:
+        audit.ask(f"{where}: entries are told {', '.join(sorted(known))}: which of them may be compared?")
 
 
 def _tuned_elsewhere(row: Row) -> list[str]:

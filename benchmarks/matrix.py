@@ -74,12 +74,13 @@ def how_often_better(rows_a: Sequence[Row], rows_b: Sequence[Row], contest: Cont
         ValueError: if the two have not met the same scenarios.
     """
     rows_a, rows_b = _aligned(rows_a, rows_b)
-    sides = []
-    for rows in (rows_a, rows_b):
-        won, strata = by_scenario(rows, values(rows, "success"))
-        # a run that fails may have no cost: it is not looked at
-        sides += [won, by_scenario(rows, np.nan_to_num(values(rows, contest.spec.cost.metric)))[0]]
-    return advantage(*sides, strata)
+    won, strata = by_scenario(rows_a, values(rows_a, "success"))
+    other, _ = by_scenario(rows_b, values(rows_b, "success"))
+    # a run that fails may have no cost: it is not looked at
+    ours, theirs = (
+        by_scenario(rows, np.nan_to_num(values(rows, contest.spec.cost.metric)))[0] for rows in (rows_a, rows_b)
+    )
+    return advantage(won, ours, other, theirs, strata)
 
 
 def success_difference(rows_a: Sequence[Row], rows_b: Sequence[Row]) -> Difference:

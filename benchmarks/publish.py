@@ -7,6 +7,7 @@ tables of README.md, so that a test can make them again.
 """
 
 import datetime
+import re
 import subprocess
 import sys
 import time
@@ -120,6 +121,7 @@ def gathered(section: Section, folder: Path, home: Path, stale: bool) -> dict[st
         raise ValueError(f"{folder} has none of the tables {', '.join(section.tables)}")
     date = datetime.datetime.fromtimestamp((folder / MANIFEST).stat().st_mtime, datetime.UTC).date().isoformat()
     commit = "" if other else described(home)
+    command = re.sub(r" --(?:out|workers) \S+", "", command)  # where and how fast is not what
     made = Made(command, version("wayfield"), commit, code, date, scenarios(rows), other)
     found[f"{KEPT}/{section.name}.json"] = made.content()
     return found

@@ -116,7 +116,7 @@ def test_episodes_are_paired_by_seed():
 def test_several_episodes_show_spread_and_interval(tmp_path):
     result = evaluate("--policies", "zero", "--dynamics", "kinematic", "--episodes", 2, "--seed", 7, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    assert "0/2 [0.00, 0.66]" in result.stdout
+    assert "0/2 [0.00, 0.84]" in result.stdout
     assert {row["seed"] for row in read_rows(tmp_path)} == {"7", "8"}
 
 

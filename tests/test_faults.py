@@ -47,7 +47,7 @@ ALLOWED = {
     ("envs/coppelia/codec.py", "_request_of_file"): "calls the reader of requests",
     ("envs/scenarios/files.py", "kind_of"): "called by the readers of scenarios of one's own",
     ("benchmarks/robot_page.py", "main"): "a developer's tool on the repository's own pages",
-    ("benchmarks/publish.py", "text"): "a developer's tool on the repository's own pages",
+    ("benchmarks/page.py", "text"): "a developer's tool on the repository's own pages",
     ("benchmarks/publish.py", "gathered"): "takes over files whose digests its run has written down",
 }
 

@@ -1,0 +1,171 @@
+"""Intervals and tests against other formulas, hand-made cases, and their own promise: how often they hold."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.stats
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats.mstats import trimmed_mean_ci
+
+from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.coverage import HOLDS, covered, designs
+from wayfield.benchmarks.crossed import LEAST, enough, exact_interval, share_interval, spread, winsorised
+from wayfield.benchmarks.paired import advantage, difference, holm
+
+STRATA = [f"{k}" for k in range(6) for _ in range(10)]
+
+
+def column(values: object) -> np.ndarray:
+    return np.asarray(values, np.float64).reshape(-1, 1)
+
+
+def test_with_fewer_than_five_scenarios_a_stratum_nothing_is_said() -> None:
+    few = ["a"] * 10 + ["b"] * (LEAST - 1)
+    values = np.random.default_rng(0).normal(size=len(few))
+    assert not enough(few)
+    assert interval(values, few, mean) is None
+    assert share_interval((values > 0.0).astype(float), few) is None
+    found = difference(column(values), column(-values), few)
+    assert math.isnan(found.low)
+    assert math.isnan(found.p)
+    assert found.value == pytest.approx(2.0 * values.mean())
+    assert enough([*few, "b"])
+
+
+def test_the_variance_of_one_policy_is_that_of_a_stratified_mean() -> None:
+    values = np.random.default_rng(0).normal(size=60) + np.repeat(np.arange(6.0), 10)
+    parts = [values[k : k + 10].var(ddof=1) / 10 / 36 for k in range(0, 60, 10)]
+    found = spread(values, STRATA)
+    assert found.variance == pytest.approx(sum(parts))
+    assert 9.0 <= found.freedom <= 54.0
+
+
+def test_agents_and_scenarios_both_add_to_the_variance() -> None:
+    """In a population whose parts are known: the estimate is right on average, and never below either part."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(300):
+        agents, scenes = rng.normal(size=(1, 8)), 2.0 * rng.normal(size=(60, 1))
+        table = agents + scenes + 3.0 * rng.normal(size=(60, 8))
+        each = spread(table, STRATA).variance
+        assert each >= table.mean(axis=0).var(ddof=1) / 8.0 - 1e-12
+        found.append(each)
+    assert np.mean(found) == pytest.approx(1.0 / 8 + 4.0 / 60 + 9.0 / 480, rel=0.07)
+
+
+@given(st.lists(st.floats(-100.0, 100.0), min_size=8, max_size=40))
+def test_winsorised_values_have_the_mean_that_is_reported(values: list[float]) -> None:
+    array = np.array(values)
+    assert winsorised(array).mean() == pytest.approx(float(iqm(array)), abs=1e-9)
+
+
+def test_a_paired_difference_of_errors_is_the_trimmed_t_test() -> None:
+    values = np.random.default_rng(1).gamma(1.0, size=40)
+    found = difference(column(values), column(np.zeros(40)), ["a"] * 40, "iqm")
+    low, high = trimmed_mean_ci(values, limits=(0.25, 0.25), inclusive=(True, True), alpha=0.05)
+    assert found.value == pytest.approx(float(iqm(values)))
+    # ours has more degrees of freedom than Yuen's, which counts what is trimmed as not there
+    assert found.low == pytest.approx(low, abs=0.15 * (high - low))
+    assert found.high == pytest.approx(high, abs=0.15 * (high - low))
+
+
+def test_a_paired_difference_of_times_is_the_paired_t_test() -> None:
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(10.0, 2.0, 30), rng.normal(9.0, 2.0, 30)
+    found = difference(column(a), column(b), ["a"] * 30)
+    wanted = scipy.stats.ttest_rel(a, b)
+    ends = wanted.confidence_interval()
+    assert (found.value, found.p) == pytest.approx(((a - b).mean(), wanted.pvalue))
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high))
+
+
+def test_two_policies_that_never_fail_are_not_told_apart_to_the_last_digit() -> None:
+    found = difference(np.ones((60, 1)), np.ones((60, 10)), STRATA, "share")
+    assert found.value == 0.0
+    assert found.low < -0.01
+    assert found.high > 0.01
+    assert found.p == 1.0
+
+
+def test_the_interval_of_a_share_is_of_one_kind_and_never_a_point() -> None:
+    one = np.ones(60)
+    assert share_interval(one, STRATA) == share_interval(np.ones((60, 10)), STRATA)
+    low, high = exact_interval(1.0, 60)
+    assert (low, high) == (pytest.approx(0.025 ** (1.0 / 60.0)), 1.0)
+    assert share_interval(one, STRATA) == (low, high)
+    one[:6] = 0.0
+    wanted = scipy.stats.binomtest(54, 60).proportion_ci(method="exact")
+    assert share_interval(one, STRATA) == pytest.approx((wanted.low, wanted.high))
+
+
+def test_agents_that_differ_widen_the_interval_of_their_share() -> None:
+    rng = np.random.default_rng(3)
+    alike = (rng.random((60, 10)) < 0.6).astype(float)
+    apart = (rng.random((60, 10)) < np.linspace(0.2, 1.0, 10)).astype(float)
+    widths = [np.subtract(*share_interval(each, STRATA)[::-1]) for each in (alike, apart)]  # type: ignore[index]
+    assert widths[1] > 1.1 * widths[0]
+    # ten agents in a scenario are no ten scenarios
+    single = np.subtract(*exact_interval(float(alike.mean()), 60)[::-1])
+    assert widths[0] == pytest.approx(single, rel=0.2)
+
+
+def test_a_resample_s_spread_is_corrected_for_its_size() -> None:
+    """Of five a stratum, the uncorrected percentiles are a tenth too near and know no t."""
+    values = np.random.default_rng(4).normal(size=25)
+    strata = [f"{k}" for k in range(5) for _ in range(5)]
+    low, high = interval(values, strata, mean)  # type: ignore[misc]
+    found = spread(values, strata)
+    assert high - low == pytest.approx(2.0 * found.quantile * math.sqrt(found.variance), rel=0.1)
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
+def test_holm_is_between_each_p_and_bonferroni_and_keeps_the_order(ps: list[float]) -> None:
+    found = holm(ps)
+    for p, corrected in zip(ps, found, strict=True):
+        assert p <= corrected <= min(1.0, len(ps) * p) + 1e-12
+    order = np.argsort(ps, kind="stable")
+    assert (np.diff(np.array(found)[order]) >= 0.0).all()
+
+
+def test_holm_by_hand_and_with_what_was_not_tested() -> None:
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm([math.nan, 0.02]) == pytest.approx([math.nan, 0.02], nan_ok=True)
+
+
+def test_an_advantage_is_its_own_complement_and_sure_of_what_always_happens() -> None:
+    won, cheap, dear = np.ones((60, 1)), np.full((60, 1), 1.0), np.full((60, 1), 2.0)
+    found, other = advantage(won, cheap, won, dear, STRATA), advantage(won, dear, won, cheap, STRATA)
+    assert found.value == 0.5 == -other.value
+    assert found.p == other.p < 1e-6
+    assert found.low > 0.0
+
+
+def test_differences_of_nothing_are_rarely_called_differences() -> None:
+    rng = np.random.default_rng(5)
+    called = 0
+    for _ in range(400):
+        agents = rng.normal(size=(60, 1)) + 0.5 * rng.normal(size=(1, 10)) + rng.normal(size=(60, 10))
+        called += difference(agents, rng.normal(size=(60, 1)), STRATA).p < 0.05
+    assert called / 400 < 0.08
+
+
+def test_every_kind_of_interval_is_measured_where_it_is_shown() -> None:
+    """Standings of both contests, front and ladder, single policies and agents."""
+    found = {(each.where, each.agents > 1) for each in designs()}
+    assert len(found) == 10
+    assert {each.scenarios for each in designs()} == {5, 10}
+
+
+# the narrowest of each kind; the command measures all of them
+@pytest.mark.parametrize("what", ["error, IQM, 7 % lost", "success, 99 %", "paired difference of success, 85 %"])
+def test_intervals_hold_as_often_as_they_say(what: str) -> None:
+    (index, *_) = [k for k, each in enumerate(designs()) if each.what == what and each.agents == 1]
+    assert covered((index, 300, 1)) / 300 >= HOLDS - 0.02  # of 300 samples
+
+
+@pytest.mark.slow
+def test_all_intervals_hold() -> None:
+    for index, design in enumerate(designs()):
+        assert covered((index, 600, 2)) / 600 >= HOLDS - 0.015, design
