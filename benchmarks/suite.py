@@ -25,6 +25,7 @@ class Setting:
     actuators: str
     seed: int
     episodes: int
+    members: tuple[int, ...] = ()  # of the bank, an episode each, in place of the first ones
 
 
 def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
@@ -51,6 +52,7 @@ def episodes(setting: Setting) -> list[Episode]:
         actuators=setting.actuators,
         seed=setting.seed,
         episodes=setting.episodes,
+        members=setting.members,
     )
     return [(_row(setting, i, trajectory), trajectory) for i, trajectory in enumerate(trajectories)]
 
