@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -55,11 +56,18 @@ def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int) -> Nat
 
 
 def roll_out(
-    case: Case, *, dynamics: str = "kinematic", actuators: str = "ideal", seed: int = 0, episodes: int = 1
+    case: Case,
+    *,
+    dynamics: str = "kinematic",
+    actuators: str = "ideal",
+    seed: int = 0,
+    episodes: int = 1,
+    members: Sequence[int] = (),
 ) -> list[Trajectory]:
     """Returns one trajectory for each of the seeds `seed`, `seed + 1`, ...
 
-    A case of every scenario has one episode for each of the first `episodes` scenarios of its bank, round and round.
+    A case of every scenario has one episode for each of the first `episodes` scenarios of its bank, round and round, or
+    for each of the `members` of the bank.
 
     Raises:
         TypeError: if the policy cannot read the environment's observations.
@@ -68,7 +76,7 @@ def roll_out(
     env = make_vector(case, dynamics, actuators, episodes)
     pilot = Pilot(make_policy(case, seed), env)
     there = len(env.task.scenarios)
-    chosen = {"scenario": [k % there for k in range(episodes)]} if case.every_scenario else None
+    chosen = {"scenario": list(members) or [k % there for k in range(episodes)]} if case.every_scenario else None
     observations, _ = env.reset(seed=seed, options=chosen)
     pilot.reset()
     briefing = env.briefing("map")

@@ -27,6 +27,7 @@ class Setting:
     seed: int
     episodes: int
     keep: int | None = WORST  # of the worst episodes of an entry of a contest, their trajectories; None: all, whole
+    members: tuple[int, ...] = ()  # of the bank, an episode each, in place of the first ones
 
 
 def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
@@ -53,6 +54,7 @@ def episodes(setting: Setting) -> list[Episode]:
         actuators=setting.actuators,
         seed=setting.seed,
         episodes=setting.episodes,
+        members=setting.members,
     )
     return [(_row(setting, i, trajectory), trajectory) for i, trajectory in enumerate(trajectories)]
 

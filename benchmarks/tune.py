@@ -35,6 +35,7 @@ from wayfield.policies.tuned import PACE, condition
 
 SEARCH_SPLIT = "train"
 FINALISTS = 2  # sets of a search that drive the validation split, beside the default gains
+MOST_AT_ONCE = 64  # robots in a batch
 PACE_FACTORS = (0.97, 1.35)  # of the asked speed, between which a path follower's cruising speed is searched
 
 
@@ -193,17 +194,17 @@ class Search:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         defaults: Any = wayfield.policies.make(self.policy)
         ranges = SEARCHED[self.policy]
-        fastest = min(PACE_FACTORS[1], float(self.robot.max_twist[0]) / self.speed)
+        fastest = max(min(PACE_FACTORS[1], float(self.robot.max_twist[0]) / self.speed), 1.0)
         study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=self.seed))
         start = {name: float(getattr(defaults, name)) for name in ranges}
         study.enqueue_trial(start | ({"pace": 1.0} if self.paced else {}))
-        for known in self._known(ranges):
+        for known in self._known(ranges, fastest):
             study.enqueue_trial(start | known)
         scored: list[tuple[Score, dict[str, Any]]] = []
         frames = 0
         while frames < self.frames and len(study.trials) < self.trials:
             trial = study.ask()
-            factor = trial.suggest_float("pace", PACE_FACTORS[0], max(fastest, 1.0)) if self.paced else 1.0
+            factor = trial.suggest_float("pace", PACE_FACTORS[0], fastest) if self.paced else 1.0
             drawn = {
                 k: rounded(trial.suggest_float(k, each.low, each.high, log=each.log)) for k, each in ranges.items()
             }
@@ -222,46 +223,43 @@ class Search:
         scored.sort(key=lambda each: each[0])
         return [gains for _, gains in scored[:FINALISTS]], frames
 
-    def _known(self, ranges: Mapping[str, Range]) -> list[dict[str, float]]:
+    def _known(self, ranges: Mapping[str, Range], fastest: float) -> list[dict[str, float]]:
         """Returns what the search starts from within its ranges: gains, and their pace."""
         found = []
         for gains in self.started_from:
             known = {k: min(max(float(gains[k]), each.low), each.high) for k, each in ranges.items() if k in gains}
             if self.paced:
-                known["pace"] = min(max(float(gains.get("pace", 1.0)), PACE_FACTORS[0]), PACE_FACTORS[1])
+                known["pace"] = min(max(float(gains.get("pace", 1.0)), PACE_FACTORS[0]), fastest)
             found.append(known)
         return found
 
     def score(self, gains: Mapping[str, Any], split: str, in_parallel: Map, least: float = 0.0) -> Score:
         """Returns the contest's score of the policy with these gains on a split; slower than `least` is too slow."""
-        settings = self.settings(gains, split)
-        rows = [row for part in in_parallel(_rows, settings) for row in part]
-        scenarios = [
-            scenario
-            for setting in settings
-            for scenario in self._scenarios(setting.case.experiment, split)[: setting.episodes]
-        ]
+        rows = [row for part in in_parallel(_rows, self.settings(gains, split)) for row in part]
+        scenarios = [each for family in self.families for each in self._scenarios(family, split)]
         return self.contest.score(rows, scenarios, self.speed, least)
 
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Returns the families that are driven."""
+        return self.contest.families("kinematic")
+
     def settings(self, gains: Mapping[str, Any], split: str) -> list[Setting]:
-        """Returns a setting for each family of a split."""
-        found = []
-        for family in self.contest.families("kinematic"):
-            entrants = Entrants((self.policy,), ("default",))
-            (case,) = self.contest.cases(self.robot, Course(family, split), entrants, self.level)
-            count = len(self._scenarios(family, split))
-            case = dataclasses.replace(case, gains=dict(gains))
-            found.append(Setting("tune", case, "kinematic", self.actuators, 0, count))
-        return found
+        """Returns the parts that drive the first scenarios of every family of a split, many families in a batch."""
+        entrants = Entrants((self.policy,), ("default",))
+        (case,) = self.contest.cases(self.robot, Course("all", split), entrants, self.level)
+        case = dataclasses.replace(case, gains=dict(gains))
+        size, count = splits.SPLITS[split], min(self.scenarios, splits.SPLITS[split])
+        members = [k * size + n for k in range(len(self.families)) for n in range(count)]
+        parts = [tuple(members[first : first + MOST_AT_ONCE]) for first in range(0, len(members), MOST_AT_ONCE)]
+        return [Setting("tune", case, "kinematic", self.actuators, first[0], len(first), first) for first in parts]
 
     def _scenarios(self, family: str, split: str) -> tuple[Any, ...]:
         return splits.split(self.contest.spec.name, family, split)[: self.scenarios]
 
     def _digest(self, split: str) -> str:
         """Returns the SHA-256 of the scenarios that are driven of a split."""
-        return splits.digest(
-            scenario for family in self.contest.families("kinematic") for scenario in self._scenarios(family, split)
-        )
+        return splits.digest(scenario for family in self.families for scenario in self._scenarios(family, split))
 
 
 def _shown(score: Score) -> dict[str, Any]:

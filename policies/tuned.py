@@ -129,7 +129,7 @@ def read_gains(text: bytes | str, source: str, name: str) -> dict[str, Any]:
         if not isinstance(content.get(key), str):
             raise ValueError(f"{source}: {key} must be a name, got {shown(content.get(key))}")
     speed = content.get("speed")
-    if not is_number(speed) or not speed > 0.0:
+    if not is_number(speed) or not isinstance(speed, int | float) or not speed > 0.0:
         raise ValueError(f"{source}: speed must be a number above 0, got {shown(speed)}")
     if content.get("chosen") not in ("search", "default"):
         raise ValueError(f'{source}: chosen must be "search" or "default", got {shown(content.get("chosen"))}')

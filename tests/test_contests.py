@@ -392,7 +392,7 @@ def test_every_searched_gain_is_one_and_its_default_lies_in_the_range() -> None:
 
 def test_shipped_gains_are_no_worse_than_the_default_ones_and_say_what_they_cost() -> None:
     for name, each in CONTESTS.items():
-        digests: dict[int, set[str]] = {}
+        digests: dict[tuple[str, int], set[str]] = {}
         for file in sorted(tune.folder_of(name).glob("*.json")):
             content = json.loads(file.read_text())
             where = content["robot"], content["speed"], content["level"]
@@ -405,7 +405,7 @@ def test_shipped_gains_are_no_worse_than_the_default_ones_and_say_what_they_cost
             assert better or found == default
             assert content["frames"] > 10_000
             there = content["searched_on"]
-            digests.setdefault(there["scenarios"], set()).add(there["sha256"])
+            digests.setdefault((there["split"], there["scenarios"]), set()).add(there["sha256"])
             gains = policies.tuned_gains(content["policy"], name, *where)
             policies.make(content["policy"], **gains)
             if each.speeds and not found["off_pace"]:
