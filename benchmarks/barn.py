@@ -152,7 +152,8 @@ def told_of(rows: Sequence[Row], table: Table) -> tuple[str, Table]:
     share = sum(number(row, "success") for row in by_entry(rows)[ranked[0][0]]) / len(by_entry(rows)[ranked[0][0]])
     best = [label(entry) for entry, score in ranked if score == ranked[0][1]]
     who = f"{best[0]} has the best score" if len(best) == 1 else f"A draw of {', '.join(best)}"
-    sentence = f"{table.title}: {who}, {ranked[0][1]:.3f}, with {100 * share:.0f} % success [{100 * low:.0f}, {100 * high:.0f}]."
+    with_success = f"{100 * share:.0f} % success [{100 * low:.0f}, {100 * high:.0f}]"
+    sentence = f"{table.title}: {who}, {ranked[0][1]:.3f}, with {with_success}."
     return sentence, table
 
 

@@ -70,7 +70,8 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     )
     if len(rivals) < len(ranked):
         above = min((each for each in ranked if MAP in each.told), key=lambda each: _rank(each, by_cost))
-        sentence += f" {label(above.entry)}, which is told the map, is the upper reference: {_achieved(above, contest, by_cost)}."
+        achieved = _achieved(above, contest, by_cost)
+        sentence += f" {label(above.entry)}, which is told the map, is the upper reference: {achieved}."
     charts = [_bars(contest, robot, list(standings.values()), by_cost), _duels(contest, robot, entries)]
     charts.append(_heat(contest, robot, entries))
     return Finding(sentence, _small(contest, robot, rivals, level, ranked, by_cost), tuple(charts))
@@ -133,7 +134,8 @@ def _small(
     header = ["policy", "success (%)", f"{cost.name} ({cost.unit})", "speed (m/s)", "verdict"]
     note = (
         f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals. {cost.name} is the interquartile "
-        f"mean over all episodes, a failure counted as {contest.counted}. Speed is of the successes. Draws: pairs whose interval holds one half. "
+        f"mean over all episodes, a failure counted as {contest.counted}. Speed is of the successes. "
+        "Draws: pairs whose interval holds one half. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
     return Table(f"{contest.spec.title}, {robot}", header, lines, note)
