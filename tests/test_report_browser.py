@@ -114,7 +114,7 @@ def test_the_keyboard_moves_the_robot(browser: Browser, files: dict[str, Path]) 
         watched.page.keyboard.down("ArrowUp")
         watched.page.wait_for_function("drive.run.actor.x.length > 30 || drive.run.actor.outcome", timeout=60_000)
         watched.page.keyboard.up("ArrowUp")
-        moved = "Math.hypot(drive.run.actor.x.at(-1) - drive.run.actor.x[0], drive.run.actor.y.at(-1) - drive.run.actor.y[0])"
+        moved = "(({x, y}) => Math.hypot(x.at(-1) - x[0], y.at(-1) - y[0]))(drive.run.actor)"
         assert watched.page.evaluate(moved) > 0.1
         assert watched.errors == []
 
@@ -122,9 +122,8 @@ def test_the_keyboard_moves_the_robot(browser: Browser, files: dict[str, Path]) 
 def test_a_dragged_obstacle_changes_the_run(browser: Browser, files: dict[str, Path]) -> None:
     with Watched(browser, files["demo"], viewport={"width": 1280, "height": 900}) as watched:
         tab = watched.page
-        tab.evaluate(
-            "drive.who.value = 'vfh_plus'; drive.go(); replay.toggle(false); drive.advance(400, 20000); replay.seek(replay.last)"
-        )
+        tab.evaluate("drive.who.value = 'vfh_plus'; drive.go(); replay.toggle(false)")
+        tab.evaluate("drive.advance(400, 20000); replay.seek(replay.last)")
         before = tab.evaluate("drive.run.actor.x.concat(drive.run.actor.y)")
         tab.evaluate("drive.edit(true)")
         tab.locator(".board canvas").scroll_into_view_if_needed()

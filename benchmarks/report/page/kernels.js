@@ -33,6 +33,7 @@ class Kernels {
       memmove: (to, from, size) => { new Uint8Array(this.memory.buffer).copyWithin(to, from, from + Number(size)); return to; },
       count_add: () => 0, count_sub: () => 0,
       NRT_MemInfo_alloc_aligned: (size, align) => this.lent(Number(size), Number(align)),
+      NRT_MemInfo_alloc: (size) => this.lent(Number(size), 64),
       NRT_MemInfo_alloc_safe_aligned: (size, align) => this.lent(Number(size), Number(align)),
       // the product of two 128-bit numbers, low half first: sizes of arrays are checked with it
       __multi3: (to, a, aHigh, b, bHigh) => {
