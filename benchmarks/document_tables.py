@@ -148,7 +148,8 @@ def ranked(rows: Sequence[Row]) -> tuple[str, Table]:
     won = f"{first['policy']} does best: {name.split(' (')[0]} {cost(first):.{decimals}f} {name.split('(')[1][:-1]}"
     if first["success"] != "1":
         won = "No policy succeeds"
-    sentence = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario. {won}; one run each, so without an interval."
+    met = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario."
+    sentence = f"{met} {won}; one run each, so without an interval."
     header = ["policy", "plant", "outcome", name, "speed (m/s)"]
     return sentence, Table(str(rows[0]["experiment"]), header, lines, "")
 

@@ -225,7 +225,7 @@ def source_digest() -> str:
     digest = hashlib.sha256()
     for module in (wayfield.envs, wayfield.policies, benchmarks):
         for file in sorted(pathlib.Path(module.__path__[0]).rglob("*")):
-            shows = file.name in _SHOW_ONLY or file.parent.name == "report"
+            shows = file.name in _SHOW_ONLY or file.parent.name in ("report", "page")
             if file.suffix in (".py", ".json", ".safetensors") and not shows:
                 digest.update(file.read_bytes())
     return digest.hexdigest()

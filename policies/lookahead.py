@@ -115,7 +115,9 @@ def reference_points(params, course, poses, arc_lengths, errors):
             # the nearest point of the whole path, which cannot be farther away than what was just found
             a = vertex(vertices, run, segment)
             along = along_lap(vertices, run, s, segment) - a.s
-            bound = math.hypot(ahead_x - a.x - along * a.ux, ahead_y - a.y - along * a.uy)
+            dx = ahead_x - a.x - along * a.ux
+            dy = ahead_y - a.y - along * a.uy
+            bound = math.sqrt(dx * dx + dy * dy)
             s, segment = nearest_ahead(vertices, run, ahead_x, ahead_y, 0.0, 0, np.inf, bound * (1.0 + 1e-9) + 1e-9)
         # at a corner the path goes on along the segment that leaves it: the one that enters would hold the robot there
         beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)

@@ -11,6 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.elementary import exponential, logarithm
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
 from wayfield.envs.records import lag_factors
@@ -429,7 +430,7 @@ def scramble(z):
 def two_normals(key, number):
     """Returns the two standard normal numbers of that number in the stream of the key (Box and Muller)."""
     bits = scramble(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
-    size = math.sqrt(-2.0 * math.log((np.float64(bits >> np.uint64(32)) + 1.0) / 4294967296.0))
+    size = math.sqrt(-2.0 * logarithm((np.float64(bits >> np.uint64(32)) + 1.0) / 4294967296.0))
     s, c = sin_cos(2.0 * math.pi * (np.float64(bits & np.uint64(0xFFFFFFFF)) / 4294967296.0))
     return size * c, size * s
 
@@ -484,7 +485,7 @@ def weigh(costs, temperature, weights):
             best = k
     total = 0.0
     for k in range(costs.shape[0]):
-        weights[k] = math.exp((costs[best] - costs[k]) / temperature)
+        weights[k] = exponential((costs[best] - costs[k]) / temperature)
         total += weights[k]
     for k in range(costs.shape[0]):
         weights[k] /= total

@@ -13,16 +13,17 @@ from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import METRICS, measure
 from wayfield.benchmarks.own_scenario import POLICIES
+from wayfield.benchmarks.report.page import BUDGET
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.rollout import roll_out
 
-OF_EVERY_RUN = ("run.json", ".lock")
+OF_EVERY_RUN = ("run.json", ".lock", "report.html", "drives.npz", "worlds.json")
 CIRCUITS = Path(__file__).parents[2] / "shared" / "data" / "tum_racetracks"
 
 
 def evaluate(*arguments: object) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(main, ["--workers", "1", *map(str, arguments)])
+    return CliRunner().invoke(main, ["--workers", "1", "--full", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,18 @@ def test_it_writes_every_file_and_says_where(lookahead):
     assert str(out) in result.stdout.splitlines()[-1]
     assert all((out / name).stat().st_size > 0 for name in names - {".lock"})
     assert [file.name for file in out.parent.iterdir()] == ["results"]  # no staging folder is left
+
+
+def test_by_default_it_prints_little_and_names_the_report_last(tmp_path):
+    run = CliRunner().invoke(
+        main, ["--workers", "1", "--policies", "zero", "--dynamics", "kinematic", "--out", str(tmp_path)]
+    )
+    assert run.exit_code == 0, run.output
+    lines = run.stdout.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 100
+    assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
+    assert (tmp_path / "report.html").stat().st_size < BUDGET
 
 
 def test_it_prints_a_table_for_each_document(lookahead):

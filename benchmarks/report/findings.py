@@ -125,8 +125,8 @@ def _small(
     header = ["policy", "success (%)", f"{cost.name} ({cost.unit})", "speed (m/s)", "verdict"]
     note = (
         f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals, where there are scenarios enough. "
-        f"{cost.name} is the interquartile mean over all episodes, a failure counted as {failing(contest)}. Speed is of "
-        "the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
+        f"{cost.name} is the interquartile mean over all episodes, a failure counted as {failing(contest)}. Speed is "
+        "that of the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
     return Table(f"{contest.spec.title}, {robot}", header, lines, note)

@@ -9,7 +9,7 @@ import platform
 import re
 import subprocess
 import zlib
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -24,6 +24,7 @@ from wayfield.benchmarks.report.worlds import WORLDS, World, read_worlds
 from wayfield.benchmarks.results import Row, number, read_rows
 from wayfield.benchmarks.run_folder import source_digest
 from wayfield.benchmarks.table import Table
+from wayfield.envs.robots import ROBOTS
 
 BUDGET = 6_000_000  # bytes of a report
 SMALL_BUDGET = 1_500_000  # bytes of the overview's
@@ -32,10 +33,11 @@ STYLES = ("page.css", "charts.css", "replay.css")
 # in the order in which they need each other
 SCRIPTS = (
     *("data.js", "dom.js", "tables.js", "charts.js", "heat.js"),
-    *("view.js", "scene.js", "traces.js", "replay.js", "picks.js", "main.js"),
+    *("view.js", "scene.js", "traces.js", "replay.js", "picks.js"),
+    *("kernels.js", "simulator.js", "pilots.js", "files.js", "drive.js", "draws.js", "main.js"),
 )
 OUTCOMES = ("success", "collision", "left_corridor", "timeout")
-_TRAINED = "trained"
+MODULE, TABLES = "kernels.wasm", "kernels.json"  # in the folder `page`; see `wasm`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +120,7 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
     """Adds the episodes whose scenario is kept; says so where there is nothing to replay."""
     if not (folder / DRIVES).is_file() or not (folder / WORLDS).is_file():
         content.missing.append(
-            f"{folder.name} holds no {DRIVES} or no {WORLDS}, as runs of earlier versions: nothing of it can be replayed."
+            f"{folder.name} lacks {DRIVES} or {WORLDS}, as runs of earlier versions do: nothing of it can be replayed."
         )
         return
     drives = read_drives(folder)
@@ -174,7 +176,7 @@ def made(command: str, content: Content) -> list[list[str]]:
         ["Python", platform.python_version()],
         *([name, version(name)] for name in ("numpy", "numba", "gymnasium")),
         ["machine", f"{platform.system()} {platform.machine()}"],
-        ["seeds", ", ".join(map(str, seeds)) if len(seeds) < 9 else f"{seeds[0]} to {seeds[-1]}"],
+        *([["seeds", ", ".join(map(str, seeds)) if len(seeds) < 9 else f"{seeds[0]} to {seeds[-1]}"]] if seeds else []),
         ["date", datetime.date.today().isoformat()],
     ]
 
@@ -192,8 +194,12 @@ def commit() -> str:
         return ""
 
 
-def rendered(title: str, content: Content, how: Sequence[Sequence[str]], budget: int, extra: Any = None) -> str:
+def rendered(
+    title: str, content: Content, how: Sequence[Sequence[str]], budget: int, extra: Mapping[str, Any] | None = None
+) -> str:
     """Returns the page's text; as many episodes can be replayed as the budget has room for."""
+    robots = {told["robot"] for told in content.episodes} if extra is None else set(ROBOTS)
+    kernels, machinery = kernel_part(robots)
     plain = {
         "charts": content.charts,
         "tables": [dataclasses.asdict(table) for table in content.tables],
@@ -213,7 +219,7 @@ def rendered(title: str, content: Content, how: Sequence[Sequence[str]], budget:
     }
     fixed = sum(map(len, parts.values())) + len(template)
     head = _json(plain | {"episodes": content.episodes, "drives": []})
-    room = (budget - fixed) * 3 // 4 - len(zlib.compress(head, 9)) - 20_000
+    room = (budget - fixed) * 3 // 4 - len(zlib.compress(head + _json(kernels) + machinery, 9)) - 20_000
     chosen = _chosen(content, room)
     episodes = [told | ({"drive": k} if k in chosen else {}) for k, told in enumerate(content.episodes)]
     pieces: list[bytes] = []
@@ -225,10 +231,47 @@ def rendered(title: str, content: Content, how: Sequence[Sequence[str]], budget:
         pieces.append(packed(drive))
         shapes[k] = [at, *drive.shape]
         at += len(pieces[-1])
-    told = _json(plain | {"episodes": episodes, "drives": shapes})
-    payload = len(told).to_bytes(4, "little") + told + b"".join(pieces)
+    if kernels:
+        kernels["module"][0] += at
+        kernels["blobs"] = [[at + first, length] for first, length in kernels["blobs"]]
+    told = _json(plain | {"episodes": episodes, "drives": shapes, "kernels": kernels or None})
+    payload = len(told).to_bytes(4, "little") + told + b"".join(pieces) + machinery
     parts["payload"] = base64.b64encode(zlib.compress(payload, 9)).decode()
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+
+
+def kernel_part(robots: Container[str]) -> tuple[dict[str, Any], bytes]:
+    """Returns what the page needs to drive some robots: the tables, and the bytes that they point into; {} for none."""
+    home = resources.files("wayfield.benchmarks.report") / "page"
+    if not (home / MODULE).is_file() or not robots:
+        return {}, b""
+    tables = json.loads((home / TABLES).read_text(encoding="utf-8"))
+    pieces, places = [(home / MODULE).read_bytes()], {}
+    at = len(pieces[0])
+    found: list[list[int]] = []
+
+    def placed(k: int) -> int:
+        nonlocal at
+        if k not in places:
+            places[k] = len(found)
+            pieces.append(base64.b64decode(tables["blobs"][k]))
+            found.append([at, len(pieces[-1])])
+            at += len(pieces[-1])
+        return places[k]
+
+    for task in tables["tasks"].values():
+        task["params"] = {key: placed(k) for key, k in task["params"].items() if key.split()[0] in robots}
+        if task["directions"] is not None:
+            task["directions"] = placed(task["directions"])
+    tables["pilots"] = {key: each for key, each in tables["pilots"].items() if key.split()[1] in robots}
+    for pilot in tables["pilots"].values():
+        for name in ("sizes", "numbers"):
+            if name in pilot:
+                pilot[name] = placed(pilot[name])
+        for argument in pilot.get("arguments", ()):
+            if "blob" in argument:
+                argument["blob"] = placed(argument["blob"])
+    return tables | {"module": [0, len(pieces[0])], "blobs": found}, b"".join(pieces)
 
 
 def _chosen(content: Content, room: int) -> set[int]:

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from gymnasium.utils.seeding import np_random
+
 from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
@@ -14,6 +16,8 @@ from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, TaskSpec,
 from wayfield.envs.storage import write_whole
 
 World = dict[str, Any]
+
+DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a shove
 
 
 def spec_of(env_id: str) -> TaskSpec:
@@ -37,7 +41,8 @@ def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
         for k, key in enumerate(keys_of(setting)):
             if key and key not in found:
                 bank = _bank(setting)
-                found[key] = plain(bank[k % len(bank)], setting.case.max_episode_steps)
+                draws = np_random(setting.seed + k)[0].random(DRAWS).tolist()
+                found[key] = plain(bank[k % len(bank)], setting.case.max_episode_steps) | {"draws": draws}
     return found
 
 

@@ -21,6 +21,7 @@ import wayfield.envs  # noqa: F401  registers the ids that cards name
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import shown
 from wayfield.envs.compiled import compiled
+from wayfield.envs.elementary import hyperbolic_tangent
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
@@ -79,7 +80,9 @@ def forward(inputs, sizes, numbers, rectified, scratch, outputs):
             first += (come + 1) * go
             if layer < sizes.shape[0] - 2:
                 for j in range(go):
-                    target[j] = max(target[j], np.float32(0.0)) if rectified else math.tanh(target[j])
+                    target[j] = (
+                        max(target[j], np.float32(0.0)) if rectified else np.float32(hyperbolic_tangent(target[j]))
+                    )
         for j in range(outputs.shape[1]):
             outputs[i, j] = scratch[(sizes.shape[0] - 1) % 2, j]
 

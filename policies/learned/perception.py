@@ -15,7 +15,8 @@ from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import choose, shown
 from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import wrap_angle
+from wayfield.envs.elementary import area_sine
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.robots import Robot
 from wayfield.policies.learned.reading import is_number
 from wayfield.policies.parts.steering import unicycle_twists
@@ -352,10 +353,9 @@ class Crumbs(NamedTuple):
 def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
     """Fills the rows of `PathFeatures.observe`."""
     for i in range(out.shape[0]):
-        out[i, 0] = math.asinh(errors[i] / scales[0])
+        out[i, 0] = area_sine(errors[i] / scales[0])
         out[i, 1] = min(max(errors[i] / (10.0 * scales[0]), -LIMIT), LIMIT)
-        out[i, 2] = math.sin(heading_errors[i])
-        out[i, 3] = math.cos(heading_errors[i])
+        out[i, 2], out[i, 3] = sin_cos(heading_errors[i])
         out[i, 4] = speeds[i] / scales[2]
         k = 5
         last = twists.shape[1] - 1
@@ -368,17 +368,18 @@ def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
                 k += 1
         # from the nearest point of the path on, in the body frame
         heading = -heading_errors[i]
-        x = errors[i] * math.sin(heading)
-        y = -errors[i] * math.cos(heading)
+        sine, cosine = sin_cos(heading)
+        x = errors[i] * sine
+        y = -errors[i] * cosine
         for j in range(previews.shape[1]):
             dx = previews[i, j, 0] - x
             dy = previews[i, j, 1] - y
             turn = 0.0
             if dx * dx + dy * dy > NEAR * NEAR:  # where a path ends, all points are one
-                ahead = math.atan2(dy, dx)
+                ahead = bearing(dy, dx)
                 turn = wrap_angle(ahead - heading)
                 heading = ahead
-            out[i, k] = math.asinh(turn / scales[4])
+            out[i, k] = area_sine(turn / scales[4])
             k += 1
             x = previews[i, j, 0]
             y = previews[i, j, 1]
@@ -389,27 +390,27 @@ def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, ang
     """Fills the rows of `GoalFeatures.observe`, and the angles of their frames."""
     beams = ranges.shape[1]
     step = 2.0 * math.pi / beams
-    cosines = np.cos(np.arange(beams) * step)
-    sines = np.sin(np.arange(beams) * step)
+    cosines = np.empty(beams)
+    sines = np.empty(beams)
+    for m in range(beams):
+        sines[m], cosines[m] = sin_cos(m * step)
     side = (beams - 1) // 4  # beams to either side of a direction that point ahead
     directions = beams // pool
     for i in range(out.shape[0]):
-        bearing = math.atan2(goals[i, 1], goals[i, 0])
+        goal_bearing = bearing(goals[i, 1], goals[i, 0])
         distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
-        shift = math.floor(bearing / step + 0.5) if ahead else 0
+        shift = math.floor(goal_bearing / step + 0.5) if ahead else 0
         frame = shift * step
         angles[i] = frame
-        out[i, 0] = math.asinh(distance / scales[2])
+        out[i, 0] = area_sine(distance / scales[2])
         out[i, 1] = distance / (distance + 0.2)
-        out[i, 2] = math.sin(bearing - frame)
-        out[i, 3] = math.cos(bearing - frame)
+        out[i, 2], out[i, 3] = sin_cos(goal_bearing - frame)
         out[i, 4] = speeds[i] / scales[3]
         k = 5
         last = twists.shape[1] - 1
         vx = twists[i, 0]
         if last == 2:
-            cosine = math.cos(frame)
-            sine = math.sin(frame)
+            sine, cosine = sin_cos(frame)
             vx = cosine * twists[i, 0] + sine * twists[i, 1]
             vy = cosine * twists[i, 1] - sine * twists[i, 0]
             out[i, k + 1] = min(max(vy / scales[3], -LIMIT), LIMIT)
@@ -450,8 +451,7 @@ def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, ang
 def turn(actions, speeds, angles, out):
     """Fills the planar velocities (b, 3) of actions meant in turned frames."""
     for i in range(out.shape[0]):
-        cosine = math.cos(angles[i])
-        sine = math.sin(angles[i])
+        sine, cosine = sin_cos(angles[i])
         out[i, 0] = speeds[i] * (cosine * actions[i, 0] - sine * actions[i, 1])
         out[i, 1] = speeds[i] * (sine * actions[i, 0] + cosine * actions[i, 1])
 
@@ -460,8 +460,7 @@ def turn(actions, speeds, angles, out):
 def fill_trails(poses, angles, shares, scales, begun, trails, out):
     """Draws on the trailing points (b, k, 2), begun or not, and fills where they are, in the frames."""
     for i in range(out.shape[0]):
-        cosine = math.cos(poses[i, 2] + angles[i])
-        sine = math.sin(poses[i, 2] + angles[i])
+        sine, cosine = sin_cos(poses[i, 2] + angles[i])
         on = begun[i] > 0.0
         begun[i] = 1.0
         for k in range(shares.shape[0]):
@@ -490,7 +489,9 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
         dropped = int(crumbs.dropped[i])
         begins = dropped == 0
         last = (dropped - 1) % count
-        if begins or math.hypot(x - crumbs.places[i, last, 0], y - crumbs.places[i, last, 1]) >= gap:
+        dx = x - crumbs.places[i, last, 0]
+        dy = y - crumbs.places[i, last, 1]
+        if begins or math.sqrt(dx * dx + dy * dy) >= gap:
             crumbs.places[i, dropped % count, 0] = x
             crumbs.places[i, dropped % count, 1] = y
             dropped += 1
@@ -502,14 +503,14 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
         else:
             crumbs.waited[i] += dt
         crumbs.distance[i] = distance
-        out[i, 0] = math.asinh(distance - crumbs.least[i])
+        out[i, 0] = area_sine(distance - crumbs.least[i])
         out[i, 1] = crumbs.waited[i] / (crumbs.waited[i] + 5.0)
         out[i, 2:] = 0.0
         heading = poses[i, 2] + angles[i]
         for k in range(min(dropped, count)):
             dx = crumbs.places[i, k, 0] - x
             dy = crumbs.places[i, k, 1] - y
-            turn = wrap_angle(math.atan2(dy, dx) - heading) / (2.0 * math.pi)
+            turn = wrap_angle(bearing(dy, dx) - heading) / (2.0 * math.pi)
             j = 2 + math.floor(turn * directions + 0.5) % directions
             out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))
 
@@ -518,9 +519,10 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
 def guard(ranges, hull, braking, reaction, twists):
     """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back."""
     beams = ranges.shape[1]
-    angles = np.arange(beams) * (2.0 * math.pi / beams) - math.pi
-    cosines = np.cos(angles)
-    sines = np.sin(angles)
+    cosines = np.empty(beams)
+    sines = np.empty(beams)
+    for j in range(beams):
+        sines[j], cosines[j] = sin_cos(j * (2.0 * math.pi / beams) - math.pi)
     planar = twists.shape[1] == 3
     for i in range(ranges.shape[0]):
         vx = twists[i, 0]

@@ -329,7 +329,7 @@ def straight_to(p, m, pose, bx, by, turn, allowed, needed):
     """
     d = max(math.sqrt(bx * bx + by * by), 1e-9)
     v = allowed
-    bend = 2.0 * abs(math.sin(turn)) / d if abs(turn) < 1.57 else 2.0 / d
+    bend = 2.0 * abs(sin_cos(turn)[0]) / d if abs(turn) < 1.57 else 2.0 / d
     if d > 0.1:
         v = min(v, math.sqrt(0.5 * p.acceleration / max(bend, 1e-9)))
     vx, vy, _ = limit_acceleration(
@@ -529,7 +529,9 @@ def lay(m, corners, pinned, spacing):
     points = m.points
     total = 0.0
     for k in range(corners.shape[0] - 1):
-        total += math.hypot(corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1])
+        dx = corners[k + 1, 0] - corners[k, 0]
+        dy = corners[k + 1, 1] - corners[k, 1]
+        total += math.sqrt(dx * dx + dy * dy)
     spacing = max(spacing, total / max(POINTS - 2 * corners.shape[0], POINTS // 4))
     held = np.zeros(POINTS, np.bool_)
     points[0, 0] = corners[0, 0]
@@ -539,7 +541,7 @@ def lay(m, corners, pinned, spacing):
     for k in range(corners.shape[0] - 1):
         dx = corners[k + 1, 0] - corners[k, 0]
         dy = corners[k + 1, 1] - corners[k, 1]
-        pieces = max(math.ceil(math.hypot(dx, dy) / spacing - 1e-9), 1)
+        pieces = max(math.ceil(math.sqrt(dx * dx + dy * dy) / spacing - 1e-9), 1)
         for j in range(1, pieces + 1):
             if n == POINTS:
                 break

@@ -1,6 +1,7 @@
 // Unpacks the payload and fills the page.
 
 let replay = null;
+let drive = null;
 
 async function main() {
   wireTheme();
@@ -18,10 +19,25 @@ async function main() {
   for (const chart of told.charts) for (const label of chart.labels || (chart.series || chart.rows || []).map((each) => each.label)) rank(label);
   showCharts(told.charts, (cell) => picks && picks.open(cell));
   showTables(told.tables);
-  if (told.episodes.length) {
-    replay = new Replay(told, packed);
-    picks = new Picks(replay);
-  } else if (!told.missing.length) byId("replay").hidden = true;
+  if (!told.episodes.length && !told.demo) {
+    if (!told.missing.length) byId("replay").hidden = true;
+    return;
+  }
+  replay = new Replay(told, packed);
+  picks = told.demo ? new Draws(replay) : new Picks(replay);
+  if (!told.kernels) return;
+  if (typeof WebAssembly === "undefined") {
+    replay.below.append(el("p", { class: "problem" }, "This browser has no WebAssembly: episodes can be replayed, but nothing can be driven here."));
+    return;
+  }
+  try {
+    const slice = ([at, length]) => packed.slice(at, at + length);
+    const tables = { ...told.kernels, blobs: told.kernels.blobs.map(slice) };
+    drive = new Drive(replay, await Kernels.load(slice(told.kernels.module), tables), Boolean(told.demo));
+    if (told.demo) drive.go();
+  } catch (error) {
+    replay.below.append(el("p", { class: "problem" }, `Nothing can be driven here: ${error.message}.`));
+  }
 }
 
 const ready = main();

@@ -1,0 +1,51 @@
+"""Makes the demo page, the simulator without a run: python -m wayfield.benchmarks.report.demo"""
+
+from pathlib import Path
+
+import click
+from gymnasium.utils.seeding import np_random
+
+from wayfield.benchmarks.report.page import Content, made, rendered
+from wayfield.benchmarks.report.worlds import DRAWS, World, plain
+from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.scenarios import TASKS, splits
+from wayfield.envs.storage import write_whole
+
+DEMO = "docs/demo.html"
+BUDGET = 2_000_000  # bytes
+SEEDS = 6  # scenarios of each family
+FIRST = "goal: clutter_10"
+
+
+def worlds() -> list[World]:
+    """Returns the first scenarios of the training split of each family that the kinematic plant can show."""
+    found = []
+    for spec in TASKS.values():
+        for family in spec.families:
+            if family not in spec.needs_pymunk:
+                for seed, scenario in enumerate(splits.split(spec.name, family, "train")[:SEEDS]):
+                    draws = np_random(seed)[0].random(DRAWS).tolist()
+                    found.append(plain(scenario, spec.clock) | {"draws": draws, "seed": seed})
+    return found
+
+
+@click.command("demo", cls=OneLineErrors)
+@click.option("--out", type=click.Path(path_type=Path), default=DEMO, show_default=True, help="The file.")
+def main(out: Path) -> None:
+    """Writes the page on which one drives against the policies, in scenarios of every family or of one's own."""
+    content = Content(worlds=worlds())
+    content.sentences.append(
+        "Drive a wheeled robot against classical controllers and trained agents, in the package's own simulator: the "
+        "same compiled code, in WebAssembly. Choose a family and a seed, let a policy drive, take over at any moment, "
+        "move obstacles, goal or path, switch actuators and disturbances, save the scenario."
+    )
+    how = made("python -m wayfield.benchmarks.report.demo", content)
+    text = rendered("wayfield: drive", content, how, BUDGET, {"demo": {"first": FIRST}})
+    if len(text.encode()) > BUDGET:
+        raise click.ClickException(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
+    write_whole(out, text.encode())
+    print(f"{out}: {len(text.encode()):,} bytes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+// The decisions of policies: the same compiled laws, handed the same numbers.
+
+function pilotFor(simulator, label) {
+  const { kernels, task, robot, actuators } = simulator;
+  const recipe = kernels.tables.pilots[`${task} ${robot} ${actuators} ${label}`];
+  if (!recipe) return null;
+  return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe);
+}
+
+// Policies that can drive here, by label.
+function pilotsOf(kernels, task, robot, actuators) {
+  const start = `${task} ${robot} ${actuators} `;
+  return Object.keys(kernels.tables.pilots).filter((key) => key.startsWith(start)).map((key) => key.slice(start.length));
+}
+
+class Law {
+  constructor(simulator, recipe) {
+    this.simulator = simulator;
+    this.recipe = recipe;
+    const { kernels } = simulator;
+    const told = simulator.told;
+    this.values = {};
+    this.inputs = [];
+    for (const each of recipe.arguments) {
+      if (each.role === "number") this.values[each.name] = each.value;
+      else if (each.role.startsWith("told.")) this.values[each.name] = told[each.role.slice(5)];
+      else if (each.role.startsWith("seen.")) {
+        const size = each.shape.reduce((a, b) => a * b, 1);
+        const place = { at: kernels.room(8 * size), shape: each.shape, size };
+        this.values[each.name] = place;
+        this.inputs.push([each.role.slice(5), place]);
+      } else if (each.role === "out") {
+        this.values[each.name] = { at: kernels.room(each.size * each.shape.reduce((a, b) => a * b, 1)), shape: each.shape };
+      } else this.values[each.name] = { at: kernels.put(kernels.blob(each.blob)), shape: each.shape };
+    }
+  }
+
+  act() {
+    const { kernels, body, seen } = this.simulator;
+    for (const [name, place] of this.inputs) {
+      const numbers = kernels.f64(place.at, place.size);
+      if (name === "twist3") {
+        numbers.fill(0);
+        body.axes.forEach((axis, k) => { numbers[axis] = seen.twist[k]; });
+      } else numbers.set(seen[name]);
+    }
+    kernels.call(this.recipe.export, this.values);
+    const out = kernels.f64(this.values[this.recipe.out].at + this.recipe.offset, this.recipe.kind === "unicycle" ? 2 : 3);
+    return this.recipe.kind === "unicycle" ? [out[0], 0, out[1]] : [out[0], out[1], out[2]];
+  }
+}
+
+// A trained agent: what its network sees is filled by the package's functions, and put together here as Python does.
+class Network {
+  constructor(simulator, recipe) {
+    this.simulator = simulator;
+    this.recipe = recipe;
+    const { kernels } = simulator;
+    const doubles = (values) => ({ at: kernels.put(new Uint8Array(new Float64Array(values).buffer)), shape: [values.length] });
+    const room = (bytes, shape) => {
+      const at = kernels.room(Math.max(bytes, 8));
+      new Uint8Array(kernels.memory.buffer).fill(0, at, at + bytes);
+      return { at, shape };
+    };
+    this.doubles = doubles;
+    this.room = room;
+    this.inputs = room(4 * recipe.inputs, [1, recipe.inputs]);
+    this.memory = room(4 * recipe.memory, [1, recipe.memory]);
+    this.outputs = room(8, [1, 2]);
+    this.scratch = room(8 * recipe.widest, [2, recipe.widest]);
+    this.angles = room(8, [1]);
+    this.speeds = doubles([recipe.speed]);
+    this.sizes = { at: kernels.put(kernels.blob(recipe.sizes)), shape: [recipe.layers] };
+    this.numbers = { at: kernels.put(kernels.blob(recipe.numbers)), shape: [recipe.count] };
+    this.fields = {};
+    for (const [name, values] of Object.entries(simulator.seen)) this.fields[name] = doubles(Array.from(values));
+    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs"]) {
+      if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
+    }
+    if (recipe.shares) this.shares = doubles(recipe.shares);
+    this.twist = room(24, [1, simulator.body.axes.length]);
+    this.turned = room(24, [1, 3]);
+    this.actions = room(16, [1, 2]);
+    this.speedNow = room(8, [1]);
+  }
+
+  act() {
+    const { recipe, memory, inputs, fields } = this;
+    const { kernels, seen, body } = this.simulator;
+    for (const [name, values] of Object.entries(seen)) kernels.f64(fields[name].at, values.length).set(values);
+    const part = (place, from, count) => ({ at: place.at + 4 * from, shape: [1, count] });
+    const seenPart = part(inputs, 0, recipe.width);
+    kernels.f64(this.angles.at, 1)[0] = 0;
+    if (recipe.task === "path_following") {
+      const k = fields.preview.shape[0] / 2;
+      kernels.call("perception_fill_path", { errors: fields.cross_track_error, heading_errors: fields.heading_error, twists: { at: fields.twist.at, shape: [1, body.axes.length] },
+        previews: { at: fields.preview.at, shape: [1, k, 2] }, speeds: this.speeds, scales: this.fill_path, out: seenPart });
+    } else {
+      kernels.call("perception_fill_goal", { goals: { at: fields.goal.at, shape: [1, 2] }, twists: { at: fields.twist.at, shape: [1, body.axes.length] },
+        ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, speeds: this.speeds, scales: this.fill_goal, max_range: recipe.max_range,
+        pool: recipe.pool, ahead: recipe.ahead ? 1 : 0, angles: this.angles, out: seenPart });
+    }
+    const acted = 2 * recipe.previous;
+    let at = recipe.width;
+    const kept = kernels.f32(memory.at, recipe.memory);
+    kernels.f32(inputs.at + 4 * at, acted).set(kept.subarray(0, acted));
+    at += acted;
+    let first = acted; // of the memory
+    const poses = { at: fields.pose.at, shape: [1, 3] };
+    if (recipe.trails) {
+      const whole = kernels.tables.orders.perception_fill_trails.includes("at");
+      kernels.call("perception_fill_trails", { poses, angles: this.angles, shares: this.shares, scales: this.fill_trails, first, memory, at,
+        begun: { at: memory.at + 4 * first, shape: [1] }, trails: { at: memory.at + 4 * (first + 1), shape: [1, recipe.trails, 2] },
+        out: whole ? inputs : part(inputs, at, 2 * recipe.trails) });
+      at += 2 * recipe.trails;
+      first += 1 + 2 * recipe.trails;
+    }
+    if (recipe.crumbed) {
+      const column = (k) => ({ at: memory.at + 4 * (first + k), shape: [1] });
+      kernels.call("perception_fill_crumbs", { poses, goals: { at: fields.goal.at, shape: [1, 2] }, angles: this.angles, scales: this.fill_crumbs,
+        count: recipe.crumbs, first, memory, out: part(inputs, at, recipe.crumbed),
+        "crumbs.dropped": column(0), "crumbs.least": column(1), "crumbs.distance": column(2), "crumbs.waited": column(3),
+        "crumbs.places": { at: memory.at + 4 * (first + 4), shape: [1, recipe.crumbs, 2] } });
+    }
+    kernels.call("agent_forward", { inputs, sizes: this.sizes, numbers: this.numbers, rectified: recipe.rectified ? 1 : 0, scratch: this.scratch, outputs: this.outputs });
+    const actions = Array.from(kernels.f32(this.outputs.at, 2), (value) => Math.min(Math.max(value, -1), 1));
+    if (acted) {
+      const now = kernels.f32(memory.at, recipe.memory);
+      now.copyWithin(2, 0, acted - 2);
+      now.set(actions, 0);
+    }
+    return this.guarded(this.meant(actions));
+  }
+
+  // `Actions.twists`, of one robot.
+  meant([a, b]) {
+    const { recipe } = this;
+    const { kernels } = this.simulator;
+    if (recipe.kind === "unicycle") return [recipe.speed * 0.5 * (a + 1), 0, recipe.yaw_rate * b];
+    kernels.f64(this.speedNow.at, 1)[0] = recipe.speed / Math.max(Math.sqrt(a * a + b * b), 1);
+    kernels.f64(this.actions.at, 2).set([a, b]);
+    kernels.f64(this.turned.at, 3).fill(0);
+    kernels.call("perception_turn", { actions: this.actions, speeds: this.speedNow, angles: this.angles, out: this.turned });
+    return Array.from(kernels.f64(this.turned.at, 3));
+  }
+
+  guarded(twist) {
+    const { recipe, fields } = this;
+    const { kernels, body, seen } = this.simulator;
+    if (!recipe.guard) return twist;
+    const [hull, braking, reaction] = recipe.guard;
+    const place = kernels.f64(this.twist.at, body.axes.length);
+    place.set(body.axes.map((axis) => twist[axis]));
+    kernels.call("perception_guard", { ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, hull, braking, reaction, twists: this.twist });
+    const found = [0, 0, 0];
+    body.axes.forEach((axis, k) => { found[axis] = kernels.f64(this.twist.at, body.axes.length)[k]; });
+    return found;
+  }
+}

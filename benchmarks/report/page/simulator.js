@@ -1,0 +1,247 @@
+// One robot in one world, stepped by the package's own kernels.
+
+const TASK_OF = { path: "path_following", goal: "goal_reaching" };
+const NOISE_BLOCK = 64;
+const POSE_COLUMNS = 7;
+
+// The page's own noise, for disturbed runs: Python draws others.
+function normals(seed) {
+  let state = (seed * 2654435761 + 0x9e3779b9) >>> 0 || 1;
+  const uniform = () => {
+    state ^= state << 13;
+    state >>>= 0;
+    state ^= state >>> 17;
+    state ^= state << 5;
+    state >>>= 0;
+    return (state + 0.5) / 4294967296;
+  };
+  return { uniform, normal: () => Math.sqrt(-2 * Math.log(uniform())) * Math.cos(2 * Math.PI * uniform()) };
+}
+
+class Simulator {
+  constructor(kernels, world, { robot, actuators, disturbance = "none", seed = 1 }) {
+    this.kernels = kernels;
+    this.world = world;
+    this.task = TASK_OF[world.kind];
+    this.tables = kernels.tables.tasks[this.task];
+    this.robot = robot;
+    this.actuators = actuators;
+    this.disturbance = kernels.tables.disturbances[disturbance];
+    this.body = this.tables.robots[robot];
+    this.random = normals(seed);
+    this.begun = kernels.mark();
+    this.build(`${robot} ${actuators} ${disturbance}`);
+  }
+
+  build(conditions) {
+    const { kernels, tables, world, disturbance } = this;
+    const memory = (array, Kind) => ({ at: kernels.put(new Uint8Array(new Kind(array).buffer)), shape: [array.length] });
+    const room = (bytes, shape) => {
+      const at = kernels.room(Math.max(bytes, 8));
+      new Uint8Array(kernels.memory.buffer).fill(0, at, at + bytes);
+      return { at, shape };
+    };
+    const obstacles = (world.obstacles || []).length;
+    this.beams = tables.beams;
+    this.rows = disturbance.noisy ? NOISE_BLOCK : 1;
+    this.columns = POSE_COLUMNS + this.beams * (disturbance.drops ? 2 : 1);
+    this.state = new Records(kernels, tables.state, 1);
+    this.course = new Records(kernels, tables.course, 1);
+    const field = (values, name) => {
+      const records = new Records(kernels, kernels.tables.records[name], values.length);
+      const names = Object.keys(records.layout.fields);
+      values.forEach((value, k) => names.forEach((each, j) => records.set(each, value[j], k)));
+      return records.array;
+    };
+    const actions = this.body.axes.length;
+    this.arrays = {
+      params: { at: kernels.put(kernels.blob(tables.params[conditions])), shape: [1] },
+      states: this.state.array,
+      courses: this.course.array,
+      obstacles: { ...field(world.obstacles || [], "obstacle"), shape: [1, obstacles] },
+      actions: room(8 * actions, [1, actions]),
+      noise: room(8 * this.rows * this.columns, [1, this.rows, this.columns]),
+      skip: room(1, [1]),
+      rows: memory([0n], BigInt64Array),
+      out: room(4 * this.body.size, [1, this.body.size]),
+      numbers: room(8 * tables.numbers.length, [tables.numbers.length, 1]),
+      flags: room(tables.flags.length, [tables.flags.length, 1]),
+    };
+    const shoved = disturbance.shove > 0 ? 2 : 0;
+    const count = 1 + tables.draws + shoved;
+    const draws = Array.from({ length: count }, (_, k) => (world.draws && k < world.draws.length ? world.draws[k] : k > tables.draws ? this.random.uniform() : 0.5));
+    draws[0] = 0;
+    this.arrays.draws = { ...memory(draws, Float64Array), shape: [1, count] };
+    if (world.kind === "path") this.layPath(field);
+    else this.layGoals(field, memory);
+    this.asked = Array.from({ length: disturbance.delay }, () => new Float64Array(actions));
+  }
+
+  layGoals(field, memory) {
+    const { kernels, tables, world, course, arrays } = this;
+    const obstacles = (world.obstacles || []).length;
+    const points = (world.waypoints || []).map(([x, y]) => [x, y, 0]).concat([world.goal]);
+    for (const name of ["start", "start_offset", "start_turn", "position_tolerance", "heading_tolerance", "waypoint_radius"]) course.set(name, world[name]);
+    course.set("num_goals", points.length);
+    course.set("num_obstacles", obstacles);
+    arrays.goals = { ...memory(points.flat(), Float64Array), shape: [1, points.length, 3] };
+    arrays.fields = { ...field(world.obstacles || [], "obstacle"), shape: [1, obstacles] };
+    const patrols = world.patrols && world.patrols.length ? world.patrols : [];
+    arrays.patrols = { ...field(patrols, "patrol"), shape: [1, patrols.length] };
+    arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [this.beams, 2] };
+    const standing = world.obstacles ? world.obstacles.map((_, k) => patrols[k] || [0, 0, 0, 0, 0, 0]) : [];
+    this.toldPatrols = { ...field(standing, "patrol"), shape: [1, obstacles] };
+  }
+
+  layPath(field) {
+    const { kernels, world, course, arrays } = this;
+    const ring = world.closed ? [...world.path, world.path[0]] : world.path;
+    const n = ring.length;
+    const [dx, dy, length] = [new Float64Array(n - 1), new Float64Array(n - 1), new Float64Array(n - 1)];
+    const s = new Float64Array(n);
+    for (let k = 0; k + 1 < n; k++) {
+      dx[k] = ring[k + 1][0] - ring[k][0];
+      dy[k] = ring[k + 1][1] - ring[k][1];
+      length[k] = Math.sqrt(dx[k] * dx[k] + dy[k] * dy[k]);
+      s[k + 1] = s[k] + length[k];
+    }
+    const unit = (k) => [dx[Math.min(k, n - 2)] / length[Math.min(k, n - 2)], dy[Math.min(k, n - 2)] / length[Math.min(k, n - 2)]];
+    const headings = this.bearings(ring.map((_, k) => unit(k)[1]), ring.map((_, k) => unit(k)[0]));
+    arrays.vertices = field(ring.map(([x, y], k) => [x, y, s[k], ...unit(k), headings[k]]), "vertex");
+    const lap = s[n - 1];
+    const even = lap / (n - 1);
+    let off = 0;
+    for (let k = 0; k < n; k++) off = Math.max(off, Math.abs(s[k] - (k === n - 1 ? lap : k * even)));
+    const perMetre = off < (n === 2 ? lap : even) ? (n - 1) / lap : 0;
+    const records = new Records(kernels, kernels.tables.records.run, 1);
+    const run = { first: 0, segments: n - 1, closed: world.closed ? 1 : 0, length: lap, per_metre: perMetre };
+    for (const [name, value] of Object.entries(run)) records.set(name, value);
+    arrays.runs = records.array;
+    const first = [...world.path[0], this.bearings([ring[1][1] - ring[0][1]], [ring[1][0] - ring[0][0]])[0]];
+    course.set("finish", world.laps ? world.laps * lap : Infinity);
+    course.set("per_metre", 1 / (Math.max(world.laps, 1) * lap));
+    course.set("corridor", world.corridor);
+    course.set("start", world.start || first);
+    course.set("start_offset", world.start_offset);
+    course.set("start_turn", world.start_turn);
+  }
+
+  bearings(y, x) {
+    const { kernels } = this;
+    const mark = kernels.mark();
+    const put = (values) => ({ at: kernels.put(new Uint8Array(new Float64Array(values).buffer)), shape: [y.length] });
+    const angles = put(y);
+    kernels.call("fill_bearings", { y: put(y), x: put(x), angles });
+    const found = Array.from(kernels.f64(angles.at, y.length));
+    kernels.release(mark);
+    return found;
+  }
+
+  fillNoise() {
+    if (!this.disturbance.noisy) return;
+    const noise = this.kernels.f64(this.arrays.noise.at, this.rows * this.columns);
+    for (let k = 0; k < noise.length; k++) noise[k] = this.random.normal();
+  }
+
+  reset() {
+    this.fillNoise();
+    this.kernels.call(`${this.task}_reset`, this.arrays);
+    return this.observe();
+  }
+
+  // Goes on where a recorded robot was: at its pose, with its twist, as far along its way as it had come.
+  takeUp([x, y, heading], [vx, vy, yawRate], recorded, step) {
+    const { state, world } = this;
+    const set = (values) => { for (const [name, value] of Object.entries(values)) state.set(name, value); };
+    set({ x, y, heading, odometry_x: x, odometry_y: y, odometry_heading: heading, steps: step - 1 });
+    for (const part of ["", "command_", "wheel_", "measured_"]) set({ [`${part}vx`]: vx, [`${part}vy`]: vy, [`${part}yaw_rate`]: yawRate });
+    if (world.kind === "path") {
+      const [s, segment] = this.along(recorded, step);
+      set({ arc_length: s, segment, measured_arc_length: s, measured_segment: segment });
+    } else set({ waypoint: this.passed(recorded, step) });
+    this.kernels.call(`${this.task}_step`, { phases: 4, ...this.arrays }); // judges where it is: no motion
+    return this.observe();
+  }
+
+  // How far along the path a recorded robot had come: its nearest point, looked for a metre ahead of the last one.
+  along(recorded, step) {
+    const { world } = this;
+    const ring = world.closed ? [...world.path, world.path[0]] : world.path;
+    const lengths = ring.slice(1).map(([x, y], k) => Math.hypot(x - ring[k][0], y - ring[k][1]));
+    let [segment, t, s] = [0, 0, 0];
+    for (let k = 0; k <= step; k++) {
+      let best = Infinity;
+      let found = [segment, t, s];
+      let [i, at] = [segment, s - t];
+      while (at < s + 1) {
+        const [ax, ay] = ring[i];
+        const [ux, uy] = [(ring[i + 1][0] - ax) / lengths[i], (ring[i + 1][1] - ay) / lengths[i]];
+        const near = Math.min(Math.max((recorded.x[k] - ax) * ux + (recorded.y[k] - ay) * uy, i === segment && at <= s ? s - at : 0), lengths[i]);
+        const distance = Math.hypot(recorded.x[k] - ax - near * ux, recorded.y[k] - ay - near * uy);
+        if (distance < best) [best, found] = [distance, [i, near, at + near]];
+        at += lengths[i];
+        i += 1;
+        if (i === lengths.length) { if (!world.closed) break; i = 0; }
+      }
+      [segment, t, s] = found;
+    }
+    return [s, segment];
+  }
+
+  passed(recorded, step) {
+    const { waypoints, waypoint_radius: radius } = this.world;
+    let next = 0;
+    for (let k = 0; k <= step; k++) while (next < waypoints.length && Math.hypot(recorded.x[k] - waypoints[next][0], recorded.y[k] - waypoints[next][1]) <= radius) next += 1;
+    return next;
+  }
+
+  observe() {
+    const flat = this.kernels.f32(this.arrays.out.at, this.body.size);
+    const seen = {};
+    let k = 0;
+    for (const [name, shape] of this.body.fields) {
+      const size = shape.reduce((a, b) => a * b, 1);
+      seen[name] = Float64Array.from(flat.subarray(k, k + size));
+      k += size;
+    }
+    this.seen = seen;
+    return seen;
+  }
+
+  step(twist) {
+    const { kernels, arrays, state, disturbance } = this;
+    let action = this.body.axes.map((axis) => twist[axis]);
+    if (disturbance.delay) {
+      this.asked.push(action);
+      action = this.asked.shift();
+    }
+    kernels.f64(arrays.actions.at, action.length).set(action);
+    if (disturbance.noisy && state.get("noise_row") >= NOISE_BLOCK) {
+      this.fillNoise();
+      state.set("noise_row", 0);
+    }
+    kernels.call(`${this.task}_step`, { phases: 7, ...arrays });
+    this.observe();
+    const flags = new Uint8Array(kernels.memory.buffer, arrays.flags.at, this.tables.flags.length);
+    return Object.fromEntries(this.tables.flags.map((name, k) => [name, flags[k] !== 0]));
+  }
+
+  get pose() {
+    return ["x", "y", "heading"].map((name) => this.state.get(name));
+  }
+
+  // What a policy may be told, by the name that recipes use.
+  get told() {
+    const { arrays } = this;
+    const index = () => { this.zero = this.zero || { at: this.kernels.room(8), shape: [1] }; this.kernels.i64(this.zero.at, 1)[0] = 0n; return this.zero; };
+    if (this.world.kind === "path") return { vertices: arrays.vertices, runs: arrays.runs, path_index: index() };
+    const count = (value) => { const at = this.kernels.room(8); this.kernels.i64(at, 1)[0] = BigInt(value); return { at, shape: [1] }; };
+    const obstacles = this.kernels.put(new Uint8Array(this.kernels.memory.buffer, arrays.obstacles.at, 64 * arrays.obstacles.shape[1]).slice());
+    return { obstacles: { at: obstacles, shape: arrays.obstacles.shape }, num_obstacles: count(arrays.obstacles.shape[1]),
+      patrols: this.toldPatrols, goals: arrays.goals, num_goals: count(arrays.goals.shape[1]) };
+  }
+
+  free() {
+    this.kernels.release(this.begun);
+  }
+}

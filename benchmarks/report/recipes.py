@@ -1,0 +1,396 @@
+"""What the page hands to the compiled functions, in the order in which Python does: found by watching Python do it."""
+
+import base64
+import contextlib
+import importlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
+from wayfield.envs.batch import Results
+from wayfield.envs.compiled import compiled
+from wayfield.envs.disturbances import DISTURBANCES
+from wayfield.envs.geometry import OBSTACLE, bearing
+from wayfield.envs.paths import RUN, VERTEX
+from wayfield.envs.patrols import PATROL
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies import Pilot, make
+
+# The compiled decision of each policy that has one: module and function, and where the twist is read from afterwards.
+# "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a record of memory.
+DECISIONS: Mapping[str, Mapping[str, tuple[str, str, str, str]]] = {
+    "path_following": {
+        "pure_pursuit": ("pure_pursuit", "pursue", "twists", "unicycle"),
+        "regulated_pure_pursuit": ("regulated_pure_pursuit", "pursue", "commands", "unicycle"),
+        "smooth_pose": ("smooth_pose", "chase", "twists", "unicycle"),
+        "stanley": ("stanley", "steer_rows", "command", "unicycle"),
+        "lqr": ("lqr", "steer_rows", "command", "unicycle"),
+    },
+    "goal_reaching": {
+        "smooth_pose": ("smooth_pose", "approach", "twists", "unicycle"),
+        "vfh_plus": ("vfh_plus", "steer", "twists", "planar"),
+        "dwa": ("dwa", "choose_twists", "twists", "planar"),
+        "mppi": ("mppi", "decide", "twists", "planar"),
+        "scan_planner": ("scan_planner", "decide", "memory.command", "planar"),
+        "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
+    },
+}
+# Of a trained agent, which puts together what several functions fill.
+NETWORK = {
+    "path_following": (("perception", "fill_path"), ("agent", "forward")),
+    "goal_reaching": (
+        ("perception", "fill_goal"),
+        ("perception", "fill_trails"),
+        ("perception", "fill_crumbs"),
+        ("perception", "turn"),
+        ("perception", "guard"),
+        ("agent", "forward"),
+    ),
+}
+
+# What an argument of a law is, by its name; all else is a constant.
+ROLES = {
+    "course.vertices": "told.vertices",
+    "course.runs": "told.runs",
+    "course.path_index": "told.path_index",
+    "motion.poses": "seen.pose",
+    "motion.twists": "seen.twist",
+    "motion.arc_lengths": "seen.arc_length",
+    "scan.ranges": "seen.ranges",
+    "ranges": "seen.ranges",
+    "scan.older": "memory",
+    "scan.newer": "memory",
+    "seen.poses": "seen.pose",
+    "poses": "seen.pose",
+    "seen.goals": "seen.goal",
+    "goals": "seen.goal",
+    "seen.heading_errors": "seen.goal_heading_error",
+    "heading_errors": "seen.goal_heading_error",
+    "turns": "seen.goal_heading_error",
+    "seen.waypoints_left": "seen.waypoints_left",
+    "waypoints_left": "seen.waypoints_left",
+    "seen.twists": "seen.twist3",
+    "told.obstacles": "told.obstacles",
+    "told.counts": "told.num_obstacles",
+    "told.patrols": "told.patrols",
+    "told.goals": "told.goals",
+    "told.num_goals": "told.num_goals",
+    "memory": "memory",
+    "commands": "memory",
+    "arrived": "memory",
+    "twists": "out",
+    "command": "out",
+}
+
+Leaf = tuple[str, Any]  # name, and the array or number
+Call = tuple[str, list[Leaf]]  # of an export
+
+
+def leaves(names: Sequence[str], values: Sequence[Any]) -> list[Leaf]:
+    """Returns the arrays and numbers of some arguments, those of a bundle with its name in front."""
+    found: list[Leaf] = []
+    for name, value in zip(names, values, strict=True):
+        if isinstance(value, tuple):
+            found += [(f"{name}.{field}", each) for field, each in zip(value._fields, value, strict=True)]  # type: ignore[attr-defined]
+        else:
+            found.append((name, value))
+    return found
+
+
+def names_of(kernel: Any) -> tuple[str, ...]:
+    """Returns the names of the arguments of a compiled function."""
+    code = kernel.py_func.__code__
+    return tuple(code.co_varnames[: code.co_argcount])
+
+
+@contextlib.contextmanager
+def watched(module: Any, name: str, calls: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
+    """Notes every call of a compiled function of a module, with copies of what it is handed."""
+    kernel = getattr(module, name)
+
+    def noting(*values: Any) -> Any:
+        calls.append((kernel, tuple(_copied(value) for value in values)))
+        return kernel(*values)
+
+    setattr(module, name, noting)
+    try:
+        yield
+    finally:
+        setattr(module, name, kernel)
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return type(value)(*(_copied(each) for each in value))
+    return np.array(value, order="C") if isinstance(value, np.ndarray) else value
+
+
+def contest_of(task: str) -> Contest:
+    """Returns the contest of a task."""
+    return next(contest for contest in CONTESTS.values() if contest.spec.name == task)
+
+
+def environment(task: str, robot: str, actuators: str, scenario: str, disturbance: str = "none") -> NativeVectorEnv:
+    """Returns an environment as the contest of the task has it, with one robot."""
+    contest = contest_of(task)
+    env = gymnasium.make_vec(
+        contest.env_id(robot),
+        1,
+        vectorization_mode="vector_entry_point",
+        scenario=scenario,
+        robot=robot,
+        actuators=actuators,
+        disturbance=disturbance,
+        max_episode_steps=contest.spec.clock,
+        **contest.env_kwargs,
+    )
+    assert isinstance(env, NativeVectorEnv)
+    return env
+
+
+def first_decision(env: NativeVectorEnv, policy: Any, functions: Sequence[tuple[Any, str]]) -> list[tuple[Any, Any]]:
+    """Returns the calls that a policy's first decision makes, with the memory that it begins with."""
+    calls: list[tuple[Any, tuple[Any, ...]]] = []
+    pilot = Pilot(policy, env)
+    observation, _ = env.reset(seed=0)
+    pilot.reset()
+    with contextlib.ExitStack() as stack:
+        for module, name in functions:
+            stack.enter_context(watched(module, name, calls))
+        pilot.act(observation)
+    return calls
+
+
+def of_policies(name: str) -> Any:
+    """Returns a module of the policies."""
+    room = {"perception": "learned.perception", "agent": "learned.agent"}.get(name, name)
+    return importlib.import_module(f"wayfield.policies.{room}")
+
+
+class Blobs:
+    """Constants, each kept once, as base64."""
+
+    def __init__(self) -> None:
+        self.index: dict[bytes, int] = {}
+
+    def put(self, array: NDArray[Any]) -> int:
+        """Returns the number of a constant."""
+        return self.index.setdefault(np.ascontiguousarray(array).tobytes(), len(self.index))
+
+    def listed(self) -> list[str]:
+        """Returns all constants in order."""
+        return [base64.b64encode(each).decode() for each in self.index]
+
+
+def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
+    """Returns how the page makes a policy decide: the export, its arguments, and where the twist is."""
+    module, function, out, kind = DECISIONS[task][name]
+    policy = make(name, **gains)
+    ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
+    arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
+    field = 0
+    if "." in out:
+        out, part = out.split(".")
+        memory = dict(leaves(names_of(kernel), values))[out]
+        field = int(memory.dtype.fields[part][1])
+    return {
+        "export": export_of(module, function),
+        "arguments": arguments,
+        "out": out,
+        "offset": field,
+        "kind": kind,
+        "knows": policy.knows,
+    }
+
+
+def export_of(module: str, function: str) -> str:
+    """Returns the name of a function in the WebAssembly module."""
+    return f"{module}_{function}"
+
+
+def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
+    role = ROLES.get(name, "constant")
+    if not isinstance(value, np.ndarray):
+        return {"name": name, "role": "number", "value": float(value)}
+    told: dict[str, Any] = {"name": name, "role": role, "shape": list(value.shape), "size": value.dtype.itemsize}
+    if role in ("constant", "memory"):
+        told["blob"] = blobs.put(value)
+    return told
+
+
+def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
+    """Returns how the page makes a trained agent decide."""
+    policy = make("ppo", seed=seed)
+    functions = [(of_policies(module), name) for module, name in NETWORK[task]]
+    calls = {
+        kernel.py_func.__name__: dict(leaves(names_of(kernel), values))
+        for kernel, values in first_decision(env, policy, functions)
+    }
+    pilot = Pilot(policy, env)
+    env.reset(seed=0)
+    pilot.reset()
+    agent = policy.agent(pilot.briefing)
+    memory = agent.reset(pilot.briefing)
+    forward = calls["forward"]
+    features = agent.features
+    told: dict[str, Any] = {
+        "network": True,
+        "knows": policy.knows,
+        "speed": agent.speed,
+        "kind": agent.actions.kind,
+        "yaw_rate": agent.actions.yaw_rate,
+        "previous": features.previous,
+        "trails": len(features.trails),
+        "crumbs": features.crumbs,
+        "crumbed": features.crumbed,
+        "width": features.width(len(env.task.robot.twist_axes)),
+        "inputs": int(forward["sizes"][0]),
+        "memory": int(np.atleast_1d(memory).nbytes) // 4,
+        "rectified": bool(forward["rectified"]),
+        "sizes": blobs.put(forward["sizes"]),
+        "layers": len(forward["sizes"]),
+        "widest": int(forward["sizes"].max()),
+        "numbers": blobs.put(forward["numbers"]),
+        "count": len(forward["numbers"]),
+        "task": task,
+    }
+    for name, call in calls.items():
+        if "scales" in call:
+            told[f"{name}_scales"] = np.asarray(call["scales"]).tolist()
+    if "fill_trails" in calls:
+        told["shares"] = calls["fill_trails"]["shares"].tolist()
+    if "fill_goal" in calls:
+        goal = calls["fill_goal"]
+        told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
+    if "guard" in calls:
+        told["guard"] = [float(calls["guard"][name]) for name in ("hull", "braking", "reaction")]
+    return told
+
+
+def layout(dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Returns the size of a record, and the place and type of each of its fields."""
+    fields = {name: [int(place[1]), place[0].base.str] for name, place in (dtype.fields or {}).items()}
+    return {"size": dtype.itemsize, "fields": fields}
+
+
+def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
+    """Returns what the page needs to step a task: layouts, and the constants of each robot, tier and disturbance."""
+    contest = contest_of(task)
+    scenario = f"{contest.timed_on}/test"
+    told: dict[str, Any] = {"params": {}, "beams": {}, "robots": {}}
+    for robot in ROBOTS:
+        for actuators in ACTUATORS:
+            for disturbance in DISTURBANCES:
+                env = environment(task, robot, actuators, scenario, disturbance)
+                told["params"][f"{robot} {actuators} {disturbance}"] = blobs.put(env.task.params)
+        axes = list(env.task.robot.twist_axes)
+        fields = [[field.name, list(field.shape)] for field in env.task.layout.fields]
+        told["robots"][robot] = {
+            "axes": axes,
+            "size": env.task.layout.size,
+            "fields": fields,
+            "max_twist": env.task.robot.max_twist.tolist(),
+            "hull": env.task.robot.hull_radius,
+        }
+    told["state"] = layout(env.task.state_dtype)
+    told["course"] = layout(env.task.world[0].dtype)
+    told["numbers"] = [*env.task.info_names, "reward"]
+    told["flags"] = [*env.task.flag_names, "ended"]
+    told["draws"] = env.task.draws
+    told["beams"] = env.task.num_beams
+    told["directions"] = blobs.put(env.task.world[-1]) if env.task.num_beams else None
+    return told
+
+
+def disturbance_tables() -> dict[str, Any]:
+    """Returns what the page itself does of each disturbance: delays, drawn shoves, empty beams."""
+    return {
+        name: {"delay": each.action_delay, "shove": each.shove, "drops": each.range_dropout > 0.0,
+               "noisy": max(each.pose_noise, each.encoder_noise, each.range_noise, each.range_dropout) > 0.0}
+        for name, each in DISTURBANCES.items()
+    }  # fmt: skip
+
+
+def tables() -> dict[str, Any]:
+    """Returns all that the page needs beside the WebAssembly module."""
+    blobs = Blobs()
+    told: dict[str, Any] = {
+        "tasks": {},
+        "pilots": {},
+        "disturbances": disturbance_tables(),
+        "tiers": list(ACTUATORS),
+        "records": {name: layout(each) for name, each in _RECORDS.items()},
+    }
+    for task in DECISIONS:
+        told["tasks"][task] = task_tables(task, blobs)
+        contest = contest_of(task)
+        for robot in ROBOTS:
+            for actuators in ACTUATORS:
+                env = environment(task, robot, actuators, f"{contest.timed_on}/test")
+                for name in DECISIONS[task]:
+                    sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
+                    for gains_name, gains in sets:
+                        label = name if gains_name == "default" else f"{name} ({gains_name})"
+                        told["pilots"][f"{task} {robot} {actuators} {label}"] = recipe(task, name, gains, env, blobs)
+                for gains_name, gains in contest.gain_sets(TRAINED[0], robot, ()):
+                    if gains["seed"] == 0:
+                        key = f"{task} {robot} {actuators} {TRAINED[0]} ({gains_name})"
+                        told["pilots"][key] = network_recipe(task, robot, 0, env, blobs)
+    told["blobs"] = blobs.listed()
+    return told
+
+
+_RECORDS = {"obstacle": OBSTACLE, "patrol": PATROL, "vertex": VERTEX, "run": RUN}
+
+
+@compiled
+def fill_bearings(y: Any, x: Any, angles: Any) -> None:
+    """Fills the angles (k,) of vectors with these components, (k,) each."""
+    for i in range(angles.shape[0]):
+        angles[i] = bearing(y[i], x[i])
+
+
+Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an example of what it is handed
+
+
+def jobs() -> list[tuple[str, str]]:
+    """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
+    return [(task, name) for task in DECISIONS for name in ("", *DECISIONS[task], *TRAINED)]
+
+
+def exports(task: str, policy: str) -> dict[str, Export]:
+    """Returns the functions of the WebAssembly module that a job of `jobs` stands for, by their names there."""
+    contest = contest_of(task)
+    env = environment(task, "omni3" if contest.spec.kind == "goal" else "p3dx", "lagged", f"{contest.timed_on}/test")
+    if policy in TRAINED:
+        functions = [(of_policies(module), name) for module, name in NETWORK[task]]
+        calls = first_decision(env, make(policy), functions)
+        rooms = [kernel.py_func.__module__.split(".")[-1] for kernel, _ in calls]
+        return {
+            export_of(room, kernel.py_func.__name__): (kernel, leaves(names_of(kernel), values), values)
+            for room, (kernel, values) in zip(rooms, calls, strict=True)
+        }
+    if policy:
+        module, function, *_ = DECISIONS[task][policy]
+        ((kernel, values),) = first_decision(env, make(policy), [(of_policies(module), function)])
+        return {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
+    batch, kinds = env.batch, type(env.task)
+    results = Results(env.task, 1)
+    outputs = (results.observations, results.numbers, results.flags)
+    rows, draws = np.zeros(1, np.int64), np.zeros((1, batch.draws))
+    reset = (env.task.params, batch.states, batch.obstacles, rows, draws, batch.noise, *env.task.world, *outputs)
+    step = (7, *batch._inputs, *outputs)
+    corners = (np.zeros(2), np.zeros(2), np.zeros(2))
+    return {
+        name: (kernel, leaves(names_of(kernel), values), values)
+        for name, kernel, values in (
+            ("fill_bearings", fill_bearings, corners),
+            (f"{task}_step", kinds.step_rows, step),
+            (f"{task}_reset", kinds.reset_rows, reset),
+        )
+    }

@@ -1,0 +1,110 @@
+"""The simulator in the page: made from the sources of today, and bit for bit the one in Python."""
+
+import base64
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.utils.seeding import np_random
+from numpy.typing import NDArray
+
+from wayfield.benchmarks import report
+from wayfield.benchmarks.contests import TRAINED
+from wayfield.benchmarks.report.recipes import DECISIONS, contest_of, environment
+from wayfield.benchmarks.report.wasm import MODULE, TABLES, kernel_digest
+from wayfield.benchmarks.report.worlds import DRAWS, plain
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies import Pilot, make
+
+PAGE = Path(report.__path__[0]) / "page"
+RUNNER = Path(__file__).with_name("page_runner.js")
+STEPS = 200
+node = pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+
+
+def tables() -> Any:
+    return json.loads((PAGE / TABLES).read_text(encoding="utf-8"))
+
+
+def test_the_kernels_are_made_from_the_sources_of_today() -> None:
+    assert (PAGE / MODULE).read_bytes()[:4] == b"\0asm"
+    assert tables()["digest"] == kernel_digest(), (
+        "envs or policies have changed since the page's kernels were built: python -m wayfield.benchmarks.report.wasm"
+    )
+
+
+def labels(task: str, robot: str, actuators: str) -> list[str]:
+    start = f"{task} {robot} {actuators} "
+    return [key.removeprefix(start) for key in tables()["pilots"] if key.startswith(start)]
+
+
+def cases(every: bool) -> Iterator[dict[str, Any]]:
+    """Yields the runs that are compared: each policy on five scenarios, or one of them."""
+    for task in DECISIONS:
+        contest = contest_of(task)
+        families = list(contest.families("kinematic"))
+        for robot in ROBOTS:
+            for n, policy in enumerate(labels(task, robot, "lagged")):
+                if not every and "(" in policy and not policy.startswith(TRAINED[0]):
+                    continue
+                chosen = [families[(n + 4 * k) % len(families)] for k in range(5 if every else 1)]
+                for family in chosen:
+                    yield {"task": task, "robot": robot, "actuators": "lagged", "policy": policy, "family": family}
+
+
+def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np.float64]]:
+    """Returns the world of a run as the page has it, and the poses (n + 1, 3) that Python drives."""
+    contest = contest_of(case["task"])
+    env = environment(case["task"], case["robot"], case["actuators"], f"{case['family']}/test")
+    name, _, gains_name = case["policy"].partition(" ")
+    wanted = gains_name.strip("()") or "default"
+    sets = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))) if name not in TRAINED else {}
+    pilot = Pilot(make(name, **(sets.get(wanted, {}) if name not in TRAINED else {"seed": 0})), env)
+    observation, _ = env.reset(seed=0, options={"scenario": [0]})
+    pilot.reset()
+    world = plain(env.task.scenarios[0], contest.spec.clock) | {"draws": np_random(0)[0].random(DRAWS).tolist()}
+    poses = [env.batch.states[0][["x", "y", "heading"]].item()]
+    for _ in range(steps):
+        observation, _, terminated, _, _ = env.step(pilot.act(observation))
+        poses.append(env.batch.states[0][["x", "y", "heading"]].item())
+        if terminated[0]:
+            break
+    env.close()
+    return world, np.array(poses)
+
+
+def compare(chosen: list[dict[str, Any]], steps: int) -> None:
+    """Asserts that page and Python drive the same poses to the last bit."""
+    python = [driven(case, steps) for case in chosen]
+    asked = [case | {"world": world, "steps": steps} for case, (world, _) in zip(chosen, python, strict=True)]
+    run = subprocess.run(
+        ["node", str(RUNNER), str(PAGE)], input=json.dumps(asked), capture_output=True, text=True, check=True
+    )
+    off = []
+    for case, (_, poses), result in zip(chosen, python, json.loads(run.stdout), strict=True):
+        name = " ".join((case["task"], case["robot"], case["policy"], case["family"]))
+        if "error" in result:
+            off.append(f"{name}: {result['error']}")
+            continue
+        found = np.frombuffer(base64.b64decode(result["poses"])).reshape(-1, 3)
+        if found.shape != poses.shape or found.tobytes() != poses.tobytes():
+            n = min(len(found), len(poses))
+            first = np.flatnonzero((found[:n] != poses[:n]).any(axis=1))
+            off.append(f"{name}: {len(found)} and {len(poses)} poses, first other one {first[:1]}")
+    assert not off, "\n".join(off)
+
+
+@node
+def test_the_page_drives_what_python_drives() -> None:
+    compare(list(cases(every=False)), 40)
+
+
+@node
+@pytest.mark.slow
+def test_the_page_drives_what_python_drives_for_every_task_robot_and_compiled_policy() -> None:
+    compare(list(cases(every=True)), STEPS)
