@@ -252,7 +252,9 @@ class Search:
         size, count = splits.SPLITS[split], min(self.scenarios, splits.SPLITS[split])
         members = [k * size + n for k in range(len(self.families)) for n in range(count)]
         parts = [tuple(members[first : first + MOST_AT_ONCE]) for first in range(0, len(members), MOST_AT_ONCE)]
-        return [Setting("tune", case, "kinematic", self.actuators, first[0], len(first), first) for first in parts]
+        return [
+            Setting("tune", case, "kinematic", self.actuators, first[0], len(first), members=first) for first in parts
+        ]
 
     def _scenarios(self, family: str, split: str) -> tuple[Any, ...]:
         return splits.split(self.contest.spec.name, family, split)[: self.scenarios]
