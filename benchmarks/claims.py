@@ -73,7 +73,7 @@ def conditions(contest: Contest, robot: str, rows: Sequence[Row]) -> Mapping[str
         if row["split"] not in (*COMPARED, "front"):
             continue
         words = [contest.spec.title, robot]
-        if row["speed"]:
+        if row.get("speed"):  # a run without a front has no such column
             words.append(f"asked for {row['speed']} m/s")
         if row["disturbance"] != "none":
             words.append(f"{row['disturbance']} disturbance")

@@ -82,7 +82,8 @@ def contest_tables(
             title = f"{contest.spec.title}, {robot}, {mine[0]['actuators']} actuators, {mine[0]['dynamics']} plant"
             if ladder:
                 found[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
-                found[f"{stem}_ladder_claims"] = claims_table(mine, command)
+                if any(row["agent_seed"] for row in mine):
+                    found[f"{stem}_ladder_claims"] = claims_table(mine, command)
                 continue
             test = Standings(contest, title, by_entry(row for row in mine if row["split"] in COMPARED), command)
             seen = by_entry(row for row in mine if row["split"] == TRANSFER_SPLIT)
