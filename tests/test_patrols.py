@@ -20,7 +20,7 @@ DT = 0.05
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
 ID_OF = {"omni3": GOAL_ID, "omni4": GOAL_ID, "p3dx": "wayfield/DiffDriveGoalObstacles-v0"}
 every_plant = pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
-every_robot = pytest.mark.parametrize("robot", ROBOTS)
+every_robot = pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
 
 
 def disc(x: float, y: float, vx: float, vy: float, leg_time: float, phase: float = 0.0) -> dict[str, Any]:

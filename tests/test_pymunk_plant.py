@@ -15,13 +15,12 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.geometry import OBSTACLE, clearance
 from wayfield.envs.kinematics import integrate_arc
 from wayfield.envs.pymunk_plant import (
-    CASTER_LOAD,
     FLOOR_FRICTION,
     GRAVITY,
     World,
     twist_between_poses,
 )
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import CASTER_LOAD, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, wall
 
 DT = 0.05
@@ -128,7 +127,7 @@ def momentum_twist(arena: Arena) -> NDArray[np.float64]:
 # No slip, no contact.
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
 @pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
 def test_agrees_with_the_kinematic_plant_while_wheels_grip(tmp_path: Path, robot: str, actuators: str) -> None:
     arenas = [Arena(tmp_path, robot, dynamics=d, actuators=actuators) for d in ("kinematic", "pymunk")]
@@ -175,7 +174,7 @@ def test_twist_between_poses_inverts_the_arc(seed: int) -> None:
 # Traction.
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
 def test_spinning_wheels_pull_with_the_friction_of_their_load(tmp_path: Path, robot: str) -> None:
     arena = Arena(tmp_path, robot, actuators="ideal")
     speed = 0.9 * ROBOTS[robot].max_twist[0]
@@ -193,7 +192,7 @@ def test_spinning_wheels_pull_with_the_friction_of_their_load(tmp_path: Path, ro
     assert arena.state["vx"] == arena.state["wheel_vx"]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
 def test_braking_distance(tmp_path: Path, robot: str) -> None:
     arena = Arena(tmp_path, robot, actuators="ideal")
     speed = 0.9 * ROBOTS[robot].max_twist[0]

@@ -189,7 +189,7 @@ def make(robot: str, folder: Path, **kwargs: Any) -> Any:
     return env
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
 @pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
 def test_odometry_without_noise_is_the_truth(tmp_path: Path, robot: str, actuators: str) -> None:
     env = make(robot, tmp_path, actuators=actuators, pose_source="odometry")
