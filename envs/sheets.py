@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Mapping
+from typing import Any
 
 # Sections are indented like the docstrings that they are put into.
 BEYOND_BOUNDS = """Values beyond the bounds are allowed: the base scales all wheels by one factor,
@@ -31,6 +32,16 @@ OMNI_ODOMETRY = """"odometry" reads omni3's two passive encoder wheels and IMU, 
     "odometry_uncorrected" leaves out the rotation term of the passive wheels, "odometry_plain_sum" uses the forward map
     that documents B and C print. In the tier "ideal" the wheels turn up to 200 rad/s, so that document B's unsaturated
     runs can be shown; in the other tiers the bounds of the action space hold."""
+
+
+def signature_like(other: type, **defaults: Any) -> inspect.Signature:
+    """Returns the signature of another registered class, but for the defaults of some arguments."""
+    signature = inspect.signature(other)
+    changed = [
+        each.replace(default=defaults[name]) if name in defaults else each
+        for name, each in signature.parameters.items()
+    ]
+    return signature.replace(parameters=changed)
 
 
 def sheet_like(other: type, summary: str, sections: Mapping[str, str], arguments: Mapping[str, str]) -> str:
