@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalReaching, OmniGoalObstacles
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.sheets import sheet_like
+from wayfield.envs.sheets import sheet_like, signature_like
 from wayfield.envs.vector import NativeVectorEnv
 
 _LEAST_FRAME = 3.0  # m
@@ -50,9 +50,9 @@ _REWARDS = """
 _STARTING_STATE = """
     At rest at the scenario's start, at most 3 m from the goal in the random families, displaced by uniform draws from
     +-`start_offset` in x and y (not where that would touch an obstacle) and turned by one from +-`start_turn`. A family
-    such as "open" draws one of 64 scenarios; `reset(options={"scenario": k})` starts the k-th instead, and draws all
-    else as without it. In "wall" and "berth" what the robot docks at stands as near to its hull as the family says,
-    whatever the robot.
+    such as "open" draws one of 64 scenarios, "all" one of those of all five; `reset(options={"scenario": k})` starts
+    the k-th instead, and draws all else as without it. In "wall" and "berth" what the robot docks at stands as near to
+    its hull as the family says, whatever the robot.
 """
 _EPISODE_END = """
     Terminated in success when the pose is within the scenario's tolerance of the goal, 0.05 m and 0.05 rad in the
@@ -62,7 +62,9 @@ _EPISODE_END = """
     and pays the success reward at every step at rest within tolerance; `end_on_contact=False` (pymunk) survives
     contact.
 """
-_SCENARIO = '"open" | a family, "open", "behind", "wall", "berth" or "moving" ("wall/train"), "all", or a .json file'
+_SCENARIO = (
+    '"all" | the families, or one: "open", "behind", "wall", "berth", "moving" ("wall/train"); "sideways"; a file'
+)
 
 
 class OmniDocking(OmniGoalObstacles):
@@ -84,9 +86,10 @@ class OmniDocking(OmniGoalObstacles):
     )
 
     asks = Docking
+    __signature__ = signature_like(OmniGoalObstacles, scenario="all")
 
-    def __init__(self, scenario: str = "open", **options: Any) -> None:
-        super().__init__(scenario, **options)
+    def __init__(self, scenario: str = "all", *options: Any, **named: Any) -> None:
+        super().__init__(scenario, *options, **named)
 
 
 class OmniDockingVector(NativeVectorEnv):

@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Mapping
+from typing import Any
 
 from wayfield.envs.robots import ROBOTS, robots_with
 
@@ -51,6 +52,16 @@ OMNI_ODOMETRY = """"odometry" reads the two passive encoder wheels and the IMU o
     passive wheels, "odometry_plain_sum" uses the forward map that documents B and C print, of omni wheels. In the
     tier "ideal" the wheels turn up to 200 rad/s, so that document B's unsaturated runs can be shown; in the other
     tiers the bounds of the action space hold."""
+
+
+def signature_like(other: type, **defaults: Any) -> inspect.Signature:
+    """Returns the signature of another registered class, but for the defaults of some arguments."""
+    signature = inspect.signature(other)
+    changed = [
+        each.replace(default=defaults[name]) if name in defaults else each
+        for name, each in signature.parameters.items()
+    ]
+    return signature.replace(parameters=changed)
 
 
 def sheet_like(other: type, summary: str, sections: Mapping[str, str], arguments: Mapping[str, str]) -> str:

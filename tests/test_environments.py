@@ -59,6 +59,11 @@ every_kind = pytest.mark.parametrize(
 every_id = pytest.mark.parametrize("env_id", IDS)
 
 
+def plain(env_id: str, path: str, goal: str) -> str:
+    """Returns the name of a scenario of the task that starts at the origin."""
+    return path if env_id in PATH_IDS else goal if env_id in (GOAL_ID, DIFF_GOAL_ID) else "sideways"
+
+
 def written(folder: Path, name: str = "scenario.json", **fields: Any) -> str:
     file = folder / name
     file.write_text(json.dumps(fields))
@@ -477,7 +482,7 @@ def test_driving_into_a_wall_is_a_collision(tmp_path: Path, dynamics: str, robot
 
 @every_kind
 def test_the_clock_truncates(env_id: str, options: dict[str, str]) -> None:
-    scenario = "circle" if env_id in PATH_IDS else "apf_1"
+    scenario = plain(env_id, "circle", "apf_1")
     assert gymnasium.spec(env_id).max_episode_steps == 1200
     env = gymnasium.make(env_id, scenario=scenario, **options, max_episode_steps=7)
     env.reset(seed=0)
@@ -535,7 +540,7 @@ def test_station_keeping_runs_on_after_success(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
 @pytest.mark.parametrize(("env_id", "robot"), EVERY_ROBOT)
 def test_both_action_modes_mean_the_same_motion(env_id: str, robot: str, dynamics: str) -> None:
-    scenario = "straight" if env_id in PATH_IDS else "open_field"
+    scenario = plain(env_id, "straight", "open_field")
     options: dict[str, Any] = {"robot": robot, "dynamics": dynamics, "scenario": scenario, "actuators": "lagged"}
     twist, wheels = (base(env_id, **options, action_mode=mode) for mode in ("twist", "wheel_speeds"))
     for action in actions_of(twist, 60).astype(np.float64):
@@ -568,7 +573,7 @@ def test_step_response_of_the_actuators(tmp_path: Path, actuators: str, speed: f
 @pytest.mark.parametrize(("env_id", "robot"), EVERY_ROBOT)
 @pytest.mark.parametrize("actuators", ["ideal", "lagged"])
 def test_wheels_saturate_by_one_factor(env_id: str, robot: str, actuators: str) -> None:
-    scenario = "straight" if env_id in PATH_IDS else "omni3_goal"
+    scenario = plain(env_id, "straight", "omni3_goal")
     env = base(env_id, scenario=scenario, robot=robot, actuators=actuators)
     each, axes = ROBOTS[robot], list(ROBOTS[robot].twist_axes)
     limit = each.peak_wheel_speed if actuators == "ideal" else each.rated_wheel_speed
@@ -587,7 +592,7 @@ def test_wheels_saturate_by_one_factor(env_id: str, robot: str, actuators: str) 
 @pytest.mark.parametrize("pose_source", ["ground_truth", "odometry"])
 @every_id
 def test_a_shove_displaces_the_pose_once(env_id: str, dynamics: str, pose_source: str) -> None:
-    scenario = "straight" if env_id in PATH_IDS else "omni3_goal"
+    scenario = plain(env_id, "straight", "omni3_goal")
     options: dict[str, Any] = {"scenario": scenario, "dynamics": dynamics, "pose_source": pose_source}
     env = base(env_id, **options, shove=(0.2, 0.3, -0.4, 0.5))
     state = env.batch.states[0]

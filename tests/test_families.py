@@ -92,9 +92,9 @@ def joined(scenario: GoalScenario, obstacles: NDArray[np.void], radius: float, s
 # ---- splits
 
 
-def test_there_are_a_hundred_test_scenarios_a_task() -> None:
+def test_there_are_many_test_scenarios_a_task() -> None:
     for task, families in FAMILIES.items():
-        assert sum(len(split(task, family, "test")) for family in families) >= 100
+        assert sum(len(split(task, family, "test")) for family in families) >= (50 if task == "docking" else 100)
         assert not set(families) & {*GOAL_SCENARIOS, *PATH_SCENARIOS}
 
 
@@ -124,10 +124,8 @@ def test_tiers_follow_their_thresholds_and_all_occur(task: str) -> None:
     scenarios = [s for family in FAMILIES[task] for s in split(task, family, "test")]
     for s in scenarios:
         first, second = TASKS[task].tier_bounds
-        expected = [s.quantity < first, s.quantity < second] if task == "path_following" else [
-            s.quantity >= first,
-            s.quantity >= second,
-        ]  # fmt: skip
+        rising = first < second
+        expected = [s.quantity < bound if rising else s.quantity >= bound for bound in (first, second)]
         assert s.tier == ("easy" if expected[0] else "medium" if expected[1] else "hard")
     assert {s.tier for s in scenarios} == set(TIERS)
 

@@ -179,6 +179,17 @@ def feasible(scenario: DockingScenario) -> bool:
     )
 
 
+def _sideways(hull_radius: float) -> tuple[DockingScenario, ...]:
+    """Returns the textbook's case: a metre to the left, where no wheel of a differential drive rolls."""
+    del hull_radius
+    return (DockingScenario("sideways", goal=(0.0, 1.0, 0.0)),)
+
+
+DOCKING_SCENARIOS: Mapping[str, Callable[[float], tuple[DockingScenario, ...]]] = {
+    # A metre to the left, in the open: parallel parking.
+    "sideways": _sideways,
+}
+
 DOCKING_FAMILIES: Mapping[str, Callable[[int], DockingScenario]] = {
     # Nothing in the way, any direction and any heading.
     "open": _family("open", _open),
