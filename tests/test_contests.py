@@ -198,9 +198,9 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(paths: tuple[Path, Re
     assert (out / "episodes.csv").read_bytes() == (paths[0] / "episodes.csv").read_bytes()
 
 
-def test_the_ladder_runs_every_level_of_both_tasks(tmp_path: Path) -> None:
+def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
     arguments = ("--suite", "disturbances", "--policies", "pure_pursuit,apf_corrected", "--gains", "default")
-    result = evaluate(*arguments, "--families", "circles,open_fields", "--episodes", 1, "--out", tmp_path)
+    result = evaluate(*arguments, "--families", "circles,open_fields,open", "--episodes", 1, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     rows = read_rows(tmp_path)
     assert {(row["contest"], row["disturbance"]) for row in rows} == {

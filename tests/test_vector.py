@@ -186,8 +186,10 @@ def test_an_option_of_reset_chooses_the_scenario_of_each_row(env_id: str) -> Non
             env.step(np.zeros(env.action_space.shape, np.float32))
         following.append(env.batch.states["scenario"].tolist())
     assert following[0] == following[1] == following[2] != [4, 4, 4]
-    for bad in ([1, 2], [1, 2, 64], [0, 0, -1], [1.0, 2.0, 3.0], 64, True, None, "a"):
-        with pytest.raises(ValueError, match=r"options\['scenario'\] must be an int or 3 ints from 0 to 63, got"):
+    count = len(env.task.scenarios)
+    wrong = rf"options\['scenario'\] must be an int or 3 ints from 0 to {count - 1}, got"
+    for bad in ([1, 2], [1, 2, count], [0, 0, -1], [1.0, 2.0, 3.0], count, True, None, "a"):
+        with pytest.raises(ValueError, match=wrong):
             env.reset(options={"scenario": bad})
 
 
