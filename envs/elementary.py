@@ -75,6 +75,12 @@ def logarithm(x):
 
 
 @inlined
+def power(x, exponent):
+    """Returns x^exponent to 1e-13, relative, for x >= 0 and an exponent > 0."""
+    return exponential(exponent * logarithm(x)) if x > 1e-300 else 0.0
+
+
+@inlined
 def area_sine(x):
     """Returns asinh(x) to 1e-15, relative: ln(1 + y) by Kahan's quotient, y = |x| + x^2 / (1 + sqrt(1 + x^2))."""
     a = abs(x)

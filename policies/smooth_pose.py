@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.elementary import power
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.policies.parts.arriving import is_there, turn_rate
@@ -118,7 +119,7 @@ def graceful(p, px, py, turn):
     delta = -bearing(py, px)
     curvature = smooth_curvature(max(r, 1e-6), delta, wrap_angle(turn + delta), p.k1, p.k2)
     bend = min(abs(curvature), p.peak)
-    v = p.speed / (1.0 + p.beta * bend**p.lam)
+    v = p.speed / (1.0 + p.beta * power(bend, p.lam))
     if abs(curvature) > p.peak:
         v *= p.peak / abs(curvature)
     return v, v * curvature

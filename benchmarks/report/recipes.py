@@ -245,6 +245,8 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         "kind": agent.actions.kind,
         "yaw_rate": agent.actions.yaw_rate,
         "previous": features.previous,
+        "frames": features.frames,
+        "stride": features.stride,
         "trails": len(features.trails),
         "crumbs": features.crumbs,
         "crumbed": features.crumbed,

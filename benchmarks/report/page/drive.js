@@ -72,6 +72,7 @@ class Drive {
   // Who can drive here, and who cannot and why.
   offer() {
     const { replay, kernels, who } = this;
+    if (replay.world !== this.world && this.run && !replay.actors.includes(this.run.actor)) this.stop();
     if (replay.world !== this.world && !this.changing) { this.world = replay.world; this.original = replay.world; this.edit(this.edits); }
     this.robot.value = replay.robot;
     const told = replay.chosen && replay.chosen.told;
@@ -93,15 +94,26 @@ class Drive {
   go() {
     const { replay } = this;
     const chosen = this.from.value === "the start" ? null : replay.chosen;
+    if (this.who.value === KEYBOARD && !chosen) this.rival();
     this.start({ label: this.who.value, from: chosen, step: chosen ? Math.min(replay.step, chosen.x.length - 1) : 0, conditions: this.conditions() });
     replay.canvas.focus({ preventScroll: true });
     replay.toggle(true);
   }
 
-  // Begins a run: from the start, from a moment that is driven again to the last bit, or from a rounded pose.
-  start(asked) {
+  // Who drives by hand has the trained agent to race, where one is there and nobody else drives.
+  rival() {
     const { replay, kernels } = this;
-    this.stop();
+    const conditions = this.conditions();
+    const label = pilotsOf(kernels, this.task, conditions.robot, conditions.actuators).find((each) => each.startsWith("ppo"));
+    if (!label || replay.actors.some((actor) => !actor.ghost && actor.policy !== KEYBOARD)) return;
+    this.start({ label, from: null, step: 0, conditions });
+    this.advance(replay.world.steps || 2400, AHEAD);
+  }
+
+  // Begins a run: from the start, from a moment that is driven again to the last bit, or from a rounded pose.
+  start(asked, again = false) {
+    const { replay, kernels } = this;
+    this.stop(!again && this.run !== null && this.run.asked.label !== asked.label && this.run.actor.x.length > 10);
     const { label, from, step, conditions } = asked;
     let simulator = null;
     let pilot = null;
@@ -159,10 +171,12 @@ class Drive {
     return simulator.world.kind === "path" ? simulator.state.get("cross_track_error") : 0;
   }
 
-  stop() {
+  // Ends the run; what it drove so far may stay, beside the next.
+  stop(keep = false) {
     if (!this.run) return;
     this.run.simulator.free();
-    this.replay.actors = this.replay.actors.filter((actor) => actor !== this.run.actor);
+    if (!keep) this.replay.actors = this.replay.actors.filter((actor) => actor !== this.run.actor);
+    else if (!this.run.actor.outcome) this.run.actor.note += ", stopped";
     this.replay.live = null;
     this.run = null;
   }
@@ -212,7 +226,7 @@ class Drive {
     const { replay, run } = this;
     if (!run || !run.pilot) return;
     const { step } = replay;
-    this.start(run.asked);
+    this.start(run.asked, true);
     this.advance(step, AHEAD);
     replay.seek(step);
   }

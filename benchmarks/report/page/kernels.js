@@ -51,7 +51,7 @@ class Kernels {
     return known[name] || (() => { throw new Error(`the kernel asked for ${name}, which the page does not have`); });
   }
 
-  // What numba's allocator gives: a header with the place of the data at 16.
+  // What numba's allocator gives: a header with the place of the data at 16 or 24.
   lent(size, align) {
     const head = (this.scratch + 63) & ~63;
     const data = (head + 64 + Math.max(align, 64) - 1) & ~(Math.max(align, 64) - 1);
@@ -62,7 +62,8 @@ class Kernels {
     view.setUint32(head + 8, 0, true);
     view.setUint32(head + 12, 0, true);
     view.setUint32(head + 16, data, true);
-    view.setBigInt64(head + 24, BigInt(size), true);
+    view.setUint32(head + 24, data, true); // where code that was optimised for pointers of 64 bits looks for it
+    view.setBigInt64(head + 32, BigInt(size), true);
     return head;
   }
 

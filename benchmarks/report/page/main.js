@@ -19,10 +19,11 @@ async function main() {
   for (const chart of told.charts) for (const label of chart.labels || (chart.series || chart.rows || []).map((each) => each.label)) rank(label);
   showCharts(told.charts, (cell) => picks && picks.open(cell));
   showTables(told.tables);
-  if (!told.episodes.length && !told.demo) {
-    if (!told.missing.length) byId("replay").hidden = true;
-    return;
-  }
+  if (told.demo) byId("summary-title").textContent = "What this is";
+  if (!told.episodes.length && !told.demo && !told.missing.length) byId("replay").hidden = true;
+  for (const link of document.querySelectorAll("nav a")) link.hidden = byId(link.hash.slice(1)).hidden;
+  document.querySelector("nav a").textContent = byId("summary-title").textContent;
+  if (!told.episodes.length && !told.demo) return;
   replay = new Replay(told, packed);
   picks = told.demo ? new Draws(replay) : new Picks(replay);
   if (!told.kernels) return;

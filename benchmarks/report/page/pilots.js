@@ -121,6 +121,14 @@ class Network {
         count: recipe.crumbs, first, memory, out: part(inputs, at, recipe.crumbed),
         "crumbs.dropped": column(0), "crumbs.least": column(1), "crumbs.distance": column(2), "crumbs.waited": column(3),
         "crumbs.places": { at: memory.at + 4 * (first + 4), shape: [1, recipe.crumbs, 2] } });
+      at += recipe.crumbed;
+    }
+    if (recipe.crumbs) first += 4 + 2 * recipe.crumbs;
+    const { frames, stride, width } = recipe;
+    for (let k = 1; k < frames; k++) {
+      const old = first + (k * stride - 1) * width;
+      kernels.f32(inputs.at + 4 * at, width).set(kernels.f32(memory.at + 4 * old, width));
+      at += width;
     }
     kernels.call("agent_forward", { inputs, sizes: this.sizes, numbers: this.numbers, rectified: recipe.rectified ? 1 : 0, scratch: this.scratch, outputs: this.outputs });
     const actions = Array.from(kernels.f32(this.outputs.at, 2), (value) => Math.min(Math.max(value, -1), 1));
@@ -128,6 +136,11 @@ class Network {
       const now = kernels.f32(memory.at, recipe.memory);
       now.copyWithin(2, 0, acted - 2);
       now.set(actions, 0);
+    }
+    if (frames > 1) {
+      const now = kernels.f32(memory.at, recipe.memory);
+      now.copyWithin(first + width, first, recipe.memory - width);
+      now.set(kernels.f32(inputs.at, width), first);
     }
     return this.guarded(this.meant(actions));
   }
