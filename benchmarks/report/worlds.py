@@ -11,8 +11,8 @@ from gymnasium.utils.seeding import np_random
 from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, TaskSpec, goal_scenarios, path_scenarios
+from wayfield.envs.robots import ROBOTS, robot_of
+from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, TaskSpec, scenarios_of
 from wayfield.envs.storage import write_whole
 
 World = dict[str, Any]
@@ -49,11 +49,9 @@ def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
 def _bank(setting: Setting) -> tuple[Any, ...]:
     case = setting.case
     spec = spec_of(case.env_id)
-    if spec.scenario is PathScenario:
-        return path_scenarios(case.scenario, case.env_kwargs.get("scale", 1.0))
     robots = [robot for robot in ROBOTS.values() if spec.env_id(robot) == case.env_id]
-    robot = ROBOTS[case.env_kwargs["robot"]] if "robot" in case.env_kwargs else robots[0]
-    return goal_scenarios(case.scenario, robot.hull_radius)
+    robot = robot_of(case.env_kwargs["robot"]) if "robot" in case.env_kwargs else robots[0]
+    return scenarios_of(spec, case.scenario, robot.hull_radius, case.env_kwargs.get("scale", 1.0))
 
 
 def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
@@ -78,7 +76,7 @@ def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
             "corridor": scenario.corridor,
         }
     return world | {
-        "kind": "goal",
+        "kind": next(spec.kind for spec in TASKS.values() if spec.scenario is type(scenario)),
         "start": list(scenario.start),
         "goal": list(scenario.goal),
         "waypoints": [list(point) for point in scenario.waypoints],
