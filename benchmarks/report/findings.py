@@ -52,13 +52,13 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     rivals = [each for each in ranked if MAP not in each.told] or ranked
     best = rivals[0]
     ps = holm([how_often_better(entries[best.entry], entries[each.entry], contest).p for each in rivals[1:]])
-    # of too few scenarios p is NaN: nothing is told apart
-    level = [each for each, p in zip(rivals[1:], ps, strict=True) if not p < SIGNIFICANT]
+    level = [each for each, p in zip(rivals[1:], ps, strict=True) if p >= SIGNIFICANT]
+    told = not any(math.isnan(p) for p in ps)  # of too few scenarios nothing is said
     count = len({(row["scenario"], row["episode"]) for row in rows})
     families = len({row["family"] for row in rows})
     sentence = (
         f"{contest.spec.title} with {robot}: {len(entries)} policies on the same {count} scenarios of {families} "
-        f"families. {_who(best, level, contest, by_cost)}"
+        f"families. {_who(best, level, contest, by_cost) if told else _first(best, contest, by_cost)}"
     )
     if len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.told)
@@ -101,6 +101,12 @@ def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost:
     names = [label(each.entry) for each in level]
     with_whom = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
     return f"A draw: {label(best.entry)} ({won}) and {with_whom} cannot be told apart in pairs."
+
+
+def _first(best: _Standing, contest: Contest, by_cost: bool) -> str:
+    """Returns who comes first where there are too few scenarios to say more."""
+    won = _achieved(best, contest, by_cost)
+    return f"{label(best.entry)} comes first ({won}); these are too few scenarios to tell policies apart."
 
 
 def _small(
