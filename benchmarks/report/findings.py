@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from wayfield.benchmarks.aggregates import interval, iqm
-from wayfield.benchmarks.contests import COST, Contest
+from wayfield.benchmarks.contests import COST, OWN_SPLIT, Contest
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.standings import (
     Entry,
@@ -50,7 +50,12 @@ class _Standing:
 
 
 def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
-    """Returns the finding of the episodes of one contest and robot, those that entries are ranked on."""
+    """Returns the finding of the episodes of one contest and robot, those that entries are ranked on.
+
+    Where each family has one scenario, a resample within families would draw the same again: all are one stratum then.
+    """
+    if len({_scenario(row) for row in rows}) == len({row["family"] for row in rows}):
+        rows = [row | {"split": OWN_SPLIT} for row in rows]
     entries = by_entry(rows)
     standings = {entry: _standing(entry, mine, contest) for entry, mine in entries.items()}
     by_cost = contest.heat.metric == COST
@@ -62,7 +67,7 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
         _, low, high = how_often_better(entries[best.entry], entries[each.entry], contest)
         if low <= 0.5 <= high:
             level.append(each)
-    count = len({(row["scenario"], row["episode"]) for row in rows})
+    count = len({_scenario(row) for row in rows})
     families = len({row["family"] for row in rows})
     sentence = (
         f"{contest.spec.title} with {robot}: {len(entries)} policies on the same {count} scenarios of {families} "
@@ -75,6 +80,10 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     charts = [_bars(contest, robot, list(standings.values()), by_cost), _duels(contest, robot, entries)]
     charts.append(_heat(contest, robot, entries))
     return Finding(sentence, _small(contest, robot, rivals, level, ranked, by_cost), tuple(charts))
+
+
+def _scenario(row: Row) -> tuple[str, str]:
+    return row["scenario"], row["episode"]
 
 
 def _rank(each: _Standing, by_cost: bool) -> tuple[float, float]:
@@ -98,8 +107,8 @@ def _achieved(each: _Standing, contest: Contest, by_cost: bool) -> str:
         share, low, high = (100.0 * value for value in each.success)
         return f"{share:.1f} % success [{low:.1f}, {high:.1f}]"
     unit, decimals = contest.spec.cost.unit, contest.spec.cost.decimals
-    cost, low, high = (f"{value:.{decimals}f}" for value in each.cost)
-    return f"{contest.spec.cost.name} {cost} {unit} [{low}, {high}]"
+    found, least, most = (f"{value:.{decimals}f}" for value in each.cost)
+    return f"{contest.spec.cost.name} {found} {unit} [{least}, {most}]"
 
 
 def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost: bool) -> str:
