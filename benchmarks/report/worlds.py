@@ -12,7 +12,7 @@ from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, TaskSpec, goal_scenarios, path_scenarios
+from wayfield.envs.scenarios import TASKS, PathScenario, TaskSpec, goal_scenarios, path_scenarios
 from wayfield.envs.storage import write_whole
 
 World = dict[str, Any]
@@ -56,10 +56,12 @@ def _bank(setting: Setting) -> tuple[Any, ...]:
     return goal_scenarios(case.scenario, robot.hull_radius)
 
 
-def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
+def plain(scenario: Any, steps: int) -> World:
     """Returns a scenario as lists and numbers that JSON keeps to the last bit, with its clock in control periods."""
+    kind = next(spec.kind for spec in TASKS.values() if spec.scenario is type(scenario))
     quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
     world: World = {
+        "kind": kind,
         "name": scenario.name,
         "family": scenario.family,
         "tier": scenario.tier,
@@ -68,9 +70,8 @@ def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
         "start_offset": scenario.start_offset,
         "start_turn": scenario.start_turn,
     }
-    if isinstance(scenario, PathScenario):
+    if kind == "path":
         return world | {
-            "kind": "path",
             "path": scenario.path.points.tolist(),
             "closed": scenario.path.closed,
             "laps": scenario.laps,
@@ -78,7 +79,6 @@ def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
             "corridor": scenario.corridor,
         }
     return world | {
-        "kind": "goal",
         "start": list(scenario.start),
         "goal": list(scenario.goal),
         "waypoints": [list(point) for point in scenario.waypoints],
