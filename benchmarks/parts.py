@@ -16,9 +16,9 @@ from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
 from wayfield.benchmarks.progress import tracked
-from wayfield.benchmarks.report.drives import DRIVES, Drive, drive_of, read_drives, write_drives
+from wayfield.benchmarks.report.drives import Drive, drive_of, read_drives, write_drives
 from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
-from wayfield.benchmarks.run_folder import UNFINISHED, file_digest, source_digest
+from wayfield.benchmarks.run_folder import DRIVES, UNFINISHED, file_digest, source_digest
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map

@@ -3,7 +3,8 @@
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import rich.console
 import rich.progress
@@ -11,6 +12,16 @@ import rich.progress
 T = TypeVar("T")
 
 _PAUSE = 5.0  # s, between lines where there is no terminal
+
+
+def tell_of_compiling(kernel: Any) -> None:
+    """Says that a first run compiles, where numba has kept nothing of a kernel yet."""
+    kept = getattr(kernel, "_cache", None)
+    folder = getattr(kept, "cache_path", None)
+    if not isinstance(folder, str) or not any(Path(folder).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
+        print(
+            "first run: the kernels are compiled, which takes about a minute and is kept", file=sys.stderr, flush=True
+        )
 
 
 def tracked(items: Iterable[T], total: int, unit: str) -> Iterator[T]:
@@ -24,5 +35,6 @@ def tracked(items: Iterable[T], total: int, unit: str) -> Iterator[T]:
         now = time.perf_counter()
         if now - told >= _PAUSE or done == total:
             told = now
-            print(f"{done} of {total} {unit}, {now - start:.0f} s", file=sys.stderr, flush=True)
+            left = f", about {(now - start) * (total - done) / done:.0f} s left" if done < total else ""
+            print(f"{done} of {total} {unit}, {now - start:.0f} s{left}", file=sys.stderr, flush=True)
         yield item

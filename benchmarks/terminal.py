@@ -16,7 +16,8 @@ def print_short(told: Iterable[tuple[str, Table]]) -> None:
     for sentence, table in told:
         print(textwrap.fill(sentence, WIDTH, break_long_words=False, break_on_hyphens=False))
         lines = table.rows[:MOST_LINES]
-        for line in tabulate(lines, table.header, tablefmt="simple", disable_numparse=True).splitlines():
+        header = [name.replace("speed (m/s)", "m/s") for name in table.header]
+        for line in tabulate(lines, header, tablefmt="simple", disable_numparse=True).splitlines():
             print(line[:WIDTH].rstrip())
         if len(table.rows) > MOST_LINES:
             print(f"{len(table.rows) - MOST_LINES} more in table.md")

@@ -36,6 +36,11 @@ ALLOWED = {
     ("policies/learned/reading.py", "read_object"): "called by the readers of agents and training runs",
     ("policies/learned/reading.py", "read_arrays"): "called by the readers of agents and training states",
     ("policies/learned/agent.py", "_shipped"): "a sample",
+    **{("benchmarks/report/page.py", name): "files of the package" for name in ("asset", "kernel_part")},
+    **{
+        ("benchmarks/report/wasm.py", name): "builds from the package's own sources"
+        for name in ("kernel_digest", "linked")
+    },
     ("policies/tuned.py", "_shipped"): "reads bytes for read_gains",
     ("policies/tuned.py", "_read_sample"): "reads bytes for read_gains",
     ("benchmarks/parts.py", "_write_part"): "flushes what it has just written",

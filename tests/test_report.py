@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayfield.benchmarks import report
-from wayfield.benchmarks.report import page
+from wayfield.benchmarks.report import demo, page
 from wayfield.benchmarks.report.__main__ import main
 from wayfield.benchmarks.report.drives import QUANTUM, drive_of, packed, read_drives, write_drives
 from wayfield.benchmarks.report.page import Content, Section, rendered, write_page
@@ -158,3 +158,12 @@ def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "worlds.json").write_text(text)
     with pytest.raises(ValueError, match=re.escape(str(tmp_path))):
         read_worlds(tmp_path)
+
+
+def test_the_demo_page_is_made_with_the_kernels_of_today() -> None:
+    file = Path(__file__).parents[1] / "docs" / "demo.html"
+    text = file.read_text(encoding="utf-8")
+    assert len(text.encode()) <= demo.BUDGET
+    kernels = payload(text)[0]["kernels"]
+    shipped = json.loads((PAGE / page.TABLES).read_text(encoding="utf-8"))
+    assert kernels["digest"] == shipped["digest"], "python -m wayfield.benchmarks.report.demo"

@@ -1,6 +1,5 @@
 """Writes the report of a finished run anew: python -m wayfield.benchmarks.report FOLDER"""
 
-import json
 from pathlib import Path
 
 import click
@@ -9,6 +8,7 @@ from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, OVERVIEW
 from wayfield.benchmarks.decisions import DECISIONS, read_decisions
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
+from wayfield.benchmarks.publish import read_object
 from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET, Section, write_page
 from wayfield.benchmarks.results import EPISODES, read_rows
 from wayfield.benchmarks.run_folder import MANIFEST, REPORT
@@ -48,8 +48,8 @@ def main(folder: Path, out: Path | None) -> None:
     if not parts:
         raise click.UsageError(f"FOLDER {str(folder)!r} holds no run: there is no {EPISODES}")
     try:
-        command = json.loads((parts[0] / MANIFEST).read_text(encoding="utf-8"))["command"]
-    except (OSError, ValueError, LookupError, TypeError):
+        command = read_object(parts[0] / MANIFEST)["command"]
+    except (OSError, ValueError, LookupError):
         command = "not known"
     target = out or folder / REPORT
     overview = parts[0] != folder

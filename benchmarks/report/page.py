@@ -18,11 +18,11 @@ from typing import Any
 import wayfield
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entries import COMPARED, label
-from wayfield.benchmarks.report.drives import DRIVES, Drive, packed, read_drives
+from wayfield.benchmarks.report.drives import Drive, packed, read_drives
 from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
-from wayfield.benchmarks.report.worlds import WORLDS, World, read_worlds
+from wayfield.benchmarks.report.worlds import World, read_worlds
 from wayfield.benchmarks.results import Row, number, read_rows
-from wayfield.benchmarks.run_folder import source_digest
+from wayfield.benchmarks.run_folder import DRIVES, WORLDS, source_digest
 from wayfield.benchmarks.table import Table
 from wayfield.envs.robots import ROBOTS
 

@@ -225,7 +225,7 @@ def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
 
 def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
     """Returns how the page makes a trained agent decide."""
-    policy = make("ppo", seed=seed)
+    policy: Any = make("ppo", seed=seed)
     functions = [(of_policies(module), name) for module, name in NETWORK[task]]
     calls = {
         kernel.py_func.__name__: dict(leaves(names_of(kernel), values))

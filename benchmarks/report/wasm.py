@@ -6,6 +6,7 @@ ship with the package; a test holds that they were made from the sources of toda
 """
 
 import hashlib
+import importlib
 import json
 import os
 import re
@@ -50,9 +51,10 @@ def adapter(kernel: Any, names: Sequence[Leaf], values: tuple[Any, ...]) -> tupl
 
     An array is a pointer and its lengths as int32, a number a float64.
     """
-    import numba
     import numpy as np
-    from numba import types
+
+    numba: Any = importlib.import_module("numba")
+    types = numba.types
     from numba.np.numpy_support import from_dtype
 
     kinds: list[Any] = []

@@ -12,7 +12,7 @@ from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, robot_of
-from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, TaskSpec, scenarios_of
+from wayfield.envs.scenarios import TASKS, PathScenario, TaskSpec, scenarios_of
 from wayfield.envs.storage import write_whole
 
 World = dict[str, Any]
@@ -54,10 +54,12 @@ def _bank(setting: Setting) -> tuple[Any, ...]:
     return scenarios_of(spec, case.scenario, robot.hull_radius, case.env_kwargs.get("scale", 1.0))
 
 
-def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
+def plain(scenario: Any, steps: int) -> World:
     """Returns a scenario as lists and numbers that JSON keeps to the last bit, with its clock in control periods."""
+    kind = next(spec.kind for spec in TASKS.values() if spec.scenario is type(scenario))
     quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
     world: World = {
+        "kind": kind,
         "name": scenario.name,
         "family": scenario.family,
         "tier": scenario.tier,
@@ -66,9 +68,8 @@ def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
         "start_offset": scenario.start_offset,
         "start_turn": scenario.start_turn,
     }
-    if isinstance(scenario, PathScenario):
+    if kind == "path":
         return world | {
-            "kind": "path",
             "path": scenario.path.points.tolist(),
             "closed": scenario.path.closed,
             "laps": scenario.laps,
@@ -76,7 +77,6 @@ def plain(scenario: PathScenario | GoalScenario, steps: int) -> World:
             "corridor": scenario.corridor,
         }
     return world | {
-        "kind": next(spec.kind for spec in TASKS.values() if spec.scenario is type(scenario)),
         "start": list(scenario.start),
         "goal": list(scenario.goal),
         "waypoints": [list(point) for point in scenario.waypoints],

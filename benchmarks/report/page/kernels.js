@@ -20,6 +20,7 @@ class Kernels {
 
   constructor(tables) {
     this.tables = tables;
+    this.plans = new Map();
     this.blobs = tables.blobs.map(() => null);
   }
 
@@ -113,16 +114,19 @@ class Kernels {
 
   // Calls an export; `told` gives each argument by name: {at, shape} of an array, or a number.
   call(name, told) {
-    const order = this.tables.orders[name];
-    const values = order.map((each) => {
-      const [argument, axis] = each.split("#");
-      const value = told[argument];
-      if (value === undefined) throw new Error(`${name} needs ${argument}`);
-      if (axis !== undefined) return value.shape[Number(axis)];
-      return typeof value === "number" ? value : value.at;
-    });
+    if (!this.plans.has(name)) {
+      const order = this.tables.orders[name].map((each) => each.split("#")).map(([argument, axis]) => [argument, axis === undefined ? -1 : Number(axis)]);
+      this.plans.set(name, { order, entry: this.instance.exports[`entry_${name}`] });
+    }
+    const { order, entry } = this.plans.get(name);
+    const values = new Array(order.length);
+    for (let k = 0; k < order.length; k++) {
+      const value = told[order[k][0]];
+      if (value === undefined) throw new Error(`${name} needs ${order[k][0]}`);
+      values[k] = order[k][1] >= 0 ? value.shape[order[k][1]] : typeof value === "number" ? value : value.at;
+    }
     this.scratch = this.top;
-    this.instance.exports[`entry_${name}`](...values);
+    entry(...values);
   }
 }
 

@@ -20,7 +20,8 @@ function obstaclesAt(world, time) {
 function distanceTo([ox, oy, cos, sin, halfLength, halfWidth, radius], x, y) {
   const u = Math.abs(cos * (x - ox) + sin * (y - oy)) - halfLength;
   const v = Math.abs(cos * (y - oy) - sin * (x - ox)) - halfWidth;
-  return Math.hypot(Math.max(u, 0), Math.max(v, 0)) + Math.min(Math.max(u, v), 0) - radius;
+  const [a, b] = [Math.max(u, 0), Math.max(v, 0)];
+  return Math.sqrt(a * a + b * b) + Math.min(Math.max(u, v), 0) - radius; // Math.hypot is slow
 }
 
 function clearanceAt(world, time, x, y, hull) {
@@ -29,16 +30,26 @@ function clearanceAt(world, time, x, y, hull) {
   return least - hull;
 }
 
-// The range along a direction, by stepping as far as nothing can be: what is drawn, not what policies are given.
+// The range along a direction: what is drawn, not what policies are given.
 function rangeAlong(obstacles, x, y, dx, dy) {
-  let gone = 0;
-  for (let k = 0; k < 60 && gone < REACH; k++) {
-    let free = REACH;
-    for (const obstacle of obstacles) free = Math.min(free, distanceTo(obstacle, x + gone * dx, y + gone * dy));
-    if (free < 0.003) return gone;
-    gone += free;
+  let least = REACH;
+  for (const [ox, oy, cos, sin, l, w, r] of obstacles) {
+    const [px, py] = [x - ox, y - oy];
+    if (l === 0 && w === 0) {
+      const b = px * dx + py * dy;
+      const root = b * b - (px * px + py * py - r * r);
+      if (root >= 0 && b < 0) least = Math.min(least, Math.max(-b - Math.sqrt(root), 0));
+      continue;
+    }
+    // in the frame of a box: the slabs that it is cut from
+    const [u, v] = [cos * px + sin * py, cos * py - sin * px];
+    const [du, dv] = [cos * dx + sin * dy, cos * dy - sin * dx];
+    const [iu, iv] = [1 / (du || 1e-12), 1 / (dv || 1e-12)];
+    const enter = Math.max(Math.min((-l - u) * iu, (l - u) * iu), Math.min((-w - v) * iv, (w - v) * iv));
+    const leave = Math.min(Math.max((-l - u) * iu, (l - u) * iu), Math.max((-w - v) * iv, (w - v) * iv));
+    if (leave >= Math.max(enter, 0)) least = Math.min(least, Math.max(enter, 0));
   }
-  return Math.min(gone, REACH);
+  return least;
 }
 
 function boundsOf(world, actors) {

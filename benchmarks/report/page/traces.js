@@ -4,7 +4,7 @@ function speeds({ x, y }) {
   const found = new Float64Array(x.length);
   for (let k = 0; k < x.length; k++) { // over five moments: poses are rounded
     const [a, b] = [Math.max(k - 2, 0), Math.min(k + 2, x.length - 1)];
-    found[k] = b > a ? Math.hypot(x[b] - x[a], y[b] - y[a]) / ((b - a) * DT) : 0;
+    found[k] = b > a ? Math.sqrt((x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2) / ((b - a) * DT) : 0;
   }
   return found;
 }

@@ -7,10 +7,14 @@ class View {
     this.bounds = [-1, -1, 1, 1];
     this.zoom = 1;
     this.middle = null; // m; null: that of the bounds
+    this.stale = true; // the page is only asked for sizes when they have changed: an answer makes it lay itself out
+    new ResizeObserver(() => { this.stale = true; }).observe(canvas);
     this.measure();
   }
 
   measure() {
+    if (!this.stale) return;
+    this.stale = false;
     const ratio = window.devicePixelRatio || 1;
     this.width = this.canvas.clientWidth;
     this.height = this.canvas.clientHeight;
