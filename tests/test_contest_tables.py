@@ -258,7 +258,7 @@ def alone(case: Case, k: int, seed: int) -> tuple[list[Any], dict[str, Any]]:
     pilot.reset()
     states = [env.unwrapped.batch.states[0].copy()]
     while True:
-        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+        seen, _, terminated, truncated, info = env.step(pilot.command(seen))
         states.append(env.unwrapped.batch.states[0].copy())
         if terminated or truncated:
             return states, info
@@ -316,7 +316,7 @@ def test_faults_are_counted_robot_by_robot() -> None:
         pilot.reset()
         ended = False
         while not ended:
-            seen, _, terminated, truncated, _ = env.step(pilot.act(seen))
+            seen, _, terminated, truncated, _ = env.step(pilot.command(seen))
             ended = terminated or truncated
         assert each == pilot.memory["qp_failures"][0]
 

@@ -41,7 +41,7 @@ ALLOWED = {
         ("benchmarks/report/wasm.py", name): "builds from the package's own sources"
         for name in ("kernel_digest", "linked")
     },
-    ("policies/tuned.py", "_shipped"): "reads bytes for read_gains",
+    ("policies/tuned.py", "_read"): "reads bytes for read_gains",
     ("policies/tuned.py", "_read_sample"): "reads bytes for read_gains",
     ("benchmarks/parts.py", "_write_part"): "flushes what it has just written",
     ("benchmarks/parts.py", "_key"): "takes the digest of an agent's card that was read",
@@ -53,6 +53,7 @@ ALLOWED = {
     ("envs/scenarios/files.py", "kind_of"): "called by the readers of scenarios of one's own",
     ("benchmarks/robot_page.py", "main"): "a developer's tool on the repository's own pages",
     ("benchmarks/page.py", "text"): "a developer's tool on the repository's own pages",
+    ("benchmarks/video.py", "_mp4"): "takes what the encoder has just written",
     ("benchmarks/publish.py", "gathered"): "takes over files whose digests its run has written down",
 }
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wayfield.benchmarks import metrics
-from wayfield.benchmarks.intervals import wilson
+from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.metrics import METRICS, measure
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.scenarios import circle, obstacle_field
@@ -209,8 +209,9 @@ def test_every_metric_has_its_column():
     assert tuple(measure(driven([0.0, 1.0], 0.0, 0.0))) == METRICS
 
 
-def test_wilson_interval():
-    assert wilson(0, 5) == pytest.approx((0.0, 0.4345), abs=1e-4)
-    assert wilson(5, 10) == pytest.approx((0.2366, 0.7634), abs=1e-4)
-    with pytest.raises(ValueError, match="at least 1"):
-        wilson(0, 0)
+def test_exact_interval():
+    assert exact_interval(0.0, 5) == pytest.approx((0.0, 0.5218), abs=1e-4)
+    assert exact_interval(0.5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
+    for share, trials in ((0.5, 0), (-0.1, 5), (1.1, 5), (math.nan, 5)):
+        with pytest.raises(ValueError, match=r"must lie in 0\.\.1"):
+            exact_interval(share, trials)

@@ -20,6 +20,7 @@ from wayfield.benchmarks.mcap_file import write_mcap
 from wayfield.benchmarks.minari_set import KEY, digest_of
 from wayfield.benchmarks.record import main
 from wayfield.benchmarks.recorder import Start, record, robots_for
+from wayfield.policies.tuned import tuned_set
 
 PATHS, GOALS = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 NOISY = {"scenario": "splines/train", "actuators": "lagged", "noise": 1.0, "max_episode_steps": 60}
@@ -105,7 +106,10 @@ def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, caps
     assert digest_of(read) == about["digest"]
     assert read.total_episodes == 5
     assert read.total_steps == sum(len(each) for each in read)
-    assert set(about["policies"]) == {"pure_pursuit, tuned", "lqr, tuned"}
+    # the default gains where a search found none that were better
+    names = {"search": "tuned", "default": "default"}
+    best = {policy: tuned_set(policy, "path-following") for policy in ("pure_pursuit", "lqr")}
+    assert set(about["policies"]) == {f"{policy}, {names[found.chosen]}" for policy, found in best.items()}
     fields = about["fields"]
     assert list(fields)[:2] == ["pose", "twist"]
     assert fields["preview"]["columns"][1] == read.observation_space.shape[0]

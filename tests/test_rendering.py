@@ -300,7 +300,8 @@ def test_nothing_of_the_world_is_drawn_over_the_strip_above_it():
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 def test_a_robot_that_turns_is_the_same_picture_turned(robot):
     """By a quarter to the left, in a square around it; by a tenth of that it is already another."""
-    world = empty_scene(robot=robot, bounds=(4.0, 3.0, 6.0, 5.0))
+    reach = 4.0 * robot.hull_radius  # each robot as large in the picture: a pixel's rounding is the same share of it
+    world = empty_scene(robot=robot, bounds=(5.0 - reach, 4.0 - reach, 5.0 + reach, 4.0 + reach))
     pictures = []
     for heading in (0.3, 0.3 + 0.05 * np.pi, 0.3 + 0.5 * np.pi):
         renderer = Renderer("rgb_array", fps=20)

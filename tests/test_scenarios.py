@@ -253,7 +253,7 @@ def test_banks_are_the_same_twice() -> None:
     first = {name: goal_scenarios(name, 0.3) for name in GOAL_SCENARIOS}
     splines = path_scenarios("random_splines")
     assert goal_scenarios("discs", 0.3) is first["discs"]
-    bank._named_goal_scenarios.cache_clear()
+    bank._named_field_scenarios.cache_clear()
     bank._named_path_scenarios.cache_clear()
     for name, scenarios in first.items():
         again = goal_scenarios(name, 0.3)
