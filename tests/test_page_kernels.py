@@ -70,7 +70,7 @@ def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np
     world = plain(env.task.scenarios[0], contest.spec.clock) | {"draws": np_random(0)[0].random(DRAWS).tolist()}
     poses = [env.batch.states[0][["x", "y", "heading"]].item()]
     for _ in range(steps):
-        observation, _, terminated, _, _ = env.step(pilot.act(observation))
+        observation, _, terminated, _, _ = env.step(pilot.command(observation))
         poses.append(env.batch.states[0][["x", "y", "heading"]].item())
         if terminated[0]:
             break

@@ -8,7 +8,7 @@ from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, OVERVIEW
 from wayfield.benchmarks.decisions import DECISIONS, read_decisions
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
-from wayfield.benchmarks.publish import read_object
+from wayfield.benchmarks.page import read_object
 from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET, Section, write_page
 from wayfield.benchmarks.results import EPISODES, read_rows
 from wayfield.benchmarks.run_folder import MANIFEST, REPORT

@@ -18,6 +18,7 @@ from wayfield.envs.geometry import OBSTACLE, bearing
 from wayfield.envs.paths import RUN, VERTEX
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 
@@ -285,7 +286,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     contest = contest_of(task)
     scenario = f"{contest.timed_on}/test"
     told: dict[str, Any] = {"params": {}, "beams": {}, "robots": {}}
-    for robot in ROBOTS:
+    for robot in FITTING:
         for actuators in ACTUATORS:
             for disturbance in DISTURBANCES:
                 env = environment(task, robot, actuators, scenario, disturbance)
@@ -331,7 +332,7 @@ def tables() -> dict[str, Any]:
     for task in DECISIONS:
         told["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
-        for robot in ROBOTS:
+        for robot in FITTING:
             for actuators in ACTUATORS:
                 env = environment(task, robot, actuators, f"{contest.timed_on}/test")
                 for name in DECISIONS[task]:
@@ -346,6 +347,9 @@ def tables() -> dict[str, Any]:
     told["blobs"] = blobs.listed()
     return told
 
+
+# the robots that fit where the frozen scenarios leave room
+FITTING = tuple(name for name, robot in ROBOTS.items() if robot.hull_radius <= LARGEST_HULL)
 
 _RECORDS = {"obstacle": OBSTACLE, "patrol": PATROL, "vertex": VERTEX, "run": RUN}
 

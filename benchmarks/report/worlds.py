@@ -12,7 +12,7 @@ from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, robot_of
-from wayfield.envs.scenarios import TASKS, PathScenario, TaskSpec, scenarios_of
+from wayfield.envs.scenarios import TASKS, TaskSpec, scenarios_of
 from wayfield.envs.storage import write_whole
 
 World = dict[str, Any]
