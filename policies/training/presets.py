@@ -10,7 +10,7 @@ from typing import Any, Literal
 from wayfield.envs.checks import choose, shown, suggestion
 from wayfield.envs.robots import ROBOTS, robot_of, shipped_name
 from wayfield.envs.scenarios import TASKS
-from wayfield.policies import POLICIES
+from wayfield.policies import POLICIES, make
 from wayfield.policies.learned.agent import check_hidden
 from wayfield.policies.learned.perception import Actions, Features, GoalFeatures, PathFeatures
 from wayfield.policies.learned.residual import Base, controller_at
@@ -117,8 +117,10 @@ class Preset:
             choose("controller", self.controller, POLICIES)
         if not 0 <= self.imitation < self.steps:
             raise ValueError(f"imitation must be from 0 to under steps, {self.steps}, got {self.imitation}")
-        if self.controller and self.features.observation not in self.controller_at(self.speed).observes:
-            raise ValueError(f"controller {self.controller!r} does not read observations of {self.task}")
+        if self.controller:
+            if self.features.observation not in make(self.controller).observes:
+                raise ValueError(f"controller {self.controller!r} does not read observations of {self.task}")
+            self.controller_at(self.speed)  # whether gains of it ship for the robot
         if not self.hidden:
             raise ValueError("hidden must be sizes of at least one layer, got none")
         check_hidden(self.hidden)
