@@ -74,7 +74,7 @@ def test_document_b_arrives_after_as_many_periods_as_its_law_says(case: dict[str
     pilot.reset()
     periods = 0
     while info["goal_distance"] > 0.25:
-        observation, _, _, _, info = env.step(pilot.act(observation))
+        observation, _, _, _, info = env.step(pilot.command(observation))
         periods += 1
     assert periods == case["periods"]
 
@@ -93,6 +93,6 @@ def test_document_a_goes_round_on_the_radius_of_its_law(case: dict[str, Any], tm
     pilot = Pilot(law, env)
     pilot.reset()
     for _ in range(1300):
-        observation, *_ = env.step(pilot.act(observation))
+        observation, *_ = env.step(pilot.command(observation))
     state = env.unwrapped.batch.states[0]
     assert math.hypot(state["x"], state["y"]) == pytest.approx(case["driven"], abs=3e-4)

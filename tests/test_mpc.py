@@ -35,7 +35,7 @@ class Drive:
 
     def go(self, steps: int = 1200) -> "Drive":
         for _ in range(steps):
-            self.actions.append(self.pilot.act(self.observation))
+            self.actions.append(self.pilot.command(self.observation))
             self.observation, _, terminated, truncated, self.info = self.env.step(self.actions[-1])
             self.states.append(self.env.unwrapped.batch.states[0].copy())
             if terminated or truncated:

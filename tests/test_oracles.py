@@ -75,7 +75,7 @@ def drive(
         if isinstance(policy, Lookahead):
             fields = pilot.briefing.layout.unpack(observation[None].astype(np.float64))
             references.append(policy.errors(fields.pose, fields.arc_length, pilot.briefing)[0, 4])
-        observation, _, terminated, truncated, info = env.step(pilot.act(observation))
+        observation, _, terminated, truncated, info = env.step(pilot.command(observation))
         states.append(state.copy())
     return Run(np.array(states), info, terminated, np.array(references))
 

@@ -37,7 +37,7 @@ def drive(policy: Any, num_envs: int = 1, env_id: str = DIFF_ID, steps: int = 12
     states, actions = [env.unwrapped.batch.states.copy()], []
     ended, succeeded = np.zeros(num_envs, bool), np.zeros(num_envs, bool)
     for _ in range(steps):
-        actions.append(pilot.act(seen))
+        actions.append(pilot.command(seen))
         seen, _, terminated, truncated, info = env.step(actions[-1])
         states.append(env.unwrapped.batch.states.copy())
         succeeded |= info["success"] & ~ended

@@ -78,7 +78,7 @@ def drive(policy: Policy, env_id: str, num_envs: int = 1, seed: int = 0, **optio
     states, actions = [env.batch.states.copy()], []
     ended, succeeded = np.zeros(num_envs, np.int64), np.zeros(num_envs, bool)
     while not ended.all():
-        actions.append(pilot.act(seen))
+        actions.append(pilot.command(seen))
         seen, _, terminated, truncated, info = env.step(actions[-1])
         states.append(env.batch.states.copy())
         now = (terminated | truncated) & (ended == 0)
