@@ -193,7 +193,7 @@ def test_a_scene_without_the_robot_and_a_step_that_does_not_divide_are_one_line(
         (PATH_FOLLOWING, {"address": "nowhere"}, "host:port"),
         (PATH_FOLLOWING, {"address": "localhost:1", "dynamics": "kinematic"}, "belongs to"),
         (PATH_FOLLOWING, {"shove": (1.0, 0.1, 0.0, 0.0)}, "no shove"),
-        ("wayfield/OmniPathFollowing-v0", {}, "p3dx"),
+        ("wayfield/OmniPathFollowing-v0", {}, "drives a differential drive; robot is 'omni3'"),
     ],
 )
 def test_what_cannot_be_driven_there_is_one_line(env_id, options, words):

@@ -688,6 +688,9 @@ def test_summed_magnitudes_grow_with_the_wall_and_largest_ones_do_not() -> None:
     assert primaries["sum", 3] == pytest.approx(3.0 * one, rel=0.03)
 
 
-primary_of = compiled(
-    lambda params, hits, seen, primary: vfh_plus.fill_primary(params[0], hits, 0.0, seen, math.nan, primary)
-)
+@compiled
+def primary_of(params, hits, seen, primary):  # type: ignore[no-untyped-def]
+    """Fills the primary histogram of a robot that faces along x, with no goal near and no circle to drive."""
+    p = params[0]
+    grown = p.plant.hull_radius + p.safety
+    vfh_plus.fill_primary(p, hits, 0.0, seen, grown, (math.inf, 0.0), math.nan, primary)

@@ -367,10 +367,10 @@ def test_some_rows_cannot_begin_before_all_have() -> None:
         Pilot(policies.make("zero"), env).reset(np.array([0]))
 
 
-@pytest.mark.parametrize("gains", [{}, {"lookahead_distance": 0.308, "k_ang": 2.36}, {"k_lin": 0.7, "k_ang": 1.1}])
+@pytest.mark.parametrize("gains", [{}, {"lookahead_distance": 0.308}, {"k_lin": 0.7}])
 @pytest.mark.parametrize("speed", [0.3, 0.6, 1.05])
 def test_a_cruising_lookahead_keeps_the_ratio_of_its_gains(gains: dict[str, float], speed: float) -> None:
-    """Which curves it drives depends on that ratio alone, so that gains stay as good as they were tuned to be."""
+    """Which curves it drives depends on that ratio alone, so that it drives the same ones at every speed."""
     policy: Any = policies.make("lookahead_retuned", **gains)
     at_speed: Any = policies.make("lookahead_retuned", **(gains | policies.cruising("lookahead_retuned", gains, speed)))
     assert at_speed.k_lin * at_speed.lookahead_distance == pytest.approx(speed)
@@ -378,6 +378,15 @@ def test_a_cruising_lookahead_keeps_the_ratio_of_its_gains(gains: dict[str, floa
     # at the speed that it cruises at anyway, nothing changes
     own = policies.cruising("lookahead_retuned", gains, policy.k_lin * policy.lookahead_distance)
     assert own == pytest.approx({"k_lin": policy.k_lin, "k_ang": policy.k_ang})
+
+
+@pytest.mark.parametrize("gains", [{"lookahead_distance": 0.308, "k_ang": 2.36}, {"k_lin": 0.7, "k_ang": 1.1}])
+@pytest.mark.parametrize("speed", [0.3, 0.6, 1.05])
+def test_a_cruising_lookahead_keeps_a_steering_gain_that_it_was_given(gains: dict[str, float], speed: float) -> None:
+    """Tuned sets give it, for the speed that they were tuned at."""
+    at_speed: Any = policies.make("lookahead_retuned", **(gains | policies.cruising("lookahead_retuned", gains, speed)))
+    assert at_speed.k_lin * at_speed.lookahead_distance == pytest.approx(speed)
+    assert at_speed.k_ang == gains["k_ang"]
 
 
 FOR_ANOTHER_TASK = [("lookahead_documented", GOAL_ID), ("waypoint", PATH_ID), ("apf_corrected", PATH_ID)]
@@ -391,8 +400,9 @@ def test_a_policy_for_another_task_is_refused(name: str, env_id: str) -> None:
 
 
 def test_a_policy_is_refused_by_a_robot_that_cannot_do_what_it_needs() -> None:
+    able = "omni3, omni4, mecanum4"
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(ValueError, match=r"Waypoint drives holonomic robots only \(omni3, omni4\), not 'p3dx'"):
+        with pytest.raises(ValueError, match=rf"Waypoint drives holonomic robots only \({able}\), not 'p3dx'"):
             Pilot(policies.make("waypoint"), make(DIFF_GOAL_ID))
         Pilot(policies.make("waypoint"), make(GOAL_ID))
 
