@@ -6,6 +6,7 @@ import click
 from gymnasium.utils.seeding import np_random
 
 from wayfield.benchmarks.report.page import Content, made, rendered
+from wayfield.benchmarks.report.recipes import DECISIONS
 from wayfield.benchmarks.report.worlds import DRAWS, World, plain
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.scenarios import TASKS, splits
@@ -18,9 +19,9 @@ FIRST = "goal: clutter_10"
 
 
 def worlds() -> list[World]:
-    """Returns the first scenarios of the training split of each family that the kinematic plant can show."""
+    """Returns the first scenarios of the training split of each family that the page's simulator can drive in."""
     found = []
-    for spec in TASKS.values():
+    for spec in (TASKS[name] for name in DECISIONS):
         for family in spec.families:
             if family not in spec.needs_pymunk:
                 for seed, scenario in enumerate(splits.split(spec.name, family, "train")[:SEEDS]):

@@ -84,7 +84,8 @@ class Drive {
     const unable = [...new Set(replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy))];
     const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : "decides in NumPy");
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
-    this.goButton.disabled = !this.kernels;
+    if (!this.task) this.cannot.textContent = "Docking is replayed; nobody can drive it in the page.";
+    this.goButton.disabled = !this.kernels || !this.task;
   }
 
   conditions() {

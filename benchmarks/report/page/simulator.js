@@ -117,6 +117,7 @@ class Simulator {
     const run = { first: 0, segments: n - 1, closed: world.closed ? 1 : 0, length: lap, per_metre: perMetre };
     for (const [name, value] of Object.entries(run)) records.set(name, value);
     arrays.runs = records.array;
+    arrays.patrols = { ...field([], "patrol"), shape: [1, 0] };
     const first = [...world.path[0], this.bearings([ring[1][1] - ring[0][1]], [ring[1][0] - ring[0][0]])[0]];
     course.set("finish", world.laps ? world.laps * lap : Infinity);
     course.set("per_metre", 1 / (Math.max(world.laps, 1) * lap));
