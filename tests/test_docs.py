@@ -165,7 +165,7 @@ def kept_sections() -> list[sections.Section]:
 @pytest.mark.parametrize("section", kept_sections(), ids=lambda section: section.name)
 def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> None:
     rows = read_packed(ROOT / sections.ROWS / f"{section.name}{SUFFIX}")
-    made = dict(page.Kept(ROOT).sections())[section]
+    made = {kept.name: made for kept, made in page.Kept(ROOT).sections()}[section.name]
     for name, content in publish.tables(section, rows, made.command).items():
         assert (ROOT / name).read_bytes() == content, f"{name}: run {publish.__name__}"
 
