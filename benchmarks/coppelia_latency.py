@@ -15,7 +15,7 @@ import click
 import rich.console
 import rich.table
 
-from wayfield.envs.command_line import Choice, OneLineErrors
+from wayfield.envs.command_line import Choice, Finite, OneLineErrors
 from wayfield.envs.processes import end_with_parent
 
 
@@ -66,7 +66,7 @@ def median_time(call: Callable[[], object], count: int) -> float:
 
 @click.command("coppelia_latency", cls=OneLineErrors)
 @click.option("--calls", type=click.IntRange(min=10), default=2000, show_default=True, help="Of each kind.")
-@click.option("--seconds", type=click.FloatRange(0.1, 600), default=5.0, show_default=True, help="Free running, idle.")
+@click.option("--seconds", type=Finite(0.1, 600), default=5.0, show_default=True, help="Free running, idle.")
 @click.option(
     "--dynamics",
     type=Choice("--dynamics", ("kinematic", "pymunk")),

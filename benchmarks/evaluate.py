@@ -23,7 +23,7 @@ from wayfield.benchmarks.document_tables import document_tables, ranked, reprodu
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_policies import own_policy, told_of_models
 from wayfield.benchmarks.own_scenario import own_cases, own_courses
-from wayfield.benchmarks.progress import tell_of_compiling, tracked
+from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.report.drives import drive_of, write_drives
 from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
@@ -33,7 +33,6 @@ from wayfield.benchmarks.suite import WORST, Setting, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs import goal_reaching
 from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, command_given
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
@@ -137,7 +136,6 @@ def main(**given: Any) -> None:
     """
     asked = Asked(**given)
     asked.check()
-    tell_of_compiling(goal_reaching.step_rows)
     if asked.path is not None:
         asked.run_path()
     elif asked.scenarios is not None:

@@ -15,13 +15,14 @@ import numpy as np
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
-from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.progress import tell_of_compiling, tracked
 from wayfield.benchmarks.report.drives import Drive, drive_of, read_drives, write_drives
 from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
 from wayfield.benchmarks.run_folder import DRIVES, UNFINISHED, file_digest, source_digest
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map
+from wayfield.envs import goal_reaching
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
@@ -71,6 +72,7 @@ def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> 
         missing.append(part)
     if len(missing) < len(parts):
         print(f"{len(parts) - len(missing)} of {len(parts)} parts are there from before", file=sys.stderr)
+    tell_of_compiling(goal_reaching.step_rows)
     for _ in tracked(in_parallel(play, missing), len(missing), "parts"):
         pass
     rows: list[Row] = []

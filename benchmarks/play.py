@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wayfield.benchmarks.drives import Drive, Place, place_options
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.command_line import Finite, OneLineErrors
 from wayfield.envs.rendering import NoDisplay, Renderer, Scene
 from wayfield.envs.single import FPS
 
@@ -182,8 +182,8 @@ class _Play(OneLineErrors):
 @click.command("play", cls=_Play)
 @place_options
 @click.option("--ghost", metavar="POLICY", help="A policy that drives beside you: a name, or as `wayfield render`'s.")
-@click.option("--speed", type=click.FloatRange(0.0, min_open=True), default=0.6, show_default=True, help="m/s, asked.")
-@click.option("--yaw-rate", type=click.FloatRange(0.0, min_open=True), default=1.5, show_default=True, help="rad/s.")
+@click.option("--speed", type=Finite(0.0, min_open=True), default=0.6, show_default=True, help="m/s, asked.")
+@click.option("--yaw-rate", type=Finite(0.0, min_open=True), default=1.5, show_default=True, help="rad/s.")
 @click.option("--size", type=click.IntRange(300, 4000), default=800, show_default=True, help="Pixels of the window.")
 def main(place: Place, ghost: str | None, speed: float, yaw_rate: float, size: int) -> None:
     """Drives a robot by the keyboard in a window.

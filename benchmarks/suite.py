@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.metrics import measure
-from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.progress import tell_of_compiling, tracked
 from wayfield.benchmarks.results import Row, readable, text
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.benchmarks.workers import Map
+from wayfield.envs import goal_reaching
 
 Episode = tuple[Row, Trajectory]
 WORST = 3  # episodes of each entry of a contest that are shown
@@ -33,6 +34,7 @@ class Setting:
 def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
     """Returns one row for each episode, and the trajectories by the key in the rows' column `trajectory`."""
     order = _compiling_once(settings)
+    tell_of_compiling(goal_reaching.step_rows)
     done = tracked(in_parallel(episodes, [settings[i] for i in order]), len(settings), "cases")
     of_setting = dict(zip(order, done, strict=True))
     rows: list[Row] = []

@@ -26,7 +26,7 @@ import wayfield.policies
 from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants, Score
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.workers import Map, workers
-from wayfield.envs.command_line import SEED, Choice, OneLineErrors, RobotChoice
+from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.scenarios import splits
@@ -293,7 +293,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.argument("policy", type=Choice("POLICY", SEARCHED))
 @click.option("--suite", type=Choice("--suite", CONTESTS), required=True, help="The contest to tune for.")
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
-@click.option("--speed", type=click.FloatRange(0.05, 3.0), default=PACE, show_default=True, help="Asked for, m/s.")
+@click.option("--speed", type=Finite(0.05, 3.0), default=PACE, show_default=True, help="Asked for, m/s.")
 @click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Of disturbance.")
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
 @click.option("--frames", type=click.IntRange(min=1), default=2_000_000, show_default=True, help="Of the search.")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.drives import Drive, Place, chased, place_options
 from wayfield.benchmarks.rollout import make_policy
-from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.command_line import Finite, OneLineErrors
 from wayfield.envs.rendering import Ghost, Renderer, Scene
 from wayfield.envs.single import FPS
 from wayfield.envs.storage import write_whole
@@ -187,9 +187,9 @@ def _frame(scene: Scene, renderer: Renderer) -> NDArray[np.uint8]:
 )
 @click.option("--ghost", metavar="POLICY", help="Another that drives beside it.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help=".mp4, .gif or .png.")
-@click.option("--seconds", type=click.FloatRange(0.0, 3600.0, min_open=True), help="At most.  [default: the clock]")
+@click.option("--seconds", type=Finite(0.0, 3600.0, min_open=True), help="At most.  [default: the clock]")
 @click.option("--size", type=click.IntRange(100, 4000), help="Pixels of the longer side.  [default: 640; .png 1000]")
-@click.option("--pace", type=click.FloatRange(0.1, 100.0), default=1.0, show_default=True, help="Times the robot's.")
+@click.option("--pace", type=Finite(0.1, 100.0), default=1.0, show_default=True, help="Times the robot's.")
 @click.option("--force", is_flag=True, help="Replace the file if there is one.")
 def main(place: Place, policy: str, ghost: str | None, out: Path, **given: Any) -> None:
     """Films a policy in a scenario, or draws its whole way as one picture.

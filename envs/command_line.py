@@ -153,6 +153,16 @@ class Choice(click.ParamType):  # type: ignore[type-arg]  # generic from click 8
         return str(value)
 
 
+class Finite(click.FloatRange):
+    """A number of a range; not NaN, which lies in every one, nor infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        found = float(super().convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"{value!r} is no finite number", param, ctx)
+        return found
+
+
 class RobotChoice(click.ParamType):  # type: ignore[type-arg]
     """A robot that ships, by its name, or one of a data sheet, by its file."""
 

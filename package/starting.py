@@ -8,6 +8,9 @@ import os
 import pathlib
 import signal
 import sys
+import threading
+
+_SOON = 0.02  # s
 
 
 def _command() -> str:
@@ -28,6 +31,17 @@ def started() -> None:
     """Gives Ctrl-C its usual meaning back; the command itself says what was interrupted."""
     if signal.getsignal(signal.SIGINT) is _interrupted:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        sys.unraisablehook = again
+
+
+def again(lost: "sys.UnraisableHookArgs") -> None:
+    """Sends Ctrl-C again where it fell into a destructor or a callback, which the interpreter would drop with a
+    traceback; other exceptions there are told as usual.
+    """
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        threading.Timer(_SOON, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 _NAME = _command()

@@ -4,6 +4,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 import wayfield
-from wayfield import command
+from wayfield import command, starting
 from wayfield.benchmarks import lists, play, video
 from wayfield.benchmarks.drives import Drive, Place
 from wayfield.envs.rendering import Renderer
@@ -295,3 +296,15 @@ def test_without_a_display_the_game_says_one_line(tmp_path: Path) -> None:
     assert told.returncode == 1
     assert told.stderr.startswith("play: there is no display")
     assert told.stderr.count("\n") == 1
+
+
+def test_ctrl_c_that_falls_into_a_destructor_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Late:
+        def __del__(self) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "unraisablehook", starting.again)
+    late = [Late()]
+    late.clear()
+    with pytest.raises(KeyboardInterrupt):
+        time.sleep(10.0)

@@ -2,8 +2,10 @@
 
 import ast
 import random
+import re
 from pathlib import Path
 
+import click
 import pytest
 
 import wayfield
@@ -146,6 +148,21 @@ def test_a_line_that_an_option_would_take_is_not_taken_for_a_wrong_one() -> None
             line = commands._wrong(command, rng)
             assert line["allowed"] == [1, 2]
             assert line["arguments"] != list(commands.COMMANDS[command])
+
+
+def test_every_command_is_tried() -> None:
+    started = re.compile(r'^if __name__ == "__main__":$', re.M)
+    modules = {
+        ".".join(file.relative_to(folder.parent).with_suffix("").parts)
+        for folder in map(Path, (envs.__path__[0], policies.__path__[0], benchmarks.__path__[0]))
+        for file in folder.rglob("*.py")
+        if started.search(file.read_text(encoding="utf-8"))
+    }
+    inner = {"benchmarks.faults.worker", "envs.coppelia.standstill"}  # children of commands, not for a person to start
+    known = {entry.partition(":")[0].removeprefix("wayfield.") for entry in place.ENTRIES.values()}
+    assert modules - inner <= known
+    for command in place.ENTRIES:
+        assert isinstance(place.found(command), click.Command)
 
 
 def test_code_that_checks_bounds_is_kept_apart_from_code_that_does_not(tmp_path: Path, monkeypatch) -> None:

@@ -8,12 +8,12 @@ import click
 
 from wayfield.benchmarks.faults.campaign import GROUPS, repeated, run, totals_of
 from wayfield.benchmarks.faults.place import Place
-from wayfield.envs.command_line import Names, OneLineErrors
+from wayfield.envs.command_line import Finite, Names, OneLineErrors
 from wayfield.envs.storage import locked
 
 
 @click.command("faults", cls=OneLineErrors)
-@click.option("--minutes", type=click.FloatRange(0.0, 10_000.0, min_open=True), default=10.0, show_default=True)
+@click.option("--minutes", type=Finite(0.0, 10_000.0, min_open=True), default=10.0, show_default=True)
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of all that is drawn.")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("results/faults"),
               show_default=True, help="Folder of the findings, the totals and the copy that is worked on.")  # fmt: skip

@@ -1,6 +1,6 @@
 """Wrong command lines, made from each command's own table of options: one line on stderr, nothing written."""
 
-import importlib
+import math
 import os
 import random
 import signal
@@ -11,20 +11,22 @@ from typing import Any
 
 import click
 
-from wayfield.benchmarks.faults.forks import MODULES, Fork
-from wayfield.benchmarks.faults.place import changed, contents
+from wayfield.benchmarks.faults.forks import Fork
+from wayfield.benchmarks.faults.place import ENTRIES, changed, contents, found
 
-# arguments of each command that are right, beside which one is wrong
-COMMANDS: dict[str, tuple[str, ...]] = {
-    "evaluate": (),
+# arguments that are right, beside which one is wrong, of commands that need some or would work without
+_RIGHT: dict[str, tuple[str, ...]] = {
     "barn": ("nowhere",),
-    "decisions": (),
-    "throughput": (),
     "tune": ("lqr", "--suite", "path-following"),
     "train": ("wayfield/DiffDrivePathFollowing-v0",),
     "fingerprints": ("--out", "prints.json"),
+    "render": ("--out", "film.png"),
+    "record": ("lqr", "--episodes", "1"),
+    "onnx": ("AGENT", "x.onnx"),
+    "freeze": ("nothing",),
+    "report": ("nowhere",),
 }
-WITHOUT_TABLE = ("onnx", "freeze")  # not made with click at all times: what they get is listed
+COMMANDS = {command: _RIGHT.get(command, ()) for command in ENTRIES}
 _ENV = "wayfield/DiffDrivePathFollowing-v0"
 _PATH = "path-following"
 _CONTEST = (
@@ -65,7 +67,7 @@ _LISTED: tuple[tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]], ...
     ("freeze", ("nothing",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
     ("onnx", ("nowhere", "x.onnx"), (1, 2, 130), {"own": True, "interrupt": 0.15}),
     ("train", (_ENV, "--seed", "99999999999"), (1, 2), {}),
-    ("decisions", ("--policies", "zero"), (1, 2), {}),
+    ("decisions", ("--policies", "nobody"), (1, 2), {}),
     ("throughput", ("--seconds", "nan"), (1, 2), {}),
     ("tune", ("lqr", "--suite", "path-following", "--trials", "1", "--scenarios", "1", "--out", "/proc/nowhere/a.json"),
      (1, 2), {"limit": 90.0, "quick": 8.0}),
@@ -82,7 +84,7 @@ _LISTED: tuple[tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]], ...
     ("onnx", ("nowhere", "x.onnx"), (1, 2), {"own": True}),
 )  # fmt: skip
 _TYPED = (
-    "x", "", " ", "nan", "inf", "-inf", "-1", "0", "1e3", "1.5", "1" * 400, "\ud83e", "\N{ARABIC-INDIC DIGIT THREE}",
+    "x", "", " ", "nan", "inf", "-inf", "-1", "0", "1e3", "1.5", "1" * 400, "\udcff", "\N{ARABIC-INDIC DIGIT THREE}",
     "--", "a,b", ",", "=",
 )  # fmt: skip
 
@@ -93,7 +95,7 @@ def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
         yield {"command": command, "arguments": list(arguments), "allowed": list(allowed), **how}
     for command in COMMANDS:
         for word in ("-h", "--help"):
-            if word == "--help" or "-h" in _table(command).context_settings.get("help_option_names", ()):
+            if word == "--help" or "-h" in found(command).context_settings.get("help_option_names", ()):
                 yield {"command": command, "arguments": [word], "allowed": [0]}
     while True:
         yield _wrong(rng.choice(tuple(COMMANDS)), rng)
@@ -104,16 +106,14 @@ def _cost(listed: tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]]) 
     return listed[3].get("limit", 0.0), "own" in listed[3]
 
 
-def _table(command: str) -> click.Command:
-    table: click.Command = importlib.import_module(MODULES[command]).main
-    return table
-
-
 def _wrong(command: str, rng: random.Random) -> dict[str, Any]:
     """Returns a line with one thing wrong."""
-    table, right = _table(command), list(COMMANDS[command])
+    table, right = found(command), list(COMMANDS[command])
     options = [each for each in table.params if isinstance(each, click.Option) and each.name != "help"]
     kind = rng.randrange(6)
+    if not options:
+        words = rng.choice((["--nothing"], ["-z"], ["--" + "x" * 2000], ["one", "too", "many"]))
+        return {"command": command, "arguments": [*right, *words], "allowed": [1, 2]}
     option = rng.choice(options)
     flag = rng.choice(option.opts)
     if kind == 0:
@@ -123,7 +123,7 @@ def _wrong(command: str, rng: random.Random) -> dict[str, Any]:
     elif kind == 2:
         line = [*right, "one", "too", "many"]
     elif kind == 3 and right:
-        line = rng.choice(([], ["", *right[1:]], ["\ud83e", *right[1:]], ["x" * 5000, *right[1:]]))
+        line = rng.choice(([], ["", *right[1:]], ["\udcff", *right[1:]], ["x" * 5000, *right[1:]]))
     elif option.is_flag:
         line = [*right, f"{flag}=1"]
     else:
@@ -145,7 +145,8 @@ def _is_wrong(option: click.Option, text: str) -> bool:
         except (ValueError, OverflowError):
             return True
         return bool(
-            value != value
+            value in (math.inf, -math.inf)
+            or value != value
             or (kind.min is not None and (value < kind.min or (kind.min_open and value == kind.min)))
             or (kind.max is not None and value > kind.max)
         )

@@ -16,15 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from wayfield.benchmarks.faults import life
-from wayfield.benchmarks.faults.place import Ended, on_cores
+from wayfield.benchmarks.faults.place import ENTRIES, Ended, found, on_cores
 from wayfield.envs.processes import end_with_parent
 
-# each command's click object
-MODULES = {
-    "train": "wayfield.policies.training.command",
-    **{name: f"wayfield.benchmarks.{name}"
-       for name in ("evaluate", "barn", "decisions", "throughput", "tune", "fingerprints")},
-}  # fmt: skip
 _LATER = ("wayfield.policies.training.run",)  # what commands import only when they work
 _WAIT = 0.005  # s
 
@@ -35,7 +29,7 @@ class Fork:
     def __init__(
         self, command: str, arguments: Sequence[str], folder: Path, before: Callable[[], None] | None = None
     ) -> None:
-        main = importlib.import_module(MODULES[command]).main
+        main = found(command)
         self._files = [folder.parent / f"{folder.name}-{time.monotonic_ns()}.{name}" for name in ("out", "err")]
         self._status: int | None = None
         parent = os.getpid()
@@ -96,7 +90,9 @@ class Forks:
     def __init__(self) -> None:
         self.references: dict[str, tuple[dict[str, str], float]] = {}
         self._names = (f"fork-{os.getpid()}-{k}" for k in itertools.count())
-        for name in (*MODULES.values(), *_LATER):
+        for command in ENTRIES:
+            found(command)
+        for name in _LATER:
             importlib.import_module(name)
 
     def warm(self, command: str, arguments: Sequence[str], folder: Path) -> None:
@@ -109,7 +105,7 @@ class Forks:
             os.chdir(folder)
             sys.argv = [command, *arguments]
             with contextlib.suppress(SystemExit):
-                importlib.import_module(MODULES[command]).main()
+                found(command)()
         finally:
             os.chdir(here)
             sys.argv = words
@@ -189,4 +185,5 @@ def _become(
         status = 1
     finally:
         sys.stdout.flush()
+        sys.stderr.flush()
         os._exit(status)

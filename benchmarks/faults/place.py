@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import hashlib
+import importlib
 import itertools
 import os
 import re
@@ -15,29 +16,44 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 import wayfield
 from wayfield import benchmarks, envs, policies
+from wayfield.command import COMMANDS as INSTALLED
 from wayfield.envs.processes import end_with_parent
 
-_PROGRESS = re.compile(r"\d+ of \d+ ")  # how lines about progress begin, which may come before a refusal
+_PROGRESS = re.compile(r"\d+ of \d+ |first run: ")  # how lines about progress begin, which may come before a refusal
 _PATIENCE = 120.0  # s
 _LONGEST = 1500  # characters of a line that says what is wrong
 MARK = "WAYFIELD_FAULTS"  # environment variable by which the processes of a command are known
-# what installers make of an entry point
-_SCRIPT = "import sys\nfrom {module} import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-_SCRIPTS = {  # commands that are scripts rather than modules: where their `main` is, and the root's script
-    "evaluate": ("wayfield.benchmarks.evaluate", ""),
-    "evaluate.py": ("wayfield.benchmarks.evaluate", "evaluate.py"),
-    "train": ("wayfield.policies.training.command", "train.py"),
-}
-_MODULES = {
-    "onnx": "wayfield.policies.learned.onnx",
-    "freeze": "wayfield.envs.scenarios.freeze",
+# where each command's click object is; a test knows whether one is forgotten
+ENTRIES = {
+    **{name: f"{each.module}:{each.function}" for name, each in INSTALLED.items()},
+    "onnx": "wayfield.policies.learned.onnx:main",
+    "freeze": "wayfield.envs.scenarios.freeze:main",
+    "simulator": "wayfield.envs.coppelia.__main__:main",
+    "report": "wayfield.benchmarks.report.__main__:main",
+    **{name: f"wayfield.benchmarks.report.{name}:main" for name in ("demo", "speed", "wasm")},
+    "faults": "wayfield.benchmarks.faults.__main__:main",
     **{
-        name: f"wayfield.benchmarks.{name}"
-        for name in ("barn", "decisions", "fingerprints", "throughput", "tune", "faults")
+        name: f"wayfield.benchmarks.{name}:main"
+        for name in (
+            "audit", "barn", "coppelia", "coppelia_latency", "coverage", "decisions", "fingerprints", "publish",
+            "record", "robot_page", "throughput", "tune_all",
+        )
     },
-}
+}  # fmt: skip
+_ROOT = ("evaluate.py", "train.py")  # the repository's scripts
+# what installers make of the entry point
+_SCRIPT = "import sys\nfrom wayfield.command import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
+
+
+def found(command: str) -> click.Command:
+    """Returns a command's click object."""
+    module, _, function = ENTRIES[command].partition(":")
+    entry: click.Command = getattr(importlib.import_module(module), function)
+    return entry
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +128,7 @@ class Place:
             **kept,
             "HOME": str(home),
             "MPLCONFIGDIR": str(home),
+            "MINARI_DATASETS_PATH": str(home / "minari"),
             "PYTHONPATH": str(self.code),
             "NUMBA_CACHE_DIR": str(self.out / "work" / "compiled"),
             "OMP_NUM_THREADS": "1",
@@ -135,7 +152,7 @@ class Place:
         Args:
             output: "closed" or "pipe", one whose reader has gone, takes the place of standard output.
         """
-        driver = [str(self._script(command))] if command in _SCRIPTS else ["-m", _MODULES[command]]
+        driver = self._driver(command)
         mark = next(self._marks)
         self._used.append(mark)
         return Running(
@@ -148,16 +165,18 @@ class Place:
             output,
         )
 
-    def _script(self, command: str) -> Path:
-        """Returns the script of a command: the repository's own, or beside an installed package one like it."""
-        module, name = _SCRIPTS[command]
-        own = Path(wayfield.__path__[0]).parent / name
-        if name and own.is_file():
-            return own
-        script = self.out / "work" / "scripts" / command / "wayfield"
+    def _driver(self, command: str) -> list[str]:
+        """Returns what Python runs: the repository's script, the installed command, or a module."""
+        own = Path(wayfield.__path__[0]).parent / command
+        if command in _ROOT and own.is_file():
+            return [str(own)]
+        name = command.removesuffix(".py")
+        if name not in INSTALLED:
+            return ["-m", ENTRIES[name].partition(":")[0]]
+        script = self.out / "work" / "scripts" / "wayfield"
         script.parent.mkdir(parents=True, exist_ok=True)
-        script.write_text(_SCRIPT.format(module=module), encoding="utf-8")
-        return script
+        script.write_text(_SCRIPT, encoding="utf-8")
+        return [str(script), name]
 
     def warm(self, command: str, arguments: Sequence[str], folder: Path) -> None:
         """Runs a command once, so that its machine code is kept."""
