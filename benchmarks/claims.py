@@ -8,9 +8,9 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
+from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.crossed import LEAST
-from wayfield.benchmarks.entries import COMPARED, PACE_TOLERANCE, Entry, by_entry, grouped, label, mean_speed
+from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, grouped, label, mean_speed
 from wayfield.benchmarks.matrix import cost_difference, cost_unit, difference_cells, shown_as, success_difference
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row

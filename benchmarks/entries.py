@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.contests import COST, OWN_SPLIT, Column, Contest
+from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, Column, Contest
 from wayfield.benchmarks.crossed import share_interval
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.disturbances import LEVELS
@@ -16,7 +16,6 @@ Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
 
 COMPARED = ("test", OWN_SPLIT)  # the splits that entries are ranked on
-PACE_TOLERANCE = 0.03  # relative: who is farther off the asked mean speed is not ranked with those that hold it
 OFF_PACE = "‡"
 
 _NEEDED = ("contest", "family", "split", "failure_cost", "agent_seed", "knows")

@@ -12,7 +12,8 @@ from typing import Any
 from tabulate import tabulate
 
 from wayfield.benchmarks.claims import SUMMARY_HEADER, summary
-from wayfield.benchmarks.entries import OFF_PACE, PACE_TOLERANCE
+from wayfield.benchmarks.contests import PACE_TOLERANCE
+from wayfield.benchmarks.entries import OFF_PACE
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.run_folder import source_digest
 from wayfield.benchmarks.sections import KEPT, SECTIONS, Section

@@ -8,12 +8,11 @@ import numpy as np
 
 from wayfield.benchmarks.aggregates import interval, iqm
 from wayfield.benchmarks.claims import claims_table
-from wayfield.benchmarks.contests import CONTESTS, COST, OWN_SPLIT, TRANSFER_SPLIT, Contest
+from wayfield.benchmarks.contests import CONTESTS, COST, OWN_SPLIT, PACE_TOLERANCE, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.entries import (
     COMPARED,
     OFF_PACE,
-    PACE_TOLERANCE,
     Entry,
     by_entry,
     by_scenario,

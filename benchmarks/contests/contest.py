@@ -121,7 +121,8 @@ class Score:
         return self.failures + (self.off_pace + self.quality / (1.0 + self.quality)) / 3.0
 
 
-PACE_TOLERANCE = 0.03  # relative
+# relative: who is farther off the asked mean speed is not ranked with those that hold it
+PACE_TOLERANCE = 0.03
 
 
 def driven(rows: Sequence[Row]) -> tuple[int, int]:
