@@ -11,6 +11,7 @@ import sys
 import threading
 
 _SOON = 0.02  # s
+_RAISED = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}  # what handlers of signals raise
 
 
 def _command() -> str:
@@ -31,17 +32,19 @@ def started() -> None:
     """Gives Ctrl-C its usual meaning back; the command itself says what was interrupted."""
     if signal.getsignal(signal.SIGINT) is _interrupted:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if sys.unraisablehook is sys.__unraisablehook__:
         sys.unraisablehook = again
 
 
 def again(lost: "sys.UnraisableHookArgs") -> None:
-    """Sends Ctrl-C again where it fell into a destructor or a callback, which the interpreter would drop with a
-    traceback; other exceptions there are told as usual.
+    """Sends Ctrl-C or SIGTERM again where what it raised fell into a destructor or a callback, which the interpreter
+    would drop with a traceback; other exceptions there are told as usual.
     """
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        threading.Timer(_SOON, os.kill, (os.getpid(), signal.SIGINT)).start()
-    else:
+    number = next((_RAISED[kind] for kind in _RAISED if issubclass(lost.exc_type, kind)), None)
+    if number is None:
         sys.__unraisablehook__(lost)
+    else:
+        threading.Timer(_SOON, os.kill, (os.getpid(), number)).start()
 
 
 _NAME = _command()

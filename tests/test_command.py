@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -298,13 +299,23 @@ def test_without_a_display_the_game_says_one_line(tmp_path: Path) -> None:
     assert told.stderr.count("\n") == 1
 
 
-def test_ctrl_c_that_falls_into_a_destructor_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("number", "raised"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)])
+def test_a_signal_that_falls_into_a_destructor_is_not_lost(
+    number: int, raised: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def handler(*_: object) -> None:
+        raise raised
+
     class Late:
         def __del__(self) -> None:
-            raise KeyboardInterrupt
+            raise raised
 
     monkeypatch.setattr(sys, "unraisablehook", starting.again)
-    late = [Late()]
-    late.clear()
-    with pytest.raises(KeyboardInterrupt):
-        time.sleep(10.0)
+    before = signal.signal(number, handler)
+    try:
+        late = [Late()]
+        late.clear()
+        with pytest.raises(raised):
+            time.sleep(10.0)
+    finally:
+        signal.signal(number, before)
