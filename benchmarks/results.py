@@ -3,17 +3,15 @@
 import csv
 import dataclasses
 import math
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from wayfield.benchmarks.archive import Archive
 from wayfield.benchmarks.trajectory import Trajectory
-from wayfield.envs.checks import MOST_BYTES, shown
+from wayfield.envs.checks import shown
 from wayfield.envs.readers import of_folder, reader
 
 EPISODES = "episodes.csv"
@@ -121,34 +119,13 @@ def read_trajectories(folder: Path, keys: Container[str] | None = None) -> dict[
         ValueError: if the file is damaged or holds anything else; the message names file and array.
         OSError: if it cannot be opened.
     """
-    file, name = folder / TRAJECTORIES, ""
     fields: dict[str, dict[str, Any]] = {}
-    with open(file, "rb") as stream:
-        try:
-            with np.load(stream, allow_pickle=False) as archive:
-                sizes = [(each.file_size, each.compress_size) for each in archive.zip.infolist()]
-                unpacked, packed = (sum(size) for size in zip((0, 0), *sizes, strict=True))
-                if unpacked > max(MOST_BYTES, _DENSEST * packed):
-                    raise ValueError(f"it would unpack to {unpacked} bytes")
-                for name in archive.files:
-                    key, field = name.split("/")
-                    if field not in _FIELDS:
-                        raise ValueError("it is no field of a trajectory")
-                    if keys is None or key in keys:
-                        array = archive[name]
-                        if array.dtype.kind not in "fbiuV" or array.dtype.hasobject:
-                            raise ValueError(f"it holds {array.dtype}, not numbers")
-                        fields.setdefault(key, {})[field] = array.item() if array.ndim == 0 else array
-            found = {}
-            for name, values in fields.items():
-                found[name] = Trajectory(**values)
-            return found
-        except (zipfile.BadZipFile, zlib.error, LookupError, TypeError, ValueError, EOFError, OSError) as error:
-            problem = str(error)
-        except (
-            *(AttributeError, MemoryError, NotImplementedError, OverflowError, SyntaxError, RuntimeError),
-            tokenize.TokenError,  # of NumPy's repair of headers of Python 2
-        ) as error:
-            # a header that asks for more than there is, an archive of another kind, a lone array
-            problem = f"{type(error).__name__} {error}"
-    raise ValueError(f"{file}: {name + ': ' if name else ''}the file is damaged: {' '.join(problem.split())}")
+    with Archive(folder / TRAJECTORIES, _DENSEST) as archive:
+        for name in archive.names:
+            key, _, field = name.partition("/")
+            if field not in _FIELDS:
+                raise ValueError(f"{name} is no field of a trajectory")
+            if keys is None or key in keys:
+                array = archive[name]
+                fields.setdefault(key, {})[field] = array.item() if array.ndim == 0 else array
+        return {key: Trajectory(**values) for key, values in fields.items()}

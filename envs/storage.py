@@ -20,9 +20,12 @@ _PREFIX = ".wayfield-"  # of everything temporary: .wayfield-HOST-PROCESS-RANDOM
 def write_whole(file: Path, content: bytes) -> None:
     """Writes a file so that at any moment, a crash and a loss of power included, the old or the new content is there.
 
+    What writers that are gone have left half-written beside it is deleted.
+
     Raises:
         OSError: if it cannot be written; what was there before still is.
     """
+    clear_stale(file.parent)
     handle, name = tempfile.mkstemp(prefix=_own_prefix(), dir=file.parent)
     try:
         with open(handle, "wb") as stream:

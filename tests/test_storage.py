@@ -53,7 +53,8 @@ def test_racing_writers_never_fail_and_never_mix(tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_what_a_dead_process_left_is_cleared_and_what_a_living_one_writes_is_not(tmp_path):
+@pytest.mark.parametrize("clear", [storage.clear_stale, lambda folder: storage.write_whole(folder / "a", b"")])
+def test_what_a_dead_process_left_is_cleared_and_what_a_living_one_writes_is_not(tmp_path, clear):
     child = subprocess.run(
         [
             sys.executable,
@@ -68,8 +69,8 @@ def test_what_a_dead_process_left_is_cleared_and_what_a_living_one_writes_is_not
     foreign = tmp_path / ".wayfield-notes"
     foreign.write_text("mine")
     assert len(list(tmp_path.iterdir())) == 3
-    storage.clear_stale(tmp_path)
-    assert sorted(tmp_path.iterdir()) == sorted([ours, foreign])
+    clear(tmp_path)
+    assert sorted({*tmp_path.iterdir()} - {tmp_path / "a"}) == sorted([ours, foreign])
 
 
 def test_a_lock_is_refused_to_a_second_and_free_after_the_first(tmp_path):

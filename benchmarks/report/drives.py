@@ -1,17 +1,14 @@
 """What a replay needs of an episode: its poses and errors, quantised to a millimetre and a milliradian."""
 
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.benchmarks.archive import Archive
 from wayfield.benchmarks.run_folder import DRIVES
 from wayfield.benchmarks.trajectory import Trajectory
-from wayfield.envs.checks import MOST_BYTES
 from wayfield.envs.readers import of_folder, reader
 
 QUANTUM = 1e-3  # m and rad
@@ -55,24 +52,8 @@ def read_drives(folder: Path) -> dict[int, Drive]:
         ValueError: if the file is damaged or holds anything else; the message names it.
         OSError: if it cannot be opened.
     """
-    file = folder / DRIVES
-    with open(file, "rb") as stream:
-        try:
-            with np.load(stream, allow_pickle=False) as archive:
-                sizes = [(each.file_size, each.compress_size) for each in archive.zip.infolist()]
-                unpacked, packed = (sum(size) for size in zip((0, 0), *sizes, strict=True))
-                if unpacked > max(MOST_BYTES, _DENSEST * packed):
-                    raise ValueError(f"it would unpack to {unpacked} bytes")
-                arrays = {name: archive[name] for name in ("rows", "columns", "steps", "numbers")}
-            return _taken_apart(**arrays)
-        except (zipfile.BadZipFile, zlib.error, LookupError, TypeError, ValueError, EOFError, OSError) as error:
-            problem = str(error)
-        except (
-            *(AttributeError, MemoryError, NotImplementedError, OverflowError, SyntaxError, RuntimeError),
-            tokenize.TokenError,  # of NumPy's repair of headers of Python 2
-        ) as error:
-            problem = f"{type(error).__name__} {error}"
-    raise ValueError(f"{file}: the file is damaged: {' '.join(problem.split())}")
+    with Archive(folder / DRIVES, _DENSEST) as archive:
+        return _taken_apart(**{name: archive[name] for name in ("rows", "columns", "steps", "numbers")})
 
 
 def _taken_apart(
