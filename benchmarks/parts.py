@@ -275,6 +275,7 @@ def clear_parts(parts: Sequence[Part]) -> None:
     for part in parts:
         shutil.rmtree(part.folder, ignore_errors=True)
     for folder in {part.folder.parent for part in parts}:
+        clear_stale(folder)
         if os.listdir(folder) == [_MARK]:
             (folder / _MARK).unlink()
             folder.rmdir()

@@ -134,4 +134,8 @@ def _alive(process: int) -> bool:
         return False
     except PermissionError:
         return True
-    return True
+    try:
+        state = Path(f"/proc/{process}/stat").read_bytes().rpartition(b")")[2].split()[:1]
+    except OSError:  # not Linux, or it has just gone
+        return True
+    return state not in ([b"Z"], [b"X"])  # dead, but its new parent has not looked yet

@@ -28,6 +28,7 @@ OPENING = {
 LOADING = {"np", "numpy", "json", "pickle", "torch", "onnx"}  # whose `load` reads a file
 # what opens a file for reading outside of a registered reader, and why that is right
 ALLOWED = {
+    ("envs/storage.py", "_alive"): "the system's word about a process",
     ("envs/objects.py", "read_text"): "called by the readers of tables, scenarios and data sheets",
     ("envs/objects.py", "json_object"): "called by the readers of scenarios and data sheets",
     ("envs/scenarios/tables.py", "_points"): "parses lines that were read already",

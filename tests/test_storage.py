@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -71,6 +72,19 @@ def test_what_a_dead_process_left_is_cleared_and_what_a_living_one_writes_is_not
     assert len(list(tmp_path.iterdir())) == 3
     clear(tmp_path)
     assert sorted({*tmp_path.iterdir()} - {tmp_path / "a"}) == sorted([ours, foreign])
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+def test_a_dead_process_that_nobody_has_waited_for_is_gone(tmp_path):
+    code = (
+        f"from wayfield.envs import storage; import pathlib; storage.temporary_folder(pathlib.Path({str(tmp_path)!r}))"
+    )
+    child = subprocess.Popen([sys.executable, "-c", code])
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    assert list(tmp_path.iterdir())
+    storage.clear_stale(tmp_path)
+    assert not list(tmp_path.iterdir())
+    child.wait()
 
 
 def test_a_lock_is_refused_to_a_second_and_free_after_the_first(tmp_path):
