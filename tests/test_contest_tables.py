@@ -19,6 +19,7 @@ from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.standings import contest_tables, front_points
 from wayfield.benchmarks.table import Table
+from wayfield.benchmarks.terminal import print_short
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.policies.pilot import Pilot
 
@@ -367,3 +368,19 @@ def test_a_bar_in_a_cell_is_no_border() -> None:
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert {len(re.split(r"(?<!\\)\|", line)) for line in lines} == {4}
     assert r"\|v\|" in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 200])
+def test_the_short_report_keeps_every_cell_within_the_terminal(
+    width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    cells = ["regulated_pure_pursuit (tuned)", "100.0 [98.1, 100.0]", "0.0112 [0.0101, 0.0123]", "0.62", "first"]
+    header = ["policy", "success (%)", "RMS error (m)", "speed (m/s)", "verdict"]
+    print_short([("Nobody knows who wins. " * 9, Table("", header, [cells], ""))])
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= min(width, 100)
+    assert printed.count("Nobody") == 9
+    if width >= 80:
+        assert set(" ".join(cells).split()) <= set(printed.split())
+    assert ("0.0112 [0.0101, 0.0123]" in printed) == (width >= 100)
