@@ -71,7 +71,11 @@ def families(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
             cost[i, j] = float(iqm(values(won, contest.spec.cost.metric))) if won else np.nan
     heat = contest.heat
     by_cost = heat.metric == COST
-    figure, axis = plt.subplots(figsize=(3.2 + 0.62 * len(names), 1.9 + 0.33 * len(entries)), layout="constrained")
+    labels = [label(entry) for entry in entries]
+    split = next(row["split"] for mine in entries.values() for row in mine)
+    title = f"{contest.spec.title}: {heat.title} by family, {split} scenarios"
+    width = max(1.0 + 0.085 * max(map(len, labels)) + 0.62 * len(names), 0.1 * len(title))  # in, room for each letter
+    figure, axis = plt.subplots(figsize=(width, 1.9 + 0.33 * len(entries)), layout="constrained")
     low, high = np.log10(heat.ends) if by_cost else heat.ends
     shown = np.log10(np.maximum(cost, heat.ends[0])) if by_cost else success
     image = axis.imshow(shown, cmap=heat.map_name, aspect="auto", vmin=low, vmax=high)
@@ -83,9 +87,8 @@ def families(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
             dark = float(np.dot(light, (0.2126, 0.7152, 0.0722))) < 0.5  # relative luminance
             axis.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
     axis.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=45, ha="right")
-    axis.set_yticks(range(len(entries)), [label(entry) for entry in entries])
-    split = next(row["split"] for mine in entries.values() for row in mine)
-    axis.set_title(f"{contest.spec.title}: {heat.title} by family, {split} scenarios", loc="left")
+    axis.set_yticks(range(len(entries)), labels)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=plt.rcParams["axes.titlesize"])
     return figure
 
 

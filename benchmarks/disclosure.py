@@ -48,7 +48,9 @@ def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Dis
     """Returns what an entry has; of a policy from outside of the package, what it declares that it knows."""
     on_path = contest.spec.scenario is PathScenario
     sees = _SEES_PATHS if on_path else _SEES_GOALS
-    told = _TOLD.get(knows.removeprefix("own, "), knows)
+    known = knows.removeprefix("own, ")
+    # who knows the path is told the goal where there is none
+    told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
     if policy in TRAINED:
         return Disclosure(told, sees, _AGENT_ON_PATHS if on_path else _AGENT_AT_GOALS)
     if policy in PAPER and gains_name == "paper":

@@ -1,4 +1,4 @@
-"""The figures that the documents print, and those of one's own paths and goals, from rows and trajectories alone."""
+"""The figures that the documents print, and those of scenarios of one's own, from rows and trajectories alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from wayfield.benchmarks.documents import TITLES
 from wayfield.benchmarks.drawing import (
     PATH_COLOUR,
     SOLID,
@@ -52,8 +53,8 @@ def colours(experiments: Experiments) -> dict[str, str]:
 
 
 def stem_of(document: str) -> str:
-    """Returns what the names of a document's figures, or those of the user's own path or goal, begin with."""
-    return document if document in ("path", "goal") else f"document_{document.lower()}"
+    """Returns what the names of a document's figures, or those of the user's own path, goal or dock, begin with."""
+    return f"document_{document.lower()}" if document in TITLES else document
 
 
 def driven_paths(experiments: Experiments) -> Figure:
@@ -173,6 +174,7 @@ FIGURES: Mapping[str, Mapping[str, Callable[[Experiments], Figure]]] = {
     "C": {"potential_field": goal_seekers},
     "path": {"trajectories": driven_paths, "errors": reference_errors},
     "goal": {"trajectories": goal_seekers},
+    "dock": {"trajectories": goal_seekers},
 }
 
 

@@ -70,8 +70,18 @@ _COLUMNS = {
         Column("(deg)", ("final_heading_error",), 1, _DEGREES),
         Column("faults", ("faults",), 0),
     ),
+    "dock": (
+        Column("time (s)", ("time",), 2),
+        Column("final error (m)", ("final_position_error",)),
+        Column("(deg)", ("final_heading_error",), 1, _DEGREES),
+        Column("driven (m)", ("path_length",), 2),
+        Column("changes of direction", ("direction_changes",), 0),
+        Column("least clearance (m)", ("min_clearance",), 2),
+        Column("faults", ("faults",), 0),
+    ),
 }
 
+_OF_GOALS = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 _NOTES = {
     "A": (
         "Cross-track errors: RMS over the driven arc length, then over time as published; + is left of the path. "
@@ -85,7 +95,8 @@ _NOTES = {
         "0.058 m for scenario 2, 0.020 m when a misprint is mended."
     ),
     "path": "RMS error over the driven arc length, then over time; jumps are leaps of the reference point.",
-    "goal": "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else.",
+    "goal": _OF_GOALS,
+    "dock": f"A success is at rest within 0.05 m and 0.05 rad, unless the file says otherwise. {_OF_GOALS}",
 }
 
 

@@ -43,6 +43,7 @@ DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinema
 FAMILIES = tuple(name for spec in TASKS.values() for name in spec.families)
 KEPT = {"worst": WORST, "all": None}
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
+_LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 
 
 @click.command("evaluate", cls=OneLineErrors, context_settings={"max_content_width": 100})
@@ -467,6 +468,8 @@ def _print(shown: Iterable[Table]) -> None:
         while columns > 4 and paper.measure(whole).maximum > console.width:
             columns -= 1
             whole = table.terminal(columns, stacked=True)
+        if paper.measure(whole).maximum > console.width:
+            whole = table.terminal(columns, stacked=True, cell_width=max(console.width // columns - 4, _LEAST_WIDTH))
         with console.capture() as capture:
             console.print(whole)
         for line in capture.get().splitlines():

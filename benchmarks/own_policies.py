@@ -204,7 +204,12 @@ def own_policy(text: str) -> OwnClass | OwnModel:
 
 
 def source_and_gains(text: str) -> tuple[str, dict[str, Any]]:
-    """Returns the first word of a text, and the gains key=value behind it; ValueError, quoting it, if it has others."""
+    """Returns the first word of a text, and the gains key=value behind it; ValueError, quoting it, if it has others.
+
+    A model's file may have spaces in its path.
+    """
+    if text.lower().endswith(".zip") and any(os.path.isfile(each) for each in (text, text.partition(":")[2])):
+        return text, {}
     try:
         source, *words = shlex.split(text) or [""]
     except ValueError as error:
@@ -354,6 +359,8 @@ class _Asked:
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory; Mismatch, naming both, if the model's spaces are not those of the environment."""
         top = np.asarray(briefing.robot.max_twist, np.float32)
+        beams = len(briefing.beam_angles)
+        made = f": num_beams={beams}, max_range={briefing.max_range:g}" if beams else ""
         for what, mine, theirs in (
             ("reads", self._model.observation_space, briefing.layout.space),
             ("acts in", self._model.action_space, gymnasium.spaces.Box(-top, top, dtype=np.float32)),
@@ -361,7 +368,7 @@ class _Asked:
             if not _alike(mine, theirs):
                 raise Mismatch(
                     f"{self._name!r} {what} {_space(mine)}, but the contest has {_space(theirs)}"
-                    f" ({briefing.task.suite}, {briefing.robot.name})"
+                    f" ({briefing.task.suite}, {briefing.robot.name}{made})"
                 )
         return np.empty((briefing.num_envs, 0))
 

@@ -45,11 +45,14 @@ class Table:
         writer.writerows(self.rows)
         return text.getvalue()
 
-    def terminal(self, columns: int | None = None, stacked: bool = False) -> rich.table.Table:
+    def terminal(
+        self, columns: int | None = None, stacked: bool = False, cell_width: int = _CELL_WIDTH
+    ) -> rich.table.Table:
         """Returns the table, or its first columns, for a rich console; a rule stands between experiments.
 
         Args:
-            stacked: whether intervals stand below what they are of, which takes less room.
+            stacked: whether intervals, and published figures, stand below what they belong to, which takes less room.
+            cell_width: characters after which the text of a cell goes on in another line.
         """
         table = rich.table.Table(
             title=self.title,
@@ -60,9 +63,9 @@ class Table:
         for name in self.header[:columns]:
             table.add_column(name.replace(" (", "\n("), overflow="fold")
         for row, following in itertools.zip_longest(self.rows, self.rows[1:]):
-            lines = [cell.replace(" [", "\n[") if stacked else cell for cell in row[:columns]]
+            lines = [cell.replace(" [", "\n[").replace(" / ", " /\n") if stacked else cell for cell in row[:columns]]
             cells = [
-                "\n".join("\n".join(textwrap.wrap(line, _CELL_WIDTH, **_WHOLE_WORDS)) for line in cell.split("\n"))
+                "\n".join("\n".join(textwrap.wrap(line, cell_width, **_WHOLE_WORDS)) for line in cell.split("\n"))
                 for cell in lines
             ]
             table.add_row(*cells, end_section=following is not None and following[0] != row[0])

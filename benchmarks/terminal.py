@@ -1,5 +1,6 @@
-"""What a run prints: who wins and one small table a task, no wider than a terminal."""
+"""What a run prints: who wins and one small table a task, no wider than the terminal."""
 
+import shutil
 import textwrap
 from collections.abc import Iterable
 
@@ -7,18 +8,29 @@ from tabulate import tabulate
 
 from wayfield.benchmarks.table import Table
 
-WIDTH = 100  # characters
+WIDTH = 100  # characters, where the terminal has them
 MOST_LINES = 7  # of a small table
+_NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
 
 
 def print_short(told: Iterable[tuple[str, Table]]) -> None:
     """Prints for each task the sentence that says who wins, and a small table."""
+    width = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
     for sentence, table in told:
-        print(textwrap.fill(sentence, WIDTH, break_long_words=False, break_on_hyphens=False))
-        lines = table.rows[:MOST_LINES]
-        header = [name.replace("speed (m/s)", "m/s") for name in table.header]
-        for line in tabulate(lines, header, tablefmt="simple", disable_numparse=True).splitlines():
-            print(line[:WIDTH].rstrip())
+        print(textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False))
+        print(_small(table, width))
         if len(table.rows) > MOST_LINES:
             print(f"{len(table.rows) - MOST_LINES} more in table.md")
         print()
+
+
+def _small(table: Table, width: int) -> str:
+    """Returns the first lines of a table; where they are too wide, intervals and long names go on in a second line."""
+    rows = table.rows[:MOST_LINES]
+    header = [name.replace("speed (m/s)", "m/s") for name in table.header]
+    text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+    if max(map(len, text.splitlines())) > width:
+        rows = [[cell.replace(" [", "\n[") for cell in row] for row in rows]
+        rows = [["\n".join(textwrap.wrap(name, _NAME_WIDTH)), *cells] for name, *cells in rows]
+        text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+    return "\n".join(line[:width].rstrip() for line in text.splitlines())

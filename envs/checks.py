@@ -34,7 +34,8 @@ MOST_OBSTACLES = 100_000
 MOST_STEPS = 10**9  # of an episode
 MOST_ENVS = 1_000_000
 MOST_BYTES = 2**28  # of a file
-LAST_SEED = 2**63 - 1
+LAST_SEED = 2**63 - 1  # of a policy or a scenario
+LAST_OF_EPISODES = 2**128 - 1  # as many as NumPy draws where a reset is given none; wrappers draw 64 bits
 
 
 def number(
@@ -133,13 +134,13 @@ def choose(field: str, value: Any, choices: Iterable[str]) -> None:
 
 
 def seed(field: str, value: Any) -> None:
-    """Raises TypeError unless a seed is a whole number or None, ValueError unless it is in [0, LAST_SEED]."""
+    """Raises TypeError unless a seed is a whole number or None, ValueError unless it is in [0, LAST_OF_EPISODES]."""
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise TypeError(f"{field} must be a whole number or None, got {shown(value)}")
-    if not 0 <= value <= LAST_SEED:
-        refuse(field, value, f"a whole number from 0 to {LAST_SEED}")
+    if not 0 <= int(value) <= LAST_OF_EPISODES:
+        refuse(field, value, "a whole number from 0 to 2^128 - 1")
 
 
 def memory(what: str, size: int) -> None:

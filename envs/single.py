@@ -66,7 +66,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         `options={"scenario": k}` starts the scenario with index k of the bank instead of a drawn one.
 
         Raises:
-            TypeError, ValueError: if the seed is no whole number from 0 to 2^63 - 1, or the options are wrong; the
+            TypeError, ValueError: if the seed is no whole number from 0 to 2^128 - 1, or the options are wrong; the
                 episode goes on as if nothing had been asked.
         """
         check_seed("seed", seed)

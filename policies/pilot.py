@@ -35,7 +35,8 @@ class Pilot:
         if kind not in policy.observes:
             reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
             gives = f"{kind.__module__}.{kind.__name__}"
-            raise TypeError(f"{type(policy).__name__} reads {reads}, but {type(base).__name__} gives {gives}")
+            name = getattr(policy, "name", type(policy).__name__)
+            raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}")
         check_robot(policy, base.task.robot)
         self.policy = policy
         self._env = base

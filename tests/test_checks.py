@@ -334,7 +334,7 @@ print("ended")
 # ---- seeds and options of a reset
 
 
-@pytest.mark.parametrize("seed", [-1, -(10**400), 2**63, 10**400])
+@pytest.mark.parametrize("seed", [-1, -(10**400), 2**128, 10**400])
 def test_seeds_out_of_range_are_refused(seed: int) -> None:
     single = gymnasium.make(PATH_ID).unwrapped
     vector: Any = gymnasium.make_vec(PATH_ID, 2, vectorization_mode="vector_entry_point")
@@ -342,7 +342,7 @@ def test_seeds_out_of_range_are_refused(seed: int) -> None:
         with pytest.raises(ValueError, match="seed"):
             reset(seed=seed)
     with pytest.raises(ValueError, match="seed"):
-        vector.reset(seed=2**63 - 1)  # the second robot's would be 2**63
+        vector.reset(seed=2**128 - 1)  # the second robot's would be 2**128
 
 
 @pytest.mark.parametrize("seed", ["1", 1.5, True, [1], {}])
@@ -358,9 +358,22 @@ def test_seeds_of_another_type_are_refused(seed: Any) -> None:
 
 
 def test_large_seeds_are_seeds() -> None:
-    for seed in (99_999_999_999, np.int64(5), 2**63 - 1):
+    for seed in (99_999_999_999, np.int64(5), np.uint64(2**64 - 1), 2**128 - 1):
         env = gymnasium.make(PATH_ID).unwrapped
         assert (env.reset(seed=seed)[0] == gymnasium.make(PATH_ID).unwrapped.reset(seed=int(seed))[0]).all()
+
+
+def test_an_episode_is_made_again_from_the_seed_that_was_drawn_for_it() -> None:
+    env = gymnasium.make(GOAL_ID).unwrapped
+    first, _ = env.reset()
+    drawn = env.np_random_seed
+    assert drawn >= 2**64  # NumPy's, with all but one chance in 2^64
+    again, _ = gymnasium.make(GOAL_ID).unwrapped.reset(seed=drawn)
+    np.testing.assert_array_equal(again, first)
+    np.testing.assert_array_equal(env.reset(seed=drawn)[0], first)
+    many: Any = gymnasium.make_vec(GOAL_ID, 2, vectorization_mode="vector_entry_point")
+    rows, _ = many.reset()
+    np.testing.assert_array_equal(many.reset(seed=list(many.np_random_seed))[0], rows)
 
 
 @pytest.mark.parametrize("options", ["scenario", 1, [("scenario", 1)], 0, ""])

@@ -61,8 +61,9 @@ def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) ->
     (tmp_path / "file").touch()
     # the folders beside the module and in the user's home are taken away as well
     before = (
-        "from numba.core import caching as c; c.CacheImpl._locator_classes = [c.UserProvidedCacheLocator]; "
-        "c.CompileResultCacheImpl._locator_classes = [c.UserProvidedCacheLocator]"
+        "from numba.core import caching as c; own = [getattr(c, 'UserProvidedCacheLocator', None) or "
+        "c._UserProvidedCacheLocator]; "  # as older releases call it
+        "c.CacheImpl._locator_classes = c.CompileResultCacheImpl._locator_classes = own"
     )
     result, *said = called(tmp_path, before, NUMBA_CACHE_DIR=str(tmp_path / "file" / "cache"))
     assert result == "6.0 8.0"

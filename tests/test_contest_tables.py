@@ -14,12 +14,15 @@ from wayfield.benchmarks.aggregates import interval, iqm, mean
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.crossed import exact_interval
+from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.standings import contest_tables, front_points
 from wayfield.benchmarks.table import Table
+from wayfield.benchmarks.terminal import print_short
 from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs.briefing import KNOWS
 from wayfield.policies.pilot import Pilot
 
 PATHS, GOALS = "path-following", "goal-obstacles"
@@ -362,8 +365,44 @@ def test_a_narrow_terminal_stacks_intervals_before_it_leaves_columns_out() -> No
     assert shown.index("96.0") < shown.index("[92.3, 98.0]")
 
 
+def test_published_figures_stand_below_ours_and_texts_are_as_narrow_as_asked_for() -> None:
+    table = Table("C", ["policy", "time (s)", "is told"], [["apf", "12.30 / 12.00", "the goal and all obstacles"]], "")
+    console = rich.console.Console(width=1000)
+    with console.capture() as capture:
+        console.print(table.terminal(stacked=True, cell_width=12))
+    assert [" ".join(line.split()) for line in capture.get().splitlines()[-4:-1]] == [
+        "apf 12.30 / the goal and",
+        "12.00 all",
+        "obstacles",
+    ]
+
+
+@pytest.mark.parametrize("name", CONTESTS)
+def test_only_who_has_a_path_is_told_one(name: str) -> None:
+    told = {knows: disclosed("mine", "default", knows, CONTESTS[name]).told for knows in KNOWS}
+    assert ("path" in told["path"]) == (CONTESTS[name].spec.kind == "path")
+    assert "goal" in told["goal"]
+    assert told["sensors"] == "nothing"
+
+
 def test_a_bar_in_a_cell_is_no_border() -> None:
     text = Table("Costs", ["policy", "a|b"], [["mine:P", "|v|"]], "note").markdown()
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert {len(re.split(r"(?<!\\)\|", line)) for line in lines} == {4}
     assert r"\|v\|" in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 200])
+def test_the_short_report_keeps_every_cell_within_the_terminal(
+    width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    cells = ["regulated_pure_pursuit (tuned)", "100.0 [98.1, 100.0]", "0.0112 [0.0101, 0.0123]", "0.62", "first"]
+    header = ["policy", "success (%)", "RMS error (m)", "speed (m/s)", "verdict"]
+    print_short([("Nobody knows who wins. " * 9, Table("", header, [cells], ""))])
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= min(width, 100)
+    assert printed.count("Nobody") == 9
+    if width >= 80:
+        assert set(" ".join(cells).split()) <= set(printed.split())
+    assert ("0.0112 [0.0101, 0.0123]" in printed) == (width >= 100)

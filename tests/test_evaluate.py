@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from wayfield.benchmarks import document_tables
+from wayfield.benchmarks.document_figures import FIGURES
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import METRICS, measure
@@ -16,6 +18,7 @@ from wayfield.benchmarks.own_scenario import POLICIES
 from wayfield.benchmarks.report.page import BUDGET
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.rollout import roll_out
+from wayfield.envs.scenarios import TASKS
 
 OF_EVERY_RUN = ("run.json", ".lock", "report.html", "drives.npz", "worlds.json")
 CIRCUITS = Path(__file__).parents[2] / "shared" / "data" / "tum_racetracks"
@@ -182,6 +185,32 @@ def test_a_goal_scenario_of_ones_own(goal, tmp_path):
     assert "Goal: gööl" in result.stdout
     # twice the distance in a straight line is long enough a clock for who drives, and ends who does not
     assert number(rows[2], "time") >= 2.0 / 0.25
+
+
+def test_a_dock_of_ones_own(tmp_path):
+    file, out = tmp_path / "my dock.json", tmp_path / "out"
+    post = '{"kind": "circle", "x": 3, "y": 2, "radius": 0.1}'
+    file.write_text(f'{{"dock": [1.2, 0.4, 0.3], "obstacles": [{post}]}}')
+    result = evaluate("--path", file, "--policies", "polar,zero", "--dynamics", "kinematic", "--out", out)
+    assert result.exit_code == 0, result.output
+    figures = {"dock_trajectories.svg", "dock_trajectories.png"}
+    assert {each.name for each in out.iterdir()} == {"episodes.csv", "table.md", "trajectories.npz", *figures} | {
+        *OF_EVERY_RUN
+    }
+    docked = read_rows(out)[0]
+    assert (docked["policy"], docked["success"]) == ("polar", "1")
+    assert max(number(docked, "final_position_error"), number(docked, "final_heading_error")) <= 0.05
+    shown = (out / "table.md").read_text()
+    assert "Dock: my dock" in shown
+    for column in ("final error (m)", "time (s)", "driven (m)", "changes of direction", "least clearance (m)"):
+        assert column in shown
+
+
+def test_every_task_has_its_table_and_figures_of_a_file_of_ones_own():
+    kinds = {spec.kind for spec in TASKS.values()}
+    assert kinds <= set(document_tables._COLUMNS)
+    assert kinds <= set(document_tables._NOTES)
+    assert kinds <= set(FIGURES)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="names are no bytes there")

@@ -43,6 +43,7 @@ def run(python: Path | str, script: str, *arguments: str, folder: Path) -> str:
     """Returns what an example prints, run in another folder so that the installed package is what it finds."""
     command = [str(python), str(EXAMPLES / script), *arguments]
     environment = os.environ | {
+        "OMP_NUM_THREADS": "1",  # on a shared machine threads of torch that wait for each other take minutes
         "MINARI_DATASETS_PATH": str(folder / "minari"),
         "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     }

@@ -354,7 +354,7 @@ def test_clear_radius_is_that_of_the_widest_way() -> None:
             nx, ny = len(x), len(y)
             nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
             clear = clearances(s.obstacles, nodes).reshape(nx, ny)
-            index = np.arange(nx * ny).reshape(nx, ny)
+            index = np.arange(nx * ny, dtype=np.int32).reshape(nx, ny)
             a = np.concatenate([index[1:].ravel(), index[:, 1:].ravel()])
             b = np.concatenate([index[:-1].ravel(), index[:, :-1].ravel()])
             width = np.minimum(clear.ravel()[a], clear.ravel()[b])

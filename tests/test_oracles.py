@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
 import wayfield  # noqa: F401  registers the environments
@@ -343,7 +344,7 @@ def test_the_printed_odometry_stops_short() -> None:
     # turned back by 2/3 of the believed heading, at 2/3 of its length. A short control period of lam = 1 adds 2 cm.
     share = np.linspace(0.0, 1.0, 2001)
     back = -math.radians(45.0) * 2.0 / 3.0 * (1.0 - (1.0 - share) ** 2)
-    stop = 2.0 / 3.0 * (3.0 + 4.0j) * np.trapezoid(np.exp(1j * back), share)
+    stop = 2.0 / 3.0 * (3.0 + 4.0j) * trapezoid(np.exp(1j * back), share)
     assert run["goal_distance"][-1] == pytest.approx(abs(3.0 + 4.0j - stop), abs=0.03)
     assert run["goal_distance"][-1] == pytest.approx(2.3, abs=0.1)
     assert drive(GOAL_ID, "omni3_goal", policy, pose_source="odometry").info["success"]

@@ -210,6 +210,9 @@ def test_a_model_drives_as_it_answers_and_another_space_is_refused(home: Path) -
     entrant: Any = own_policies.own_policy("mine.zip")
     assert entrant.algorithm == "PPO"
     assert own_policies.own_policy("soft.zip").algorithm == "SAC"  # type: ignore[union-attr]
+    (home / "my runs").mkdir()
+    Path("soft.zip").rename("my runs/the soft one.zip")
+    assert own_policies.own_policy("sac:my runs/the soft one.zip").algorithm == "SAC"  # type: ignore[union-attr]
     seen, _ = env.reset(seed=3)
     pilot = policies.Pilot(entrant.make({}), env)
     pilot.reset()
@@ -219,6 +222,7 @@ def test_a_model_drives_as_it_answers_and_another_space_is_refused(home: Path) -
     assert refused.exit_code == 2
     assert "'mine.zip' reads Box(" in refused.stderr
     assert "but the contest has Box(" in refused.stderr
+    assert "(goal-obstacles, p3dx: num_beams=72, max_range=5)" in refused.stderr
     assert not (home / "other").exists()
 
 

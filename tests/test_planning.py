@@ -70,7 +70,7 @@ def optimum(grid: Grid, start: tuple[int, int], goal: tuple[int, int]) -> float:
     if grid[start] or grid[goal]:
         return math.inf
     i, j, length = np.array(edges).reshape(-1, 3).T
-    graph = coo_array((length, (i.astype(int), j.astype(int))), shape=(grid.size, grid.size))
+    graph = coo_array((length, (i.astype(np.int32), j.astype(np.int32))), shape=(grid.size, grid.size))
     first, last = (int(r * columns + c) for r, c in (start, goal))
     return float(dijkstra(graph.tocsr(), directed=False, indices=first)[last])
 

@@ -25,7 +25,7 @@ RENDER_MODES = ("none", "human")
 TRACKS = {"coppelia": None, "wayfield": -ROBOTS["p3dx"].wheel_positions[0][1]}
 
 
-class Number(click.ParamType[float]):
+class Number(click.ParamType):  # type: ignore[type-arg]  # generic in the newest releases of click alone
     """A number within bounds."""
 
     name = "number"

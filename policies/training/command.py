@@ -164,7 +164,8 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         *columns,
         TimeRemainingColumn(),
         TextColumn("{task.fields[score]}"),
-        console=console,
+        # older releases of rich end what is disabled with a blank line
+        console=console if console.is_terminal else Console(quiet=True),
         disable=not console.is_terminal,
         transient=True,  # what is left is what `_told` says, or one line about what went wrong
     ) as bar:
