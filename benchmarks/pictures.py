@@ -136,7 +136,8 @@ def _field(axis: Any, scenario: Any) -> None:
                        for share in (0.0, 1.0))  # fmt: skip
         axis.plot(*np.array([here, there]).T, color=colour(0), linewidth=1.0, linestyle=":")
     start, goal = np.array(scenario.start), np.array(scenario.goal)
-    axis.add_patch(Circle((float(start[0]), float(start[1])), HULL, facecolor="none", edgecolor=colour(1), linewidth=1.4, zorder=4))
+    ring = {"facecolor": "none", "edgecolor": colour(1), "linewidth": 1.4, "zorder": 4}
+    axis.add_patch(Circle((float(start[0]), float(start[1])), HULL, **ring))
     _arrow(axis, start, 1.6 * HULL, colour(1))
     axis.plot(*np.array([start[:2], goal[:2]]).T, color=PATH_COLOUR, linewidth=0.8, linestyle="--", zorder=1)
     goal_mark(axis, goal)
