@@ -7,12 +7,12 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-SECTION = re.compile(r"(Args|Raises|Returns|Yields|Attributes|Example|Examples|Note):$")
+FIELDS = {"Args:": "param", "Raises:": "raises"}  # sections, and what reStructuredText calls each of their entries
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Registers the extension with Sphinx, before napoleon reads the sections."""
-    app.connect("autodoc-process-docstring", _process, priority=100)
+    """Registers the extension with Sphinx."""
+    app.connect("autodoc-process-docstring", _process)
     app.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True}
 
@@ -20,12 +20,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
 def _process(app: Sphinx, what: str, name: str, value: Any, options: object, lines: list[str]) -> None:
     del app, name, options
     lines[:] = restructured(lines)
-    if what == "property":
-        lines.insert(0, "")  # else napoleon takes what stands before a colon for a type
     if what == "class":
-        fields = fields_of(value)
-        if fields:
-            lines.extend(["", "Attributes:", *(f"    {field}: {inline(told)}" for field, told in fields), ""])
+        lines.extend(["", *(f":ivar {field}: {inline(told)}" for field, told in fields_of(value)), ""])
 
 
 def _skip(app: Sphinx, what: str, name: str, value: object, skip: bool, options: object) -> bool | None:
@@ -49,13 +45,22 @@ def fields_of(kind: Any) -> list[tuple[str, str]]:
 
 
 def restructured(lines: list[str]) -> list[str]:
-    """Returns a docstring with code in double backticks, formulas that are set apart as blocks, and stars as stars."""
+    """Returns a docstring with code in double backticks, formulas set apart as blocks, and sections as fields."""
     found: list[str] = []
-    section = block = False
+    field = ""
+    block = False
     for k, line in enumerate(lines):
         if line.strip() and not line.startswith(" "):
-            section = bool(SECTION.match(line))
-        apart = line.startswith("    ") and not section and (k == 0 or not lines[k - 1].strip() or block)
+            field, block = FIELDS.get(line, ""), False
+            if field:
+                continue
+        if field and line.startswith("    "):
+            entry = re.match(r"    (\*{0,2}\w+): (.*)", line)
+            found.append(
+                f":{field} {entry[1].lstrip('*')}: {inline(entry[2])}" if entry else f"    {inline(line.strip())}"
+            )
+            continue
+        apart = line.startswith("    ") and (block or k == 0 or not lines[k - 1].strip())
         if apart and not block:
             found.extend(["::", ""])
         block = apart or (block and not line.strip())

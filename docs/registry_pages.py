@@ -67,15 +67,20 @@ def pages(docs: Path) -> Iterator[tuple[str, str]]:
     """Yields name and text of each page that is generated."""
     ids = [env_id for spec in TASKS.values() for env_id in spec.ids.values()]
     told = "Each environment's sheet, with units, rewards and ends of episodes; `help(env.unwrapped)` prints it too."
+    rows = [(f"[{_stem(each)}](environments/{_stem(each)}.md)", _picture(each, "gif", "..")) for each in ids]
+    told += "\n\n" + _table(("environment", "a drive in it"), rows)
     yield "environments.md", _hub("Each environment", told, [f"environments/{_stem(each)}" for each in ids])
     for env_id in ids:
         yield f"environments/{_stem(env_id)}.md", environment_page(env_id)
     told = "Each law with its equations, source and gains; [choosing a controller](../choosing.md) says which when."
+    rows = [(f"[`{name}`](policies/{name}.md)", ABOUT[name].what, ABOUT[name].source) for name in POLICIES]
+    told += "\n\n" + _table(("policy", "what it is", "source"), rows)
     yield "policies.md", _hub("Each policy", told, [f"policies/{name}" for name in POLICIES])
     advice = choices(docs)
     for name in POLICIES:
         yield f"policies/{name}.md", policy_page(name, advice[name])
     told = "What is public, from its docstrings. Environments are made by their ids, policies by `make`."
+    told += "\n\n" + "\n".join(f"- [{module}](api/{module}.md)" for module in API)
     yield "api.md", _hub("API", told, [f"api/{module}" for module in API])
     for module in API:
         yield f"api/{module}.md", api_page(module)
@@ -88,8 +93,14 @@ def _stem(env_id: str) -> str:
     return env_id.partition("/")[2].partition("-v")[0]
 
 
+def _picture(env_id: str, kind: str, docs: str, width: str = "") -> str:
+    what = "a film of a drive" if kind == "gif" else "the whole way of a drive in one picture"
+    size = f"{{width={width}}}" if width else ""
+    return f"![{_stem(env_id)}: {what}]({docs}/pictures/{_stem(env_id)}.{kind}){size}"
+
+
 def _hub(title: str, told: str, entries: list[str]) -> str:
-    return "\n".join([f"# {title}", "", told, "", "```{toctree}", ":maxdepth: 1", "", *entries, "```", ""])
+    return "\n".join([f"# {title}", "", told, "", "```{toctree}", ":hidden:", "", *entries, "```", ""])
 
 
 def _table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
@@ -117,14 +128,10 @@ def environment_page(env_id: str) -> str:
         ("a run is compared by", f"success, then {spec.cost.name} ({spec.cost.unit})"),
         ("policies", ", ".join(drivers)),
     ]
-    shown = _stem(env_id)
     head, _, rest = sheet.partition("\n")
-    pictures = [
-        f"![{head.rstrip('.')}: the whole way in one picture](../../pictures/{shown}.png){{width=60%}}",
-        f"![{head.rstrip('.')}: a film of it](../../pictures/{shown}.gif){{width=36%}}",
-    ]
+    pictures = [_picture(env_id, "png", "../..", "60%"), _picture(env_id, "gif", "../..", "36%")]
     code = f'```python\nimport gymnasium\nimport wayfield\n\nenv = gymnasium.make("{env_id}")\n```'
-    parts = [f"# {shown}", head, code, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
+    parts = [f"# {_stem(env_id)}", head, code, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
     return "\n\n".join(parts) + "\n"
 
 
@@ -214,4 +221,6 @@ def _linked(app: Sphinx, page: str, source: list[str]) -> None:
     text = source[0]
     for name, there in ROOT_PAGES.items():
         text = re.sub(rf"\]\((?:\.\./)+{re.escape(name)}", f"]({up}{FOLDER}/{there}", text)
+    # a page of its own, not a page of the site and not a download
+    text = re.sub(r"\[([^\]]+)\]\(demo\.html\)", rf'<a href="{up}demo.html">\1</a>', text)
     source[0] = text.replace("](results/)", "](results/README.md)")

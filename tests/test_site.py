@@ -83,7 +83,8 @@ def test_pictures_are_small_and_nothing_else_is_there() -> None:
     [
         (["Returns `x` * 2 of **kwargs and a_."], [r"Returns ``x`` \* 2 of \*\*kwargs and a\_."]),
         (["The law:", "", "    w = 2 * y", "", "with y."], ["The law:", "", "::", "", "    w = 2 * y", "", "with y."]),
-        (["Args:", "    x: of `y`.", "        more"], ["Args:", "    x: of ``y``.", "        more"]),
+        (["Args:", "    x: of `y`.", "        more"], [":param x: of ``y``.", "    more"]),
+        (["Raises:", "    ValueError: if `x`."], [":raises ValueError: if ``x``."]),
         (["* a", "* b*c"], ["* a", r"* b\*c"]),
     ],
 )
