@@ -55,10 +55,12 @@ def restructured(lines: list[str]) -> list[str]:
             if field:
                 continue
         if field and line.startswith("    "):
-            entry = re.match(r"    (\*{0,2}\w+): (.*)", line)
-            found.append(
-                f":{field} {entry[1].lstrip('*')}: {inline(entry[2])}" if entry else f"    {inline(line.strip())}"
-            )
+            entry = re.match(r"    (\*{0,2}\w+(?:, \w+)*): (.*)", line)
+            if entry:
+                names = entry[1].lstrip("*").split(", ")
+                found.extend(f":{field} {name}: {inline(entry[2])}" for name in names)
+            else:
+                found.append(f"    {inline(line.strip())}")
             continue
         apart = line.startswith("    ") and (block or k == 0 or not lines[k - 1].strip())
         if apart and not block:
