@@ -8,7 +8,7 @@ from tabulate import tabulate
 from wayfield.benchmarks.table import Table
 
 WIDTH = 100  # characters
-MOST_LINES = 7  # of a small table
+MOST_LINES = 6  # of a small table
 
 
 def print_short(told: Iterable[tuple[str, Table]]) -> None:
