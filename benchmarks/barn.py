@@ -12,7 +12,6 @@ import csv
 import gzip
 import json
 import math
-import os
 import tempfile
 import zlib
 from collections.abc import Sequence
@@ -34,7 +33,7 @@ from wayfield.benchmarks.results import TABLE, Row, number, readable, write_rows
 from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import workers
+from wayfield.benchmarks.workers import cores, workers
 from wayfield.envs.checks import MOST_POINTS, shown
 from wayfield.envs.command_line import Names, OneLineErrors, words_given
 from wayfield.envs.readers import of_folder, reader
@@ -192,7 +191,7 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, out:
                 fault = str(error).removeprefix(f"{file}: ")
                 raise click.UsageError(f"{folder / CYLINDERS}: world {world}: {fault}") from None
             settings += settings_of(world, str(file), policies or CONTEST.policies, "lagged")
-        with workers(count or min(os.cpu_count() or 1, 4)) as in_parallel:
+        with workers(count or cores()) as in_parallel:
             try:
                 driven = list(tracked(in_parallel(_driven, settings), len(settings), "runs"))
             except ValueError as error:  # a world without a way has no shortest one to compare with

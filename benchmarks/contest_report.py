@@ -20,13 +20,13 @@ from wayfield.benchmarks.run_folder import REPORT, Run, held, staging
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import Map, workers
+from wayfield.benchmarks.workers import Map
 
 Short = list[tuple[str, Table]]  # of each task: who wins, as a sentence and a small table
 
 
-def contest_report(options: ContestOptions, folder: Path, count: int) -> tuple[list[Table], Short]:
-    """Plays a contest in `count` processes, writes its files into the folder; returns its tables and what they say."""
+def contest_report(options: ContestOptions, folder: Path, in_parallel: Map) -> tuple[list[Table], Short]:
+    """Plays a contest, writes its files into the folder; returns its tables and what they say."""
     try:
         settings = options.settings()
     except WrongOption as error:
@@ -37,7 +37,7 @@ def contest_report(options: ContestOptions, folder: Path, count: int) -> tuple[l
     with holding(folder, run):
         parts = parts_of(settings, folder)
         try:
-            told = _played(options, settings, folder, run, count)
+            told = _played(options, settings, folder, run, in_parallel)
         except (KeyboardInterrupt, SystemExit):
             raise Interrupted("interrupted", parts) from None
         except (OSError, MemoryError) as error:
@@ -63,10 +63,10 @@ def holding(folder: Path, run: Run) -> Iterator[None]:
 
 
 def _played(
-    options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, count: int
+    options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, in_parallel: Map
 ) -> tuple[list[Table], Short]:
     """Plays the parts of a contest and writes its files; returns its tables and what they say."""
-    with staging(folder, run) as stage, workers(count) as in_parallel:
+    with staging(folder, run) as stage:
         rows, trajectories = run_contest(settings, folder, in_parallel)
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)

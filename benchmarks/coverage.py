@@ -6,7 +6,6 @@ skewed, runs fail, agents differ from each other: as in the suites, or worse.
 """
 
 import dataclasses
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -23,7 +22,7 @@ from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import TABLE
 from wayfield.benchmarks.run_folder import Run, held, staging
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import workers
+from wayfield.benchmarks.workers import cores, workers
 from wayfield.envs.command_line import OneLineErrors
 
 Array = NDArray[np.float64]
@@ -214,7 +213,7 @@ def main(simulations: int, seed: int, out: str | None, count: int | None) -> Non
     command = "python -m wayfield.benchmarks.coverage"
     if simulations != SIMULATIONS:
         command += f" --simulations {simulations}"
-    table = coverage_table(count or min(os.cpu_count() or 1, 4), simulations, seed, command)
+    table = coverage_table(count or cores(), simulations, seed, command)
     if out is not None:
         run = Run(SUITE, command, (COVERAGE,))
         try:

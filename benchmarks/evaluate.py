@@ -32,7 +32,7 @@ from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import WORST, Setting, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
-from wayfield.benchmarks.workers import Map, workers
+from wayfield.benchmarks.workers import Map, cores, workers
 from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, command_given
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
@@ -182,7 +182,7 @@ class Asked:
     @property
     def processes(self) -> int:
         """Returns how many processes share the work."""
-        return self.count or min(os.cpu_count() or 1, 4)
+        return self.count or cores()
 
     @property
     def names(self) -> tuple[str, ...] | None:
@@ -277,9 +277,10 @@ class Asked:
         with holding(folder / "contests", options.run):  # is it free? Better told before the documents are run
             pass
         cases = documents()
-        shown = self._run_cases(DOCUMENTS, cases, folder / DOCUMENTS)
-        with _ended_by_signals():
-            tables, _ = contest_report(options, folder / "contests", self.processes)
+        # the same processes do both: with each comes what it imports, reads and, the first time, compiles
+        with _ended_by_signals(), workers(self.processes) as in_parallel:
+            shown = self._run_cases(DOCUMENTS, cases, folder / DOCUMENTS, in_parallel)
+            tables, _ = contest_report(options, folder / "contests", in_parallel)
             known = reproduced(read_rows(folder / DOCUMENTS), cases)
             sections = [Section(folder / "contests", tables), Section(folder / DOCUMENTS, shown, known)]
             this = Run(OVERVIEW, self.command)
@@ -291,7 +292,8 @@ class Asked:
         """Runs the experiments of the documents."""
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         cases, folder = _cases_of_documents(self.names), self.folder(DOCUMENTS, differing)
-        shown = self._run_cases(DOCUMENTS, cases, folder)
+        with _ended_by_signals(), workers(self.processes) as in_parallel:
+            shown = self._run_cases(DOCUMENTS, cases, folder, in_parallel)
         self._tell(shown, [reproduced(read_rows(folder), cases)], folder)
 
     def run_path(self) -> None:
@@ -301,7 +303,8 @@ class Asked:
             cases = own_cases(self.path, self.scale, self.names, self.robot or "p3dx")
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
-        shown = self._run_cases(cases[0].document, cases, folder)
+        with _ended_by_signals(), workers(self.processes) as in_parallel:
+            shown = self._run_cases(cases[0].document, cases, folder, in_parallel)
         self._tell(shown, [ranked(read_rows(folder))], folder)
 
     def run_scenarios(self) -> None:
@@ -341,8 +344,8 @@ class Asked:
             | {"gains": self.gains if self.gains != "all" else None}
         )
         folder = self.folder(suite, differing)
-        with _ended_by_signals():
-            tables, told = contest_report(options, folder, self.processes)
+        with _ended_by_signals(), workers(self.processes) as in_parallel:
+            tables, told = contest_report(options, folder, in_parallel)
         self._tell(tables, told, folder)
 
     def _tell(self, tables: Sequence[Table], told: Iterable[tuple[str, Table]], folder: Path) -> None:
@@ -354,7 +357,7 @@ class Asked:
             print(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
         print(f"Report: {folder / REPORT}")
 
-    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path) -> list[Table]:
+    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path, in_parallel: Map) -> list[Table]:
         """Runs cases of the documents or of a path, and writes their files; returns their tables."""
         plants = DYNAMICS[self.dynamics or "both"]
         actuators = self.actuators or "ideal"
@@ -369,12 +372,7 @@ class Asked:
         films = ("video/*.mp4",) if self.video else ()
         figures = [f"{kind}_*.{suffix}" for kind in kinds for suffix in ("svg", "png")]
         this = Run(name, self.command, (*figures, *films))
-        with (
-            _ended_by_signals(),
-            holding(folder, this),
-            staging(folder, this) as stage,
-            workers(self.processes) as in_parallel,
-        ):
+        with holding(folder, this), staging(folder, this) as stage:
             try:
                 rows, trajectories = run(settings, in_parallel)
             except ValueError as error:  # a damaged agent

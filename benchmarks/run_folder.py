@@ -32,7 +32,7 @@ REPORT = "report.html"
 DRIVES, WORLDS = "drives.npz", "worlds.json"  # what the report replays, and where
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
 
-_SHOW_ONLY = ("publish.py", "page.py", "sections.py", "audit.py", "audit_formulas.py")
+_SHOW_ONLY = ("publish.py", "page.py", "sections.py", "audit.py", "audit_formulas.py", "pictures.py")
 _NAMED = ("episodes", "scale", "seed")  # whose values alone say nothing in a folder's name
 _LONGEST_NAME = 120
 _SAMPLE = '{"suite": "path", "command": "evaluate", "code": "0a", "files": {"table.md": "1b"}, "replaced": {}}'

@@ -25,7 +25,7 @@ import click
 import wayfield.policies
 from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants, Score
 from wayfield.benchmarks.suite import Setting, episodes
-from wayfield.benchmarks.workers import Map, workers
+from wayfield.benchmarks.workers import Map, cores, workers
 from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.robots import Robot, shipped_name
@@ -340,7 +340,7 @@ def main(
     _check_file(file, force)
     starts = tuple(_start(text) for text in started_from)
     search = Search(policy, contest, robot, speed, level, actuators, frames, trials, scenarios, seed, starts)
-    with workers(count or min(os.cpu_count() or 1, 4)) as in_parallel:
+    with workers(count or cores()) as in_parallel:
         content = search.run(in_parallel)
     # before they are written: a disk that is full then takes nothing away
     found = content["validation"]

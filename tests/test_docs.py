@@ -22,7 +22,8 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.policies import POLICIES
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), *TUTORIALS]
 NOT_RUN = "<!-- not run: "  # above a block, with the reason
 
 FENCED = re.compile(r"(^<!--[^\n]*-->\n)?^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -54,7 +55,7 @@ def anchors(page: Path) -> set[str]:
 
 def test_there_are_blocks_to_run() -> None:
     names = {name.split("-")[0] for name, _ in python_blocks()}
-    assert {"README.md", "environments.md", "policies.md"} <= names
+    assert {"README.md", "environments.md", "policies.md", *(file.name for file in TUTORIALS)} <= names
 
 
 @pytest.mark.parametrize(("name", "text"), python_blocks(), ids=[name for name, _ in python_blocks()])
@@ -134,7 +135,12 @@ def test_every_number_of_the_readme_stands_in_the_results() -> None:
 
 
 RESULT = re.compile(r"(\d+(?:\.\d+)?)(?: \[[^\]]*\])? (?:%|m\b(?!/)|mm\b|points)")
-OF_RESULTS = ("policies.md", "train.md", "evaluate.md")  # the pages beside results.md that speak of who does how well
+OF_RESULTS = (
+    "choosing.md",
+    "policies.md",
+    "train.md",
+    "evaluate.md",
+)  # the pages beside results.md that speak of who does how well
 
 
 def claimed(text: str) -> set[str]:

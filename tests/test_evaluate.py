@@ -10,12 +10,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks import document_tables
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.document_figures import FIGURES
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import METRICS, measure
 from wayfield.benchmarks.own_scenario import POLICIES
-from wayfield.benchmarks.report.page import BUDGET
+from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.envs.scenarios import TASKS
@@ -64,6 +65,19 @@ def test_by_default_it_prints_little_and_names_the_report_last(tmp_path):
     assert all(len(line) <= 100 or str(tmp_path) in line for line in lines)
     assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
     assert (tmp_path / "report.html").stat().st_size < BUDGET
+
+
+@pytest.mark.slow
+def test_the_overview_is_told_in_forty_lines_of_a_terminal(tmp_path):
+    run = CliRunner().invoke(main, ["--workers", "2", "--out", str(tmp_path)])
+    assert run.exit_code == 0, run.output
+    lines = run.stdout.splitlines()
+    assert len(lines) <= 40, run.stdout
+    assert max(map(len, lines)) <= 100
+    for contest in CONTESTS.values():
+        assert any(line.startswith(contest.spec.title) for line in lines)
+    assert str(tmp_path) in lines[-1]
+    assert (tmp_path / "report.html").stat().st_size <= SMALL_BUDGET
 
 
 def test_it_prints_a_table_for_each_document(lookahead):

@@ -14,16 +14,21 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from test_contest_tables import made as contest_rows
 
 from wayfield.benchmarks import report
-from wayfield.benchmarks.report import demo, page
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.report import demo, findings, page
 from wayfield.benchmarks.report.__main__ import main
 from wayfield.benchmarks.report.drives import QUANTUM, drive_of, packed, read_drives, write_drives
 from wayfield.benchmarks.report.page import Content, Section, rendered, write_page
-from wayfield.benchmarks.report.worlds import plain, read_worlds
+from wayfield.benchmarks.report.worlds import plain, read_worlds, write_worlds
 from wayfield.benchmarks.results import write_rows
+from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, splits
 
 PAGE = Path(report.__path__[0]) / "page"
@@ -153,11 +158,46 @@ def test_the_command_refuses_a_folder_without_a_run(tmp_path: Path) -> None:
     assert "episodes.csv" in run.output
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"worlds": 3, "rows": []}', '{"worlds": {}, "rows": ["a"]}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "[]", '{"worlds": 3, "rows": []}', '{"worlds": {}, "rows": ["a"]}'),
+        *('{"worlds": {}, "rows": [], "hulls": [0.3]}', '{"worlds": {}, "rows": [""], "hulls": ["a"]}'),
+    ],
+)
 def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "worlds.json").write_text(text)
     with pytest.raises(ValueError, match=re.escape(str(tmp_path))):
         read_worlds(tmp_path)
+
+
+def test_rows_tell_the_hull_of_their_robot(tmp_path: Path) -> None:
+    settings = [
+        Setting("path", Case("A", "circle", env_id, scenario, "zero", env_kwargs=kwargs), "kinematic", "ideal", 0, 2)
+        for env_id, scenario, kwargs in (
+            ("wayfield/DiffDrivePathFollowing-v0", "circle", {}),
+            ("wayfield/OmniGoalObstacles-v0", "omni3_goal", {}),
+            ("wayfield/OmniGoalObstacles-v0", "apf_0", {"robot": "omni4"}),
+        )
+    ]
+    write_worlds(tmp_path, settings)
+    worlds, keys, hulls = read_worlds(tmp_path)
+    assert hulls == [ROBOTS[name].hull_radius for name in ("p3dx", "omni3", "omni4") for _ in range(2)]
+    assert len(worlds) == 3
+    assert set(keys) == set(worlds)
+
+
+def test_the_small_table_has_the_first_the_best_agents_and_the_best_that_is_told_the_map() -> None:
+    def rows(policy: str, time: float, **more: str) -> list[Any]:
+        return contest_rows("goal-obstacles", policy, {"success": 1.0, "time": time, "mean_speed": 0.5}, **more)
+
+    found_rows = [row for k in range(6) for row in rows(f"p{k}", 10.0 + k)]
+    found_rows += rows("ppo", 30.0, gains_name="trained", agent_seed="0")
+    found_rows += rows("astar_tracker", 9.0, knows="map") + rows("orca", 20.0, knows="map")
+    small = findings.found(CONTESTS["goal-obstacles"], "p3dx", found_rows).small
+    names = [line[0] for line in small.rows]
+    assert names == ["p0", "p1", "p2", "ppo (trained)", "astar_tracker"]
+    assert [line[-1] for line in small.rows][-1] == "told map"
 
 
 def test_the_demo_page_is_made_with_the_kernels_of_today() -> None:

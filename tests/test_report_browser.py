@@ -11,6 +11,8 @@ from test_report import HOSTILE, hostile
 
 from wayfield.benchmarks.report import demo, page
 from wayfield.benchmarks.report.page import Content, made, rendered
+from wayfield.benchmarks.report.recipes import FITTING
+from wayfield.envs.robots import ROBOTS
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is missing: apt-get install chromium")
@@ -33,8 +35,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     content = hostile()
     content.missing = []
     content.episodes[0] |= {"contest": "goal-obstacles", "family": "clutter_5", "tier": "easy"}
-    files = {"report": folder / "report.html", "demo": folder / "demo.html"}
+    content.episodes[0] |= {"robot": "mine", "hull": 0.123}
+    files = {name: folder / f"{name}.html" for name in ("report", "demo", "bare")}
     files["report"].write_text(rendered(HOSTILE, content, made("evaluate", content), page.BUDGET), encoding="utf-8")
+    bare = Content(sentences=["a won"], missing=["old-run lacks drives.npz: nothing of it can be replayed."])
+    files["bare"].write_text(rendered("bare", bare, made("evaluate", bare), page.BUDGET), encoding="utf-8")
     driving = Content(worlds=demo.worlds()[::20])
     first = driving.worlds[-1]
     told = {"demo": {"first": f"{first['kind']}: {first['family']}"}}
@@ -71,7 +76,7 @@ class Watched:
         self.context.close()
 
 
-@pytest.mark.parametrize("name", ["report", "demo"])
+@pytest.mark.parametrize("name", ["report", "demo", "bare"])
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_it_opens_from_a_file_and_fits(
     browser: Browser, files: dict[str, Path], name: str, width: int, scheme: Any
@@ -181,6 +186,61 @@ def test_a_damaged_scenario_is_a_sentence(
         place.wait_for(timeout=10_000)
         assert told in place.inner_text()
         assert watched.errors == []
+
+
+def test_a_damaged_scenario_that_is_dropped_is_a_sentence_and_the_world_stays(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"]) as watched:
+        tab = watched.page
+        before = tab.evaluate("JSON.stringify(replay.world)")
+        drop = """(text) => {
+          const files = new DataTransfer();
+          files.items.add(new File([text], "damaged.json", { type: "application/json" }));
+          const event = { bubbles: true, cancelable: true, dataTransfer: files };
+          document.querySelector(".board canvas").dispatchEvent(new DragEvent("drop", event));
+        }"""
+        tab.evaluate(drop, '{"goal": [1, 2, "north"]}')
+        place = tab.get_by_role("status").filter(has_text="damaged.json")
+        place.wait_for(timeout=10_000)
+        assert "goal[2]" in place.inner_text()
+        assert tab.evaluate("JSON.stringify(replay.world)") == before
+        # and a good one is taken
+        tab.evaluate(drop, '{"goal": [3, 1, 0]}')
+        watched.until("replay.world.name === 'damaged'")
+        assert tab.evaluate("replay.world.goal[0]") == 3
+        assert watched.errors == []
+
+
+def test_a_run_without_trajectories_is_a_sentence_and_no_blank(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["bare"]) as watched:
+        assert "nothing of it can be replayed" in watched.page.locator("#player").inner_text()
+        assert watched.page.locator("#player canvas").count() == 0
+        assert watched.page.locator("#summary").get_by_text("a won").is_visible()
+        assert watched.errors == []
+
+
+def test_every_robot_that_the_kernels_know_can_be_chosen_and_drives(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"]) as watched:
+        tab = watched.page
+        offered = tab.evaluate("[...drive.robot.options].map((each) => each.value)")
+        assert offered == list(FITTING)
+        for robot in offered:
+            tab.evaluate(
+                "(robot) => { drive.robot.value = robot; drive.robot.dispatchEvent(new Event('change')); }", robot
+            )
+            tab.evaluate("drive.who.value = 'vfh_plus'; drive.go(); replay.toggle(false); drive.advance(40, 20000)")
+            moved = "(({x, y}) => Math.hypot(x.at(-1) - x[0], y.at(-1) - y[0]))(drive.run.actor)"
+            assert tab.evaluate("drive.run.actor.robot") == robot
+            assert tab.evaluate(moved) > 0.05
+            # it is drawn as large as it is
+            assert tab.evaluate("HULLS[replay.robot]") == pytest.approx(ROBOTS[robot].hull_radius)
+        assert watched.errors == []
+
+
+def test_a_robot_of_ones_own_is_drawn_with_its_hull(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["report"]) as watched:
+        assert watched.page.evaluate("[replay.robot, HULLS[replay.robot]]") == ["mine", 0.123]
 
 
 def test_a_browser_without_webassembly_is_told(browser: Browser, files: dict[str, Path]) -> None:

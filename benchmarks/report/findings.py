@@ -18,7 +18,7 @@ from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.scenarios import TIERS
 
 MAP = "map"  # what an upper reference is told
-MOST_SMALL = 5  # lines of the small table
+MOST_SMALL = 3  # rivals in the small table
 
 Chart = dict[str, Any]
 
@@ -63,7 +63,7 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     if len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.told)
         reference = _achieved(above, contest, by_cost)
-        sentence += f" {label(above.entry)}, which is told the map, is the upper reference: {reference}."
+        sentence += f" {label(above.entry)}, told the map, is the upper reference: {reference}."
     charts = [_bars(contest, robot, list(standings.values()), by_cost), _duels(contest, robot, entries)]
     charts.append(_heat(contest, robot, entries))
     return Finding(sentence, _small(contest, robot, rivals, level, ranked, by_cost), tuple(charts))
@@ -89,9 +89,9 @@ def _with_ends(found: tuple[float, ...], factor: float, decimals: int) -> str:
 
 def _achieved(each: _Standing, contest: Contest, by_cost: bool) -> str:
     if not by_cost:
-        return f"success in per cent {_with_ends(each.success, 100.0, 1)}"
+        return f"success {_with_ends(each.success, 100.0, 1)} %"
     cost = contest.spec.cost
-    return f"{cost.name} in {cost.unit} {_with_ends(each.cost, 1.0, cost.decimals)}"
+    return f"{cost.name} {_with_ends(each.cost, 1.0, cost.decimals)} {cost.unit}"
 
 
 def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost: bool) -> str:
@@ -106,7 +106,7 @@ def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost:
 def _first(best: _Standing, contest: Contest, by_cost: bool) -> str:
     """Returns who comes first where there are too few scenarios to say more."""
     won = _achieved(best, contest, by_cost)
-    return f"{label(best.entry)} comes first ({won}); these are too few scenarios to tell policies apart."
+    return f"{label(best.entry)} comes first ({won}); too few scenarios to tell policies apart."
 
 
 def _small(
@@ -117,9 +117,11 @@ def _small(
     ranked: Sequence[_Standing],
     by_cost: bool,
 ) -> Table:
-    """Returns the small table: the first few, then the trained agents and the upper reference where they are not."""
+    """Returns the small table: the first few, then the best trained agents and the best upper reference."""
     shown = list(rivals[:MOST_SMALL])
-    shown += [each for each in ranked if each not in shown and (each.entry[1] == "trained" or MAP in each.told)][:2]
+    trained = [each for each in ranked if each.entry[1] == "trained"]
+    told_map = [each for each in ranked if MAP in each.told]
+    shown += [each for best in (trained[:1], told_map[:1]) for each in best if each not in shown]
     cost, decimals = contest.spec.cost, contest.spec.cost.decimals
     lines = []
     for each in shown:

@@ -124,7 +124,7 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
         )
         return
     drives = read_drives(folder)
-    worlds, keys = read_worlds(folder)
+    worlds, keys, hulls = read_worlds(folder)
     if len(keys) != len(rows):
         raise ValueError(f"{folder / WORLDS} tells of {len(keys)} episodes; there are {len(rows)}")
     index: dict[str, int] = {}
@@ -134,7 +134,8 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
         if key not in index:
             index[key] = len(content.worlds)
             content.worlds.append(worlds[key])
-        content.episodes.append(_episode(row, index[key]))
+        hull = {"hull": hulls[k]} if hulls and row["robot"] not in ROBOTS else {}
+        content.episodes.append(_episode(row, index[key]) | hull)
         content.drives.append(drives.get(k))
 
 
@@ -206,6 +207,7 @@ def rendered(
         "worlds": content.worlds,
         "missing": content.missing,
         "made": how,
+        "hulls": {name: robot.hull_radius for name, robot in ROBOTS.items()},
         **(extra or {}),
     }
     template = asset("page.html")

@@ -11,9 +11,10 @@ from gymnasium.utils.seeding import np_random
 from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.robots import ROBOTS, robot_of
+from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.envs.scenarios import TASKS, TaskSpec, scenarios_of
 from wayfield.envs.storage import write_whole
+from wayfield.policies.learned.reading import is_number
 
 World = dict[str, Any]
 
@@ -48,10 +49,16 @@ def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
 
 def _bank(setting: Setting) -> tuple[Any, ...]:
     case = setting.case
-    spec = spec_of(case.env_id)
-    robots = [robot for robot in ROBOTS.values() if spec.env_id(robot) == case.env_id]
-    robot = robot_of(case.env_kwargs["robot"]) if "robot" in case.env_kwargs else robots[0]
-    return scenarios_of(spec, case.scenario, robot.hull_radius, case.env_kwargs.get("scale", 1.0))
+    scale = case.env_kwargs.get("scale", 1.0)
+    return scenarios_of(spec_of(case.env_id), case.scenario, _robot(setting).hull_radius, scale)
+
+
+def _robot(setting: Setting) -> Robot:
+    """Returns the robot that a setting names, or that its environment has by default."""
+    case = setting.case
+    if "robot" in case.env_kwargs:
+        return robot_of(case.env_kwargs["robot"])
+    return next(robot for robot in ROBOTS.values() if spec_of(case.env_id).env_id(robot) == case.env_id)
 
 
 def plain(scenario: Any, steps: int) -> World:
@@ -89,21 +96,22 @@ def plain(scenario: Any, steps: int) -> World:
 
 
 def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:
-    """Writes the scenarios that some settings drive in, and which each episode drives in, in the order of the rows."""
+    """Writes the scenarios that some settings drive in, and of each row which it drives in and its robot's hull."""
     settings = list(settings)
     keys = [key for setting in settings for key in keys_of(setting)]
-    content = {"worlds": worlds_of(settings), "rows": keys}
+    hulls = [_robot(setting).hull_radius for setting in settings for _ in range(setting.episodes)]
+    content = {"worlds": worlds_of(settings), "rows": keys, "hulls": hulls}
     write_whole(folder / WORLDS, json.dumps(content, separators=(",", ":")).encode())
 
 
 @reader(
     "worlds",
     WORLDS,
-    {WORLDS: '{"worlds": {"a#0#1": {"kind": "path", "path": [[0, 0]]}}, "rows": ["a#0#1"]}'},
+    {WORLDS: '{"worlds": {"a#0#1": {"kind": "path", "path": [[0, 0]]}}, "rows": ["a#0#1"], "hulls": [0.2]}'},
     of_folder,
 )
-def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str]]:
-    """Returns the scenarios of a run by their key, and the key of each row.
+def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[float]]:
+    """Returns the scenarios of a run by their key, and of each row its key and, where told, its hull's radius (m).
 
     Raises:
         ValueError: if the file is no such JSON; the message names it.
@@ -112,13 +120,17 @@ def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str]]:
     file = folder / WORLDS
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        worlds, rows = content["worlds"], content["rows"]
+        worlds, rows, hulls = content["worlds"], content["rows"], content.get("hulls", [])
         if not isinstance(worlds, dict) or not all(
             isinstance(each, dict) and "kind" in each for each in worlds.values()
         ):
             raise ValueError("worlds must be an object of scenarios, each with a kind")
         if not isinstance(rows, list) or not all(key == "" or key in worlds for key in rows):
             raise ValueError("rows must be a list of keys of worlds")
+        if not isinstance(hulls, list) or not all(is_number(each) and each >= 0.0 for each in hulls):
+            raise ValueError("hulls must be a list of radii, in m")
+        if len(hulls) not in (0, len(rows)):
+            raise ValueError(f"hulls has {len(hulls)} radii, one for each of {len(rows)} rows there must be")
     except (LookupError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"{file} holds no worlds: {error}") from None
-    return worlds, rows
+    return worlds, rows, hulls

@@ -18,7 +18,7 @@ class Drive {
     };
     const [who, whoLabel] = select("who drives", []);
     const [from, fromLabel] = select("from", ["the start", "this moment of the chosen robot"]);
-    const [robot, robotLabel] = select("robot", Object.keys(HULLS), () => { replay.robot = this.robot.value; this.offer(); });
+    const [robot, robotLabel] = select("robot", robotsOf(kernels), () => { replay.robot = this.robot.value; this.offer(); });
     const [tier, tierLabel] = select("actuators", kernels.tables.tiers, () => this.offer());
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });

@@ -49,6 +49,8 @@ class Picks {
     const episodes = this.groups.get(this.task.value).get(this.family.value).get(Number(this.world.value));
     const kept = episodes.filter((each) => each.drive !== undefined);
     const world = replay.told.worlds[Number(this.world.value)];
+    // a robot that does not ship tells its hull with its episodes
+    if (episodes[0].hull !== undefined) HULLS[episodes[0].robot] = episodes[0].hull;
     const many = new Map();
     for (const each of kept) many.set(each.policy, (many.get(each.policy) || 0) + 1);
     const seen = new Map();

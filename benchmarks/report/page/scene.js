@@ -1,6 +1,6 @@
 // What stands in a world, and the robots in it.
 
-const HULLS = { p3dx: 0.25, omni3: 0.3, omni4: 0.17677669529663687 }; // m
+const HULLS = {}; // m, by robot: the payload tells them
 const REACH = 5.0; // m, of the scan that is drawn
 const BEAMS = 72;
 

@@ -1,6 +1,8 @@
 // One robot in one world, stepped by the package's own kernels.
 
 const TASK_OF = { path: "path_following", goal: "goal_reaching" };
+// Robots that the kernels know for a task, or for any where nobody can drive.
+const robotsOf = ({ tables }, task) => Object.keys((tables.tasks[task] || Object.values(tables.tasks)[0]).robots);
 const NOISE_BLOCK = 64;
 const POSE_COLUMNS = 7;
 
