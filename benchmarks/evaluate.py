@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import importlib.util
 import os
 import signal
@@ -17,12 +18,13 @@ import rich.console
 import wayfield.policies
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contest_options import ContestOptions
-from wayfield.benchmarks.contest_report import contest_report, holding
+from wayfield.benchmarks.contest_report import contest_report, holding, near
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, GAINS, OVERVIEW, Course
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_policies import own_policy, told_of_models
 from wayfield.benchmarks.own_scenario import own_cases, own_courses
+from wayfield.benchmarks.parcels import in_order
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
 from wayfield.benchmarks.report.drives import drive_of, write_drives
 from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
@@ -32,9 +34,19 @@ from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import WORST, Setting, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
-from wayfield.benchmarks.workers import Map, workers
 from wayfield.envs import goal_reaching
-from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, command_given
+from wayfield.envs.command_line import (
+    SEED,
+    Choice,
+    Names,
+    OneLineErrors,
+    RobotChoice,
+    Scale,
+    command_given,
+    on_cluster,
+    shared_out,
+)
+from wayfield.envs.engines import Engine
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
 
@@ -125,6 +137,7 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     type=click.IntRange(min=1),
     help="Processes that share the work.  [default: a core each, at most 4]",
 )
+@on_cluster
 def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
     (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
@@ -241,7 +254,7 @@ class Asked:
             raise click.UsageError("--scale belongs to --path FILE or --scenarios FOLDER")
         if self.wanted == OVERVIEW:
             if self.narrowed:
-                raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed and --workers")
+                raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed, --workers, --cluster")
         elif self.path is not None or (self.wanted == DOCUMENTS and self.scenarios is None):
             self._check_no_contest()
         elif self.video:
@@ -374,17 +387,18 @@ class Asked:
             _ended_by_signals(),
             holding(folder, this),
             staging(folder, this) as stage,
-            workers(self.processes) as in_parallel,
+            shared_out(self.processes) as engine,
         ):
             try:
-                rows, trajectories = run(settings, in_parallel)
+                rows, trajectories = run(settings, functools.partial(in_order, engine))
             except ValueError as error:  # a damaged agent
                 raise click.ClickException(str(error)) from None
             write_rows(stage, rows)
             write_trajectories(stage, trajectories)
             write_drives(stage, {k: drive_of(each) for k, each in enumerate(trajectories.values())})
             write_worlds(stage, settings)
-            shown = _report(stage, cases, in_parallel)
+            with near(engine, self.processes) as here:
+                shown = _report(stage, cases, here)
             if self.video:
                 from wayfield.benchmarks.video import film
 
@@ -443,7 +457,7 @@ def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
     return tuple(case for case in cases if case.policy in policies)
 
 
-def _report(folder: Path, cases: Iterable[Case], in_parallel: Map) -> list[Table]:
+def _report(folder: Path, cases: Iterable[Case], engine: Engine) -> list[Table]:
     """Writes tables and figures into a folder, from its episodes and trajectories alone; returns the tables."""
     from wayfield.benchmarks.document_figures import FIGURES, draw
 
@@ -452,7 +466,7 @@ def _report(folder: Path, cases: Iterable[Case], in_parallel: Map) -> list[Table
     (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
     found = dict.fromkeys(row["document"] for row in rows)
     wanted = [(folder, document, name) for document in found for name in FIGURES[document]]
-    for _ in tracked(in_parallel(draw, wanted), len(wanted), "figures"):
+    for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
         pass
     return shown
 
