@@ -238,6 +238,39 @@ def _whole(settings: list[Setting]) -> list[dict[str, str]]:
     return [row for setting in settings for row, _ in parts.played(setting)]
 
 
+# Training, a slice of a run at a time.
+
+
+def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(tmp_path: Path, threads: Engine) -> None:
+    """The same agent, curve and state bit for bit, though each slice ends behind a validation and travels."""
+    from wayfield.policies.training.checkpoints import BEST, LAST, read_state, sample_job
+    from wayfield.policies.training.run import train
+    from wayfield.policies.training.slices import train_far
+
+    first = sample_job(tmp_path / "far" / "seed_0")
+    settings = (*first.settings[:-2], "validations=3", "steps=288")
+    from wayfield.policies.training.presets import overridden, preset_for
+
+    preset = overridden(preset_for(first.env_id, "path_following_plain"), settings)
+    jobs = [
+        dataclasses.replace(first, preset=preset, settings=settings, seed=k, folder=tmp_path / "far" / f"seed_{k}")
+        for k in range(2)
+    ]
+    seen: list[int] = []
+    last = train_far(threads, jobs, lambda report: seen.append(report.seed), seconds=0.0)
+    assert all(report.done for report in last)
+    assert sorted(seen) == [0] * 3 + [1] * 3
+    for job in jobs:
+        alone = dataclasses.replace(job, folder=tmp_path / "near" / f"seed_{job.seed}")
+        assert train(alone, lambda report: None).done
+        for name in (f"{BEST}/weights.safetensors",):
+            assert (job.folder / name).read_bytes() == (alone.folder / name).read_bytes()
+        arrays, _ = read_state(job.folder / LAST)
+        others, _ = read_state(alone.folder / LAST)
+        assert arrays.keys() == others.keys()
+        assert all(arrays[name].tobytes() == others[name].tobytes() for name in arrays)
+
+
 # Dask distributed.
 
 distributed = pytest.importorskip("distributed")
