@@ -25,6 +25,7 @@ from wayfield.benchmarks.cases import DIFF_DRIVE_GOAL_REACHING, Case
 from wayfield.benchmarks.contest_report import holding
 from wayfield.benchmarks.contests import CONTESTS, TRAINED
 from wayfield.benchmarks.entries import by_entry, label, success_interval
+from wayfield.benchmarks.parcels import in_order
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.report.drives import Drive, drive_of, write_drives
 from wayfield.benchmarks.report.page import Section, write_page
@@ -33,9 +34,9 @@ from wayfield.benchmarks.results import TABLE, Row, number, readable, write_rows
 from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import cores, workers
 from wayfield.envs.checks import MOST_POINTS, shown
-from wayfield.envs.command_line import Names, OneLineErrors, words_given
+from wayfield.envs.command_line import Names, OneLineErrors, on_cluster, shared_out, words_given
+from wayfield.envs.engines import cores
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import circle, goal_scenarios
@@ -164,6 +165,7 @@ def told_of(rows: Sequence[Row], table: Table) -> tuple[str, Table]:
 @click.option("--first", type=click.IntRange(min=1), help="Only the first worlds.")
 @click.option("--out", metavar="DIR", help="Folder of the results.  [default: results/barn, and what differs]")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
+@on_cluster
 def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, out: str | None, count: int | None) -> None:
     """Drives every policy through the BARN worlds in FOLDER, prints successes and the BARN score, writes a report."""
     try:
@@ -191,9 +193,9 @@ def main(folder: Path, policies: tuple[str, ...] | None, first: int | None, out:
                 fault = str(error).removeprefix(f"{file}: ")
                 raise click.UsageError(f"{folder / CYLINDERS}: world {world}: {fault}") from None
             settings += settings_of(world, str(file), policies or CONTEST.policies, "lagged")
-        with workers(count or cores()) as in_parallel:
+        with shared_out(count or cores()) as engine:
             try:
-                driven = list(tracked(in_parallel(_driven, settings), len(settings), "runs"))
+                driven = list(tracked(in_order(engine, _driven, settings), len(settings), "runs"))
             except ValueError as error:  # a world without a way has no shortest one to compare with
                 raise click.UsageError(f"FOLDER {str(folder)!r}: {error}") from None
         rows = [row for row, _ in driven]

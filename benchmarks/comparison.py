@@ -1,9 +1,11 @@
 """A contest as a function: policies in, rows and tables out, nothing written."""
 
+import contextlib
 import dataclasses
 import importlib.util
 import os
 from collections.abc import Iterable
+from concurrent.futures import Executor
 from typing import Any
 
 from wayfield import policies as registry
@@ -13,13 +15,15 @@ from wayfield.benchmarks.contests import CONTESTS, GAINS
 from wayfield.benchmarks.entries import COMPARED
 from wayfield.benchmarks.own_policies import own_object, own_policy
 from wayfield.benchmarks.own_scenario import own_courses
+from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.parts import played
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import workers as processes
 from wayfield.envs import checks
+from wayfield.envs.engines import Engine, Failed
+from wayfield.envs.engines import workers as processes
 from wayfield.envs.robots import ACTUATORS, AnyRobot, robot_of
 
 _TEXTS = frozenset(
@@ -74,7 +78,7 @@ def compare(
     actuators: str = "lagged",
     gains: str = "best",
     seed: int = 0,
-    workers: int = 1,
+    workers: int | Executor = 1,
 ) -> Comparison:
     """Returns how policies do against each other in the same scenarios. Nothing is written.
 
@@ -87,11 +91,15 @@ def compare(
         episodes: the first of each family; None: all. Of a file, how often it is driven; None: once.
         gains: of policies that are named: "best", which is the tuned ones where there are any, "default", "tuned",
             "paper" or "all".
-        workers: processes that share the work; with several, objects must be such as can be pickled.
+        workers: processes that share the work, or an executor that takes it elsewhere:
+            `dask.distributed.Client(...).get_executor()`, one of submitit, mpi4py or Ray, or of `concurrent.futures`;
+            files that are named travel along. Unless it is 1, objects must be such as can be pickled.
 
     Raises:
         ValueError: if an argument names nothing that there is, or a policy cannot take part; the message names it.
         OSError: if a folder or a file cannot be read.
+        wayfield.envs.engines.Failed: if parts failed twice with an executor; all others are done, and their rows are
+            in its `done`.
     """
     for field, value, choices in (
         ("dynamics", dynamics, ("kinematic", "pymunk")),
@@ -101,7 +109,8 @@ def compare(
         checks.choose(field, value, choices)
     robot = robot_of(robot)
     checks.whole("seed", seed, 0, 2**31 - 1)
-    checks.whole("workers", workers, 1)
+    if not isinstance(workers, Executor):
+        checks.whole("workers", workers, 1)
     if episodes is not None:
         checks.whole("episodes", episodes, 1)
     if isinstance(contest, os.PathLike) or os.path.isdir(contest):
@@ -119,9 +128,20 @@ def compare(
         *(episodes, seed, (), own, courses, "wayfield.benchmarks.compare"),
     )
     settings = [setting for setting in options.settings() if _ranked(setting)]
-    with processes(workers) as in_parallel:
-        rows = tuple(row for found in in_parallel(_rows, settings) for row in found)
+    there = contextlib.nullcontext(Engine.of(workers)) if isinstance(workers, Executor) else processes(workers)
+    found: dict[int, list[Row]] = {}
+    with there as engine:
+        try:
+            found.update(engine.as_done(*sent(engine, _rows, settings)))
+        except Failed as failed:
+            failed.done = _joined(found)
+            raise
+    rows = _joined(found)
     return Comparison(rows, contest_tables(rows, [], options.command, ladder=False))
+
+
+def _joined(found: dict[int, list[Row]]) -> tuple[Row, ...]:
+    return tuple(row for k in sorted(found) for row in found[k])
 
 
 def _sorted_out(given: Iterable[Any]) -> tuple[tuple[str, ...], tuple[Entrant, ...]]:

@@ -20,13 +20,17 @@ from wayfield.benchmarks.run_folder import REPORT, Run, held, staging
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import Map
+from wayfield.envs.engines import Engine, Failed, workers
 
 Short = list[tuple[str, Table]]  # of each task: who wins, as a sentence and a small table
 
 
-def contest_report(options: ContestOptions, folder: Path, in_parallel: Map) -> tuple[list[Table], Short]:
-    """Plays a contest, writes its files into the folder; returns its tables and what they say."""
+def contest_report(options: ContestOptions, folder: Path, engine: Engine, count: int) -> tuple[list[Table], Short]:
+    """Plays a contest by an engine, writes its files into the folder; returns its tables and what they say.
+
+    Args:
+        count: processes of this machine for what needs its files, where the engine has none of them.
+    """
     try:
         settings = options.settings()
     except WrongOption as error:
@@ -37,9 +41,11 @@ def contest_report(options: ContestOptions, folder: Path, in_parallel: Map) -> t
     with holding(folder, run):
         parts = parts_of(settings, folder)
         try:
-            told = _played(options, settings, folder, run, in_parallel)
+            told = _played(options, settings, folder, run, engine, count)
         except (KeyboardInterrupt, SystemExit):
             raise Interrupted("interrupted", parts) from None
+        except Failed as error:
+            raise Stopped(str(error), parts) from None
         except (OSError, MemoryError) as error:
             if isinstance(error, BrokenPipeError):
                 raise
@@ -63,11 +69,11 @@ def holding(folder: Path, run: Run) -> Iterator[None]:
 
 
 def _played(
-    options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, in_parallel: Map
+    options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, engine: Engine, count: int
 ) -> tuple[list[Table], Short]:
     """Plays the parts of a contest and writes its files; returns its tables and what they say."""
     with staging(folder, run) as stage:
-        rows, trajectories = run_contest(settings, folder, in_parallel)
+        rows, trajectories = run_contest(settings, folder, engine)
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
         write_drives(stage, drives_of(parts_of(settings, folder)))
@@ -75,11 +81,22 @@ def _played(
         if not options.ladder:
             # after the rest, alone on the machine
             write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
-        tables = write_report(stage, options.command, options.ladder, in_parallel)
+        with near(engine, count) as here:
+            tables = write_report(stage, options.command, options.ladder, here)
         if options.suite == OVERVIEW:  # which has one report of all that it runs
             return tables, []
         title = f"wayfield: {options.suite}"
         return tables, write_page(stage / REPORT, title, [Section(stage, tables)], options.command)
+
+
+@contextlib.contextmanager
+def near(engine: Engine, count: int) -> Iterator[Engine]:
+    """Yields an engine whose workers have the files of this machine: the one that is there, or `count` processes."""
+    if not engine.remote:
+        yield engine
+        return
+    with workers(count) as here:
+        yield here
 
 
 class Stopped(click.ClickException):
@@ -98,7 +115,7 @@ class Interrupted(Stopped):
     exit_code = 130
 
 
-def write_report(folder: Path, command: str, ladder: bool, in_parallel: Map) -> list[Table]:
+def write_report(folder: Path, command: str, ladder: bool, engine: Engine) -> list[Table]:
     """Writes tables and figures into a folder, from the files of its run; returns the tables."""
     from wayfield.benchmarks.contest_figures import draw_contest, wanted_figures
 
@@ -109,6 +126,6 @@ def write_report(folder: Path, command: str, ladder: bool, in_parallel: Map) -> 
         (folder / f"{name}.csv").write_text(table.csv(), encoding="utf-8")
         (folder / f"{name}.tex").write_text(table.latex(), encoding="utf-8")
     wanted = wanted_figures(folder, rows, ladder)
-    for _ in tracked(in_parallel(draw_contest, wanted), len(wanted), "figures"):
+    for _ in tracked(engine(draw_contest, wanted), len(wanted), "figures"):
         pass
     return list(tables.values())

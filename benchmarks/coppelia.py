@@ -23,6 +23,7 @@ from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.checks import suggestion
 from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, words_given
+from wayfield.envs.engines import HERE
 from wayfield.envs.robots import ACTUATORS
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS
 from wayfield.envs.task import CONTROL_PERIOD
@@ -130,7 +131,7 @@ def main(
             raise click.ClickException(str(error)) from None
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
-        shown = _report(stage, cases, map)
+        shown = _report(stage, cases, HERE)
     _print(shown)
     click.echo(f"Results are in {folder}{os.sep}")
 

@@ -22,8 +22,8 @@ from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import TABLE
 from wayfield.benchmarks.run_folder import Run, held, staging
 from wayfield.benchmarks.table import Table
-from wayfield.benchmarks.workers import cores, workers
 from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.engines import cores, workers
 
 Array = NDArray[np.float64]
 Ends = tuple[float, float] | None

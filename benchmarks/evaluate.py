@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import importlib.util
 import os
 import signal
@@ -17,12 +18,13 @@ import rich.console
 import wayfield.policies
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contest_options import ContestOptions
-from wayfield.benchmarks.contest_report import contest_report, holding
+from wayfield.benchmarks.contest_report import contest_report, holding, near
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, GAINS, OVERVIEW, Course
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_policies import own_policy, told_of_models
 from wayfield.benchmarks.own_scenario import own_cases, own_courses
+from wayfield.benchmarks.parcels import in_order
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.report.drives import drive_of, write_drives
 from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
@@ -32,8 +34,18 @@ from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
 from wayfield.benchmarks.suite import WORST, Setting, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
-from wayfield.benchmarks.workers import Map, cores, workers
-from wayfield.envs.command_line import SEED, Choice, Names, OneLineErrors, RobotChoice, Scale, command_given
+from wayfield.envs.command_line import (
+    SEED,
+    Choice,
+    Names,
+    OneLineErrors,
+    RobotChoice,
+    Scale,
+    command_given,
+    on_cluster,
+    shared_out,
+)
+from wayfield.envs.engines import Engine, cores
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
 
@@ -125,6 +137,7 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
     type=click.IntRange(min=1),
     help="Processes that share the work.  [default: a core each, at most 4]",
 )
+@on_cluster
 def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
     (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
@@ -240,7 +253,7 @@ class Asked:
             raise click.UsageError("--scale belongs to --path FILE or --scenarios FOLDER")
         if self.wanted == OVERVIEW:
             if self.narrowed:
-                raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed and --workers")
+                raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed, --workers, --cluster")
         elif self.path is not None or (self.wanted == DOCUMENTS and self.scenarios is None):
             self._check_no_contest()
         elif self.video:
@@ -278,9 +291,9 @@ class Asked:
             pass
         cases = documents()
         # the same processes do both: with each comes what it imports, reads and, the first time, compiles
-        with _ended_by_signals(), workers(self.processes) as in_parallel:
-            shown = self._run_cases(DOCUMENTS, cases, folder / DOCUMENTS, in_parallel)
-            tables, _ = contest_report(options, folder / "contests", in_parallel)
+        with _ended_by_signals(), shared_out(self.processes) as engine:
+            shown = self._run_cases(DOCUMENTS, cases, folder / DOCUMENTS, engine)
+            tables, _ = contest_report(options, folder / "contests", engine, self.processes)
             known = reproduced(read_rows(folder / DOCUMENTS), cases)
             sections = [Section(folder / "contests", tables), Section(folder / DOCUMENTS, shown, known)]
             this = Run(OVERVIEW, self.command)
@@ -292,8 +305,8 @@ class Asked:
         """Runs the experiments of the documents."""
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         cases, folder = _cases_of_documents(self.names), self.folder(DOCUMENTS, differing)
-        with _ended_by_signals(), workers(self.processes) as in_parallel:
-            shown = self._run_cases(DOCUMENTS, cases, folder, in_parallel)
+        with _ended_by_signals(), shared_out(self.processes) as engine:
+            shown = self._run_cases(DOCUMENTS, cases, folder, engine)
         self._tell(shown, [reproduced(read_rows(folder), cases)], folder)
 
     def run_path(self) -> None:
@@ -303,8 +316,8 @@ class Asked:
             cases = own_cases(self.path, self.scale, self.names, self.robot or "p3dx")
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
-        with _ended_by_signals(), workers(self.processes) as in_parallel:
-            shown = self._run_cases(cases[0].document, cases, folder, in_parallel)
+        with _ended_by_signals(), shared_out(self.processes) as engine:
+            shown = self._run_cases(cases[0].document, cases, folder, engine)
         self._tell(shown, [ranked(read_rows(folder))], folder)
 
     def run_scenarios(self) -> None:
@@ -344,8 +357,8 @@ class Asked:
             | {"gains": self.gains if self.gains != "all" else None}
         )
         folder = self.folder(suite, differing)
-        with _ended_by_signals(), workers(self.processes) as in_parallel:
-            tables, told = contest_report(options, folder, in_parallel)
+        with _ended_by_signals(), shared_out(self.processes) as engine:
+            tables, told = contest_report(options, folder, engine, self.processes)
         self._tell(tables, told, folder)
 
     def _tell(self, tables: Sequence[Table], told: Iterable[tuple[str, Table]], folder: Path) -> None:
@@ -357,7 +370,7 @@ class Asked:
             print(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
         print(f"Report: {folder / REPORT}")
 
-    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path, in_parallel: Map) -> list[Table]:
+    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path, engine: Engine) -> list[Table]:
         """Runs cases of the documents or of a path, and writes their files; returns their tables."""
         plants = DYNAMICS[self.dynamics or "both"]
         actuators = self.actuators or "ideal"
@@ -374,14 +387,15 @@ class Asked:
         this = Run(name, self.command, (*figures, *films))
         with holding(folder, this), staging(folder, this) as stage:
             try:
-                rows, trajectories = run(settings, in_parallel)
+                rows, trajectories = run(settings, functools.partial(in_order, engine))
             except ValueError as error:  # a damaged agent
                 raise click.ClickException(str(error)) from None
             write_rows(stage, rows)
             write_trajectories(stage, trajectories)
             write_drives(stage, {k: drive_of(each) for k, each in enumerate(trajectories.values())})
             write_worlds(stage, settings)
-            shown = _report(stage, cases, in_parallel)
+            with near(engine, self.processes) as here:
+                shown = _report(stage, cases, here)
             if self.video:
                 from wayfield.benchmarks.video import film
 
@@ -440,7 +454,7 @@ def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
     return tuple(case for case in cases if case.policy in policies)
 
 
-def _report(folder: Path, cases: Iterable[Case], in_parallel: Map) -> list[Table]:
+def _report(folder: Path, cases: Iterable[Case], engine: Engine) -> list[Table]:
     """Writes tables and figures into a folder, from its episodes and trajectories alone; returns the tables."""
     from wayfield.benchmarks.document_figures import FIGURES, draw
 
@@ -449,7 +463,7 @@ def _report(folder: Path, cases: Iterable[Case], in_parallel: Map) -> list[Table
     (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
     found = dict.fromkeys(row["document"] for row in rows)
     wanted = [(folder, document, name) for document in found for name in FIGURES[document]]
-    for _ in tracked(in_parallel(draw, wanted), len(wanted), "figures"):
+    for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
         pass
     return shown
 

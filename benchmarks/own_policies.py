@@ -72,7 +72,7 @@ class OwnClass:
         return Checked(self.name, self._made(gains))
 
     def _made(self, gains: Mapping[str, Any]) -> Any:
-        module = _imported(self.module)
+        module = imported(self.module)
         found = getattr(module, self.attribute, None)
         if found is None:
             hint = suggestion(self.attribute, [each for each in vars(module) if not each.startswith("_")])
@@ -88,7 +88,7 @@ class OwnClass:
     def cruising(self, speed: float) -> dict[str, Any] | None:
         """Returns the gain `speed` or `max_speed`, whichever the class takes and keeps; None if it has neither."""
         made = self._made(self.gains)
-        takes = inspect.signature(getattr(_imported(self.module), self.attribute)).parameters
+        takes = inspect.signature(getattr(imported(self.module), self.attribute)).parameters
         return next(({key: speed} for key in _SPEEDS if key in takes and hasattr(made, key)), None)
 
     def described(self) -> tuple[str, str]:
@@ -197,7 +197,7 @@ def own_policy(text: str) -> OwnClass | OwnModel:
         )
     if not colon or not all(each.isidentifier() for each in (*module.split("."), attribute)):
         raise ValueError(f"{source!r} must be module:Class, such as my_module:MyPolicy, or a model.zip")
-    file = _imported(module).__file__
+    file = imported(module).__file__
     entrant = OwnClass(module, attribute, gains, file_digest(Path(file)) if file else "")
     entrant.make(gains)
     return entrant
@@ -244,7 +244,7 @@ def _own_gains(gains: Mapping[str, Any]) -> str:
     )
 
 
-def _imported(name: str) -> ModuleType:
+def imported(name: str) -> ModuleType:
     """Returns a module, found from the current folder or as Python finds others.
 
     The folder comes first while the module is imported and last from then on, so that files of the user's own take the

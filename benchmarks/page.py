@@ -15,8 +15,8 @@ from wayfield.benchmarks.claims import SUMMARY_HEADER, summary
 from wayfield.benchmarks.contests import PACE_TOLERANCE
 from wayfield.benchmarks.entries import OFF_PACE
 from wayfield.benchmarks.results import Row
-from wayfield.benchmarks.run_folder import source_digest
 from wayfield.benchmarks.sections import KEPT, SECTIONS, Section
+from wayfield.envs.identity import source_digest
 from wayfield.envs.readers import of_path, reader
 
 PAGE = "docs/results.md"

@@ -6,7 +6,8 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,16 @@ import numpy as np
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
+from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
 from wayfield.benchmarks.report.drives import Drive, drive_of, read_drives, write_drives
 from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
-from wayfield.benchmarks.run_folder import DRIVES, UNFINISHED, file_digest, source_digest
+from wayfield.benchmarks.run_folder import DRIVES, UNFINISHED, file_digest
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
-from wayfield.benchmarks.workers import Map
 from wayfield.envs import goal_reaching
+from wayfield.envs.engines import Engine
+from wayfield.envs.identity import source_digest
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
@@ -48,7 +51,7 @@ class Part:
         return f"{self.folder} ({case.policy} on {case.scenario})"
 
 
-def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
+def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tuple[list[Row], dict[str, Trajectory]]:
     """Returns one row for each episode, and the trajectories of the worst episodes of each entry, or of all.
 
     Parts that an earlier, interrupted run of the same settings and the same code left in `folder` are not run again,
@@ -56,7 +59,8 @@ def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> 
 
     Raises:
         ValueError: if a part is damaged as soon as it is written, or an agent or a split is damaged.
-        OSError: if a part cannot be written.
+        OSError: if a part cannot be written, or those who play them are lost.
+        Failed: once all others are played, if parts failed as often as the engine lets them.
     """
     parts = parts_of(settings, folder)
     _open_parts(folder)
@@ -72,9 +76,10 @@ def run_contest(settings: Sequence[Setting], folder: Path, in_parallel: Map) -> 
         missing.append(part)
     if len(missing) < len(parts):
         print(f"{len(parts) - len(missing)} of {len(parts)} parts are there from before", file=sys.stderr)
+    work = sent(engine, play, [part.setting for part in missing])
     tell_of_compiling(goal_reaching.step_rows)
-    for _ in tracked(in_parallel(play, missing), len(missing), "parts"):
-        pass
+    for k, files in tracked(engine.as_done(*work), len(missing), "parts"):
+        keep(missing[k], files)
     rows: list[Row] = []
     kept: dict[tuple[str, ...], list[tuple[Row, Trajectory]]] = {}
     for part in parts:
@@ -154,37 +159,51 @@ def _searched(contest: Contest, case: Case) -> str:
     return f"{found.frames / 1e6:.1f} M frames" + (", best of them" if case.gains_name == "default" else "")
 
 
-def play(part: Part) -> None:
-    """Runs a part and leaves its rows and the trajectories that are kept in its folder, whole or not at all."""
-    keep, cost = part.setting.keep, CONTESTS[part.setting.case.document].spec.cost.metric
-    found = played(part.setting)
+def play(setting: Setting) -> dict[str, bytes]:
+    """Returns the files of a part, by their name: its rows, the trajectories that are kept, and the drives of all."""
+    most, cost = setting.keep, CONTESTS[setting.case.document].spec.cost.metric
+    found = played(setting)
     order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
-    kept = {f"{i:05d}": found[i][1] if keep is None else slim(found[i][1]) for i in order[:keep]}
+    kept = {f"{i:05d}": found[i][1] if most is None else slim(found[i][1]) for i in order[:most]}
+    drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(found)}
+    return _packed([row for row, _ in found], kept, drives)
+
+
+def _packed(rows: Sequence[Row], trajectories: dict[str, Trajectory], drives: dict[int, Drive]) -> dict[str, bytes]:
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        write_drives(folder, drives)
+        write_trajectories(folder, trajectories)
+        files = {name: (folder / name).read_bytes() for name in (TRAJECTORIES, DRIVES)}
+    return {_ROWS: json.dumps(rows).encode(), **files}
+
+
+def keep(part: Part, files: Mapping[str, bytes]) -> None:
+    """Leaves the files of a part in its folder, whole or not at all.
+
+    Raises:
+        OSError: if they cannot be written.
+    """
     stage = temporary_folder(part.folder.parent)
     try:
-        write_drives(stage, {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(found)})
-        _write_part(stage, [row for row, _ in found], kept)
+        _write_part(stage, files)
         os.replace(stage, part.folder)
         sync_folder(part.folder.parent)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
 
-def _write_part(folder: Path, rows: Sequence[Row], trajectories: dict[str, Trajectory]) -> None:
-    write_whole(folder / _ROWS, json.dumps(rows).encode())
-    write_trajectories(folder, trajectories)
-    for name in (TRAJECTORIES, DRIVES):
-        with open(folder / name, "rb+") as written:
-            os.fsync(written.fileno())
-    digests = {name: file_digest(folder / name) for name in (_ROWS, TRAJECTORIES, DRIVES)}
+def _write_part(folder: Path, files: Mapping[str, bytes]) -> None:
+    for name, content in files.items():
+        write_whole(folder / name, content)
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     write_whole(folder / _DIGESTS, json.dumps(digests).encode())
 
 
 def _sample_part(folder: Path) -> None:
-    write_drives(folder, {0: np.ones((3, 3), np.int32)})
-    _write_part(
-        folder, [{"policy": "lqr", "success": "1"}], {"00000": Trajectory(times=np.arange(3.0), poses=np.ones((3, 3)))}
-    )
+    driven = Trajectory(times=np.arange(3.0), poses=np.ones((3, 3)))
+    rows = [{"policy": "lqr", "success": "1"}]
+    _write_part(folder, _packed(rows, {"00000": driven}, {0: np.ones((3, 3), np.int32)}))
 
 
 @reader("digests of a part", _DIGESTS, _sample_part, of_folder)

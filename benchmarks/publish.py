@@ -21,10 +21,11 @@ import click
 from wayfield.benchmarks.kept_rows import SUFFIX, packed, thinned, unpacked
 from wayfield.benchmarks.page import PAGE, README, Kept, Made, pages, read_object
 from wayfield.benchmarks.results import EPISODES, Row, read_rows
-from wayfield.benchmarks.run_folder import MANIFEST, file_digest, source_digest
+from wayfield.benchmarks.run_folder import MANIFEST, file_digest
 from wayfield.benchmarks.sections import KEPT, ROWS, SECTIONS, Section
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.envs.command_line import Names, OneLineErrors
+from wayfield.envs.identity import source_digest
 from wayfield.envs.storage import write_whole
 
 FILM = "docs/drive.gif"

@@ -8,21 +8,17 @@ that has been edited since, belongs to somebody else.
 import contextlib
 import dataclasses
 import fnmatch
-import functools
 import hashlib
 import json
 import os
-import pathlib
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import wayfield.envs
-import wayfield.policies
-from wayfield import benchmarks
 from wayfield.benchmarks.results import EPISODES, TABLE, TRAJECTORIES
+from wayfield.envs.identity import source_digest
 from wayfield.envs.readers import reader
 from wayfield.envs.storage import clear_stale, locked, sync_folder, temporary_folder, write_whole, writers
 
@@ -32,7 +28,6 @@ REPORT = "report.html"
 DRIVES, WORLDS = "drives.npz", "worlds.json"  # what the report replays, and where
 UNFINISHED = "unfinished"  # folder of the parts of a run that was interrupted
 
-_SHOW_ONLY = ("publish.py", "page.py", "sections.py", "audit.py", "audit_formulas.py", "pictures.py")
 _NAMED = ("episodes", "scale", "seed")  # whose values alone say nothing in a folder's name
 _LONGEST_NAME = 120
 _SAMPLE = '{"suite": "path", "command": "evaluate", "code": "0a", "files": {"table.md": "1b"}, "replaced": {}}'
@@ -214,18 +209,3 @@ def file_digest(file: Path) -> str:
     """Returns the SHA-256 of a file."""
     with open(file, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-@functools.cache
-def source_digest() -> str:
-    """Returns a digest of source files and agents, so that parts of another version are not taken for this one's.
-
-    Left out are the modules that show results and make none.
-    """
-    digest = hashlib.sha256()
-    for module in (wayfield.envs, wayfield.policies, benchmarks):
-        for file in sorted(pathlib.Path(module.__path__[0]).rglob("*")):
-            shows = file.name in _SHOW_ONLY or file.parent.name in ("report", "page")
-            if file.suffix in (".py", ".json", ".safetensors") and not shows:
-                digest.update(file.read_bytes())
-    return digest.hexdigest()

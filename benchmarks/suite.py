@@ -10,8 +10,8 @@ from wayfield.benchmarks.progress import tell_of_compiling, tracked
 from wayfield.benchmarks.results import Row, readable, text
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.trajectory import Trajectory
-from wayfield.benchmarks.workers import Map
 from wayfield.envs import goal_reaching
+from wayfield.envs.engines import Map
 
 Episode = tuple[Row, Trajectory]
 WORST = 3  # episodes of each entry of a contest that are shown
@@ -29,6 +29,10 @@ class Setting:
     episodes: int
     keep: int | None = WORST  # of the worst episodes of an entry of a contest, their trajectories; None: all, whole
     members: tuple[int, ...] = ()  # of the bank, an episode each, in place of the first ones
+    given: Case | None = None  # the case as it was asked for, where another machine keeps its files elsewhere
+
+    def __str__(self) -> str:
+        return f"{self.case.policy} on {self.case.scenario}"
 
 
 def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
@@ -62,7 +66,7 @@ def episodes(setting: Setting) -> list[Episode]:
 
 
 def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
-    case = setting.case
+    case = setting.given or setting.case
     conditions = {
         "suite": setting.suite,
         **case.place,

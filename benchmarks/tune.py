@@ -24,10 +24,11 @@ import click
 
 import wayfield.policies
 from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants, Score
+from wayfield.benchmarks.parcels import in_order
 from wayfield.benchmarks.suite import Setting, episodes
-from wayfield.benchmarks.workers import Map, cores, workers
-from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice
+from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice, on_cluster, shared_out
 from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.engines import Engine, cores
 from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import write_whole
@@ -148,14 +149,14 @@ class Search:
         speed = rounded(factor * self.speed)
         return {**gains, **{k: rounded(v) for k, v in wayfield.policies.cruising(self.policy, gains, speed).items()}}
 
-    def run(self, in_parallel: Map) -> dict[str, Any]:
+    def run(self, engine: Engine) -> dict[str, Any]:
         """Returns the content of a gains file."""
-        found, frames = self._searched(in_parallel)
+        found, frames = self._searched(engine)
         default = self.gains_at({})
-        best, best_score, validated = default, self.score(default, TRANSFER_SPLIT, in_parallel), []
+        best, best_score, validated = default, self.score(default, TRANSFER_SPLIT, engine), []
         default_score = best_score
         for gains in found:
-            score = self.score(gains, TRANSFER_SPLIT, in_parallel, default_score.mean_speed)
+            score = self.score(gains, TRANSFER_SPLIT, engine, default_score.mean_speed)
             validated.append(score)
             if score < best_score:
                 best, best_score = gains, score
@@ -187,7 +188,7 @@ class Search:
             + "".join(f" --from '{json.dumps(dict(each))}'" for each in self.started_from),
         }
 
-    def _searched(self, in_parallel: Map) -> tuple[list[dict[str, Any]], int]:
+    def _searched(self, engine: Engine) -> tuple[list[dict[str, Any]], int]:
         """Returns the best sets of the search, and the frames that were driven for it."""
         import optuna
 
@@ -216,7 +217,7 @@ class Search:
                 continue
             # the first are the default gains: no set shall be slower that cannot hold the asked speed either
             least = scored[0][0].mean_speed if scored else 0.0
-            score = self.score(gains, SEARCH_SPLIT, in_parallel, least)
+            score = self.score(gains, SEARCH_SPLIT, engine, least)
             frames += score.frames
             scored.append((score, gains))
             study.tell(trial, score.value)
@@ -233,9 +234,9 @@ class Search:
             found.append(known)
         return found
 
-    def score(self, gains: Mapping[str, Any], split: str, in_parallel: Map, least: float = 0.0) -> Score:
+    def score(self, gains: Mapping[str, Any], split: str, engine: Engine, least: float = 0.0) -> Score:
         """Returns the contest's score of the policy with these gains on a split; slower than `least` is too slow."""
-        rows = [row for part in in_parallel(_rows, self.settings(gains, split)) for row in part]
+        rows = [row for part in in_order(engine, _rows, self.settings(gains, split)) for row in part]
         scenarios = [each for family in self.families for each in self._scenarios(family, split)]
         return self.contest.score(rows, scenarios, self.speed, least)
 
@@ -305,6 +306,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.option("--ship", is_flag=True, help="Write them where the package keeps its gains.")
 @click.option("--force", is_flag=True, help="Replace the file if there is one.")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
+@on_cluster
 def main(
     policy: str,
     suite: str,
@@ -340,8 +342,8 @@ def main(
     _check_file(file, force)
     starts = tuple(_start(text) for text in started_from)
     search = Search(policy, contest, robot, speed, level, actuators, frames, trials, scenarios, seed, starts)
-    with workers(count or cores()) as in_parallel:
-        content = search.run(in_parallel)
+    with shared_out(count or cores()) as engine:
+        content = search.run(engine)
     # before they are written: a disk that is full then takes nothing away
     found = content["validation"]
     print(f"{policy}: {found['default']} by default, {found['chosen']} with {content['gains']}", flush=True)

@@ -10,8 +10,7 @@ import click
 
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL
 from wayfield.benchmarks.tune import SEARCHED, Search, folder_of, start_of, write_gains
-from wayfield.benchmarks.workers import workers
-from wayfield.envs.command_line import SEED, Names, OneLineErrors
+from wayfield.envs.command_line import SEED, Names, OneLineErrors, on_cluster, shared_out
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.tuned import PACE, condition, tuned_conditions
 
@@ -43,6 +42,7 @@ def conditions() -> Iterator[Wanted]:
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the searches.")
 @click.option("--force", is_flag=True, help="Tune anew what ships already.")
 @click.option("--workers", "count", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@on_cluster
 def main(
     suites: tuple[str, ...] | None,
     names: tuple[str, ...] | None,
@@ -57,7 +57,7 @@ def main(
 
     The budget is that of the longest training by default; slow laws get an eighth of it.
     """
-    with workers(count) as in_parallel:
+    with shared_out(count) as engine:
         for suite, policy, robot, speed, level in conditions():
             file = folder_of(suite) / f"{policy}_{condition(robot, speed, level)}.json"
             if (suites and suite not in suites) or (names and policy not in names) or (file.exists() and not force):
@@ -69,7 +69,7 @@ def main(
             search = Search(
                 policy, CONTESTS[suite], ROBOTS[robot], speed, level, "lagged", budget, trials, scenarios, seed, starts
             )
-            content = search.run(in_parallel)
+            content = search.run(engine)
             write_gains(file, content)
             print(f"{file.stem}: {content['chosen']}, {content['validation']}", flush=True)
 

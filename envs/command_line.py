@@ -9,12 +9,13 @@ import math
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
-from typing import Any, NoReturn
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NoReturn, TypeVar
 
 import click
 
 from wayfield.envs.checks import choose
+from wayfield.envs.engines import Engine, Failed, workers
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.starting import started
 
@@ -66,6 +67,8 @@ class OneLineErrors(click.Command):
             self._exit(error.exit_code, error.format_message())
         except (click.Abort, KeyboardInterrupt):
             self._exit(_INTERRUPTED, self.interrupted)
+        except Failed as error:
+            self._exit(1, str(error))
         except MemoryError as error:
             self._exit(1, f"out of memory: {error}" if str(error) else "out of memory")
         except OSError as error:
@@ -109,6 +112,59 @@ def command_given(script: str) -> str:
     """Returns the whole command that runs, as it was given to `wayfield NAME` or to a script of the same."""
     path = click.get_current_context().command_path
     return f"{path if path.startswith('wayfield ') else script} {words_given()}".strip()
+
+
+_CLUSTER = f"{__name__}.cluster"
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+def on_cluster(function: _Command) -> _Command:
+    """Adds the option --cluster to a command, whose work `shared_out` then shares out."""
+
+    def kept(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+        del param
+        if value is not None and not value.strip():
+            raise click.UsageError("--cluster is empty; it must be a scheduler's address, or local")
+        ctx.meta[_CLUSTER] = value
+
+    return click.option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Share the work out by a scheduler of Dask distributed, such as tcp://host:8786; local: by one that is "
+        "started here, with --workers processes.",
+        expose_value=False,
+        callback=kept,
+    )(function)
+
+
+def cluster_given() -> str | None:
+    """Returns the address that the command which runs was given; None where the work stays on this machine."""
+    context = click.get_current_context(silent=True)
+    return None if context is None else context.meta.get(_CLUSTER)
+
+
+@contextlib.contextmanager
+def shared_out(count: int) -> Iterator[Engine]:
+    """Yields the engine of --cluster, or of `count` processes of this machine where it was not given.
+
+    Raises:
+        click.ClickException: if there is no scheduler to work with.
+        ConnectionError: while it works, if the scheduler is lost.
+    """
+    address = cluster_given()
+    if address is None:
+        with workers(count) as engine:
+            yield engine
+        return
+    try:
+        from wayfield.envs.cluster import NoScheduler, cluster
+    except ModuleNotFoundError as error:
+        raise click.ClickException(f'--cluster needs {error.name}: pip install "wayfield[cluster]"') from None
+    try:
+        with cluster(address, count) as engine:
+            yield engine
+    except NoScheduler as error:
+        raise click.ClickException(f"--cluster {address!r} {error}") from None
 
 
 def _prepare_streams() -> None:

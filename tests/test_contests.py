@@ -187,10 +187,10 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(paths: tuple[Path, Re
     assert int(kept) >= 2
     assert {file.name for file in out.iterdir()} == {"unfinished", ".lock"}
     before = list((out / "unfinished").glob("[!.]*"))
-    played: list[parts.Part] = []
+    played: list[Setting] = []
     play = parts.play
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parts, "play", lambda part: (played.append(part), play(part)))
+        patch.setattr(parts, "play", lambda setting: (played.append(setting), play(setting))[1])
         result = evaluate(*SMALL, "--out", out)
     assert result.exit_code == 0, result.output
     assert len(played) == 28 - len(before)

@@ -16,7 +16,8 @@ from wayfield.benchmarks import coverage, page, publish, sections
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.kept_rows import SUFFIX, read_packed
 from wayfield.benchmarks.results import write_rows
-from wayfield.benchmarks.run_folder import file_digest, source_digest
+from wayfield.benchmarks.run_folder import file_digest
+from wayfield.envs.identity import source_digest
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies import POLICIES

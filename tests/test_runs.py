@@ -35,9 +35,9 @@ from wayfield.benchmarks.results import (
 from wayfield.benchmarks.run_folder import MANIFEST, Run, default_folder, held, staging
 from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.trajectory import Trajectory
-from wayfield.benchmarks.workers import workers
 from wayfield.envs import storage
 from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.engines import HERE, workers
 from wayfield.envs.scenarios import freeze, splits
 
 SUITE = Run("a test", "python evaluate.py --a test", ("figure_*.svg",))
@@ -242,7 +242,7 @@ SETTINGS = [setting("path-following", "circles"), setting("path-following", "spl
 
 def settled(settings, out):
     """Returns the rows and worst trajectories of a contest, the latter as lists."""
-    rows, worst = parts.run_contest(settings, out, map)
+    rows, worst = parts.run_contest(settings, out, HERE)
     return rows, {key: trajectory.poses.tolist() for key, trajectory in worst.items()}
 
 
@@ -273,15 +273,15 @@ def test_a_damaged_part_is_played_again_with_one_line_that_says_so(tmp_path, mad
 
 def test_only_a_run_s_own_parts_are_deleted(tmp_path, made_up):
     others = [setting("goal-obstacles", "rooms")]
-    parts.run_contest(others, tmp_path, map)
-    parts.run_contest(SETTINGS, tmp_path, map)
+    parts.run_contest(others, tmp_path, HERE)
+    parts.run_contest(SETTINGS, tmp_path, HERE)
     unfinished = tmp_path / "unfinished"
     (unfinished / "notes").write_text("mine")
     parts.clear_parts(parts.parts_of(SETTINGS, tmp_path))
     (left,) = parts.parts_of(others, tmp_path)
     assert set(unfinished.glob("[!.]*")) == {unfinished / "notes", left.folder}
     made_up.clear()
-    parts.run_contest(others, tmp_path, map)
+    parts.run_contest(others, tmp_path, HERE)
     assert not made_up
     (unfinished / "notes").unlink()
     parts.clear_parts([left])
@@ -291,7 +291,7 @@ def test_only_a_run_s_own_parts_are_deleted(tmp_path, made_up):
 def test_a_folder_that_only_bears_our_name_is_left_alone(tmp_path, made_up):
     (tmp_path / "unfinished").mkdir()
     with pytest.raises(FileExistsError, match="unfinished"):
-        parts.run_contest(SETTINGS, tmp_path, map)
+        parts.run_contest(SETTINGS, tmp_path, HERE)
     assert not made_up
     assert list(tmp_path.rglob("*")) == [tmp_path / "unfinished"]
 
@@ -299,7 +299,7 @@ def test_a_folder_that_only_bears_our_name_is_left_alone(tmp_path, made_up):
 def test_the_worst_of_a_policy_are_chosen_in_each_contest(tmp_path, made_up):
     families = {name: contest.timed_on for name, contest in CONTESTS.items()}
     each = [setting(name, family, "dwa") for name, family in families.items()]
-    rows, worst = parts.run_contest(each, tmp_path, map)
+    rows, worst = parts.run_contest(each, tmp_path, HERE)
     for name in CONTESTS:
         kept = [row for row in rows if row["contest"] == name and row["trajectory"]]
         assert sorted(row["episode"] for row in kept) == ["2", "3", "4"]
@@ -399,7 +399,7 @@ def test_a_worker_that_is_killed_is_told_as_such():
 
 _WORKING = """
 import os, sys, time
-from wayfield.benchmarks.workers import workers
+from wayfield.envs.engines import workers
 
 def work(_):
     print(os.getpid(), flush=True)
@@ -471,6 +471,7 @@ def test_an_interruption_while_modules_load_is_one_line(tmp_path):
 _COMMAND = """
 import sys, click, rich.console
 from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.engines import HERE, workers
 
 @click.command("shown", cls=OneLineErrors)
 @click.argument("how")

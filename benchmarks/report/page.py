@@ -22,8 +22,9 @@ from wayfield.benchmarks.report.drives import Drive, packed, read_drives
 from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
 from wayfield.benchmarks.report.worlds import World, read_worlds
 from wayfield.benchmarks.results import Row, number, read_rows
-from wayfield.benchmarks.run_folder import DRIVES, WORLDS, source_digest
+from wayfield.benchmarks.run_folder import DRIVES, WORLDS
 from wayfield.benchmarks.table import Table
+from wayfield.envs.identity import source_digest
 from wayfield.envs.robots import ROBOTS
 
 BUDGET = 6_000_000  # bytes of a report

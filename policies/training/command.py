@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from wayfield.envs.command_line import SEED, OneLineErrors, command_given
+from wayfield.envs.command_line import SEED, OneLineErrors, cluster_given, command_given, on_cluster, shared_out
 from wayfield.envs.scenarios import TASKS, TaskSpec
 from wayfield.envs.storage import clear_stale
 from wayfield.policies.training.checkpoints import BEST, CURVE, RUN
@@ -23,6 +23,7 @@ from wayfield.policies.training.presets import PRESETS, Preset, overridden, pres
 from wayfield.policies.training.run import Job, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
 from wayfield.policies.training.settings import rows
+from wayfield.policies.training.slices import check_sendable, train_far
 
 MOST_SEEDS = 1000
 CURVES = "curves.png"
@@ -68,6 +69,7 @@ def _listed(env_id: str | None, name: str | None) -> None:
 @click.option("--resume", is_flag=True, help="Go on with the runs in the folder.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A value of the preset; may be repeated.")
 @click.option("--settings", "listing", is_flag=True, help="List the keys of --set with defaults and ranges, and end.")
+@on_cluster
 def main(
     env_id: str | None,
     name: str | None,
@@ -108,13 +110,15 @@ def main(
                 each,
                 folder / f"seed_{each}",
                 resume and (folder / f"seed_{each}" / RUN).exists(),
-                max(1, cores // seeds),
+                1 if cluster_given() else max(1, cores // seeds),
                 command,
             )
             for each in range(seed, seed + seeds)
         ]
         if resume and not any(job.resume for job in jobs):
             raise ValueError(f"{folder} holds no run to resume")
+        if cluster_given():
+            check_sendable(jobs)
         check_out(folder)
         for job in jobs:
             check_folder(job)
@@ -181,6 +185,9 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
             fields: Any = {} if report.row is None else {"score": _scores(report.row, task)}
             bar.update(tasks[report.seed], completed=report.frames, **fields)
 
+        if cluster_given():
+            with shared_out(at_once) as engine:
+                return train_far(engine, jobs, show)
         return train_all(jobs, at_once, show)
 
 

@@ -1,0 +1,455 @@
+"""Work on many machines: the same rows wherever they are made, none twice, and one line whatever is lost."""
+
+import concurrent.futures
+import dataclasses
+import functools
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wayfield.benchmarks import comparison, parts
+from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
+from wayfield.benchmarks.own_policies import own_policy
+from wayfield.benchmarks.parcels import in_order, parcel, sent
+from wayfield.benchmarks.suite import Setting, episodes
+from wayfield.envs import engines, identity
+from wayfield.envs.engines import HERE, TRIES, Engine, Failed
+from wayfield.envs.robots import ROBOTS
+
+ROOT = Path(__file__).parents[1]
+CONTEST = ("--suite", "path-following", "--policies", "pure_pursuit,stanley", "--gains", "default")
+ASKED = (*CONTEST, "--families", "circles,splines", "--episodes", "2")
+
+
+def on_paths(families: tuple[str, ...] = ("circles", "splines"), count: int = 2) -> list[Setting]:
+    """Returns parts of a small contest."""
+    contest = CONTESTS["path-following"]
+    entrants = Entrants(("pure_pursuit", "stanley"), ("default",))
+    cases = [case for name in families for case in contest.cases(ROBOTS["p3dx"], Course(name, "test"), entrants)]
+    return [Setting("a test", case, "kinematic", "lagged", 7, count) for case in cases]
+
+
+def numbers(settings: list[Setting]) -> list[list[dict[str, str]]]:
+    """Returns the rows of each setting."""
+    return [[row for row, _ in found] for found in map(episodes, settings)]
+
+
+def rows_of(setting: Setting) -> list[dict[str, str]]:
+    """Returns the rows of a setting."""
+    return [row for row, _ in episodes(setting)]
+
+
+# Engines.
+
+
+@pytest.fixture
+def threads() -> Iterator[Engine]:
+    """Returns an engine of threads, to which this process is far away."""
+    with ThreadPoolExecutor(4) as pool:
+        yield Engine.of(pool)
+
+
+def test_results_come_in_the_order_of_the_work_whoever_is_first(threads: Engine) -> None:
+    late = threading.Event()
+
+    def work(k: int) -> int:
+        if k == 0:
+            assert late.wait(60)
+        if k == 7:
+            late.set()
+        return k * k
+
+    assert list(threads(work, range(20))) == [k * k for k in range(20)]
+    late.clear()
+    done = [k for k, _ in threads.as_done(work, range(20))]
+    assert sorted(done) == list(range(20))
+    assert done.index(7) < done.index(0)
+
+
+def test_a_part_that_fails_once_is_done_and_one_that_fails_twice_is_told_while_the_rest_goes_on(
+    threads: Engine,
+) -> None:
+    calls: list[str] = []
+
+    def work(name: str) -> str:
+        calls.append(name)
+        if name == "bad" or (name == "unlucky" and calls.count(name) == 1):
+            raise ValueError(f"{name} it is")
+        return name
+
+    done = []
+    with pytest.raises(Failed, match=r"^1 of 4 failed twice: bad \(ValueError: bad it is\)$"):
+        done.extend(threads.as_done(work, ["good", "bad", "unlucky", "fine"]))
+    assert sorted(name for _, name in done) == ["fine", "good", "unlucky"]
+    assert (calls.count("bad"), calls.count("unlucky"), calls.count("good")) == (TRIES, 2, 1)
+
+
+def test_no_more_is_handed_over_than_an_engine_is_told() -> None:
+    waiting = [0]
+    most = [0]
+
+    def submit(function: Any, item: Any) -> Any:
+        waiting[0] += 1
+        most[0] = max(most[0], waiting[0])
+        future: concurrent.futures.Future[Any] = concurrent.futures.Future()
+        future.set_result(function(item))
+        return future
+
+    for _ in Engine(submit, ahead=3).as_done(str, iter(range(10_000))):
+        waiting[0] -= 1
+    assert most[0] == 3
+    assert waiting[0] == 0
+
+
+def test_work_in_this_process_ends_at_the_first_error() -> None:
+    seen: list[int] = []
+
+    def work(k: int) -> None:
+        seen.append(k)
+        if k == 2:
+            raise ValueError("two")
+
+    with pytest.raises(ValueError, match="two"):
+        list(HERE(work, range(5)))
+    assert seen == [0, 1, 2]
+
+
+@pytest.mark.parametrize("what", ["code and agents", "numpy"])
+def test_a_worker_with_other_code_is_refused_by_name(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        engine = Engine.of(pool)
+        theirs = identity.identity() | {what: "another"}
+        monkeypatch.setattr(engines, "identity", lambda: theirs)
+        with pytest.raises(Failed, match=rf"worker \S+ \(process {os.getpid()}\) is refused: {what} another there"):
+            list(engine(str, [1]))
+
+
+# Parcels: what travels.
+
+
+def test_what_a_setting_names_travels_with_it_and_its_rows_are_told_as_it_was_given(
+    tmp_path: Path, threads: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.csv").write_text("x,y\n0,0\n2,0\n2,1\n")
+    (tmp_path / "my_law.py").write_text(
+        "from wayfield.policies.pure_pursuit import PurePursuit\n\n\nclass Mine(PurePursuit):\n    pass\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    own = own_policy("my_law:Mine lookahead_distance=0.4")
+    (setting, *_) = on_paths(("circles",), 1)
+    case = dataclasses.replace(
+        setting.case, scenario=str(tmp_path / "mine.csv"), policy=own.name, gains=own.gains, entrant=own,
+        max_episode_steps=200,
+    )  # fmt: skip
+    setting = dataclasses.replace(setting, case=case)
+    here = rows_of(setting)
+    assert here[0]["scenario"] == str(tmp_path / "mine.csv")
+    packed = parcel(setting)
+    (tmp_path / "mine.csv").unlink()
+    (tmp_path / "my_law.py").unlink()
+    del sys.modules["my_law"]
+    function, _ = sent(threads, rows_of, [])
+    assert list(threads(function, [packed, packed])) == [here, here]
+    assert "my_law" in sys.modules
+    del sys.modules["my_law"]
+
+
+def test_agents_travel(tmp_path: Path, threads: Engine) -> None:
+    from wayfield.policies.learned.ppo import shipped
+
+    agent = shipped("path_following", "p3dx")[3]
+    best = tmp_path / "mine" / "seed_3" / "best"
+    best.mkdir(parents=True)
+    for file in agent.iterdir():
+        (best / file.name).write_bytes(file.read_bytes())
+    (setting, *_) = on_paths(("circles",), 1)
+    case = dataclasses.replace(setting.case, policy="ppo", gains={"seed": 3, "home": str(tmp_path / "mine")})
+    setting = dataclasses.replace(setting, case=dataclasses.replace(case, max_episode_steps=100))
+    here = rows_of(setting)
+    packed = parcel(setting)
+    assert all(str(best) in name for name in packed.files)
+    for file in best.iterdir():
+        file.unlink()
+    function, _ = sent(threads, rows_of, [])
+    assert list(threads(function, [packed])) == [here]
+    assert str(tmp_path) in here[0]["gains"]
+
+
+def test_compare_takes_an_executor(threads: Engine) -> None:
+    asked: dict[str, Any] = {"contest": "path-following", "families": ["circles"], "episodes": 2}
+    here = comparison.compare(["pure_pursuit", "stanley"], **asked)
+    with ThreadPoolExecutor(2) as pool:
+        there = comparison.compare(["pure_pursuit", "stanley"], **asked, workers=pool)
+    assert there == here
+
+
+def test_compare_keeps_the_rows_of_what_did_not_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    played = comparison.played
+
+    def failing(setting: Setting) -> Any:
+        if setting.case.policy == "stanley":
+            raise OSError("no space here")
+        return played(setting)
+
+    monkeypatch.setattr(comparison, "played", failing)
+    with (
+        ThreadPoolExecutor(2) as pool,
+        pytest.raises(Failed, match="1 of 2 failed twice: stanley on circles") as failed,
+    ):
+        comparison.compare(
+            ["pure_pursuit", "stanley"], "path-following", ["circles"], 2, workers=pool
+        )  # fmt: skip
+    assert [row["policy"] for row in failed.value.done] == ["pure_pursuit"] * 2
+
+
+def test_a_contest_in_a_folder_goes_on_after_parts_have_failed(
+    tmp_path: Path, threads: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = on_paths()
+    play = parts.play
+
+    def failing(setting: Setting) -> Any:
+        if setting == settings[1]:
+            raise MemoryError("too small a worker")
+        return play(setting)
+
+    monkeypatch.setattr(parts, "play", failing)
+    with pytest.raises(Failed, match="1 of 4 failed twice: stanley on circles/test"):
+        parts.run_contest(settings, tmp_path, threads)
+    assert [part.folder.is_dir() for part in parts.parts_of(settings, tmp_path)] == [True, False, True, True]
+    monkeypatch.setattr(parts, "play", play)
+    rows, _ = parts.run_contest(settings, tmp_path, HERE)
+    assert rows == [row | {"trajectory": ours["trajectory"]} for row, ours in zip(_whole(settings), rows, strict=True)]
+
+
+def _whole(settings: list[Setting]) -> list[dict[str, str]]:
+    return [row for setting in settings for row, _ in parts.played(setting)]
+
+
+# Training, a slice of a run at a time.
+
+
+def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(tmp_path: Path, threads: Engine) -> None:
+    """The same agent, curve and state bit for bit, though each slice ends behind a validation and travels."""
+    from wayfield.policies.training.checkpoints import BEST, LAST, read_state, sample_job
+    from wayfield.policies.training.run import train
+    from wayfield.policies.training.slices import train_far
+
+    first = sample_job(tmp_path / "far" / "seed_0")
+    settings = (*first.settings[:-2], "validations=3", "steps=288")
+    from wayfield.policies.training.presets import overridden, preset_for
+
+    preset = overridden(preset_for(first.env_id, "path_following_plain"), settings)
+    jobs = [
+        dataclasses.replace(first, preset=preset, settings=settings, seed=k, folder=tmp_path / "far" / f"seed_{k}")
+        for k in range(2)
+    ]
+    seen: list[int] = []
+    last = train_far(threads, jobs, lambda report: seen.append(report.seed), seconds=0.0)
+    assert all(report.done for report in last)
+    assert sorted(seen) == [0] * 3 + [1] * 3
+    for job in jobs:
+        alone = dataclasses.replace(job, folder=tmp_path / "near" / f"seed_{job.seed}")
+        assert train(alone, lambda report: None).done
+        for name in (f"{BEST}/weights.safetensors",):
+            assert (job.folder / name).read_bytes() == (alone.folder / name).read_bytes()
+        arrays, _ = read_state(job.folder / LAST)
+        others, _ = read_state(alone.folder / LAST)
+        assert arrays.keys() == others.keys()
+        assert all(arrays[name].tobytes() == others[name].tobytes() for name in arrays)
+
+
+# Dask distributed.
+
+distributed = pytest.importorskip("distributed")
+
+
+def test_a_cluster_whose_workers_are_killed_makes_the_same_rows_and_none_twice(tmp_path: Path) -> None:
+    from wayfield.envs.cluster import cluster
+
+    settings = [dataclasses.replace(each, seed=seed) for seed in range(6) for each in on_paths(count=1)]
+    for name in ("cluster", "one"):
+        (tmp_path / name).mkdir()
+    kept: list[Path] = []
+    keep = parts.keep
+    chance = random.Random(18)
+    kills = sorted(chance.sample(range(1, 18), 3))
+
+    def noted(part: parts.Part, files: Any) -> None:
+        assert not part.folder.exists()
+        kept.append(part.folder)
+        keep(part, files)
+        if len(kept) in kills:
+            running = list(engine._client.run(os.getpid).values())  # type: ignore[attr-defined]
+            os.kill(chance.choice(running), signal.SIGKILL)
+
+    with pytest.MonkeyPatch.context() as patch, cluster("local", 2) as engine:
+        patch.setattr(parts, "keep", noted)
+        rows, worst = parts.run_contest(settings, tmp_path / "cluster", engine)
+    assert len(kept) == len(set(kept)) == len(settings)
+    one, alone = parts.run_contest(settings, tmp_path / "one", HERE)
+    assert rows == one
+    assert {key: each.poses.tobytes() for key, each in worst.items()} == {
+        key: each.poses.tobytes() for key, each in alone.items()
+    }
+    assert len({(row["policy"], row["scenario"], row["seed"]) for row in rows}) == len(rows) == len(settings)
+
+
+class Place:
+    """A scheduler and its workers, each a process of its own that speaks over 127.0.0.1."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.processes = folder, []  # type: tuple[Path, list[subprocess.Popen[str]]]
+        self.address = ""
+
+    def start(self, kind: str, *words: str, preload: str = "") -> subprocess.Popen[str]:
+        """Starts a scheduler or a worker; `preload` is what it runs first."""
+        if preload:
+            file = self.folder / f"preload_{len(self.processes)}.py"
+            file.write_text(preload)
+            words = (*words, "--preload", str(file))
+        command = [sys.executable, "-m", "distributed.cli.dask_" + kind, *words]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=self.folder)
+        self.processes.append(process)
+        return process
+
+    def scheduler(self, preload: str = "") -> subprocess.Popen[str]:
+        """Starts the scheduler and waits until it listens."""
+        process = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", preload=preload)
+        self.address = _said(process, r"Scheduler at:\s+(tcp://\S+)")
+        return process
+
+    def worker(self, name: str, preload: str = "") -> subprocess.Popen[str]:
+        """Starts a worker and waits until it is known."""
+        words = (self.address, "--nthreads", "1", "--name", name, "--no-dashboard", "--no-nanny")
+        process = self.start("worker", *words, "--local-directory", str(self.folder), preload=preload)
+        _said(process, r"(Registered to):\s+tcp://")
+        return process
+
+    def end(self) -> None:
+        """Ends them all."""
+        for process in self.processes:
+            process.kill()
+            process.communicate()
+
+
+def _said(process: subprocess.Popen[str], pattern: str) -> str:
+    """Returns what a process says on stderr, once it says it; what it says later is read and let go."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if found := re.search(pattern, line):
+            threading.Thread(target=process.stderr.read, daemon=True).start()
+            return found[1]
+    raise AssertionError(f"it ended with {process.wait()} before it said {pattern}")
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Place]:
+    found = Place(tmp_path)
+    yield found
+    found.end()
+
+
+def evaluate(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Runs the command."""
+    command = [sys.executable, str(ROOT / "evaluate.py"), *words]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=600)
+
+
+def test_a_scheduler_and_two_workers_make_the_rows_of_one_process_and_refuse_a_third_by_name(
+    place: Place, tmp_path: Path
+) -> None:
+    place.scheduler()
+    place.worker("first")
+    place.worker("second")
+    place.worker("stranger", "from wayfield.envs import identity\nidentity.source_digest = lambda: '0' * 64\n")
+    found = evaluate(*ASKED, "--cluster", place.address, "--out", "far", folder=tmp_path)
+    assert found.returncode == 0, found.stderr
+    alone = evaluate(*ASKED, "--workers", "1", "--out", "near", folder=tmp_path)
+    assert alone.returncode == 0, alone.stderr
+    assert (tmp_path / "far/episodes.csv").read_bytes() == (tmp_path / "near/episodes.csv").read_bytes()
+    assert not (tmp_path / "far/unfinished").exists()
+    refused = [line for line in found.stderr.splitlines() if "refused" in line]
+    assert len(refused) == 1
+    assert re.search(r"worker stranger tcp://127\.0\.0\.1:\d+ is refused: code and agents 0{12} there", refused[0])
+    assert re.search(r"scheduler tcp://\S+, 3 workers; watch them at http://", found.stderr)
+
+
+def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(place: Place, tmp_path: Path) -> None:
+    scheduler = place.scheduler()
+    place.worker(
+        "slow",
+        "import time\nfrom wayfield.benchmarks import parts\n"
+        "parts.play = lambda setting, play=parts.play: (time.sleep(0.5), play(setting))[1]\n",
+    )
+    command = [sys.executable, str(ROOT / "evaluate.py"), *ASKED, "--cluster", place.address, "--out", "far"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    kept = tmp_path / "far" / "unfinished"
+    late = time.monotonic() + 120.0
+    while len(list(kept.glob("[!.]*"))) < 2 and process.poll() is None and time.monotonic() < late:
+        time.sleep(0.02)
+    scheduler.kill()
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1, errors
+    last = errors.strip().splitlines()[-1]
+    assert re.fullmatch(
+        rf"evaluate: the scheduler {place.address} is lost; \d+ of \d+ parts are kept in far/unfinished: "
+        "the same command goes on there",
+        last,
+    )
+    assert "Traceback" not in errors
+    assert len(list(kept.glob("[!.]*"))) >= 2
+    assert evaluate(*ASKED, "--workers", "1", "--out", "far", folder=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("tcp://127.0.0.1:9", "is no scheduler that can be reached within 10 s"),
+        ("nonsense://x", "is no address; it must be like tcp://host:8786"),
+    ],
+)
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, address: str, told: str) -> None:
+    found = evaluate(*ASKED, "--cluster", address, "--out", "far", folder=tmp_path)
+    assert found.returncode == 1, found.stderr
+    (line,) = [line for line in found.stderr.splitlines() if not line.startswith("first run")]
+    assert line.startswith(f"evaluate: --cluster '{address}' {told}")
+    assert not (tmp_path / "far").exists()
+
+
+def test_a_scheduler_of_another_version_is_one_line(place: Place, tmp_path: Path) -> None:
+    place.scheduler(
+        "from distributed import versions\nversions.get_package_info = "
+        "lambda names, found=versions.get_package_info: {**found(names), 'distributed': '2020.1.0'}\n"
+    )
+    found = evaluate(*ASKED, "--cluster", place.address, "--out", "far", folder=tmp_path)
+    assert found.returncode == 1, found.stderr
+    (line,) = [line for line in found.stderr.splitlines() if not line.startswith("first run")]
+    here = distributed.__version__
+    assert line == (
+        f"evaluate: --cluster '{place.address}' is a scheduler of another version: distributed 2020.1.0 there, "
+        f"{here} here"
+    )
+
+
+def test_settings_are_made_in_order_near_and_far(threads: Engine) -> None:
+    settings = on_paths(count=1)
+    near = list(functools.partial(in_order, HERE)(rows_of, settings))
+    assert near == numbers(settings) == list(in_order(threads, rows_of, settings))
+
+
+def test_a_case_that_names_no_file_travels_alone() -> None:
+    case = Case("path-following", "circles", "", "circles/test", "zero", split="test")
+    assert not parcel(Setting("a test", case, "kinematic", "ideal", 0, 1)).files
