@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.aggregates import iqm, mean
-from wayfield.benchmarks.contests import CONTESTS, COST, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, COST, Contest
 from wayfield.benchmarks.drawing import (
     PATH_COLOUR,
     colour,
@@ -32,7 +32,7 @@ from wayfield.envs.disturbances import LEVELS
 def draw_contest(wanted: tuple[Path, str, str, str]) -> None:
     """Draws a figure as .svg and .png, given the folder of the run, the contest, the robot and the figure's name."""
     folder, name, robot, figure_name = wanted
-    contest = CONTESTS[name]
+    contest = ALL_CONTESTS[name]
     rows = [row for row in read_rows(folder) if row["contest"] == name and row["robot"] == robot]
     saved(lambda: FIGURES[figure_name](contest, rows, folder), folder / f"{contest.stem}_{robot}_{figure_name}")
 
@@ -85,7 +85,7 @@ def families(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     axis.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=45, ha="right")
     axis.set_yticks(range(len(entries)), [label(entry) for entry in entries])
     split = next(row["split"] for mine in entries.values() for row in mine)
-    axis.set_title(f"{contest.spec.title}: {heat.title} by family, {split} scenarios", loc="left")
+    axis.set_title(f"{contest.title}: {heat.title} by family, {split} scenarios", loc="left")
     return figure
 
 
@@ -122,7 +122,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     axis.set_xlabel("mean speed (m/s)")
     axis.set_ylabel(f"{contest.spec.cost.name} ({contest.spec.cost.unit})")
     rings = f"rings: some runs failed, each counts as {contest.counted}"
-    axis.set_title(f"{contest.spec.title}: speed and accuracy ({rings})", loc="left")
+    axis.set_title(f"{contest.title}: speed and accuracy ({rings})", loc="left")
     axis.legend(fontsize=8, ncols=2)
     return figure
 
@@ -147,7 +147,7 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
         bottom.set_yscale("log")
     bottom.set_xticks(range(len(levels)), levels)
     bottom.set_xlabel("level of disturbance")
-    top.set_title(f"{contest.spec.title}: under disturbances", loc="left")
+    top.set_title(f"{contest.title}: under disturbances", loc="left")
     figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return figure
 

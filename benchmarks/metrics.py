@@ -28,7 +28,8 @@ METRICS = (
     *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
     *("direction_changes", "final_x", "final_y", "final_x_error", "final_y_error"),
     *("final_position_error", "final_heading_error"),
-    *("effort", "saturated_share", "ldlj", "squared_jerk", "faults", "spl", "sct", "barn_score"),
+    *("effort", "saturated_share", "ldlj", "squared_jerk", "faults", "spl", "sct"),
+    *("barn_score", "barn_score_2022"),
     *("arrival_path_length", "arrival_heading_error"),
 )
 
@@ -43,7 +44,7 @@ def measure(trajectory: Trajectory, arrival_radius: float | None = None) -> dict
     return (
         dict.fromkeys(METRICS, math.nan)
         | outcome(trajectory)
-        | {"time": duration(trajectory), "path_length": length, "mean_speed": length / duration(trajectory)}
+        | {"time": taken(trajectory), "path_length": length, "mean_speed": length / duration(trajectory)}
         | {"direction_changes": float(direction_changes(trajectory.twists))}
         | tracking(trajectory)
         | clearance(trajectory)
@@ -60,7 +61,7 @@ def outcome(trajectory: Trajectory) -> dict[str, float]:
     """Returns the flags of the episode's end, of which exactly one is 1."""
     collision = trajectory.collision
     left = trajectory.left_corridor and not collision
-    success = trajectory.success and not collision and not left
+    success = trajectory.success and not collision and not left and taken(trajectory) <= trajectory.limit
     timeout = not (collision or left or success)
     return {
         "success": float(success),
@@ -73,6 +74,13 @@ def outcome(trajectory: Trajectory) -> dict[str, float]:
 def duration(trajectory: Trajectory) -> float:
     """Returns the time from the start to the end, s."""
     return float(trajectory.times[-1] - trajectory.times[0])
+
+
+def taken(trajectory: Trajectory) -> float:
+    """Returns the time on the clock at the end, s: since the robot was `clock_from` m from its start."""
+    away = np.hypot(*(trajectory.poses[:, :2] - trajectory.poses[0, :2]).T)
+    begun = np.flatnonzero(away >= trajectory.clock_from)
+    return float(trajectory.times[-1] - trajectory.times[begun[0]]) if len(begun) else 0.0
 
 
 def path_length(poses: Array) -> float:
@@ -225,22 +233,28 @@ def smoothness(trajectory: Trajectory) -> dict[str, float]:
 
 
 def against_the_best(trajectory: Trajectory) -> dict[str, float]:
-    """Returns SPL, SCT and the BARN score: the success, weighted with how near to the best way and time it came.
+    """Returns SPL, SCT and the BARN scores: the success, weighted with how near to the best way and time it came.
 
     SPL = S l / max(p, l) (Anderson et al., arXiv 1807.06757); SCT = S t_ref / max(t, t_ref) with t_ref from
-    `fastest_time` (Yokoyama et al., arXiv 2103.08022); BARN = S OT / clip(t, 2 OT, 8 OT) with OT = l / v_max, as in the
-    challenges from 2023 on.
+    `fastest_time` (Yokoyama et al., arXiv 2103.08022); BARN = S OT / clip(T, 2 OT, 8 OT), as the BARN challenge scores
+    from 2024 on, or clip(T, 4 OT, 8 OT), as in 2022, with T the time on the clock. In the worlds of the challenge OT
+    and the clock are its own (`optimal_time` and `clock_from` of the trajectory); everywhere else the formula alone is
+    the challenge's, with OT = l / v_max of the base, so that scores compare with each other and with no others.
     """
     if math.isnan(trajectory.shortest):
         return {}
     success = outcome(trajectory)["success"]
     time, length = duration(trajectory), trajectory.shortest
     best = fastest_time(length, trajectory.max_speed, trajectory.acceleration)
-    optimal = length / trajectory.max_speed
+    optimal = trajectory.optimal_time
+    if math.isnan(optimal):
+        optimal = length / trajectory.max_speed
+    on_clock = min(taken(trajectory), 8.0 * optimal)
     return {
         "spl": success * length / max(path_length(trajectory.poses), length),
         "sct": success * best / max(time, best),
-        "barn_score": success * optimal / min(max(time, 2.0 * optimal), 8.0 * optimal),
+        "barn_score": success * optimal / max(on_clock, 2.0 * optimal),
+        "barn_score_2022": success * optimal / max(on_clock, 4.0 * optimal),
     }
 
 

@@ -17,7 +17,6 @@ from wayfield.benchmarks.faults.place import changed, contents
 # arguments of each command that are right, beside which one is wrong
 COMMANDS: dict[str, tuple[str, ...]] = {
     "evaluate": (),
-    "barn": ("nowhere",),
     "decisions": (),
     "throughput": (),
     "tune": ("lqr", "--suite", "path-following"),
@@ -61,7 +60,9 @@ _LISTED: tuple[tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]], ...
           ("evaluate", _CONTEST), ("evaluate.py", _CONTEST), ("train", (_ENV,)), ("tune", ("lqr", "--suite", _PATH)),
           ("decisions", ()), ("throughput", ()), ("fingerprints", ("--out", "prints.json")),
       )),
-    ("barn", ("nowhere",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("evaluate", ("--suite", "barn", "--data", "nowhere"), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("evaluate", ("--suite", "barn"), (1, 2), {}),
+    ("evaluate", ("--suite", "racetracks", "--data", "FILE"), (1, 2), {}),
     ("freeze", ("nothing",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
     ("onnx", ("nowhere", "x.onnx"), (1, 2, 130), {"own": True, "interrupt": 0.15}),
     ("train", (_ENV, "--seed", "99999999999"), (1, 2), {}),

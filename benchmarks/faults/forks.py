@@ -23,7 +23,7 @@ from wayfield.envs.processes import end_with_parent
 MODULES = {
     "train": "wayfield.policies.training.command",
     **{name: f"wayfield.benchmarks.{name}"
-       for name in ("evaluate", "barn", "decisions", "throughput", "tune", "fingerprints")},
+       for name in ("evaluate", "decisions", "throughput", "tune", "fingerprints")},
 }  # fmt: skip
 _LATER = ("wayfield.policies.training.run",)  # what commands import only when they work
 _WAIT = 0.005  # s

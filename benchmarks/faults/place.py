@@ -33,10 +33,7 @@ _SCRIPTS = {  # commands that are scripts rather than modules: where their `main
 _MODULES = {
     "onnx": "wayfield.policies.learned.onnx",
     "freeze": "wayfield.envs.scenarios.freeze",
-    **{
-        name: f"wayfield.benchmarks.{name}"
-        for name in ("barn", "decisions", "fingerprints", "throughput", "tune", "faults")
-    },
+    **{name: f"wayfield.benchmarks.{name}" for name in ("decisions", "fingerprints", "throughput", "tune", "faults")},
 }
 
 

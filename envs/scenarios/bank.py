@@ -5,6 +5,7 @@ import os
 from typing import Any
 
 from wayfield.envs.checks import number, shown, suggestion
+from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
@@ -56,7 +57,8 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
 
     Args:
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
-            "/train", "/validation" or "/test" behind it; or a .json file; see `field_scenario_from_file`.
+            "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or a folder of
+            worlds of the BARN challenge, see `barn_scenarios`.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -74,12 +76,20 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
         return _fitted(frozen, LARGEST_HULL - hull_radius)
     if not _means_file(name):
         raise _unknown(spec, name)
-    scenario = field_scenario_from_file(os.fspath(name), spec.scenario)
+    found = _from_file(spec, os.fspath(name))
     try:
-        check_clear(scenario, hull_radius)
+        for scenario in found:
+            check_clear(scenario, hull_radius)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    return (scenario,)
+    return found
+
+
+def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
+    """Returns the scenarios of a file or a folder of the user's."""
+    if spec.scenario is GoalScenario and os.path.isdir(name):
+        return barn_scenarios(name)
+    return (field_scenario_from_file(name, spec.scenario),)
 
 
 # A vector of single environments asks for the same bank once per robot. Files are read anew: the user edits

@@ -21,6 +21,7 @@ from wayfield.envs.checks import (
     number,
     numbers_of,
     pose,
+    real,
     shown,
 )
 from wayfield.envs.geometry import OBSTACLE, clearance_to
@@ -115,6 +116,7 @@ class GoalScenario:
     family: str = ""  # the family of a frozen split that it belongs to
     tier: str = ""  # "easy", "medium" or "hard" within the task
     quantity: float = math.nan  # what the tier is read from: the room on the way, m
+    published_length: float = math.nan  # m, of the way that the makers of a public benchmark give; NaN: they give none
 
     def __post_init__(self) -> None:
         _settle(self, "goal", pose("goal", self.goal))
@@ -133,6 +135,8 @@ class GoalScenario:
             ("waypoint_radius", FARTHEST),
         ):
             _settle(self, field, number(field, getattr(self, field), above=0.0, most=most))
+        if not math.isnan(real(self.published_length)):
+            _settle(self, "published_length", number("published_length", self.published_length, above=0.0))
 
     def fitted(self, shrinkage: float) -> "GoalScenario":
         """Returns the scenario for a smaller hull: itself, with more room."""
@@ -150,7 +154,8 @@ class GoalScenario:
         asked = (self.position_tolerance, self.heading_tolerance, self.waypoint_radius)
         scatter = (self.start_offset, self.start_turn)
         sizes = len(o), len(self.waypoints)
-        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter]
+        published = [] if math.isnan(self.published_length) else [self.published_length]
+        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter, *published]
 
 
 def _nothing_closes() -> NDArray[np.float64]:

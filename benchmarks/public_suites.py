@@ -1,0 +1,91 @@
+"""Public benchmarks: from the folder of their official files to the contests and the courses that they are run as."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Contest, Course
+from wayfield.benchmarks.contests.barn import LIMIT
+from wayfield.benchmarks.contests.racetracks import SCALE
+from wayfield.benchmarks.own_scenario import own_scenario
+from wayfield.benchmarks.shortest import shortest_way
+from wayfield.envs.robots import Robot
+from wayfield.envs.scenarios import goal_scenarios
+from wayfield.envs.scenarios.barn import barn_scenarios
+from wayfield.envs.task import CONTROL_PERIOD
+
+GROUP = 50  # worlds of BARN, by their numbers: a family, and what an interrupted run has as a whole
+_SETS_OFF = 10.0  # s, in which a robot must have left the first 0.1 m
+
+
+@dataclasses.dataclass(frozen=True)
+class Mode:
+    """One way to run a public benchmark."""
+
+    contest: str
+    robot: str  # that drives unless another is asked for
+    fixed: bool = False  # whether no other robot can be asked for
+
+
+@dataclasses.dataclass(frozen=True)
+class PublicSuite:
+    """A public benchmark: its modes, the first of which is the default, and its courses in a folder for a robot."""
+
+    modes: Mapping[str, Mode]
+    courses: Callable[[str, Robot], tuple[Course, ...]]
+
+    def contest(self, mode: str) -> Contest:
+        """Returns the contest of a mode."""
+        return ALL_CONTESTS[self.modes[mode].contest]
+
+
+def barn_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
+    """Returns the worlds of a folder, fifty numbers a course.
+
+    Raises:
+        ValueError: if a file is faulty, or a world has no room for the robot; one line that names it.
+        OSError: if a file cannot be opened.
+    """
+    named = {each.name: k for k, each in enumerate(barn_scenarios(folder))}
+    bank = goal_scenarios(folder, robot.hull_radius)
+    groups: dict[int, list[int]] = {}
+    for name, k in named.items():
+        try:
+            shortest_way(bank[k], robot.hull_radius)
+        except ValueError as error:
+            raise ValueError(f"{folder}: {error}") from None
+        groups.setdefault(int(name.removeprefix("world_")) // GROUP, []).append(k)
+    steps = math.ceil((LIMIT + _SETS_OFF) / CONTROL_PERIOD)
+    return tuple(
+        Course(f"worlds {GROUP * j} to {GROUP * j + GROUP - 1}", PUBLIC_SPLIT, folder, steps, members=tuple(members))
+        for j, members in sorted(groups.items())
+    )
+
+
+def racetrack_courses(folder: str, robot: Robot, scale: float = SCALE) -> tuple[Course, ...]:
+    """Returns the circuits of a folder, a course each, made small by the scale.
+
+    Raises:
+        ValueError: if there are none, or a file is faulty; one line that names it.
+        OSError: if a file cannot be opened.
+    """
+    del robot
+    files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() == ".csv" and file.name[0] != ".")
+    if not files:
+        raise ValueError(f"{folder}: holds no circuits: no .csv file")
+    found = []
+    for file in files:
+        own = own_scenario(str(file), scale)
+        if not own.scenario.path.closed:
+            raise ValueError(f"{file}: is no circuit; its header must be # x_m,y_m,w_tr_right_m,w_tr_left_m")
+        found.append(Course(file.stem, PUBLIC_SPLIT, own.file, own.steps, own.env_kwargs))
+    return tuple(found)
+
+
+PUBLIC: Mapping[str, PublicSuite] = {
+    "barn": PublicSuite(
+        {"challenge": Mode("barn", "jackal", fixed=True), "p3dx": Mode("barn-p3dx", "p3dx", fixed=True)}, barn_courses
+    ),
+    "racetracks": PublicSuite({"laps": Mode("racetracks", "p3dx")}, racetrack_courses),
+}
