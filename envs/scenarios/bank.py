@@ -7,12 +7,14 @@ from typing import Any
 from wayfield.envs.checks import number, shown, suggestion
 from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.scenarios.maps import scenarios_of_problems
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.scenarios.tasks import TASKS, TaskSpec
 
-_FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json")
+_PROBLEMS = ".scen"
+_FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json", _PROBLEMS)
 _PATHS, _GOALS = TASKS["path_following"], TASKS["goal_reaching"]
 
 
@@ -56,7 +58,8 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
 
     Args:
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
-            "/train", "/validation" or "/test" behind it; or a .json file; see `field_scenario_from_file`.
+            "/train", "/validation" or "/test" behind it; a .json file, see
+            `field_scenario_from_file`; or for goals a .scen file, the problems of a MovingAI map with cells of 1 m.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -74,12 +77,15 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
         return _fitted(frozen, LARGEST_HULL - hull_radius)
     if not _means_file(name):
         raise _unknown(spec, name)
-    scenario = field_scenario_from_file(os.fspath(name), spec.scenario)
+    file = os.fspath(name)
+    problems = file.lower().endswith(_PROBLEMS) and spec.scenario is GoalScenario
+    found = scenarios_of_problems(file) if problems else (field_scenario_from_file(file, spec.scenario),)
     try:
-        check_clear(scenario, hull_radius)
+        for scenario in found:
+            check_clear(scenario, hull_radius)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    return (scenario,)
+    return found
 
 
 # A vector of single environments asks for the same bank once per robot. Files are read anew: the user edits
