@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wayfield.envs import records
 from wayfield.envs.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown
 from wayfield.envs.disturbances import DISTURBANCES, Disturbance
+from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered
 from wayfield.envs.scenarios.tasks import TaskSpec
@@ -166,6 +167,7 @@ class Task(abc.ABC):
     beam_angles: NDArray[np.float64]
     max_obstacles: int
     patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
+    grids: Grids = NO_GRIDS
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
         """Returns the task itself: it never changes, and the maps of its bank are large."""

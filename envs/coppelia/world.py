@@ -121,7 +121,6 @@ class World:
         if self.batch.plant is not None:
             from wayfield.envs.pymunk_plant import Spaces, resume_rows, start_rows
 
-            counts = self.task.obstacle_counts(self.batch.states)
             plant, batch = self.batch.plant, self.batch
             skip = np.ones(1, np.bool_)
             shared = (
@@ -130,7 +129,7 @@ class World:
                 batch.states,
                 batch.obstacles,
                 self.task.patrols,
-                counts,
+                self.task.grids,
                 batch.noise,
             )
             spaces = Spaces(plant.progress, plant.bodies, plant.hulls, plant.waiting)
