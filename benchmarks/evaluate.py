@@ -101,7 +101,7 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
     help="A contest on the scenario files of a folder, paths, goals or docks (.csv, .txt, .json), instead of a suite.",
 )
 @click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
-@click.option("--data", metavar="FOLDER", help="The official files of a public benchmark: barn, racetracks.")
+@click.option("--data", metavar="FOLDER", help="The official files of a public benchmark.")
 @click.option(
     "--mode",
     type=Choice("--mode", MODES),
@@ -137,7 +137,7 @@ def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
     (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
     goal-obstacles, docking), and under growing disturbances (disturbances), or in public benchmarks whose files you
-    have (barn, racetracks); or the documents and a test scenario a family (overview).
+    have (barn, mrpb, movingai, racetracks); or the documents and a test scenario a family (overview).
 
     Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
     (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that

@@ -28,7 +28,7 @@ METRICS = (
     *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
     *("direction_changes", "final_x", "final_y", "final_x_error", "final_y_error"),
     *("final_position_error", "final_heading_error"),
-    *("effort", "saturated_share", "ldlj", "squared_jerk", "faults", "spl", "sct"),
+    *("effort", "saturated_share", "ldlj", "squared_jerk", "velocity_smoothness", "faults", "spl", "sct"),
     *("barn_score", "barn_score_2022"),
     *("arrival_path_length", "arrival_heading_error"),
 )
@@ -217,6 +217,7 @@ def smoothness(trajectory: Trajectory) -> dict[str, float]:
 
     LDLJ = -ln(T^3 / v_peak^2 * integral of |d^2 v / dt^2|^2 dt), with v the planar velocity in the world frame
     (Balasubramanian et al., J. NeuroEng. Rehabil. 12:112, 2015). It does not depend on the duration, the jerk does.
+    With them comes the mean |dv|/dt of the speed, m/s^2, lower is smoother: MRPB's velocity smoothness (metrics.cpp).
     """
     if len(trajectory.twists) < 4:
         return {}
@@ -226,10 +227,11 @@ def smoothness(trajectory: Trajectory) -> dict[str, float]:
     )
     jerk = np.diff(velocity, 2, axis=0) / trajectory.dt**2
     squared_jerk = float((jerk**2).sum() * trajectory.dt)
+    rate = {"velocity_smoothness": float(np.abs(np.diff(np.hypot(vx, vy))).mean() / trajectory.dt)}
     peak = float((velocity**2).sum(axis=1).max())
     if not squared_jerk > 0.0 or not peak > 0.0:
-        return {"squared_jerk": squared_jerk}
-    return {"ldlj": -math.log(duration(trajectory) ** 3 / peak * squared_jerk), "squared_jerk": squared_jerk}
+        return {"squared_jerk": squared_jerk} | rate
+    return rate | {"ldlj": -math.log(duration(trajectory) ** 3 / peak * squared_jerk), "squared_jerk": squared_jerk}
 
 
 def against_the_best(trajectory: Trajectory) -> dict[str, float]:

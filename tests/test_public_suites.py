@@ -5,6 +5,7 @@ import gzip
 import io
 import itertools
 import math
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -16,9 +17,10 @@ from click.testing import CliRunner
 from wayfield.benchmarks import evaluate
 from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Entrants
 from wayfield.benchmarks.metrics import measure
-from wayfield.benchmarks.public_suites import PUBLIC, barn_courses, racetrack_courses
+from wayfield.benchmarks.public_suites import PUBLIC, barn_courses, movingai_courses, mrpb_courses, racetrack_courses
 from wayfield.benchmarks.results import read_rows
 from wayfield.benchmarks.rollout import roll_out
+from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import goal_scenarios
@@ -369,6 +371,95 @@ def test_circuits_are_laps_in_small(tmp_path: Path) -> None:
         racetrack_courses(str(tmp_path), ROBOTS["p3dx"])
 
 
+def ros_map(folder: Path) -> Path:
+    """Returns a folder with a map, 6 m x 4 m of free floor between walls of 0.2 m cells, and two cases."""
+    folder.mkdir(parents=True)
+    cells = np.full((20, 30), 254, np.uint8)
+    cells[0], cells[-1], cells[:, 0], cells[:, -1] = 0, 0, 0, 0
+    cells[10:19, 15] = 0  # a wall from below, with a gap of 1.8 m above it
+    (folder / "map.pgm").write_bytes(b"P5 30 20 255\n" + cells.tobytes())
+    text = "image: map.pgm\nresolution: 0.2\norigin: [-3, -2, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    (folder / "map.yaml").write_text(text, encoding="utf-8")
+    (folder / "cases.csv").write_text(CASES_HEADER + "-2,-1,0,2,-1,0\n-2,1,0.5,2,1,-3.14\n", encoding="utf-8")
+    return folder
+
+
+CASES_HEADER = "start_x,start_y,start_heading,goal_x,goal_y,goal_heading\n"
+CONFIG_TEXT = "\n".join(
+    f'<arg name="{end}_pose_{axis}" default="{value}"/>'
+    for end, values in (("initial", (-2, -1, 0)), ("goal", (2, -1, 0)))
+    for axis, value in zip("xya", values, strict=True)
+)
+
+
+def test_cases_of_mrpb_are_poses_on_its_map(tmp_path: Path) -> None:
+    folder = ros_map(tmp_path / "maze")
+    (course,) = mrpb_courses(str(tmp_path), ROBOTS["p3dx"])
+    assert (course.family, course.members) == ("maze", (0, 1))
+    first, second = goal_scenarios(str(folder), 0.25)
+    assert (first.start, first.goal) == ((-2.0, -1.0, 0.0), (2.0, -1.0, 0.0))
+    assert second.goal[2] == -3.14
+    assert (first.position_tolerance, first.heading_tolerance) == (0.2, 0.1)
+    assert first.grid is second.grid
+    # the wall stands at x = 0, from below: the way leads round its upper end
+    assert shortest_way(first, 0.25) == pytest.approx(2.0 * math.hypot(2.0, 1.1 + 0.1) - 0.2, rel=0.05)
+    (folder / "cases.csv").unlink()
+    (folder / "config.txt").write_text("# Test 1\n" + CONFIG_TEXT + "\n\n", encoding="utf-8")
+    (told,) = goal_scenarios(str(folder), 0.25)
+    assert (told.start, told.goal) == (first.start, first.goal)
+
+
+BROKEN_CASES = {
+    "nothing": ("cases.csv", "", "header is ''"),
+    "another header": ("cases.csv", "x,y\n1,2\n", "header is 'x,y'"),
+    "no case": ("cases.csv", CASES_HEADER, "holds no cases"),
+    "five cells": ("cases.csv", CASES_HEADER + "1,2,3,4,5\n", ":2: has 5 cells"),
+    "a word": ("cases.csv", CASES_HEADER + "1,2,3,4,5,6\n1,two,3,4,5,6\n", ":3: start_y is 'two'"),
+    "NaN": ("cases.csv", CASES_HEADER + "1,2,3,4,nan,6\n", ":2: goal_y is nan"),
+    "far away": ("cases.csv", CASES_HEADER + "1,2,3,4,1e9,6\n", ":2: goal_y is 1000000000.0"),
+    "in a wall": ("cases.csv", CASES_HEADER + "-2.95,0,0,2,1,0\n", "occupied over the start"),
+    "no launch argument": ("config.txt", "goal_pose_x: 3\n", ":1: is 'goal_pose_x: 3'"),
+    "twice": ("config.txt", CONFIG_TEXT.replace("pose_y", "pose_x"), "initial_pose_x is given twice"),
+    "half a case": ("config.txt", CONFIG_TEXT.rpartition("\n")[0], "case 1 has no goal_heading"),
+    "words": ("config.txt", CONFIG_TEXT.replace('"-2"', '"west"'), "start_x is 'west'"),
+}
+
+
+@pytest.mark.parametrize("broken", BROKEN_CASES)
+def test_broken_cases_are_a_line_that_names_them(broken: str, tmp_path: Path) -> None:
+    name, text, said = BROKEN_CASES[broken]
+    folder = ros_map(tmp_path / "maze")
+    (folder / "cases.csv").unlink()
+    (folder / name).write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(said)) as caught:
+        goal_scenarios(str(folder), 0.25)
+    assert str(folder) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_problems_of_movingai_are_drawn_evenly_by_length(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text(
+        "type octile\nheight 3\nwidth 40\nmap\n" + 3 * (40 * "." + "\n"), encoding="utf-8"
+    )
+    lines = [f"0\thall.map\t40\t3\t0\t1\t{k}\t1\t{k}.0" for k in range(40)]
+    (tmp_path / "hall.map.scen").write_text("version 1\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    (course,) = movingai_courses(str(tmp_path), ROBOTS["p3dx"])
+    bank = goal_scenarios(course.file, 0.25)
+    assert math.isnan(bank[0].published_length)  # nowhere to go
+    lengths = [bank[k].published_length for k in course.members]
+    assert len(lengths) == 12
+    assert lengths == sorted(lengths)
+    assert max(np.diff(lengths)) - min(np.diff(lengths)) <= 1.0
+    contest = PUBLIC["movingai"].contest("problems")
+    (case,) = contest.cases("p3dx", course, Entrants(("zero",), ("default",)))
+    (driven,) = roll_out(dataclasses.replace(case, max_episode_steps=3), episodes=1, members=course.members[:1])
+    assert driven.shortest == lengths[0]
+    for folder in (tmp_path / "none", ros_map(tmp_path / "maze")):
+        folder.mkdir(exist_ok=True)
+        with pytest.raises(ValueError, match=r"holds no problems: no \.scen"):
+            movingai_courses(str(folder), ROBOTS["p3dx"])
+
+
 def run(words: list[str], out: Path) -> str:
     command = CliRunner().invoke(evaluate.main, [*words, "--workers", "1", "--out", str(out)])
     assert command.exit_code == 0, command.output
@@ -393,6 +484,22 @@ def test_barn_is_run_as_other_contests_are(worlds: Path, tmp_path: Path) -> None
                 optimal = length / (2.0 if mode == "challenge" else 0.6)
                 expected = optimal / np.clip(float(row["time"]), 2.0 * optimal, 8.0 * optimal)
                 assert float(row["barn_score"]) == pytest.approx(float(expected))
+
+
+@pytest.mark.slow
+def test_maps_are_run_as_other_contests_are(tmp_path: Path) -> None:
+    ros_map(tmp_path / "maps" / "maze")
+    told = run(
+        ["--suite", "mrpb", "--data", str(tmp_path / "maps"), "--policies", "vfh_plus", "--gains", "default"],
+        tmp_path / "mrpb",
+    )
+    for column in ("safety", "motion efficiency", "velocity smoothness"):
+        assert column in told
+    assert [row["scenario"] for row in read_rows(tmp_path / "mrpb")] == ["maze 1", "maze 2"]
+    if SHARED.exists():
+        words = ["--suite", "movingai", "--data", str(SHARED / "movingai"), "--policies", "vfh_plus", "--episodes", "2"]
+        told = run([*words, "--gains", "default"], tmp_path / "movingai")
+        assert len(read_rows(tmp_path / "movingai")) == 6
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
 """The contests: policies against each other on frozen test scenarios, on the user's own files, or in public benchmarks.
 
 One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`, and those of public
-benchmarks, whose files the user has: `barn`, `racetracks`. `contest` says what one is.
+benchmarks, whose files the user has: `barn`, `mrpb`, `movingai`,
+`racetracks`. `contest` says what one is.
 """
 
 from collections.abc import Mapping
@@ -26,6 +27,8 @@ from wayfield.benchmarks.contests.contest import (
 )
 from wayfield.benchmarks.contests.docking import DOCKING
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.benchmarks.contests.movingai import MOVINGAI
+from wayfield.benchmarks.contests.mrpb import MRPB
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
 from wayfield.benchmarks.contests.racetracks import RACETRACKS
 
@@ -60,7 +63,7 @@ __all__ = [
 CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES, DOCKING)}
 ALL_CONTESTS: Mapping[str, Contest] = {  # and those of public benchmarks
     **CONTESTS,
-    **{contest.name: contest for contest in (CHALLENGE, OWN_SPEED, RACETRACKS)},
+    **{contest.name: contest for contest in (CHALLENGE, OWN_SPEED, MRPB, MOVINGAI, RACETRACKS)},
 }
 
 # What may be asked for, and the sets of gains that it stands for.

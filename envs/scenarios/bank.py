@@ -9,6 +9,7 @@ from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.maps import scenarios_of_problems
+from wayfield.envs.scenarios.mrpb import is_mrpb, mrpb_scenarios
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
@@ -60,7 +61,8 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     Args:
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
             "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or for goals a
-            .scen file, the problems of a MovingAI map with cells of 1 m, or a folder of worlds of the BARN challenge.
+            .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or a
+            map of MRPB with its cases.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -91,7 +93,7 @@ def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of a file or a folder of the user's."""
     if spec.scenario is GoalScenario:
         if os.path.isdir(name):
-            return barn_scenarios(name)
+            return mrpb_scenarios(name) if is_mrpb(name) else barn_scenarios(name)
         if name.lower().endswith(_PROBLEMS):
             return scenarios_of_problems(name)
     return (field_scenario_from_file(name, spec.scenario),)

@@ -216,7 +216,8 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
                 file, f"problem {k} is on a map of {problem.size[0]} x {problem.size[1]} cells; {problem.map} has "
                 f"{columns} x {rows}"
             )  # fmt: skip
-        found.append(problem.scenario(f"{stem} {k}", grids[problem.map]))
+        length = problem.length * resolution or math.nan  # a robot that is there has no way
+        found.append(problem.scenario(f"{stem} {k}", grids[problem.map], published_length=length))
     return tuple(found)
 
 
