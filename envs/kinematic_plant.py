@@ -4,7 +4,7 @@ import math
 
 from wayfield.envs.compiled import inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
-from wayfield.envs.grids import clearance_around
+from wayfield.envs.hulls import hull_clearance, swing
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
 from wayfield.envs.sensing import advance_odometry
 
@@ -104,10 +104,10 @@ def sweep(p, s, robots, i, vx, vy, yaw_rate):
     that a fast robot cannot jump through a thin wall. Close to a surface it goes on in strides; once one ends
     in contact, bisection finds the pose just before it.
     """
-    travel = p.dt * math.sqrt(vx * vx + vy * vy)
+    travel = p.dt * (math.sqrt(vx * vx + vy * vy) + swing(p, yaw_rate))
     if s.clearance >= travel:
         s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, vx, vy, yaw_rate, p.dt)
-        s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+        s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
         return
     x = s.x
     y = s.y
@@ -122,7 +122,7 @@ def sweep(p, s, robots, i, vx, vy, yaw_rate):
         else:
             ahead = min(gone + max(s.clearance - SKIN, STRIDE) / travel, 1.0)
         to_x, to_y, to_heading = integrate_arc(x, y, heading, vx, vy, yaw_rate, p.dt * ahead)
-        clear = clearance_around(robots, i, s, to_x, to_y) - p.hull_radius
+        clear = hull_clearance(p, robots, i, s, to_x, to_y, to_heading)
         if clear < SKIN and clear < s.clearance:
             s.contact = 1
             blocked = ahead
@@ -164,4 +164,14 @@ def shove(p, s, robots, i):
         s.vx = body_vx
         s.vy = body_vy
         s.yaw_rate = body_yaw_rate
+    if p.hull_length > 0.0:
+        # a rectangle that has no room for the turn stays as it stands
+        clear = hull_clearance(p, robots, i, s, s.x, s.y, wrap_angle(s.heading + turn))
+        if clear < SKIN and clear < s.clearance:
+            s.contact = 1
+            s.vx = 0.0
+            s.vy = 0.0
+            s.yaw_rate = 0.0
+            return
+        s.clearance = clear
     s.heading = wrap_angle(s.heading + turn)

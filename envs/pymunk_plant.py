@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled, machine_code
 from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, sin_cos, wrap_angle
-from wayfield.envs.grids import OccupancyGrid, clearance_around, grid_clearance, grid_normal
+from wayfield.envs.grids import OccupancyGrid, grid_clearance, grid_normal
+from wayfield.envs.hulls import hull_clearance, swing, touched, way_out
 from wayfield.envs.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.kinematics import integrate_arc, sinc
 from wayfield.envs.linear import pseudo_inverse
@@ -228,7 +229,7 @@ def roll(p, b, s, robots, i, row):
     dyaw = s.wheel_yaw_rate - s.command_yaw_rate
     rolled_vx, rolled_vy, rolled_yaw_rate = lagging_twist(s, p.lag_mean)
     mean_vx, mean_vy, mean_yaw_rate = body_twist(p, rolled_vx, rolled_vy, rolled_yaw_rate)
-    if s.clearance <= p.dt * math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy):
+    if s.clearance <= p.dt * (math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy) + swing(p, mean_yaw_rate)):
         return False
     left = 1.0
     for _ in range(SUBSTEPS):
@@ -249,7 +250,7 @@ def roll(p, b, s, robots, i, row):
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
     s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
     s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, mean_vx, mean_vy, mean_yaw_rate, p.dt)
-    s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if p.passive_encoders:
         rolled_vx = mean_vx
         rolled_vy = mean_vy
@@ -351,6 +352,32 @@ def keep_out(p, b, s, robots, i, bodies, x, y):
 
 
 @compiled
+def keep_box_out(p, b, s, robots, i, bodies, pose):
+    """Returns the point of `keep_out` for a hull that is a rectangle, which a sub-step leads to the pose."""
+    x, y, heading = pose
+    h = b.substep
+    first = -1 if robots.grids.cells.shape[0] > 0 else 0  # the grid
+    for _ in range(4):
+        moved = False
+        for j in range(first, s.num_obstacles):
+            shift_x = h * bodies[i, j].vx if j >= 0 else 0.0
+            shift_y = h * bodies[i, j].vy if j >= 0 else 0.0
+            depth = touched(p, robots, i, s, j, x - shift_x, y - shift_y, heading)
+            if depth <= DEPTH:
+                continue
+            # no deeper than where it was; a corner that a turn brings in is let out
+            excess = depth - max(DEPTH, touched(p, robots, i, s, j, s.x, s.y, s.heading))
+            if excess > 1e-9:
+                nx, ny = way_out(p, robots, i, s, j, x - shift_x, y - shift_y, heading)
+                x += excess * nx
+                y += excess * ny
+                moved = True
+        if not moved:
+            break
+    return x, y
+
+
+@compiled
 def aim(p, b, s, m, robots, i, bodies):
     """Puts what moves by a script where it is at the sub-step's beginning, with the velocity that it has in it."""
     h = b.substep
@@ -379,12 +406,17 @@ def advance(p, b, s, m, robots, i, bodies, hull):
         dy = y - s.y
         m.clearance -= math.sqrt(dx * dx + dy * dy)
         touches = m.pushing == 1
+        if p.hull_length > 0.0:
+            m.clearance -= swing(p, wrap_angle(heading - s.heading))
         if m.clearance <= 0.0 or touches or moving:
-            x, y = keep_out(p, b, s, robots, i, bodies, x, y)
+            if p.hull_length > 0.0:
+                x, y = keep_box_out(p, b, s, robots, i, bodies, (x, y, heading))
+            else:
+                x, y = keep_out(p, b, s, robots, i, bodies, x, y)
             if moving:
                 time = s.steps * p.dt + m.substep * b.substep
                 patrol(robots.patrols, s.scenario, robots.obstacles, i, s.num_obstacles, time)
-            m.clearance = clearance_around(robots, i, s, x, y) - p.hull_radius
+            m.clearance = hull_clearance(p, robots, i, s, x, y, heading)
             touches = touches or m.clearance < 0.0
         s.x = x
         s.y = y
@@ -395,6 +427,7 @@ def advance(p, b, s, m, robots, i, bodies, hull):
             hull.yaw_rate = s.yaw_rate
             hull.x = x - b.substep * hull.vx
             hull.y = y - b.substep * hull.vy
+            hull.angle = heading - b.substep * hull.yaw_rate if p.hull_length > 0.0 else 0.0
             return True
     return False
 
@@ -410,6 +443,8 @@ def absorb(p, s, m, robots, i, bodies, hull):
     s.yaw_rate = hull.yaw_rate
     s.x = hull.x
     s.y = hull.y
+    if p.hull_length > 0.0:
+        s.heading = wrap_angle(hull.angle)
     m.pushing = 0
     obstacles = robots.obstacles
     for j in range(s.num_obstacles):
@@ -420,7 +455,7 @@ def absorb(p, s, m, robots, i, bodies, hull):
             obstacles[i, j].sin, obstacles[i, j].cos = sin_cos(body.angle)
             if max(abs(body.vx), abs(body.vy), abs(body.yaw_rate)) > AT_REST:
                 m.pushing = 1
-    m.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+    m.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if m.clearance < 0.0:
         s.contact = 1
 
@@ -430,7 +465,7 @@ def finish(p, s, m, robots, i, row):
     """Ends the control period: exact clearance, odometry by the drive wheels or by the body's motion."""
     if robots.patrols.shape[1] > 0:
         patrol(robots.patrols, s.scenario, robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-    s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if p.perfect_pose:
         return
     vx = m.rolled_vx
@@ -529,9 +564,14 @@ class World:
         self.space.collision_slop = SLOP
         self.space.collision_bias = OVERLAP_LEFT ** (1.0 / substep)  # the share left after a second
         self.hull = pymunk.Body(robot.mass, robot.inertia)
+        self.turns = robot.hull_box is not None  # whether it matters how the hull is turned
         self.pushable: list[tuple[int, pymunk.Body]] = []
         self.moving: list[tuple[int, pymunk.Body]] = []
-        shapes: list[pymunk.Shape] = [pymunk.Circle(self.hull, robot.hull_radius)]
+        shapes: list[pymunk.Shape] = [
+            pymunk.Poly.create_box(self.hull, robot.hull_box)
+            if robot.hull_box
+            else pymunk.Circle(self.hull, robot.hull_radius)
+        ]
         for j, obstacle in enumerate(obstacles):
             if moving is not None and moving[j]:
                 body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
@@ -586,15 +626,17 @@ class World:
         self._steps.extend(asked)
         self._advance(dt, asked)
         body = self.hull
-        hulls[i] = (*body.position, 0.0, *body.velocity, body.angular_velocity)
+        hulls[i] = (*body.position, body.angle if self.turns else 0.0, *body.velocity, body.angular_velocity)
         for j, loose in self.pushable:
             bodies[i, j] = (*loose.position, loose.angle, *loose.velocity, loose.angular_velocity)
 
     def _advance(self, dt: float, asked: list[float]) -> None:
         """Moves everything by dt: the hull and what a script moves as `asked`, the rest by its momentum."""
         body = self.hull
-        x, y, _, vx, vy, body.angular_velocity = asked[:6]
+        x, y, angle, vx, vy, body.angular_velocity = asked[:6]
         body.position = x, y
+        if self.turns:
+            body.angle = angle
         body.velocity = vx, vy
         for k, (_, scripted) in enumerate(self.moving):
             x, y, vx, vy = asked[6 + 4 * k : 10 + 4 * k]

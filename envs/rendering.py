@@ -408,9 +408,14 @@ def _draw_robot(canvas: Canvas, view: View, robot: Robot, pose: tuple[float, flo
         return view.pixels_from_world(_placed(points * magnification, pose))
 
     centre = view.pixels_from_world(pose[:2])
-    canvas.disc(_WHITE, centre, radius_px + 1.5)
-    canvas.disc(_HULL, centre, radius_px)
-    canvas.disc(_BLUE, centre, radius_px, 1.5)
+    if robot.hull_box is None:
+        canvas.disc(_WHITE, centre, radius_px + 1.5)
+        canvas.disc(_HULL, centre, radius_px)
+        canvas.disc(_BLUE, centre, radius_px, 1.5)
+    else:
+        corners = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * robot.hull_box
+        canvas.polygon(_BLUE, pixels(corners))
+        canvas.polygon(_HULL, pixels(0.94 * corners))
     canvas.polygon(_BLUE, pixels(_body_outline(robot)))
     for wheel in robot.built:
         canvas.polygon(_INK, pixels(_wheel_outline((wheel.x, wheel.y), wheel.direction, wheel.radius)))

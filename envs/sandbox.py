@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records
 from wayfield.envs.compiled import compiled
-from wayfield.envs.grids import NO_GRIDS, clearance_around
+from wayfield.envs.grids import NO_GRIDS
+from wayfield.envs.hulls import hull_clearance
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
 from wayfield.envs.robots import Robot, robots_with
@@ -53,7 +54,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, patrols, 
             s.rolled_vx, s.rolled_vy, s.rolled_yaw_rate = kinematic_plant.lagging_twist(s, p.lag_mean)
             if patrols.shape[1] > 0:
                 patrol(patrols, 0, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+                s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
                 if phases & DRIVE and s.clearance < 0.0:
                     # run into where it stands; in a plant with forces it is pushed
                     s.contact = 1
@@ -86,7 +87,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, patrols, out, numb
         s.rolled_yaw_rate = 0.0
         if patrols.shape[1] > 0:
             patrol(patrols, 0, obstacles, i, s.num_obstacles, 0.0)
-        s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+        s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
 
 
 class Sandbox(Task):

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records
 from wayfield.envs.compiled import inlined
-from wayfield.envs.grids import Grids, clearance_around
+from wayfield.envs.grids import Grids
+from wayfield.envs.hulls import hull_clearance
 from wayfield.envs.patrols import patrol
 
 # The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
@@ -106,7 +107,7 @@ def step_robots(judge, phases, robots, actions, skip, world, outputs):
             kinematic_plant.command(p, s, actions, i)
             if patrols.shape[1] > 0:
                 patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+                s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
                 if phases & DRIVE and s.clearance < 0.0:
                     # run into where it stands; in a plant with forces it is pushed
                     s.contact = 1
@@ -146,7 +147,7 @@ def reset_robots(place, begin, robots, rows, draws, world, outputs):
         place(p, s, world, robots, i, draws, j)
         records.halt(s)
         records.draw_shove(p, s, draws, j)
-        s.clearance = clearance_around(robots, i, s, s.x, s.y) - p.hull_radius
+        s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
         begin(p, s, world, robots, i, outputs)
         s.noise_row = 1
         outputs.flags[:, i] = False
