@@ -617,7 +617,7 @@ class World:
             if cell not in self._walls:
                 self._walls.add(cell)
                 row, column = cell
-                at = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + (column, row)
+                at = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + np.array([column, row])
                 wall = pymunk.Poly(self.space.static_body, self.grid.points(at).tolist())
                 wall.friction = math.sqrt(HULL_FRICTION)
                 self.space.add(wall)
@@ -691,7 +691,15 @@ class PymunkPlant:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
         # what every call takes, in this order
-        shared: tuple[Any, ...] = (self.task.params, self.base, states, obstacles, self.task.patrols, self.task.grids, noise)
+        shared: tuple[Any, ...] = (
+            self.task.params,
+            self.base,
+            states,
+            obstacles,
+            self.task.patrols,
+            self.task.grids,
+            noise,
+        )
         spaces = Spaces(self.progress, self.bodies, self.hulls, self.waiting)
         if self._start_rows is None:
             self._start_rows = machine_code(start_rows, *shared, skip, spaces)
