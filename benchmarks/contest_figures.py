@@ -19,6 +19,7 @@ from wayfield.benchmarks.drawing import (
     obstacle_patches,
     plt,
     saved,
+    wall_lines,
 )
 from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, label, values
 from wayfield.benchmarks.parts import badness
@@ -182,6 +183,7 @@ def _driven_scene(axis: Any, trajectory: Trajectory) -> None:
     if len(trajectory.path):
         axis.plot(*trajectory.path.T, color=PATH_COLOUR, linewidth=3.0, alpha=0.6)
     obstacle_patches(axis, trajectory.obstacles)
+    wall_lines(axis, trajectory.walls)
     if len(trajectory.goals) and not len(trajectory.path):
         goal_mark(axis, trajectory.goals[-1])
     x, y = trajectory.poses[:, :2].T

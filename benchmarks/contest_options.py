@@ -162,7 +162,7 @@ class ContestOptions:
                 make_vector(case, "kinematic", self.actuators, 1).close()
             except ValueError:
                 raise WrongOption(
-                    f"robot {self.robot.name!r} has a hull of {self.robot.hull_radius:g} m; the frozen scenarios of "
+                    f"robot {self.robot.name!r} has a hull of {self.robot.hull_radius:.3g} m; the frozen scenarios of "
                     f"{contest.name} were searched for ways of at most {LARGEST_HULL:g} m: use --scenarios FOLDER"
                 ) from None
 

@@ -159,14 +159,14 @@ def reference_jumps(reference_arc_lengths: Array, lap_length: float = 0.0) -> in
 
 def clearance(trajectory: Trajectory) -> dict[str, float]:
     """Returns the clearances, m, and the distance at which the centre passed the centres of obstacles."""
-    if not len(trajectory.obstacles):
+    if not len(trajectory.obstacles) and not len(trajectory.walls):
         return {}
     away = trajectory.poses[:, None, :2] - np.column_stack([trajectory.obstacles["x"], trajectory.obstacles["y"]])
     return {
         "min_clearance": float(trajectory.clearances.min()),
         "mean_clearance": _mean(trajectory.clearances),
         "near_share": _mean((trajectory.clearances < NEAR).astype(np.float64)),
-        "centre_distance": float(np.hypot(away[..., 0], away[..., 1]).min()),
+        **({"centre_distance": float(np.hypot(away[..., 0], away[..., 1]).min())} if away.size else {}),
     }
 
 

@@ -150,6 +150,7 @@ def _trajectory(
         clearances=states["clearance"].copy(),
         goals=briefing.goals[i, : briefing.num_goals[i]],
         obstacles=briefing.obstacles[i, : briefing.num_obstacles[i]],
+        walls=np.empty(0) if scenario.grid is None else scenario.grid.outline(),
     )
     if case.rules is not None:
         driven = _under(case.rules, driven, scenario)

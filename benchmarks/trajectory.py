@@ -48,6 +48,7 @@ class Trajectory:
     obstacles: NDArray[Any] = dataclasses.field(
         default_factory=_nothing
     )  # (m,) OBSTACLE records, as they stood at the start
+    walls: Array = dataclasses.field(default_factory=_nothing)  # (k, 2, 2) the sides of what a map has occupied
     # the end
     success: bool = False
     collision: bool = False

@@ -11,7 +11,7 @@ from wayfield.envs import records, sensing
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, truth, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
-from wayfield.envs.grids import FRAME, Grids, clearance_around, lay_grids, scan_grid
+from wayfield.envs.grids import FRAME, Grids, clearance_around, frames_of, lay_grids, scan_grid
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
@@ -393,8 +393,12 @@ class GoalReaching(Task):
             leg = ways["leg_time"][:, None] * np.column_stack([ways["vx"], ways["vy"]])
             near = np.column_stack([ways["x"], ways["y"]])
             points = np.vstack([points, *((end + r)[moving] for end in (near, near + leg) for r in (-reach, reach))])
+        grid = self.scenarios[scenario].grid
+        if grid is not None:
+            points = np.vstack([points, grid.corners])
         margin = 2.0 * self.robot.hull_radius
         return {
+            "grid": grid,
             "goals": poses[state["waypoint"] :],
             "goal_tolerance": float(course["position_tolerance"]),
             "beam_angles": self.beam_angles,
@@ -420,6 +424,8 @@ class GoalReaching(Task):
         told = {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
         if knows == "map" and self.patrols.shape[1]:
             told["patrols"] = self.patrols[scenario]
+        if knows == "map":
+            told["grids"] = frames_of(self.grids, scenario)
         return told
 
 

@@ -145,6 +145,22 @@ class OccupancyGrid:
         buried = around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
         return [(i + i0, j + j0) for i, j in np.argwhere(inner & ~buried).tolist()]
 
+    def outline(self) -> NDArray[np.float64]:
+        """Returns the straight sides (k, 2, 2) between what is occupied and what is free, m, world frame."""
+        around = np.pad(self.occupied, 1, constant_values=self.beyond == "occupied")
+        parts = []
+        for sides, swap in (
+            (around[1:, 1:-1] != around[:-1, 1:-1], False),
+            (around[1:-1, 1:] != around[1:-1, :-1], True),
+        ):
+            # sides in a line are one
+            lines = np.pad(sides.T if swap else sides, ((0, 0), (1, 1))).astype(np.int8)
+            line, begin = np.nonzero(np.diff(lines, axis=1) == 1)
+            _, end = np.nonzero(np.diff(lines, axis=1) == -1)
+            ends = np.stack([np.stack([begin, line], axis=-1), np.stack([end, line], axis=-1)], axis=1)
+            parts.append(self.points((ends[..., ::-1] if swap else ends).astype(np.float64)))
+        return np.concatenate(parts)
+
     def clearances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the distance (n,) in m from points (n, 2) to what is occupied; 0 within, inf where nothing is."""
         grids = lay_grids([self], np.zeros(1, NO_GRIDS.frames.dtype))
@@ -205,6 +221,14 @@ def lay_grids(grids: Sequence[OccupancyGrid | None], frames: NDArray[np.void]) -
     return Grids(frames, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
 
+def frames_of(grids: Grids, scenarios: NDArray[np.int64]) -> Grids:
+    """Returns the grids with a frame for each of some robots, those of their scenarios (b,), and nothing else in it."""
+    frames = np.zeros(len(scenarios), NO_GRIDS.frames.dtype)
+    for name in frames.dtype.names or ():
+        frames[name] = grids.frames[name][scenarios]
+    return Grids(frames, grids.cells)
+
+
 @compiled
 def _measure(occupied, cells, closed):
     """Fills the cells (rows, columns) of a grid; `closed`: what lies beyond it is occupied.
@@ -262,7 +286,7 @@ def grid_place(frame, x, y):
 
 @inlined
 def squared_rise(cell, row, v):
-    """Returns the squared distance, in cells, from height v to the occupied cell of a column that is nearest to a row."""
+    """Returns the squared distance, in cells, from height v in a row to a column's nearest occupied cell."""
     code = np.int64(cell)
     away = code >> _ROWS_AWAY
     rise = np.inf
@@ -389,12 +413,12 @@ def grid_ray(frame, cells, u, v, du, dv, reach):
         if to_u < to_v:
             gone = to_u
             j += room if du > 0.0 else -room
-            at = int(math.floor(v + gone * dv))
+            at = math.floor(v + gone * dv)
             i = min(max(at, i), i + room - 1) if dv >= 0.0 else max(min(at, i), i - room + 1)
         else:
             gone = to_v
             i += room if dv > 0.0 else -room
-            at = int(math.floor(u + gone * du))
+            at = math.floor(u + gone * du)
             j = min(max(at, j), j + room - 1) if du >= 0.0 else max(min(at, j), j - room + 1)
         if not (0 <= j < columns and 0 <= i < rows):
             return min(gone, reach) if frame.grid_closed == 1 else reach

@@ -659,7 +659,7 @@ class World:
             if cell not in self._walls:
                 self._walls.add(cell)
                 row, column = cell
-                at = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + (column, row)
+                at = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + np.array([column, row])
                 wall = pymunk.Poly(self.space.static_body, self.grid.points(at).tolist())
                 wall.friction = math.sqrt(HULL_FRICTION)
                 self.space.add(wall)

@@ -445,7 +445,8 @@ def _hull(file: str, value: Any) -> dict[str, Any]:
     kinds = {"disc": ("radius",), "box": ("length", "width")}
     kind = value.get("kind", "disc") if isinstance(value, dict) else "disc"
     choose("hull.kind", kind, kinds)
-    hull = _object(file, "hull", value, ("kind", *kinds[kind]), kinds[kind])
+    named = ("kind",) if isinstance(value, dict) and "kind" in value else ()
+    hull = _object(file, "hull", value, (*kinds[kind], *named), kinds[kind])
     if kind == "disc":
         return {"hull_radius": _number("hull.radius", hull["radius"])}
     return {"hull_radius": 0.0, "hull_box": (hull["length"], hull["width"])}

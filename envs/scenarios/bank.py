@@ -75,7 +75,7 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     if (frozen := _frozen_split(spec, name)) is not None:
         if hull_radius > LARGEST_HULL:
             raise ValueError(
-                f"hull_radius is {hull_radius:g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
+                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
             )
         return _fitted(frozen, LARGEST_HULL - hull_radius)
     if not _means_file(name):

@@ -214,7 +214,11 @@ def read_world(file: Path) -> list[np.void]:
         ValueError: if the file is no such world; one line that starts with file:line.
         OSError: if it cannot be opened.
     """
-    root = _tree(file)
+    size = os.path.getsize(file)
+    if size > MOST_BYTES:
+        raise ValueError(f"{file}:1: holds {size} bytes; it must be at most {MOST_BYTES}")
+    with open(file, "rb") as stream:
+        root = _tree(file, stream.read(MOST_BYTES))
     worlds = list(root.named("world")) if root.name == "sdf" else []
     if len(worlds) != 1:
         raise ValueError(f"{file}:{root.line}: holds {len(worlds)} elements sdf/world; it must hold one")
@@ -234,11 +238,8 @@ def read_world(file: Path) -> list[np.void]:
     return found
 
 
-def _tree(file: Path) -> _Element:
-    """Returns the root of an XML file without a document type: no entities, nothing from elsewhere."""
-    size = os.path.getsize(file)
-    if size > MOST_BYTES:
-        raise ValueError(f"{file}:1: holds {size} bytes; it must be at most {MOST_BYTES}")
+def _tree(file: Path, content: bytes) -> _Element:
+    """Returns the root of an XML file's content without a document type: no entities, nothing from elsewhere."""
     parser = expat.ParserCreate()
     parser.buffer_text = True
     top = _Element("", 1)
@@ -266,14 +267,13 @@ def _tree(file: Path) -> _Element:
 
     parser.StartElementHandler, parser.EndElementHandler = begin, end
     parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = text, refuse
-    with open(file, "rb") as stream:
-        try:
-            parser.Parse(stream.read(MOST_BYTES), True)
-        except expat.ExpatError as error:
-            problem = expat.errors.messages.get(error.code, "broken")
-            raise ValueError(f"{file}:{error.lineno}: is no XML: {problem}") from None
-        except (LookupError, UnicodeError) as error:  # an encoding that there is not
-            raise ValueError(f"{file}:{parser.CurrentLineNumber}: is no XML: {error}") from None
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        problem = expat.errors.messages.get(error.code, "broken")
+        raise ValueError(f"{file}:{error.lineno}: is no XML: {problem}") from None
+    except (LookupError, UnicodeError) as error:  # an encoding that there is not
+        raise ValueError(f"{file}:{parser.CurrentLineNumber}: is no XML: {error}") from None
     return top.parts[0]
 
 

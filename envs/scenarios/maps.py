@@ -37,7 +37,13 @@ _DAMAGED = (OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, 
 _NUMERAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _PGM = b"P5\n# a room\n6 4\n255\n" + bytes([0] * 7 + [254] * 4 + [0] * 2 + [254] * 2 + [205, 254] + [0] * 7)
-_YAML = "image: room.pgm\nresolution: 0.5\norigin: [-1.0, -1.0, 0.1]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+_YAML = """image: room.pgm
+resolution: 0.5
+origin: [-1.0, -1.0, 0.1]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
 _OCTILE = "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n....\n"
 _PROBLEMS = "version 1\n0\troom.map\t4\t3\t0\t0\t3\t2\t4.41421356\n0\troom.map\t4\t3\t3\t0\t0\t0\t3.00000000\n"
 
@@ -71,9 +77,9 @@ def _read_scaled(read: Callable[..., Any], file: Path) -> Any:
 def grid_from_file(file: str, unknown: str = "occupied", **settings: Any) -> OccupancyGrid:
     """Returns the occupancy grid of a file.
 
-    Read are: maps of ROS's map_server (.yaml, with an image beside it); MovingAI's grid maps (.map); images (.pgm, .png,
-    .pbm, .ppm, .bmp), dark where they are occupied, their top row the highest; arrays (.npy: bool, or whole numbers as
-    in nav_msgs/OccupancyGrid: 0 free, above it occupied, below it unknown), their first row the lowest.
+    Read are: maps of ROS's map_server (.yaml, with an image beside it); MovingAI's grid maps (.map); images (.pgm,
+    .png, .pbm, .ppm, .bmp), dark where they are occupied, their top row the highest; arrays (.npy: bool, or whole
+    numbers as in nav_msgs/OccupancyGrid: 0 free, above it occupied, below it unknown), their first row the lowest.
 
     Args:
         file: a path.
@@ -169,8 +175,8 @@ class Problem:
 def problems_of(file: str) -> tuple[Problem, ...]:
     """Returns the problems of a MovingAI .scen file.
 
-    A line holds bucket, map, its width and height, start x and y, goal x and y (from the top left, 0 the first), and the
-    optimal length. The map lies beside the file, or in a folder there as its name says.
+    A line holds bucket, map, its width and height, start x and y, goal x and y (from the top left, 0 the first), and
+    the optimal length. The map lies beside the file, or in a folder there as its name says.
 
     Raises:
         ValueError: if the file is no such list, or names no map beside it; one line that starts with file:line.
@@ -235,9 +241,8 @@ def _problem(file: str, line: str) -> Problem:
     for axis, side in (("x", "width"), ("y", "height")):
         for end in ("start", "goal"):
             if whole[f"{end} {axis}"] >= whole[side]:
-                raise ValueError(
-                    f"{end} {axis} is {whole[f'{end} {axis}']}; it must be below the {side}, {whole[side]}"
-                )
+                found = whole[f"{end} {axis}"]
+                raise ValueError(f"{end} {axis} is {found}; it must be below the {side}, {whole[side]}")
     length = number("optimal length", _number(fields[8].strip()), least=0.0, most=math.inf)
     path = file_beside(file, "map", fields[1].strip())
     if not os.path.exists(path):
