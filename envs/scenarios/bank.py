@@ -61,8 +61,8 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     Args:
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
             "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or for goals a
-            .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or a
-            map of MRPB with its cases.
+            .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or
+            a map of MRPB with its cases.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -75,7 +75,8 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     if (frozen := _frozen_split(spec, name)) is not None:
         if hull_radius > LARGEST_HULL:
             raise ValueError(
-                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
+                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most "
+                f"{LARGEST_HULL:g} m"
             )
         return _fitted(frozen, LARGEST_HULL - hull_radius)
     if not _means_file(name):
