@@ -1,6 +1,7 @@
 """What a benchmark case is: an environment, a policy, and the figures that were published for the two. Pure data."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -40,6 +41,17 @@ class Entrant(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
+class Rules:
+    """What a public benchmark's rules say of speed, clock and way."""
+
+    speed: float  # m/s, asked of the entries; SCT compares with the least time at this speed
+    optimal_speed: float = math.nan  # m/s, at which the published way takes the optimal time
+    clock_from: float = 0.0  # m from the start, at which the clock starts
+    limit: float = math.inf  # s, of that clock
+    published_way: bool = False  # whether SPL compares with the published way
+
+
+@dataclasses.dataclass(frozen=True)
 class Case:
     """A policy in a scenario. Every policy of an experiment meets the same scenario, starts and disturbances."""
 
@@ -60,6 +72,7 @@ class Case:
     every_scenario: bool = False  # episode i takes scenario i of the bank, instead of one that is drawn
     split: str = ""  # of a contest's scenarios
     entrant: Entrant | None = None  # who makes the policy if the package does not
+    rules: Rules | None = None  # of a public benchmark
 
     @property
     def place(self) -> dict[str, str]:

@@ -8,7 +8,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.crossed import LEAST
 from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, grouped, label, mean_speed
 from wayfield.benchmarks.matrix import cost_difference, cost_unit, difference_cells, shown_as, success_difference
@@ -62,8 +62,8 @@ def comparisons(rows: Sequence[Row]) -> Iterator[Comparison]:
     """Yields the agents against every other entry under every condition of a run."""
     for name, of_contest in grouped(rows, "contest").items():
         for robot, mine in grouped(of_contest, "robot").items():
-            for condition, here in conditions(CONTESTS[name], robot, mine).items():
-                yield from _against(CONTESTS[name], condition, by_entry(here))
+            for condition, here in conditions(ALL_CONTESTS[name], robot, mine).items():
+                yield from _against(ALL_CONTESTS[name], condition, by_entry(here))
 
 
 def conditions(contest: Contest, robot: str, rows: Sequence[Row]) -> Mapping[str, list[Row]]:
@@ -72,12 +72,12 @@ def conditions(contest: Contest, robot: str, rows: Sequence[Row]) -> Mapping[str
     for row in rows:
         if row["split"] not in (*COMPARED, "front"):
             continue
-        words = [contest.spec.title, robot]
+        words = [contest.title, robot]
         if row.get("speed"):  # a run without a front has no such column
             words.append(f"asked for {row['speed']} m/s")
         if row["disturbance"] != "none":
             words.append(f"{row['disturbance']} disturbance")
-        if row["suite"] not in CONTESTS and row["disturbance"] == "none":
+        if row["suite"] not in ALL_CONTESTS and row["disturbance"] == "none":
             words.append("undisturbed, fewer scenarios")
         found.setdefault(", ".join(words), []).append(row)
     return found

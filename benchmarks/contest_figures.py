@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.aggregates import iqm, mean
-from wayfield.benchmarks.contests import CONTESTS, COST, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, COST, Contest
 from wayfield.benchmarks.drawing import (
     PATH_COLOUR,
     colour,
@@ -19,6 +19,7 @@ from wayfield.benchmarks.drawing import (
     obstacle_patches,
     plt,
     saved,
+    wall_lines,
 )
 from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, label, values
 from wayfield.benchmarks.parts import badness
@@ -32,7 +33,7 @@ from wayfield.envs.disturbances import LEVELS
 def draw_contest(wanted: tuple[Path, str, str, str]) -> None:
     """Draws a figure as .svg and .png, given the folder of the run, the contest, the robot and the figure's name."""
     folder, name, robot, figure_name = wanted
-    contest = CONTESTS[name]
+    contest = ALL_CONTESTS[name]
     rows = [row for row in read_rows(folder) if row["contest"] == name and row["robot"] == robot]
     saved(lambda: FIGURES[figure_name](contest, rows, folder), folder / f"{contest.stem}_{robot}_{figure_name}")
 
@@ -73,7 +74,7 @@ def families(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     by_cost = heat.metric == COST
     labels = [label(entry) for entry in entries]
     split = next(row["split"] for mine in entries.values() for row in mine)
-    title = f"{contest.spec.title}: {heat.title} by family, {split} scenarios"
+    title = f"{contest.title}: {heat.title} by family, {split} scenarios"
     width = max(1.0 + 0.085 * max(map(len, labels)) + 0.62 * len(names), 0.1 * len(title))  # in, room for each letter
     figure, axis = plt.subplots(figsize=(width, 1.9 + 0.33 * len(entries)), layout="constrained")
     low, high = np.log10(heat.ends) if by_cost else heat.ends
@@ -125,7 +126,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     axis.set_xlabel("mean speed (m/s)")
     axis.set_ylabel(f"{contest.spec.cost.name} ({contest.spec.cost.unit})")
     rings = f"rings: some runs failed, each counts as {contest.counted}"
-    axis.set_title(f"{contest.spec.title}: speed and accuracy ({rings})", loc="left")
+    axis.set_title(f"{contest.title}: speed and accuracy ({rings})", loc="left")
     axis.legend(fontsize=8, ncols=2)
     return figure
 
@@ -150,7 +151,7 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
         bottom.set_yscale("log")
     bottom.set_xticks(range(len(levels)), levels)
     bottom.set_xlabel("level of disturbance")
-    top.set_title(f"{contest.spec.title}: under disturbances", loc="left")
+    top.set_title(f"{contest.title}: under disturbances", loc="left")
     figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return figure
 
@@ -185,6 +186,7 @@ def _driven_scene(axis: Any, trajectory: Trajectory) -> None:
     if len(trajectory.path):
         axis.plot(*trajectory.path.T, color=PATH_COLOUR, linewidth=3.0, alpha=0.6)
     obstacle_patches(axis, trajectory.obstacles)
+    wall_lines(axis, trajectory.walls)
     if len(trajectory.goals) and not len(trajectory.path):
         goal_mark(axis, trajectory.goals[-1])
     x, y = trajectory.poses[:, :2].T

@@ -10,7 +10,7 @@ import numpy as np
 
 from wayfield.benchmarks.cases import Case, Entrant
 from wayfield.benchmarks.contests import (
-    CONTESTS,
+    ALL_CONTESTS,
     DISTURBANCES,
     FRONT_SCENARIOS,
     GAINS_NAMES,
@@ -69,7 +69,7 @@ class ContestOptions:
     @property
     def run(self) -> Run:
         """Returns the run, with the names of the files that it may write."""
-        stems = [f"{CONTESTS[name].stem}_{self.robot}" for name in self.contests]
+        stems = [f"{ALL_CONTESTS[name].stem}_{self.robot}" for name in self.contests]
         kinds = ("csv", "tex", "svg", "png")
         names = [f"{stem}{rest}.{kind}" for stem in stems for rest in ("", "_*") for kind in kinds]
         return Run(self.suite, self.command, (DECISIONS, *names))
@@ -91,7 +91,7 @@ class ContestOptions:
     def timed(self) -> list[Case]:
         """Returns the cases in which policies are timed; of trained agents one."""
         found: dict[tuple[str, str, str], Case] = {}
-        for contest in (CONTESTS[name] for name in self.contests):
+        for contest in (ALL_CONTESTS[name] for name in self.contests):
             course = self.courses[0] if self.courses else Course(contest.timed_on, "test")
             for case in contest.cases(self.robot, course, self.entrants(contest)):
                 found[contest.name, case.policy, case.gains_name] = case
@@ -104,7 +104,7 @@ class ContestOptions:
             WrongOption: if options do not go together, or a policy takes part in none of the contests.
             ValueError: if an agent, a split or a policy of the user's own is damaged.
         """
-        contests = [CONTESTS[name] for name in self.contests]
+        contests = [ALL_CONTESTS[name] for name in self.contests]
         self._check_names(contests)
         self._check_homes(contests)
         self._check_families(contests)
@@ -162,7 +162,7 @@ class ContestOptions:
                 make_vector(case, "kinematic", self.actuators, 1).close()
             except ValueError:
                 raise WrongOption(
-                    f"robot {self.robot.name!r} has a hull of {self.robot.hull_radius:g} m; the frozen scenarios of "
+                    f"robot {self.robot.name!r} has a hull of {self.robot.hull_radius:.3g} m; the frozen scenarios of "
                     f"{contest.name} were searched for ways of at most {LARGEST_HULL:g} m: use --scenarios FOLDER"
                 ) from None
 
@@ -178,7 +178,7 @@ class ContestOptions:
             WrongOption: if there are none; the message says why.
         """
         found, reasons = [], []
-        for contest in (CONTESTS[name] for name in self.contests):
+        for contest in (ALL_CONTESTS[name] for name in self.contests):
             try:
                 try_out(contest, self.robot, own, self.courses[0] if self.courses else None)
                 found.append(contest.name)
@@ -219,14 +219,15 @@ class ContestOptions:
     ) -> Iterator[Setting]:
         """Yields a part for each case, on the first scenarios of its family: all, `most`, or as many as asked for.
 
-        The scenario of a file is driven once, or as often as asked for.
+        The scenario of a file is driven once, or as often as asked for; of a bank all are, or the first.
         """
         there = len(splits.split(contest.spec.name, course.family, course.split)) if not course.file else None
+        members = course.members[: self.episodes]
         limits = [limit for limit in (there, most, self.episodes) if limit is not None]
-        count = (self.episodes or 1) if there is None else min(limits)
+        count = len(members) or ((self.episodes or 1) if there is None else min(limits))
         for case in cases:
             first = seed_of(self.seed, case.split, case.experiment)
-            yield Setting(self.suite, case, plant, self.actuators, first, count, self.keep)
+            yield Setting(self.suite, case, plant, self.actuators, first, count, self.keep, members)
 
 
 def seed_of(seed: int, split: str, family: str) -> int:

@@ -18,6 +18,7 @@ from wayfield.benchmarks.drawing import (
     obstacle_patches,
     plt,
     saved,
+    wall_lines,
 )
 from wayfield.benchmarks.results import Row, read_rows, read_trajectories
 from wayfield.benchmarks.trajectory import Trajectory
@@ -113,6 +114,7 @@ def waypoints(experiments: Experiments) -> Figure:
     )
     for (plan, norm, parts), (experiment, group) in zip(axes, experiments.items(), strict=True):
         obstacle_patches(plan, group[0][1].obstacles)
+        wall_lines(plan, group[0][1].walls)
         goals = group[0][1].goals
         if len(goals) > 1:
             plan.plot(*goals[:-1, :2].T, "o", color=SOLID, markersize=6, fillstyle="none", label="waypoint")
@@ -150,6 +152,7 @@ def goal_seekers(experiments: Experiments) -> Figure:
     )
     for (plan, distance), (experiment, group) in zip(axes, experiments.items(), strict=True):
         obstacle_patches(plan, group[0][1].obstacles)
+        wall_lines(plan, group[0][1].walls)
         goal_mark(plan, group[0][1].goals[-1])
         count: dict[str, int] = {}
         for row, trajectory in group:

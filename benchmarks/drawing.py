@@ -9,6 +9,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
@@ -24,6 +25,7 @@ __all__ = [
     "obstacle_patches",
     "plt",
     "saved",
+    "wall_lines",
 ]
 
 # Okabe and Ito's palette, which stays apart under every common colour blindness, and two more; with the line styles it
@@ -86,6 +88,12 @@ def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
         long, wide = along * each["half_length"], np.array([-along[1], along[0]]) * each["half_width"]
         corners = [np.add(centre, a * long + b * wide) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
         axis.add_patch(Polygon(corners, color=SOLID, alpha=0.55, linewidth=0 if each["half_width"] else 2))
+
+
+def wall_lines(axis: Any, walls: np.ndarray) -> None:
+    """Draws the sides (k, 2, 2) of what a map has occupied."""
+    if len(walls):
+        axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=1.0))
 
 
 def floor_plan(axis: Any, title: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, Column, Contest
+from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, PUBLIC_SPLIT, Column, Contest
 from wayfield.benchmarks.crossed import share_interval
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.disturbances import LEVELS
@@ -15,7 +15,7 @@ from wayfield.envs.disturbances import LEVELS
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
 
-COMPARED = ("test", OWN_SPLIT)  # the splits that entries are ranked on
+COMPARED = ("test", OWN_SPLIT, PUBLIC_SPLIT)  # the splits that entries are ranked on
 OFF_PACE = "‡"
 
 _NEEDED = ("contest", "family", "split", "failure_cost", "agent_seed", "knows")
@@ -81,13 +81,16 @@ def scenario(row: Row) -> tuple[str, str]:
 def by_scenario(rows: Sequence[Row], numbers: Array) -> tuple[Array, list[str]]:
     """Returns numbers, one an episode, as a table (s, r), a line a scenario and a column a trained agent; and strata.
 
-    The strata are the families; scenarios from the user's files, each of which is its own family, are one stratum.
+    The strata are the families; scenarios from the user's files, each of which is its own family, are one stratum, and
+    so are those of a public benchmark where each is its own.
 
     Raises:
         ValueError: if not every agent has met every scenario once.
     """
     agents = {seed: k for k, seed in enumerate(dict.fromkeys(row["agent_seed"] for row in rows))}
     strata = {scenario(row): OWN_SPLIT if row["split"] == OWN_SPLIT else row["family"] for row in rows}
+    if rows[0]["split"] == PUBLIC_SPLIT and len(set(strata.values())) == len(strata):
+        strata = dict.fromkeys(strata, PUBLIC_SPLIT)
     lines = {each: k for k, each in enumerate(strata)}
     table = np.full((len(lines), len(agents)), np.nan)
     filled = np.zeros(table.shape, np.bool_)

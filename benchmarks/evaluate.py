@@ -26,6 +26,7 @@ from wayfield.benchmarks.own_policies import own_policy, told_of_models
 from wayfield.benchmarks.own_scenario import own_cases, own_courses
 from wayfield.benchmarks.parcels import in_order
 from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.public_suites import PUBLIC, racetrack_courses
 from wayfield.benchmarks.report.drives import drive_of, write_drives
 from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
@@ -50,7 +51,8 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.scenarios import TASKS
 
 DOCUMENTS = "documents"
-SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES)
+SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, DISTURBANCES, *PUBLIC)
+MODES = tuple(mode for suite in PUBLIC.values() if len(suite.modes) > 1 for mode in suite.modes)
 DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
 FAMILIES = tuple(name for spec in TASKS.values() for name in spec.families)
 KEPT = {"worst": WORST, "all": None}
@@ -111,6 +113,12 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
     help="A contest on the scenario files of a folder, paths, goals or docks (.csv, .txt, .json), instead of a suite.",
 )
 @click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
+@click.option("--data", metavar="FOLDER", help="The official files of a public benchmark.")
+@click.option(
+    "--mode",
+    type=Choice("--mode", MODES),
+    help="Of barn: the challenge's rules with its Jackal at 2 m/s, or the P3DX at its own speed.  [default: challenge]",
+)
 @click.option(
     "--episodes",
     type=click.IntRange(min=1),
@@ -141,8 +149,8 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
     (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
-    goal-obstacles, docking), and under growing disturbances (disturbances); or the documents and a test scenario a
-    family (overview).
+    goal-obstacles, docking), and under growing disturbances (disturbances), or in public benchmarks whose files you
+    have (barn, mrpb, movingai, racetracks); or the documents and a test scenario a family (overview).
 
     Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
     (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
@@ -154,6 +162,8 @@ def main(**given: Any) -> None:
         asked.run_path()
     elif asked.scenarios is not None:
         asked.run_scenarios()
+    elif asked.wanted in PUBLIC:
+        asked.run_public()
     elif asked.wanted == OVERVIEW:
         asked.run_overview()
     elif asked.wanted == DOCUMENTS:
@@ -179,6 +189,8 @@ class Asked:
     path: str | None
     scenarios: str | None
     scale: float | None
+    data: str | None
+    mode: str | None
     episodes: int | None
     seed: int
     out: str | None
@@ -206,7 +218,7 @@ class Asked:
     def narrowed(self) -> bool:
         """Returns whether there are other options than those that every suite takes."""
         few = (self.names, self.dynamics, self.actuators, self.robot, self.gains, self.homes, self.own, self.families)
-        return any((*few, self.path, self.scenarios, self.episodes, self.video, self.keep))
+        return any((*few, self.path, self.scenarios, self.data, self.mode, self.episodes, self.video, self.keep))
 
     @property
     def wanted(self) -> str:
@@ -239,6 +251,7 @@ class Asked:
             ("--out", self.out, "folder"),
             ("--path", self.path, "file"),
             ("--scenarios", self.scenarios, "folder"),
+            ("--data", self.data, "folder"),
         ):
             if value is not None and not value.strip():
                 raise click.UsageError(f"{option} is empty; it must name a {what}")
@@ -249,8 +262,9 @@ class Asked:
         ]
         if len(instead) > 1:
             raise click.UsageError(f"{instead[1]} takes the place of {instead[0]}: give one of them")
-        if self.scale is not None and self.path is None and self.scenarios is None:
-            raise click.UsageError("--scale belongs to --path FILE or --scenarios FOLDER")
+        if self.scale is not None and self.path is None and self.scenarios is None and self.wanted != "racetracks":
+            raise click.UsageError("--scale belongs to --path FILE, --scenarios FOLDER or --suite racetracks")
+        self._check_public()
         if self.wanted == OVERVIEW:
             if self.narrowed:
                 raise click.UsageError(f"--suite {OVERVIEW} takes no options but --out, --seed, --workers, --cluster")
@@ -262,6 +276,26 @@ class Asked:
             raise click.UsageError("--dynamics both belongs to the documents; a contest is run on one plant")
         elif self.scenarios is not None and self.families is not None:
             raise click.UsageError("--families belongs to the frozen scenarios; of --scenarios each file is a family")
+
+    def _check_public(self) -> None:
+        """Refuses what a public benchmark lacks, and what belongs to one elsewhere."""
+        if self.wanted not in PUBLIC:
+            for option, value in (("--data", self.data), ("--mode", self.mode)):
+                if value is not None:
+                    raise click.UsageError(f"{option} belongs to public benchmarks: --suite {', '.join(PUBLIC)}")
+            return
+        suite = PUBLIC[self.wanted]
+        if self.data is None:
+            raise click.UsageError(f"--suite {self.wanted} needs --data FOLDER, the folder of its official files")
+        if self.mode is not None and self.mode not in suite.modes:
+            raise click.UsageError(f"--mode {self.mode!r} is none of suite {self.wanted!r}")
+        mode = suite.modes[self.mode or next(iter(suite.modes))]
+        if mode.fixed and self.robot not in (None, ROBOTS[mode.robot]):
+            raise click.UsageError(f"--robot of this mode of {self.wanted} is {mode.robot}: see --mode")
+        if self.families is not None:
+            raise click.UsageError(
+                "--families belongs to the frozen scenarios; --episodes takes the first of each course"
+            )
 
     def _check_no_contest(self) -> None:
         for option, value in (
@@ -327,8 +361,25 @@ class Asked:
             contest, courses = own_courses(self.scenarios, self.scale, self.robot or "p3dx")
         self.run_contest(contest.name, (contest.name,), courses)
 
+    def run_public(self) -> None:
+        """Runs a public benchmark on its official files."""
+        assert self.data is not None
+        suite = PUBLIC[self.wanted]
+        name = self.mode or next(iter(suite.modes))
+        robot = self.robot or ROBOTS[suite.modes[name].robot]
+        folder = os.path.abspath(self.data)
+        with _one_line("--data", self.data):
+            if not os.path.isdir(folder):
+                raise ValueError(f"{self.data!r} is no folder; it must be the one of the official files")
+            if self.scale is None:
+                courses = suite.courses(folder, robot)
+            else:
+                courses = racetrack_courses(folder, robot, self.scale)
+        contest = suite.contest(name)
+        dataclasses.replace(self, robot=robot).run_contest(contest.name, (contest.name,), courses)
+
     def run_contest(self, suite: str, contests: tuple[str, ...], courses: tuple[Course, ...] = ()) -> None:
-        """Runs contests, on the frozen scenarios or on courses of the user's own."""
+        """Runs contests, on the frozen scenarios, on courses of the user's own or on those of a public benchmark."""
         with _one_line("--policy", ""):
             own = tuple(own_policy(text) for text in self.own)
         for warning in told_of_models(own):

@@ -28,7 +28,8 @@ METRICS = (
     *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
     *("direction_changes", "final_x", "final_y", "final_x_error", "final_y_error"),
     *("final_position_error", "final_heading_error"),
-    *("effort", "saturated_share", "ldlj", "squared_jerk", "faults", "spl", "sct", "barn_score"),
+    *("effort", "saturated_share", "ldlj", "squared_jerk", "velocity_smoothness", "faults", "spl", "sct"),
+    *("barn_score", "barn_score_2022"),
     *("arrival_path_length", "arrival_heading_error"),
 )
 
@@ -43,7 +44,7 @@ def measure(trajectory: Trajectory, arrival_radius: float | None = None) -> dict
     return (
         dict.fromkeys(METRICS, math.nan)
         | outcome(trajectory)
-        | {"time": duration(trajectory), "path_length": length, "mean_speed": length / duration(trajectory)}
+        | {"time": taken(trajectory), "path_length": length, "mean_speed": length / duration(trajectory)}
         | {"direction_changes": float(direction_changes(trajectory.twists))}
         | tracking(trajectory)
         | clearance(trajectory)
@@ -60,7 +61,7 @@ def outcome(trajectory: Trajectory) -> dict[str, float]:
     """Returns the flags of the episode's end, of which exactly one is 1."""
     collision = trajectory.collision
     left = trajectory.left_corridor and not collision
-    success = trajectory.success and not collision and not left
+    success = trajectory.success and not collision and not left and taken(trajectory) <= trajectory.limit
     timeout = not (collision or left or success)
     return {
         "success": float(success),
@@ -73,6 +74,13 @@ def outcome(trajectory: Trajectory) -> dict[str, float]:
 def duration(trajectory: Trajectory) -> float:
     """Returns the time from the start to the end, s."""
     return float(trajectory.times[-1] - trajectory.times[0])
+
+
+def taken(trajectory: Trajectory) -> float:
+    """Returns the time on the clock at the end, s: since the robot was `clock_from` m from its start."""
+    away = np.hypot(*(trajectory.poses[:, :2] - trajectory.poses[0, :2]).T)
+    begun = np.flatnonzero(away >= trajectory.clock_from)
+    return float(trajectory.times[-1] - trajectory.times[begun[0]]) if len(begun) else 0.0
 
 
 def path_length(poses: Array) -> float:
@@ -151,14 +159,14 @@ def reference_jumps(reference_arc_lengths: Array, lap_length: float = 0.0) -> in
 
 def clearance(trajectory: Trajectory) -> dict[str, float]:
     """Returns the clearances, m, and the distance at which the centre passed the centres of obstacles."""
-    if not len(trajectory.obstacles):
+    if not len(trajectory.obstacles) and not len(trajectory.walls):
         return {}
     away = trajectory.poses[:, None, :2] - np.column_stack([trajectory.obstacles["x"], trajectory.obstacles["y"]])
     return {
         "min_clearance": float(trajectory.clearances.min()),
         "mean_clearance": _mean(trajectory.clearances),
         "near_share": _mean((trajectory.clearances < NEAR).astype(np.float64)),
-        "centre_distance": float(np.hypot(away[..., 0], away[..., 1]).min()),
+        **({"centre_distance": float(np.hypot(away[..., 0], away[..., 1]).min())} if away.size else {}),
     }
 
 
@@ -209,6 +217,7 @@ def smoothness(trajectory: Trajectory) -> dict[str, float]:
 
     LDLJ = -ln(T^3 / v_peak^2 * integral of |d^2 v / dt^2|^2 dt), with v the planar velocity in the world frame
     (Balasubramanian et al., J. NeuroEng. Rehabil. 12:112, 2015). It does not depend on the duration, the jerk does.
+    With them comes the mean |dv|/dt of the speed, m/s^2, lower is smoother: MRPB's velocity smoothness (metrics.cpp).
     """
     if len(trajectory.twists) < 4:
         return {}
@@ -218,29 +227,36 @@ def smoothness(trajectory: Trajectory) -> dict[str, float]:
     )
     jerk = np.diff(velocity, 2, axis=0) / trajectory.dt**2
     squared_jerk = float((jerk**2).sum() * trajectory.dt)
+    rate = {"velocity_smoothness": float(np.abs(np.diff(np.hypot(vx, vy))).mean() / trajectory.dt)}
     peak = float((velocity**2).sum(axis=1).max())
     if not squared_jerk > 0.0 or not peak > 0.0:
-        return {"squared_jerk": squared_jerk}
-    return {"ldlj": -math.log(duration(trajectory) ** 3 / peak * squared_jerk), "squared_jerk": squared_jerk}
+        return {"squared_jerk": squared_jerk} | rate
+    return rate | {"ldlj": -math.log(duration(trajectory) ** 3 / peak * squared_jerk), "squared_jerk": squared_jerk}
 
 
 def against_the_best(trajectory: Trajectory) -> dict[str, float]:
-    """Returns SPL, SCT and the BARN score: the success, weighted with how near to the best way and time it came.
+    """Returns SPL, SCT and the BARN scores: the success, weighted with how near to the best way and time it came.
 
     SPL = S l / max(p, l) (Anderson et al., arXiv 1807.06757); SCT = S t_ref / max(t, t_ref) with t_ref from
-    `fastest_time` (Yokoyama et al., arXiv 2103.08022); BARN = S OT / clip(t, 2 OT, 8 OT) with OT = l / v_max, as in the
-    challenges from 2023 on.
+    `fastest_time` (Yokoyama et al., arXiv 2103.08022); BARN = S OT / clip(T, 2 OT, 8 OT), as the BARN challenge scores
+    from 2024 on, or clip(T, 4 OT, 8 OT), as in 2022, with T the time on the clock. In the worlds of the challenge OT
+    and the clock are its own (`optimal_time` and `clock_from` of the trajectory); everywhere else the formula alone is
+    the challenge's, with OT = l / v_max of the base, so that scores compare with each other and with no others.
     """
     if math.isnan(trajectory.shortest):
         return {}
     success = outcome(trajectory)["success"]
     time, length = duration(trajectory), trajectory.shortest
     best = fastest_time(length, trajectory.max_speed, trajectory.acceleration)
-    optimal = length / trajectory.max_speed
+    optimal = trajectory.optimal_time
+    if math.isnan(optimal):
+        optimal = length / trajectory.max_speed
+    on_clock = min(taken(trajectory), 8.0 * optimal)
     return {
         "spl": success * length / max(path_length(trajectory.poses), length),
         "sct": success * best / max(time, best),
-        "barn_score": success * optimal / min(max(time, 2.0 * optimal), 8.0 * optimal),
+        "barn_score": success * optimal / max(on_clock, 2.0 * optimal),
+        "barn_score_2022": success * optimal / max(on_clock, 4.0 * optimal),
     }
 
 

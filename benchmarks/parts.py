@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL, TRAINED, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
 from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
@@ -27,7 +27,8 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.engines import Engine
 from wayfield.envs.identity import source_digest
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.scenarios import splits
+from wayfield.envs.robots import robot_of
+from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
@@ -91,7 +92,7 @@ def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tu
         kept.setdefault(entry, []).extend((found[int(i)], trajectory) for i, trajectory in trajectories.items())
     worst: dict[str, Trajectory] = {}
     for candidates in kept.values():
-        cost = CONTESTS[candidates[0][0]["contest"]].spec.cost.metric
+        cost = ALL_CONTESTS[candidates[0][0]["contest"]].spec.cost.metric
         for row, trajectory in sorted(candidates, key=lambda each: badness(each[0], cost))[: settings[0].keep]:
             row["trajectory"] = f"{len(worst):05d}"
             worst[row["trajectory"]] = trajectory
@@ -104,23 +105,29 @@ def played(setting: Setting) -> list[tuple[Row, Trajectory]]:
     Raises:
         ValueError: if an agent, a split or a policy of the user's own is damaged.
     """
-    contest, case = CONTESTS[setting.case.document], setting.case
+    contest, case = ALL_CONTESTS[setting.case.document], setting.case
     split = "front" if case.speed is not None else case.split
     speed = {} if case.speed is None else {"speed": f"{case.speed:g}"}
     failure = repr(contest.failure_cost(case.max_episode_steps))
     more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
-    members = members_of(contest, case)
+    members = members_of(contest, setting)
     found = []
     for i, (row, trajectory) in enumerate(episodes(setting)):
         member = members[i % len(members)]
+        if setting.members:
+            more |= {"scenario": member.name}
         found.append((row | more | {"tier": member.tier, "quantity": repr(member.quantity)}, trajectory))
     return found
 
 
-def members_of(contest: Contest, case: Case) -> Sequence[Any]:
-    """Returns the scenarios of a case, frozen or of the user's own."""
+def members_of(contest: Contest, setting: Setting) -> Sequence[Any]:
+    """Returns the scenarios of a setting: frozen, of the user's own, or of a public benchmark."""
+    case = setting.case
     if case.scenario == f"{case.experiment}/{case.split}":
         return splits.split(contest.spec.name, case.experiment, case.split)
+    if setting.members:
+        bank = scenarios_of(contest.spec, case.scenario, robot_of(case.env_kwargs["robot"]).hull_radius)
+        return [bank[k] for k in setting.members]
     return [own_scenario(case.scenario, case.env_kwargs.get("scale")).tiered]
 
 
@@ -149,9 +156,9 @@ def _searched(contest: Contest, case: Case) -> str:
     level = ROBUST_LEVEL if case.gains_name == "robust" else "none"
     if case.gains_name not in ("tuned", "robust", "default") or case.policy in ("zero", "random"):
         return ""
-    pace = PACE if case.speed is None else case.speed
+    pace = case.speed or (case.rules.speed if case.rules else PACE)
     robot = case.env_kwargs["robot"]  # a name where it ships
-    found = tuned_set(case.policy, contest.name, robot, pace, level) if isinstance(robot, str) else None
+    found = tuned_set(case.policy, contest.spec.suite, robot, pace, level) if isinstance(robot, str) else None
     if found is None:
         return "not tuned"
     if case.gains_name == "default" and found.chosen == "search":
@@ -161,7 +168,7 @@ def _searched(contest: Contest, case: Case) -> str:
 
 def play(setting: Setting) -> dict[str, bytes]:
     """Returns the files of a part, by their name: its rows, the trajectories that are kept, and the drives of all."""
-    most, cost = setting.keep, CONTESTS[setting.case.document].spec.cost.metric
+    most, cost = setting.keep, ALL_CONTESTS[setting.case.document].spec.cost.metric
     found = played(setting)
     order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
     kept = {f"{i:05d}": found[i][1] if most is None else slim(found[i][1]) for i in order[:most]}
@@ -262,7 +269,7 @@ def _key(setting: Setting, code: str) -> str:
     # agents of one's own may be trained anew in the same folder; a policy's or a model's digest is in its entrant
     gains = case.gains
     card = (trained(gains["home"])[gains["seed"]] / CARD).read_text(encoding="utf-8") if "home" in gains else ""
-    geometry = splits.digest(members_of(CONTESTS[case.document], case))
+    geometry = splits.digest(members_of(ALL_CONTESTS[case.document], setting))
     return hashlib.sha256(f"{setting!r} {geometry} {card} {code}".encode()).hexdigest()[:24]
 
 

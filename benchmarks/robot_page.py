@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc, Circle, Polygon
+from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.drawing import RC, colour, plt
@@ -52,7 +52,13 @@ def _rollers(axis: Any, wheel: Wheel) -> None:
 
 def _robot(axis: Any, robot: Robot, most: float) -> None:
     """Draws a robot from above, ahead to the right: hull, wheels as built and as they act, rollers, encoders, scan."""
-    axis.add_patch(Circle((0.0, 0.0), robot.hull_radius, facecolor=_BODY, edgecolor=colour(1), linewidth=1.2))
+    if robot.hull_box is None:
+        hull: Any = Circle((0.0, 0.0), robot.hull_radius)
+    else:
+        length, width = robot.hull_box
+        hull = Rectangle((-0.5 * length, -0.5 * width), length, width)
+    hull.set(facecolor=_BODY, edgecolor=colour(1), linewidth=1.2)
+    axis.add_patch(hull)
     for wheel in robot.built:
         axis.add_patch(Polygon(_corners(wheel), facecolor=_INK, edgecolor=_INK, linewidth=0.5, zorder=3))
         if robot.holonomic:
@@ -69,7 +75,14 @@ def _robot(axis: Any, robot: Robot, most: float) -> None:
     axis.add_patch(Arc((0.0, 0.0), around, around, theta1=-half, theta2=half, color=colour(5), linewidth=1.6))
     axis.set(xlim=(-most, most), ylim=(-most, most), aspect="equal")
     axis.axis("off")
-    axis.set_title(f"{robot.name}\n{robot.drive}, hull {robot.hull_radius:.3g} m", fontsize=9)
+    axis.set_title(f"{robot.name}\n{robot.drive}, hull {hull_words(robot)}", fontsize=9)
+
+
+def hull_words(robot: Robot) -> str:
+    """Returns the size of a hull, in words."""
+    if robot.hull_box is None:
+        return f"{robot.hull_radius:.3g} m"
+    return f"{robot.hull_box[0]:.3g} m x {robot.hull_box[1]:.3g} m"
 
 
 def drawing() -> Figure:

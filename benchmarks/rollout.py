@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield import policies
-from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.cases import Case, Rules
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.briefing import Briefing
@@ -98,7 +98,7 @@ def roll_out(
             faults[i] = _faults(pilot.memory, i)
     env.close()
     driven = [
-        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case.every_scenario)
+        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case)
         for i in range(episodes)
     ]
     return [dataclasses.replace(each, faults=int(count)) for each, count in zip(driven, faults, strict=True)]
@@ -119,13 +119,9 @@ def _trajectory(
     i: int,
     states: NDArray[Any],
     flags: dict[str, bool],
-    compared: bool,
+    case: Case,
 ) -> Trajectory:
-    """Returns the trajectory of robot i from its states (n + 1,) and the flags of its last step.
-
-    Args:
-        compared: whether the shortest way to the goal is looked for.
-    """
+    """Returns the trajectory of robot i from its states (n + 1,) and the flags of its last step."""
 
     def columns(*names: str) -> NDArray[np.float64]:
         return np.column_stack([states[name] for name in names])
@@ -147,14 +143,31 @@ def _trajectory(
     assert briefing.goals is not None
     assert briefing.num_goals is not None
     scenario = env.task.scenarios[int(states["scenario"][0])]
-    return dataclasses.replace(
+    driven = dataclasses.replace(
         driven,
-        shortest=shortest_way(scenario, briefing.robot.hull_radius) if compared else math.nan,
         max_speed=float(briefing.robot.max_twist[0]),
         acceleration=briefing.actuators.acceleration,
         clearances=states["clearance"].copy(),
         goals=briefing.goals[i, : briefing.num_goals[i]],
         obstacles=briefing.obstacles[i, : briefing.num_obstacles[i]],
+        walls=np.empty(0) if scenario.grid is None else scenario.grid.outline(),
+    )
+    if case.rules is not None:
+        driven = _under(case.rules, driven, scenario)
+    if case.every_scenario and math.isnan(driven.shortest):
+        driven = dataclasses.replace(driven, shortest=shortest_way(scenario, briefing.robot.hull_radius))
+    return driven
+
+
+def _under(rules: Rules, driven: Trajectory, scenario: Any) -> Trajectory:
+    """Returns a trajectory that is measured by the rules of a public benchmark."""
+    return dataclasses.replace(
+        driven,
+        shortest=scenario.published_length if rules.published_way else math.nan,
+        max_speed=min(rules.speed, driven.max_speed),
+        optimal_time=scenario.published_length / rules.optimal_speed,
+        clock_from=rules.clock_from,
+        limit=rules.limit,
     )
 
 

@@ -8,7 +8,15 @@ import numpy as np
 
 from wayfield.benchmarks.aggregates import interval, iqm
 from wayfield.benchmarks.claims import claims_table
-from wayfield.benchmarks.contests import CONTESTS, COST, OWN_SPLIT, PACE_TOLERANCE, TRANSFER_SPLIT, Contest
+from wayfield.benchmarks.contests import (
+    ALL_CONTESTS,
+    COST,
+    OWN_SPLIT,
+    PACE_TOLERANCE,
+    PUBLIC_SPLIT,
+    TRANSFER_SPLIT,
+    Contest,
+)
 from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.entries import (
     COMPARED,
@@ -52,6 +60,11 @@ class Standings:
         return next(iter(self.entries.values()))[0]["split"] == OWN_SPLIT
 
     @property
+    def public(self) -> bool:
+        """Returns whether the scenarios are those of a public benchmark."""
+        return next(iter(self.entries.values()))[0]["split"] == PUBLIC_SPLIT
+
+    @property
     def source(self) -> str:
         """Returns the words of a note that say where the table comes from."""
         return made_by(self.command)
@@ -73,12 +86,12 @@ def contest_tables(
     """
     check_columns(rows)
     found: dict[str, Table] = {}
-    for contest in CONTESTS.values():
+    for contest in ALL_CONTESTS.values():
         of_contest = [row for row in rows if row["contest"] == contest.name]
         for robot in dict.fromkeys(row["robot"] for row in of_contest):
             mine = [row for row in of_contest if row["robot"] == robot]
             stem = f"{contest.stem}_{robot}"
-            title = f"{contest.spec.title}, {robot}, {mine[0]['actuators']} actuators, {mine[0]['dynamics']} plant"
+            title = f"{contest.title}, {robot}, {mine[0]['actuators']} actuators, {mine[0]['dynamics']} plant"
             if ladder:
                 found[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
                 if any(row["agent_seed"] for row in mine):
@@ -89,7 +102,10 @@ def contest_tables(
             found[stem] = standings_table(test, seen, [each for each in decisions if each["robot"] == robot])
             found[f"{stem}_told"] = told_table(test)
             found[f"{stem}_families"] = family_table(test)
-            found[f"{stem}_tiers"] = tier_table(test)
+            if any(row["tier"] for row in mine):
+                found[f"{stem}_tiers"] = tier_table(test)
+            if contest.published:
+                found[f"{stem}_published"] = published_table(test)
             found[f"{stem}_better"] = better_table(contest, title, test.entries, test.source)
             found[f"{stem}_differences"] = difference_table(contest, title, test.entries, test.source)
             swept = [row for row in mine if row["split"] == "front"]
@@ -130,20 +146,31 @@ def standings_table(
         times = [each for each in decisions if (each["policy"], each["gains_name"]) == entry and each["batch"] == "1"]
         if decisions:
             cells.append(f"{float(times[0]['p99_ms']):.2f}" if times else "")
-        cells.append(gap(seen.get(entry, []), rows, contest))
+        if seen:
+            cells.append(gap(seen.get(entry, []), rows, contest))
         cells += [rows[0][name] for name in ("knows", "parameters", "learned_from")]
         lines.append(cells)
     header = ["policy", "gains", "success (%)", *(column.header for column in contest.columns)]
-    header += ["compute p99 (ms)"] * bool(decisions) + [contest.gap.header, "knows", "parameters", "learned from"]
-    return Table(standings.title, header, lines, _standings_note(standings))
+    header += ["compute p99 (ms)"] * bool(decisions) + [contest.gap.header] * bool(seen)
+    header += ["knows", "parameters", "learned from"]
+    return Table(standings.title, header, lines, _standings_note(standings, bool(seen)))
 
 
-def _standings_note(standings: Standings) -> str:
+def _standings_note(standings: Standings, with_gap: bool) -> str:
     """Returns how the main table is read."""
     contest = standings.contest
-    count = len(next(iter(standings.entries.values())))
+    rows = next(iter(standings.entries.values()))
+    count = len(rows)
     met = "scenarios from the user's files" if standings.own else "test scenarios"
-    strata = "" if standings.own else ", stratified by family"
+    if standings.public:
+        met = "scenarios of the public benchmark, on which nothing was trained or tuned"
+    alone = standings.own or (standings.public and len({row["family"] for row in rows}) == count)
+    strata = "" if alone else ", stratified by family"
+    told = (
+        f" Gap: what the entry does better on the {TRANSFER_SPLIT} split, on which gains were chosen, than on test."
+        if with_gap
+        else ""
+    )
     pace = (
         ""
         if contest.pace is None
@@ -156,8 +183,7 @@ def _standings_note(standings: Standings) -> str:
         "errors are means, other numbers interquartile means over the episodes. Rows of trained agents hold every "
         f"seed. A failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
         f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, or runs, driven for it. Compute: one decision of "
-        f"one robot, measured alone. Gap: what the entry does better on the {TRANSFER_SPLIT} split, on which gains "
-        f"were chosen, than on test.{pace} {standings.source} {contest.notes}"
+        f"one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
     )
 
 
@@ -187,6 +213,23 @@ def family_table(standings: Standings) -> Table:
         lines.append([label(entry), *(short_cell(group, standings.contest) for group in groups)])
     note = f"{reading(standings.contest)} {standings.source}"
     return Table(f"{standings.title}: by family", ["policy", *families], lines, note)
+
+
+def published_table(standings: Standings) -> Table:
+    """Returns what others have published for a public benchmark, and beside it the scores of this run."""
+    contest = standings.contest
+    column = contest.columns[0]
+    header = ["year", "entry", "score", "source"]
+    lines = [[each.year, each.entry, each.score, each.source] for each in contest.published]
+    ours = f"this run, {len(next(iter(standings.entries.values())))} scenarios"
+    for entry, rows in ranked(standings).items():
+        lines.append(["", label(entry), f"{cell(column, rows, contest)} {column.header.partition(' ')[2]}", ours])
+    note = (
+        "Published scores are simulations in Gazebo, of other worlds of the same kind; those of this run come from a "
+        f"simulation without Gazebo and are a proxy. Clips in brackets: scores of other clips do not compare. "
+        f"{standings.source}"
+    )
+    return Table(f"{standings.title}: beside what is published", header, lines, note)
 
 
 def tier_table(standings: Standings) -> Table:

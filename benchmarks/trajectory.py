@@ -48,14 +48,19 @@ class Trajectory:
     obstacles: NDArray[Any] = dataclasses.field(
         default_factory=_nothing
     )  # (m,) OBSTACLE records, as they stood at the start
+    walls: Array = dataclasses.field(default_factory=_nothing)  # (k, 2, 2) the sides of what a map has occupied
     # the end
     success: bool = False
     collision: bool = False
     left_corridor: bool = False
     faults: int = 0  # how often the policy had to fall back: QPs that were not solved, planners without a way
+    # the rules of a public benchmark
+    clock_from: float = 0.0  # m from the start, at which the clock starts
+    limit: float = math.inf  # s, of that clock
     # what the driven way is compared with; NaN where there is nothing to compare
     shortest: float = math.nan  # of the ways to the goal's tolerance that are free for the hull
-    max_speed: float = math.nan  # of the base
+    max_speed: float = math.nan  # of the base, or the one that a public benchmark asks for
+    optimal_time: float = math.nan  # s, of a public benchmark's rules
     acceleration: float = math.inf  # of the base
 
     @property

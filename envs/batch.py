@@ -10,6 +10,7 @@ from wayfield.envs.briefing import KNOWS, Briefing
 from wayfield.envs.checks import choose, memory, shown
 from wayfield.envs.compiled import machine_code
 from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.grids import scan_grid
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.sensing import BEAM_NOISE_COLUMN, Lidar, beam_directions, scan_ranges
 from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
@@ -271,6 +272,9 @@ class Batch:
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
             scan_ranges(lidar, self.obstacles, i, count, pose, ranges, 0)
+            grids = self.task.grids
+            if len(grids.cells):
+                scan_grid(grids.frames[state["scenario"]], grids.cells, pose, lidar.beams, ranges, i, 0)
             drawing["ranges"] = ranges[i]
         return Scene(
             robot=self.task.robot,

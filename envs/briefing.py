@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.grids import Grids
 from wayfield.envs.observation import Layout
 from wayfield.envs.paths import PathPool
 from wayfield.envs.robots import Actuators, Robot
@@ -37,6 +38,7 @@ class Briefing:
     obstacles: NDArray[np.void] | None = None  # (b, m) OBSTACLE records
     num_obstacles: NDArray[np.int64] | None = None  # (b,)
     patrols: NDArray[np.void] | None = None  # (b, m) PATROL records of the obstacles; leg_time 0 where one stands
+    grids: Grids | None = None  # what stands besides; a frame a robot
 
     @property
     def task(self) -> TaskSpec:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs import records, sensing
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, truth, whole
 from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import OBSTACLE, row_clearance, sin_cos, wrap_angle
+from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
+from wayfield.envs.grids import FRAME, Grids, clearance_around, frames_of, lay_grids, scan_grid
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
@@ -82,6 +83,7 @@ COURSE = np.dtype(
         ("waypoint_radius", np.float64),
         ("num_goals", np.int64),
         ("num_obstacles", np.int64),
+        *FRAME,
     ],
     align=True,
 )
@@ -181,6 +183,8 @@ def observe(p, s, course, world, robots, i, row, out):
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
     k += 4
     sensing.scan_ranges(lidar, robots.obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
+    if robots.grids.cells.shape[0] > 0:
+        scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k)
     sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
     sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
 
@@ -242,7 +246,7 @@ def place(p, s, world, robots, i, draws, j):
         patrol(robots.patrols, s.scenario, obstacles, i, course.num_obstacles, 0.0)
     s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
     s.y = course.start[1] + course.start_offset * (2.0 * draws[j, 2] - 1.0)
-    if row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) <= p.hull_radius:
+    if clearance_around(robots, i, s, s.x, s.y) <= p.hull_radius:
         s.x = course.start[0]
         s.y = course.start[1]
     s.heading = wrap_angle(course.start[2] + course.start_turn * (2.0 * draws[j, 3] - 1.0))
@@ -260,21 +264,36 @@ def begin(p, s, world, robots, i, outputs):
 
 @compiled
 def step_rows(
-    phases, params, states, obstacles, actions, noise, skip, courses, goals, fields, patrols, beams, out, numbers, flags
+    phases,
+    params,
+    states,
+    obstacles,
+    actions,
+    noise,
+    skip,
+    courses,
+    goals,
+    fields,
+    patrols,
+    cells,
+    beams,
+    out,
+    numbers,
+    flags,
 ):
     """Runs `stepping.step_robots`."""
     world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
-    robots = Robots(params, states, obstacles, noise, patrols)
+    robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
 
 @compiled
 def reset_rows(
-    params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, beams, out, numbers, flags
+    params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, cells, beams, out, numbers, flags
 ):
     """Runs `stepping.reset_robots`."""
     world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
-    robots = Robots(params, states, obstacles, noise, patrols)
+    robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
 
 
@@ -336,10 +355,11 @@ class GoalReaching(Task):
             goals[i, len(each.waypoints)] = each.goal
             fields[i, : len(each.obstacles)] = each.obstacles
             patrols[i, : len(each.patrols)] = each.patrols
+        self.grids = lay_grids([each.grid for each in self.scenarios], courses)
         # no columns, and no work, in a bank where nothing moves
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
         beams = sensing.beam_directions(self.beam_angles)
-        self.world = (courses, goals, fields, self.patrols, beams)
+        self.world = (courses, goals, fields, self.patrols, self.grids.cells, beams)
         self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
         self.params = records.record(
             PARAMS,
@@ -354,7 +374,7 @@ class GoalReaching(Task):
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
-        courses, goals, fields, patrols, _ = self.world
+        courses, goals, fields, patrols, *_ = self.world
         scenario = int(state["scenario"])
         course = courses[scenario]
         poses = goals[scenario, : course["num_goals"]].copy()
@@ -373,8 +393,12 @@ class GoalReaching(Task):
             leg = ways["leg_time"][:, None] * np.column_stack([ways["vx"], ways["vy"]])
             near = np.column_stack([ways["x"], ways["y"]])
             points = np.vstack([points, *((end + r)[moving] for end in (near, near + leg) for r in (-reach, reach))])
+        grid = self.scenarios[scenario].grid
+        if grid is not None:
+            points = np.vstack([points, grid.corners])
         margin = 2.0 * self.robot.hull_radius
         return {
+            "grid": grid,
             "goals": poses[state["waypoint"] :],
             "goal_tolerance": float(course["position_tolerance"]),
             "beam_angles": self.beam_angles,
@@ -400,6 +424,8 @@ class GoalReaching(Task):
         told = {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
         if knows == "map" and self.patrols.shape[1]:
             told["patrols"] = self.patrols[scenario]
+        if knows == "map":
+            told["grids"] = frames_of(self.grids, scenario)
         return told
 
 

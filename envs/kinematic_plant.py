@@ -3,7 +3,8 @@
 import math
 
 from wayfield.envs.compiled import inlined
-from wayfield.envs.geometry import row_clearance, sin_cos, wrap_angle
+from wayfield.envs.geometry import sin_cos, wrap_angle
+from wayfield.envs.hulls import hull_clearance, swing
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
 from wayfield.envs.sensing import advance_odometry
 
@@ -79,34 +80,34 @@ def body_twist(p, vx, vy, yaw_rate):
 
 
 @inlined
-def drive(p, s, obstacles, i, count, noise, row):
+def drive(p, s, robots, i, row):
     """Moves the robot by one control period: first-order lag, then an exact arc that stops where the hull touches."""
     mean_vx, mean_vy, mean_yaw_rate = lagging_twist(s, p.lag_mean)
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
     body_vx, body_vy, body_yaw_rate = body_twist(p, mean_vx, mean_vy, mean_yaw_rate)
     s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
     s.contact = 0
-    sweep(p, s, obstacles, i, count, body_vx, body_vy, body_yaw_rate)
+    sweep(p, s, robots, i, body_vx, body_vy, body_yaw_rate)
     if not p.perfect_pose:
         if p.passive_encoders:
             mean_vx = body_vx
             mean_vy = body_vy
             mean_yaw_rate = body_yaw_rate
-        advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, noise, i, row)
+        advance_odometry(p, s, mean_vx, mean_vy, mean_yaw_rate, robots.noise, i, row)
 
 
 @inlined
-def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
+def sweep(p, s, robots, i, vx, vy, yaw_rate):
     """Moves the pose along the arc of a constant twist, up to the first contact of the hull.
 
     Conservative advancement: the hull can go as far as its clearance without touching anything, wherever that leads, so
     that a fast robot cannot jump through a thin wall. Close to a surface it goes on in strides; once one ends
     in contact, bisection finds the pose just before it.
     """
-    travel = p.dt * math.sqrt(vx * vx + vy * vy)
+    travel = p.dt * (math.sqrt(vx * vx + vy * vy) + swing(p, yaw_rate))
     if s.clearance >= travel:
         s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, vx, vy, yaw_rate, p.dt)
-        s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+        s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
         return
     x = s.x
     y = s.y
@@ -121,7 +122,7 @@ def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
         else:
             ahead = min(gone + max(s.clearance - SKIN, STRIDE) / travel, 1.0)
         to_x, to_y, to_heading = integrate_arc(x, y, heading, vx, vy, yaw_rate, p.dt * ahead)
-        clear = row_clearance(obstacles, i, count, to_x, to_y) - p.hull_radius
+        clear = hull_clearance(p, robots, i, s, to_x, to_y, to_heading)
         if clear < SKIN and clear < s.clearance:
             s.contact = 1
             blocked = ahead
@@ -138,7 +139,7 @@ def sweep(p, s, obstacles, i, count, vx, vy, yaw_rate):
 
 
 @inlined
-def shove(p, s, obstacles, i, count):
+def shove(p, s, robots, i):
     """Displaces the pose when the time of the given shove or of the drawn one has come, up to the first contact."""
     given = s.steps == p.shove_step
     drawn = s.steps == s.shove_step
@@ -158,9 +159,19 @@ def shove(p, s, obstacles, i, count):
     body_vx = s.vx
     body_vy = s.vy
     body_yaw_rate = s.yaw_rate
-    sweep(p, s, obstacles, i, count, vx, vy, 0.0)
+    sweep(p, s, robots, i, vx, vy, 0.0)
     if not s.contact:
         s.vx = body_vx
         s.vy = body_vy
         s.yaw_rate = body_yaw_rate
+    if p.hull_length > 0.0:
+        # a rectangle that has no room for the turn stays as it stands
+        clear = hull_clearance(p, robots, i, s, s.x, s.y, wrap_angle(s.heading + turn))
+        if clear < SKIN and clear < s.clearance:
+            s.contact = 1
+            s.vx = 0.0
+            s.vy = 0.0
+            s.yaw_rate = 0.0
+            return
+        s.clearance = clear
     s.heading = wrap_angle(s.heading + turn)

@@ -18,9 +18,10 @@ def read_text(file: str) -> str:
     if os.path.exists(file) and not os.path.isfile(file):
         raise ValueError(f"{file}:1: is a folder or a device; it must be a file")
     with open(file, "rb") as stream:
-        if os.fstat(stream.fileno()).st_size > MOST_BYTES:
+        size = os.fstat(stream.fileno()).st_size
+        if size > MOST_BYTES:
             raise ValueError(f"{file}:1: holds more than {MOST_BYTES} bytes; it must be smaller")
-        content = stream.read(MOST_BYTES)
+        content = stream.read(size)  # a bound alone would be taken as memory at once
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

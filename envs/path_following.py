@@ -11,6 +11,7 @@ from wayfield.envs import records, sensing
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
+from wayfield.envs.grids import NO_GRIDS
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
@@ -247,7 +248,7 @@ def step_rows(
     phases, params, states, obstacles, actions, noise, skip, courses, vertices, runs, patrols, out, numbers, flags
 ):
     """Runs `stepping.step_robots`."""
-    robots = Robots(params, states, obstacles, noise, patrols)
+    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     world = World(courses, vertices, runs)
     return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
@@ -255,7 +256,7 @@ def step_rows(
 @compiled
 def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, patrols, out, numbers, flags):
     """Runs `stepping.reset_robots`."""
-    robots = Robots(params, states, obstacles, noise, patrols)
+    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     reset_robots(place, begin, robots, rows, draws, World(courses, vertices, runs), Outputs(out, numbers, flags))
 
 

@@ -17,7 +17,9 @@ import pymunk
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled, machine_code
-from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, row_clearance, sin_cos, wrap_angle
+from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, sin_cos, wrap_angle
+from wayfield.envs.grids import OccupancyGrid, grid_clearance, grid_normal
+from wayfield.envs.hulls import hull_clearance, swing, touched, way_out
 from wayfield.envs.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.kinematics import integrate_arc, sinc
 from wayfield.envs.linear import pseudo_inverse
@@ -25,6 +27,7 @@ from wayfield.envs.patrols import patrol, patrol_at
 from wayfield.envs.records import MAX_WHEELS, lag_factors, record
 from wayfield.envs.robots import Robot
 from wayfield.envs.sensing import advance_odometry
+from wayfield.envs.stepping import Robots
 from wayfield.envs.task import Options, Task
 
 GRAVITY = 9.81  # m/s^2
@@ -44,6 +47,8 @@ SLOP = 2e-5  # m
 OVERLAP_LEFT = 0.8
 
 ITERATIONS = 30  # of pymunk's solver: enough for a heavy box that the floor holds against a light robot
+
+NEAR = 0.02  # m, around what moves: cells of a grid are put into the space before they are touched
 
 # Relaxation of sliding wheels: it ends when no impulse changes by more than this share of the largest. An
 # omni base takes at most 60 sweeps, a differential drive 100 in 99 of 100 cases; cut off, it is 2e-5 m/s off
@@ -211,7 +216,7 @@ def slide(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate):
 
 
 @compiled
-def roll(p, b, s, obstacles, i, count, noise, row):
+def roll(p, b, s, robots, i, row):
     """Moves a robot as the kinematic plant does, if its wheels hold all the way and nothing is in reach.
 
     Returns whether it did.
@@ -224,7 +229,7 @@ def roll(p, b, s, obstacles, i, count, noise, row):
     dyaw = s.wheel_yaw_rate - s.command_yaw_rate
     rolled_vx, rolled_vy, rolled_yaw_rate = lagging_twist(s, p.lag_mean)
     mean_vx, mean_vy, mean_yaw_rate = body_twist(p, rolled_vx, rolled_vy, rolled_yaw_rate)
-    if s.clearance <= p.dt * math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy):
+    if s.clearance <= p.dt * (math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy) + swing(p, mean_yaw_rate)):
         return False
     left = 1.0
     for _ in range(SUBSTEPS):
@@ -245,13 +250,13 @@ def roll(p, b, s, obstacles, i, count, noise, row):
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
     s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
     s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, mean_vx, mean_vy, mean_yaw_rate, p.dt)
-    s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if p.passive_encoders:
         rolled_vx = mean_vx
         rolled_vy = mean_vy
         rolled_yaw_rate = mean_yaw_rate
     if not p.perfect_pose:
-        advance_odometry(p, s, rolled_vx, rolled_vy, rolled_yaw_rate, noise, i, row)
+        advance_odometry(p, s, rolled_vx, rolled_vy, rolled_yaw_rate, robots.noise, i, row)
     return True
 
 
@@ -309,7 +314,7 @@ def pull(b, s, m):
 
 
 @compiled
-def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
+def keep_out(p, b, s, robots, i, bodies, x, y):
     """Returns the point (x, y) that a sub-step leads to, moved so that the hull gets no deeper into anything.
 
     pymunk finds a contact only after the overlap: a hull at 1 m/s would be 1 cm inside. Here it is set back
@@ -317,9 +322,10 @@ def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
     it will be.
     """
     h = b.substep
+    obstacles = robots.obstacles
     for _ in range(4):
         moved = False
-        for j in range(count):
+        for j in range(s.num_obstacles):
             shift_x = h * bodies[i, j].vx
             shift_y = h * bodies[i, j].vy
             depth = p.hull_radius - clearance_to(obstacles[i, j], x - shift_x, y - shift_y)
@@ -331,17 +337,54 @@ def keep_out(p, b, s, obstacles, i, count, bodies, x, y):
                 x += excess * nx
                 y += excess * ny
                 moved = True
+        if robots.grids.cells.shape[0] > 0:
+            frame = robots.grids.frames[s.scenario]
+            depth = p.hull_radius - grid_clearance(frame, robots.grids.cells, x, y)
+            excess = depth - max(DEPTH, p.hull_radius - grid_clearance(frame, robots.grids.cells, s.x, s.y))
+            if excess > 1e-9:
+                nx, ny = grid_normal(frame, robots.grids.cells, x, y)
+                x += excess * nx
+                y += excess * ny
+                moved = True
         if not moved:
             break
     return x, y
 
 
 @compiled
-def aim(p, b, s, m, patrols, obstacles, i, count, bodies):
+def keep_box_out(p, b, s, robots, i, bodies, pose):
+    """Returns the point of `keep_out` for a hull that is a rectangle, which a sub-step leads to the pose."""
+    x, y, heading = pose
+    h = b.substep
+    first = -1 if robots.grids.cells.shape[0] > 0 else 0  # the grid
+    for _ in range(4):
+        moved = False
+        for j in range(first, s.num_obstacles):
+            shift_x = h * bodies[i, j].vx if j >= 0 else 0.0
+            shift_y = h * bodies[i, j].vy if j >= 0 else 0.0
+            depth = touched(p, robots, i, s, j, x - shift_x, y - shift_y, heading)
+            if depth <= DEPTH:
+                continue
+            # no deeper than where it was; a corner that a turn brings in is let out
+            excess = depth - max(DEPTH, touched(p, robots, i, s, j, s.x, s.y, s.heading))
+            if excess > 1e-9:
+                nx, ny = way_out(p, robots, i, s, j, x - shift_x, y - shift_y, heading)
+                x += excess * nx
+                y += excess * ny
+                moved = True
+        if not moved:
+            break
+    return x, y
+
+
+@compiled
+def aim(p, b, s, m, robots, i, bodies):
     """Puts what moves by a script where it is at the sub-step's beginning, with the velocity that it has in it."""
     h = b.substep
+    obstacles = robots.obstacles
+    patrols = robots.patrols
     begin = s.steps * p.dt + (m.substep - 1) * h
-    for j in range(count):
+    for j in range(s.num_obstacles):
         if patrols[s.scenario, j].leg_time > 0.0:
             obstacles[i, j].x, obstacles[i, j].y, _, _ = patrol_at(patrols[s.scenario, j], begin)
             x, y, _, _ = patrol_at(patrols[s.scenario, j], begin + h)
@@ -350,24 +393,30 @@ def aim(p, b, s, m, patrols, obstacles, i, count, bodies):
 
 
 @compiled
-def advance(p, b, s, m, obstacles, patrols, i, count, bodies, hull):
+def advance(p, b, s, m, robots, i, bodies, hull):
     """Runs sub-steps until pymunk has to resolve one, put into `hull`; returns False at the period's end."""
-    moving = patrols.shape[1] > 0
+    moving = robots.patrols.shape[1] > 0
     while m.substep < SUBSTEPS:
         m.substep += 1
         if moving:
-            aim(p, b, s, m, patrols, obstacles, i, count, bodies)
+            aim(p, b, s, m, robots, i, bodies)
         turn_wheels(p, b, s, m)
         x, y, heading = pull(b, s, m)
         dx = x - s.x
         dy = y - s.y
         m.clearance -= math.sqrt(dx * dx + dy * dy)
         touches = m.pushing == 1
+        if p.hull_length > 0.0:
+            m.clearance -= swing(p, wrap_angle(heading - s.heading))
         if m.clearance <= 0.0 or touches or moving:
-            x, y = keep_out(p, b, s, obstacles, i, count, bodies, x, y)
+            if p.hull_length > 0.0:
+                x, y = keep_box_out(p, b, s, robots, i, bodies, (x, y, heading))
+            else:
+                x, y = keep_out(p, b, s, robots, i, bodies, x, y)
             if moving:
-                patrol(patrols, s.scenario, obstacles, i, count, s.steps * p.dt + m.substep * b.substep)
-            m.clearance = row_clearance(obstacles, i, count, x, y) - p.hull_radius
+                time = s.steps * p.dt + m.substep * b.substep
+                patrol(robots.patrols, s.scenario, robots.obstacles, i, s.num_obstacles, time)
+            m.clearance = hull_clearance(p, robots, i, s, x, y, heading)
             touches = touches or m.clearance < 0.0
         s.x = x
         s.y = y
@@ -378,12 +427,13 @@ def advance(p, b, s, m, obstacles, patrols, i, count, bodies, hull):
             hull.yaw_rate = s.yaw_rate
             hull.x = x - b.substep * hull.vx
             hull.y = y - b.substep * hull.vy
+            hull.angle = heading - b.substep * hull.yaw_rate if p.hull_length > 0.0 else 0.0
             return True
     return False
 
 
 @compiled
-def absorb(p, s, m, obstacles, i, count, bodies, hull):
+def absorb(p, s, m, robots, i, bodies, hull):
     """Takes over what pymunk made of a sub-step: the velocity after contacts, and the things pushed."""
     vx, vy = turned(s.vx, s.vy, s.heading)
     if hull.vx != vx or hull.vy != vy:
@@ -393,8 +443,11 @@ def absorb(p, s, m, obstacles, i, count, bodies, hull):
     s.yaw_rate = hull.yaw_rate
     s.x = hull.x
     s.y = hull.y
+    if p.hull_length > 0.0:
+        s.heading = wrap_angle(hull.angle)
     m.pushing = 0
-    for j in range(count):
+    obstacles = robots.obstacles
+    for j in range(s.num_obstacles):
         if obstacles[i, j].mass > 0.0:
             body = bodies[i, j]
             obstacles[i, j].x = body.x
@@ -402,17 +455,17 @@ def absorb(p, s, m, obstacles, i, count, bodies, hull):
             obstacles[i, j].sin, obstacles[i, j].cos = sin_cos(body.angle)
             if max(abs(body.vx), abs(body.vy), abs(body.yaw_rate)) > AT_REST:
                 m.pushing = 1
-    m.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    m.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if m.clearance < 0.0:
         s.contact = 1
 
 
 @compiled
-def finish(p, s, m, obstacles, patrols, i, count, noise, row):
+def finish(p, s, m, robots, i, row):
     """Ends the control period: exact clearance, odometry by the drive wheels or by the body's motion."""
-    if patrols.shape[1] > 0:
-        patrol(patrols, s.scenario, obstacles, i, count, (s.steps + 1) * p.dt)
-    s.clearance = row_clearance(obstacles, i, count, s.x, s.y) - p.hull_radius
+    if robots.patrols.shape[1] > 0:
+        patrol(robots.patrols, s.scenario, robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if p.perfect_pose:
         return
     vx = m.rolled_vx
@@ -420,7 +473,7 @@ def finish(p, s, m, obstacles, patrols, i, count, noise, row):
     yaw_rate = m.rolled_yaw_rate
     if p.passive_encoders:
         vx, vy, yaw_rate = twist_between_poses(m.start_x, m.start_y, m.start_heading, s.x, s.y, s.heading, p.dt)
-    advance_odometry(p, s, vx, vy, yaw_rate, noise, i, row)
+    advance_odometry(p, s, vx, vy, yaw_rate, robots.noise, i, row)
 
 
 class Spaces(NamedTuple):
@@ -433,8 +486,9 @@ class Spaces(NamedTuple):
 
 
 @compiled
-def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, spaces):
+def start_rows(params, base, states, obstacles, patrols, grids, noise, skip, spaces):
     """Begins a control period for all robots but those in `skip`; returns how many wait for pymunk."""
+    robots = Robots(params, states, obstacles, noise, patrols, grids)
     progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
@@ -445,7 +499,7 @@ def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, sp
         s = states[i]
         m = progress[i]
         row = s.noise_row if noise.shape[1] > 1 else 0
-        if m.pushing == 0 and roll(p, b, s, obstacles, i, counts[i], noise, row):
+        if m.pushing == 0 and roll(p, b, s, robots, i, row):
             continue
         m.substep = 0
         m.start_x = s.x
@@ -453,17 +507,18 @@ def start_rows(params, base, states, obstacles, patrols, counts, noise, skip, sp
         m.start_heading = s.heading
         m.clearance = s.clearance
         m.rolled_vx, m.rolled_vy, m.rolled_yaw_rate = lagging_twist(s, p.lag_mean)
-        if advance(p, b, s, m, obstacles, patrols, i, counts[i], bodies, hulls[i]):
+        if advance(p, b, s, m, robots, i, bodies, hulls[i]):
             waiting[asked] = i
             asked += 1
         else:
-            finish(p, s, m, obstacles, patrols, i, counts[i], noise, row)
+            finish(p, s, m, robots, i, row)
     return asked
 
 
 @compiled
-def resume_rows(params, base, states, obstacles, patrols, counts, noise, spaces, asked):
+def resume_rows(params, base, states, obstacles, patrols, grids, noise, spaces, asked):
     """Goes on with the first `asked` rows of `waiting` after pymunk; returns how many wait again."""
+    robots = Robots(params, states, obstacles, noise, patrols, grids)
     progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
@@ -472,38 +527,51 @@ def resume_rows(params, base, states, obstacles, patrols, counts, noise, spaces,
         i = waiting[k]
         s = states[i]
         m = progress[i]
-        absorb(p, s, m, obstacles, i, counts[i], bodies, hulls[i])
-        if advance(p, b, s, m, obstacles, patrols, i, counts[i], bodies, hulls[i]):
+        absorb(p, s, m, robots, i, bodies, hulls[i])
+        if advance(p, b, s, m, robots, i, bodies, hulls[i]):
             waiting[again] = i
             again += 1
         else:
             row = s.noise_row if noise.shape[1] > 1 else 0
-            finish(p, s, m, obstacles, patrols, i, counts[i], noise, row)
+            finish(p, s, m, robots, i, row)
     return again
 
 
 class World:
     """The pymunk space around one robot: its hull, what is fixed, what can be pushed, and what moves by a script.
 
-    `moving` tells which obstacles the script moves; none if it is shorter than they are.
+    `moving` tells which obstacles the script moves; none if it is shorter than they are. Of a `grid` the space gets the
+    cells that something comes near, when it does.
 
     A copy is the space built anew and driven through the same steps. pymunk copies a space without the forces that its
     joints held with, from which the next step goes on: pushed things would part from those of the original.
     """
 
     def __init__(
-        self, robot: Robot, obstacles: NDArray[np.void], substep: float, moving: NDArray[np.bool_] | None = None
+        self,
+        robot: Robot,
+        obstacles: NDArray[np.void],
+        substep: float,
+        moving: NDArray[np.bool_] | None = None,
+        grid: OccupancyGrid | None = None,
     ) -> None:
-        self._made_of = (robot, obstacles.copy(), substep, None if moving is None else moving.copy())
+        self._made_of = (robot, obstacles.copy(), substep, None if moving is None else moving.copy(), grid)
+        self._walls: set[tuple[int, int]] = set()  # the grid's cells that are in the space
+        self.grid = grid
         self._steps = array.array("d")  # what moved in each step: hull, then position and velocity of what is scripted
         self.space = pymunk.Space()
         self.space.iterations = ITERATIONS
         self.space.collision_slop = SLOP
         self.space.collision_bias = OVERLAP_LEFT ** (1.0 / substep)  # the share left after a second
         self.hull = pymunk.Body(robot.mass, robot.inertia)
+        self.turns = robot.hull_box is not None  # whether it matters how the hull is turned
         self.pushable: list[tuple[int, pymunk.Body]] = []
         self.moving: list[tuple[int, pymunk.Body]] = []
-        shapes: list[pymunk.Shape] = [pymunk.Circle(self.hull, robot.hull_radius)]
+        shapes: list[pymunk.Shape] = [
+            pymunk.Poly.create_box(self.hull, robot.hull_box)
+            if robot.hull_box
+            else pymunk.Circle(self.hull, robot.hull_radius)
+        ]
         for j, obstacle in enumerate(obstacles):
             if moving is not None and moving[j]:
                 body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
@@ -558,27 +626,49 @@ class World:
         self._steps.extend(asked)
         self._advance(dt, asked)
         body = self.hull
-        hulls[i] = (*body.position, 0.0, *body.velocity, body.angular_velocity)
+        hulls[i] = (*body.position, body.angle if self.turns else 0.0, *body.velocity, body.angular_velocity)
         for j, loose in self.pushable:
             bodies[i, j] = (*loose.position, loose.angle, *loose.velocity, loose.angular_velocity)
 
     def _advance(self, dt: float, asked: list[float]) -> None:
         """Moves everything by dt: the hull and what a script moves as `asked`, the rest by its momentum."""
         body = self.hull
-        x, y, _, vx, vy, body.angular_velocity = asked[:6]
+        x, y, angle, vx, vy, body.angular_velocity = asked[:6]
         body.position = x, y
+        if self.turns:
+            body.angle = angle
         body.velocity = vx, vy
         for k, (_, scripted) in enumerate(self.moving):
             x, y, vx, vy = asked[6 + 4 * k : 10 + 4 * k]
             scripted.position = x, y
             scripted.velocity = vx, vy
+        if self.grid is not None:
+            self._wall_in(body, dt)
+            for _, loose in self.pushable:
+                self._wall_in(loose, dt)
         self.space.step(dt)
+
+    def _wall_in(self, body: pymunk.Body, dt: float) -> None:
+        """Adds to the space the occupied cells that a body can reach within dt and that are not there yet."""
+        assert self.grid is not None
+        (shape,) = body.shapes
+        box = shape.cache_bb()
+        reach = dt * body.velocity.length + NEAR
+        low, high = (box.left - reach, box.bottom - reach), (box.right + reach, box.top + reach)
+        for cell in self.grid.edges_within(low, high):
+            if cell not in self._walls:
+                self._walls.add(cell)
+                row, column = cell
+                at = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + np.array([column, row])
+                wall = pymunk.Poly(self.space.static_body, self.grid.points(at).tolist())
+                wall.friction = math.sqrt(HULL_FRICTION)
+                self.space.add(wall)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return World, self._made_of, self._steps
 
     def __setstate__(self, steps: "array.array[float]") -> None:
-        _, _, substep, _ = self._made_of
+        substep = self._made_of[2]
         self._steps = steps
         for asked in np.asarray(steps).reshape(-1, 6 + 4 * len(self.moving)).tolist():
             self._advance(substep, asked)
@@ -643,7 +733,15 @@ class PymunkPlant:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
         # what every call takes, in this order
-        shared: tuple[Any, ...] = (self.task.params, self.base, states, obstacles, self.task.patrols, counts, noise)
+        shared: tuple[Any, ...] = (
+            self.task.params,
+            self.base,
+            states,
+            obstacles,
+            self.task.patrols,
+            self.task.grids,
+            noise,
+        )
         spaces = Spaces(self.progress, self.bodies, self.hulls, self.waiting)
         if self._start_rows is None:
             self._start_rows = machine_code(start_rows, *shared, skip, spaces)
@@ -654,7 +752,11 @@ class PymunkPlant:
                 if world is None:
                     # nothing has been pushed yet, so obstacles are where the reset put them
                     world = self.worlds[i] = World(
-                        self.task.robot, obstacles[i, : counts[i]], self.substep, self._moving(states[i])
+                        self.task.robot,
+                        obstacles[i, : counts[i]],
+                        self.substep,
+                        self._moving(states[i]),
+                        getattr(self.task.scenarios[states[i]["scenario"]], "grid", None),
                     )
                 world.step(self.substep, i, self.hulls, self.bodies, obstacles)
             asked = resume_rows(*shared, spaces, asked)

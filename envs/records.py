@@ -65,7 +65,9 @@ ROBOT_PARAMS = [
     ("yaw_acceleration", np.float64),  # rad/s^2
     ("lag_decay", np.float64),  # share of a deviation left after dt
     ("lag_mean", np.float64),  # mean share of a deviation over dt
-    ("hull_radius", np.float64),  # m
+    ("hull_radius", np.float64),  # m; of a rectangle, the disc around it
+    ("hull_length", np.float64),  # m, of a rectangle; 0: the hull is a disc
+    ("hull_width", np.float64),  # m
     ("perfect_pose", np.int64),  # 1: the measured pose and twist are the true ones
     ("pose_from_odometry", np.int64),
     ("passive_encoders", np.int64),  # 1: encoders follow the body, 0: the drive wheels

@@ -10,6 +10,7 @@ import numpy as np
 
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, clearance, sin_cos
+from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol
 
 MOST_PIECES = 5
@@ -246,11 +247,12 @@ def is_free(plan, radius, start, length, field, needed, times):
 
     Args:
         length: m, of the plan.
-        field: OBSTACLE and PATROL records (1, m), and how many there are; the moving ones are moved.
+        field: OBSTACLE and PATROL records (1, m), how many there are, and the grid's frame (1,) and cells; the moving
+            ones are moved.
         needed: m.
         times: s, when the robot sets off, and its pace, m/s, which it keeps.
     """
-    obstacles, patrols, count = field
+    obstacles, patrols, count, frames, cells = field
     moves = False
     for j in range(count):
         moves = moves or patrols[0, j].leg_time > 0.0
@@ -262,5 +264,7 @@ def is_free(plan, radius, start, length, field, needed, times):
         if moves:
             patrol(patrols, 0, obstacles, 0, count, times[0] + k * step / times[1])
         if clearance(obstacles[0], count, x, y) < needed:
+            return False
+        if cells.shape[0] > 0 and grid_clearance(frames[0], cells, x, y) < needed:
             return False
     return True

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.robots import Robot
 
 try:
@@ -81,6 +82,7 @@ class Scene:
     path: NDArray[np.float64] | None = None  # (n, 2) polyline; closed ones repeat the first point
     corridor: float = 0.0  # half width drawn around the path, 0 = none
     obstacles: NDArray[np.void] | None = None  # (m,) records of geometry.OBSTACLE
+    grid: OccupancyGrid | None = None
     goals: NDArray[np.float64] | None = None  # (k, 3) remaining poses: waypoints, then the goal; NaN = any heading
     goal_tolerance: float = 0.0  # radius around the goal, 0 = none
     ranges: NDArray[np.float64] | None = None  # (beams,)
@@ -168,6 +170,12 @@ class Canvas:
         """Draws a filled rectangle whose edges lie on whole pixels of the frame, so that they stay crisp."""
         corner = [_SUPERSAMPLING * round(v) for v in (x, y)]
         self.surface.fill(colour, (*corner, round(_SUPERSAMPLING * width), round(_SUPERSAMPLING * height)))
+
+    def paint(self, colour: Colour, dots: NDArray[np.bool_]) -> None:
+        """Colours the dots (width, height) of the supersampled surface that are true, within the clip."""
+        left, top, width, height = self.surface.get_clip()
+        area = slice(left, left + width), slice(top, top + height)
+        pygame.surfarray.pixels3d(self.surface)[area][dots[area]] = colour
 
     def disc(self, colour: Colour, at: NDArray[np.float64], radius: float, width: float = 0.0) -> None:
         """Draws a disc, or a ring of the given width inside the radius."""
@@ -331,6 +339,19 @@ def _draw_obstacles(canvas: Canvas, view: View, obstacles: NDArray[np.void]) -> 
             canvas.polygon(_FIXED, corners)
 
 
+def _occupied_dots(canvas: Canvas, view: View, grid: OccupancyGrid) -> NDArray[np.bool_]:
+    """Returns which dots (width, height) of the canvas show something of a grid that is occupied."""
+    width, height = canvas.surface.get_size()
+    # looked at more than once a dot, where cells are smaller than that
+    times = min(math.ceil(1.0 / (view.scale * _SUPERSAMPLING * grid.resolution)), 8)
+    found = np.zeros((width, height), np.bool_)
+    for i, j in itertools.product(range(times), repeat=2):
+        x, y = np.arange(width) + (i + 0.5) / times, np.arange(height) + (j + 0.5) / times
+        pixels = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1) / _SUPERSAMPLING
+        found |= grid.is_occupied(view.world_from_pixels(pixels))
+    return found
+
+
 def _mark_goal(canvas: Canvas, at: NDArray[np.float64], heading: float = math.nan) -> None:
     if math.isfinite(heading):
         canvas.arrow(_GREEN, at, heading, 26.0, 2.5)
@@ -408,9 +429,14 @@ def _draw_robot(canvas: Canvas, view: View, robot: Robot, pose: tuple[float, flo
         return view.pixels_from_world(_placed(points * magnification, pose))
 
     centre = view.pixels_from_world(pose[:2])
-    canvas.disc(_WHITE, centre, radius_px + 1.5)
-    canvas.disc(_HULL, centre, radius_px)
-    canvas.disc(_BLUE, centre, radius_px, 1.5)
+    if robot.hull_box is None:
+        canvas.disc(_WHITE, centre, radius_px + 1.5)
+        canvas.disc(_HULL, centre, radius_px)
+        canvas.disc(_BLUE, centre, radius_px, 1.5)
+    else:
+        corners = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * robot.hull_box
+        canvas.polygon(_BLUE, pixels(corners))
+        canvas.polygon(_HULL, pixels(0.94 * corners))
     canvas.polygon(_BLUE, pixels(_body_outline(robot)))
     for wheel in robot.built:
         canvas.polygon(_INK, pixels(_wheel_outline((wheel.x, wheel.y), wheel.direction, wheel.radius)))
@@ -494,7 +520,7 @@ def _legend(scene: Scene) -> list[tuple[str, Symbol]]:
         (trails > 0, "trail", _stroke_symbol(_BLUE, 1.5)),
         (any(ghost.trail is not None for ghost in scene.ghosts), "ghost", _stroke_symbol(_PURPLE, 1.5)),
         (rays > 0, "rays", _stroke_symbol(_SKY, 1.0)),
-        (bool(np.any(masses <= 0.0)), "fixed", _block_symbol(_FIXED)),
+        (bool(np.any(masses <= 0.0)) or scene.grid is not None, "fixed", _block_symbol(_FIXED)),
         (bool(np.any(masses > 0.0)), "movable", _block_symbol(_ORANGE)),
         (scene.start is not None, "start", _mark_start),
         (goals > 1, "waypoint", _mark_waypoint),
@@ -574,11 +600,13 @@ class Renderer:
         path = np.zeros((0, 2)) if scene.path is None else scene.path
         # thinned to a bounded size first, so that comparing a path of a million points costs little
         path = np.concatenate([path[:: len(path) // _DRAWN_POINTS + 1], path[-1:]])
-        key = (view, scene.corridor, path.tobytes())
+        key = (view, scene.corridor, path.tobytes(), scene.grid)
         if self._backdrop is None or key != self._backdrop_key:
             self._backdrop, self._backdrop_key = Canvas(view.size_px), key
             _draw_floor(self._backdrop, view)
             self._backdrop.clip((0, view.strip_px, view.width_px, view.height_px - 2 * view.strip_px))
+            if scene.grid is not None:
+                self._backdrop.paint(_FIXED, _occupied_dots(self._backdrop, view, scene.grid))
             _draw_path(self._backdrop, view, view.pixels_from_world(path), scene.corridor)
         return self._backdrop
 

@@ -40,6 +40,8 @@ _RANGES: Mapping[str, tuple[float, float, str]] = {
     "effective_track": (2e-3, 60.0, "m"),
     "wheelbase": (0.0, 20.0, "m"),
     "hull.radius": (1e-3, 10.0, "m"),
+    "hull.length": (2e-3, 10.0, "m"),
+    "hull.width": (2e-3, 10.0, "m"),
     "mass": (LIGHTEST, HEAVIEST, "kg"),
     "inertia": (1e-9, 1e8, "kg m^2"),
     "friction": (1e-3, 10.0, "(no unit)"),
@@ -118,7 +120,8 @@ class Robot:
     name: str
     drive: str  # "differential", "omni" or "mecanum"
     wheels: tuple[Wheel, ...]  # of a differential drive right, left
-    hull_radius: float  # m, the disc that must not touch anything; 0, of a point, for studies in Python alone
+    # m, the disc that must not touch anything, or the one around `hull_box`; 0, of a point, for studies in Python alone
+    hull_radius: float
     mass: float  # kg
     inertia: float  # kg m^2, about the vertical axis
     friction: float  # of a wheel on the floor, along its traction
@@ -135,6 +138,7 @@ class Robot:
     # as a differential drive is built, where its wheels skid in a turn as if they stood elsewhere: see `built`
     track: float | None = None  # m; None: as `wheels` say
     wheelbase: float = 0.0  # m, between the axles of a skid steer
+    hull_box: tuple[float, float] | None = None  # m, length and width of a rectangle; None: the hull is a disc
     title: str = dataclasses.field(default="", compare=False, repr=False)
     sources: Mapping[str, str] = dataclasses.field(default_factory=dict, compare=False, repr=False)  # by field
 
@@ -146,6 +150,9 @@ class Robot:
             object.__setattr__(self, name, _number(name, getattr(self, name)))
         for name in ("acceleration", "yaw_acceleration", "lag", "wheelbase"):
             object.__setattr__(self, name, _number(name, getattr(self, name)))
+        if self.hull_box is not None:
+            object.__setattr__(self, "hull_box", _box(self.hull_box))
+            object.__setattr__(self, "hull_radius", 0.5 * math.hypot(*self.hull_box))
         if real(self.hull_radius) != 0.0:
             object.__setattr__(self, "hull_radius", _number("hull.radius", self.hull_radius))
         if self.track is not None:
@@ -189,6 +196,12 @@ class Robot:
             )
         for i, wheel in enumerate(self.built):
             distance = math.hypot(wheel.x, wheel.y)
+            if self.hull_box:
+                for name, at, size in zip(("length", "width"), (wheel.x, wheel.y), self.hull_box, strict=True):
+                    if abs(at) > 0.5 * size * (1.0 + 1e-9):
+                        raise ValueError(
+                            f"hull.{name} is {size:g}; it must be at least {2.0 * abs(at):.3g} m, for wheels[{i}]"
+                        )
             if reach > 0.0 and distance > reach * (1.0 + 1e-9):
                 raise ValueError(
                     f"hull.radius is {reach:g}; it must be at least {distance:.3g} m, where wheels[{i}] stands"
@@ -207,13 +220,13 @@ class Robot:
                 raise ValueError(f"encoders has {len(self.encoders)} entries; it must have 2, beside an IMU, or none")
             rows = np.vstack([wheel_matrix(self.encoders), [0.0, 0.0, 1.0]])
             self._check_span("encoders", rows, (0, 1, 2))
-        most = self.hull_radius / SUBSTEP
+        most = self.least_half / SUBSTEP
         fastest = self._fastest
         if 0.0 < most < fastest:
             raise ValueError(
                 f"peak_wheel_speed is {self.peak_wheel_speed:g}; it must be at most "
                 f"{self.peak_wheel_speed * most / fastest:.3g} rad/s: at {fastest:.3g} m/s the robot would go further "
-                "than its hull.radius in 0.01 s"
+                f"than {'half of its hull.width' if self.hull_box else 'its hull.radius'} in 0.01 s"
             )
 
     def _check_span(self, field: str, matrix: NDArray[np.float64], axes: tuple[int, ...]) -> None:
@@ -239,6 +252,11 @@ class Robot:
         angles = np.linspace(0.0, math.pi, 360, endpoint=False) if self.holonomic else np.zeros(1)
         rates = self.wheel_matrix[:, :2] @ np.array([np.cos(angles), np.sin(angles)])
         return float(self.peak_wheel_speed / np.abs(rates).max(axis=0).min())
+
+    @property
+    def least_half(self) -> float:
+        """Returns the radius (m) of the largest disc about the middle that the hull holds."""
+        return 0.5 * min(self.hull_box) if self.hull_box else self.hull_radius
 
     @property
     def holonomic(self) -> bool:
@@ -356,6 +374,7 @@ _SAMPLE = """{"name": "mine", "title": "My robot", "drive": "differential", "whe
 "effective_track": 0.4, "wheelbase": 0.2}, "hull": {"radius": 0.22}, "mass": 6, "inertia": 0.1, "friction": 0.7,
 "driven_load": 0.9, "rated_wheel_speed": 15, "peak_wheel_speed": 20, "acceleration": 1.5, "yaw_acceleration": 4,
 "lag": 0.05, "sensors": {"beams": 36, "range": 4, "angle": 4.71}, "sources": {"wheels": "measured"}}"""
+_BOX = '{"kind": "box", "length": 0.5, "width": 0.4}'
 _OMNI_SAMPLE = """{"drive": "omni", "wheels": [{"x": 0.2, "y": 0, "direction": 1.57, "radius": 0.04}, {"x": -0.1,
 "y": 0.17, "direction": 3.67, "radius": 0.04}, {"x": -0.1, "y": -0.17, "direction": 5.76, "radius": 0.05}], "encoders":
 [{"x": 0, "y": 0.1, "direction": 0, "radius": 0.02}, {"x": -0.1, "y": 0, "direction": 1.57, "radius": 0.02}], "hull":
@@ -363,6 +382,7 @@ _OMNI_SAMPLE = """{"drive": "omni", "wheels": [{"x": 0.2, "y": 0, "direction": 1
 
 
 @reader("data sheet of a robot", "mine.json", {"mine.json": _SAMPLE})
+@reader("data sheet of a robot with a box", "box.json", {"box.json": _SAMPLE.replace('{"radius": 0.22}', _BOX)})
 @reader("data sheet of an omni base", "omni.json", {"omni.json": _OMNI_SAMPLE})
 def read_robot(file: str) -> Robot:
     """Returns the robot of a data sheet, a .json file with one object; `docs/robots.md` says what each field means.
@@ -400,8 +420,7 @@ def _robot_of(file: str) -> Robot:
             more = ("roller_angle",) if fields["drive"] == "mecanum" else ()
             given["wheels"] = _listed(file, "wheels", given["wheels"], (*_OMNI, *more))
         given["encoders"] = _listed(file, "encoders", given.get("encoders", []), _OMNI)
-        hull = _object(file, "hull", given.pop("hull"), ("radius",), ("radius",))
-        given["hull_radius"] = _number("hull.radius", hull["radius"])
+        given |= _hull(file, given.pop("hull"))
         given["sensors"] = Sensors(**_object(file, "sensors", given.get("sensors", {}), ("beams", "range", "angle")))
         sources = given.get("sources", {})
         if not isinstance(sources, dict) or not all(isinstance(each, str) for each in sources.values()):
@@ -419,6 +438,25 @@ def _object(file: str, place: str, value: Any, known: tuple[str, ...], required:
         raise fault(file, f"{place} is {shown(value)}; it must be an object with {', '.join(known)}")
     check_keys(file, f"{place}.", value, known, required)
     return value
+
+
+def _hull(file: str, value: Any) -> dict[str, Any]:
+    """Returns the hull, a disc or a box."""
+    kinds = {"disc": ("radius",), "box": ("length", "width")}
+    kind = value.get("kind", "disc") if isinstance(value, dict) else "disc"
+    choose("hull.kind", kind, kinds)
+    named = ("kind",) if isinstance(value, dict) and "kind" in value else ()
+    hull = _object(file, "hull", value, (*kinds[kind], *named), kinds[kind])
+    if kind == "disc":
+        return {"hull_radius": _number("hull.radius", hull["radius"])}
+    return {"hull_radius": 0.0, "hull_box": (hull["length"], hull["width"])}
+
+
+def _box(value: Any) -> tuple[float, float]:
+    """Returns length and width of a hull."""
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise ValueError(f"hull_box is {shown(value)}; it must be length and width, m")
+    return _number("hull.length", value[0]), _number("hull.width", value[1])
 
 
 def _pair(file: str, value: Any) -> dict[str, Any]:

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records
 from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import row_clearance
+from wayfield.envs.grids import NO_GRIDS
+from wayfield.envs.hulls import hull_clearance
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
 from wayfield.envs.robots import Robot, robots_with
-from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
+from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE, Robots
 from wayfield.envs.task import Options, Task
 
 STATE = np.dtype(
@@ -41,6 +42,7 @@ class Observation(NamedTuple):
 @compiled
 def step_rows(phases, params, states, obstacles, actions, noise, skip, patrols, out, numbers, flags):
     """Runs the asked phases of a step for all robots but those in `skip`; returns -1: targets are always finite."""
+    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     p = params[0]
     for i in range(states.shape[0]):
         if skip[i]:
@@ -52,7 +54,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, patrols, 
             s.rolled_vx, s.rolled_vy, s.rolled_yaw_rate = kinematic_plant.lagging_twist(s, p.lag_mean)
             if patrols.shape[1] > 0:
                 patrol(patrols, 0, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+                s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
                 if phases & DRIVE and s.clearance < 0.0:
                     # run into where it stands; in a plant with forces it is pushed
                     s.contact = 1
@@ -60,7 +62,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, patrols, 
                     s.vy = 0.0
                     s.yaw_rate = 0.0
         if phases & DRIVE and not s.contact:
-            kinematic_plant.drive(p, s, obstacles, i, s.num_obstacles, noise, 0)
+            kinematic_plant.drive(p, s, robots, i, 0)
         if phases & JUDGE:
             s.steps += 1
             out[i, 0] = s.x
@@ -74,6 +76,7 @@ def step_rows(phases, params, states, obstacles, actions, noise, skip, patrols, 
 @compiled
 def reset_rows(params, states, obstacles, rows, draws, noise, patrols, out, numbers, flags):
     """Puts the robots in `rows` at rest where they are, and what moves by a script where that begins."""
+    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     p = params[0]
     for j in range(rows.shape[0]):
         i = rows[j]
@@ -84,7 +87,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, patrols, out, numb
         s.rolled_yaw_rate = 0.0
         if patrols.shape[1] > 0:
             patrol(patrols, 0, obstacles, i, s.num_obstacles, 0.0)
-        s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+        s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
 
 
 class Sandbox(Task):

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs import kinematic_plant, records
 from wayfield.envs.compiled import inlined
-from wayfield.envs.geometry import row_clearance
+from wayfield.envs.grids import Grids
+from wayfield.envs.hulls import hull_clearance
 from wayfield.envs.patrols import patrol
 
 # The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
@@ -26,6 +27,7 @@ class Robots(NamedTuple):
     obstacles: NDArray[np.void]  # (b, m) OBSTACLE records
     noise: NDArray[np.float64]  # (b, rows, columns)
     patrols: NDArray[np.void]  # (scenarios, m) PATROL records; (scenarios, 0) where nothing moves
+    grids: Grids
 
 
 class Outputs(NamedTuple):
@@ -93,7 +95,7 @@ def step_robots(judge, phases, robots, actions, skip, world, outputs):
         bad = first_not_finite(actions, skip)
         if bad >= 0:
             return bad
-    params, states, obstacles, noise, patrols = robots
+    params, states, obstacles, noise, patrols, _ = robots
     p = params[0]
     for i in range(states.shape[0]):
         if skip[i]:
@@ -105,7 +107,7 @@ def step_robots(judge, phases, robots, actions, skip, world, outputs):
             kinematic_plant.command(p, s, actions, i)
             if patrols.shape[1] > 0:
                 patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+                s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
                 if phases & DRIVE and s.clearance < 0.0:
                     # run into where it stands; in a plant with forces it is pushed
                     s.contact = 1
@@ -113,9 +115,9 @@ def step_robots(judge, phases, robots, actions, skip, world, outputs):
                     s.vy = 0.0
                     s.yaw_rate = 0.0
             if not s.contact:
-                kinematic_plant.shove(p, s, obstacles, i, s.num_obstacles)
+                kinematic_plant.shove(p, s, robots, i)
         if phases & DRIVE and not s.contact:
-            kinematic_plant.drive(p, s, obstacles, i, s.num_obstacles, noise, row)
+            kinematic_plant.drive(p, s, robots, i, row)
         if phases & JUDGE:
             s.steps += 1
             judge(p, s, world, robots, i, row, outputs)
@@ -136,8 +138,8 @@ def reset_robots(place, begin, robots, rows, draws, world, outputs):
         world: what they read of the task's bank; world.courses has a record a scenario.
         outputs: Outputs.
     """
-    params, states, obstacles, _, _ = robots
-    p = params[0]
+    states = robots.states
+    p = robots.params[0]
     for j in range(rows.shape[0]):
         i = rows[j]
         s = states[i]
@@ -145,7 +147,7 @@ def reset_robots(place, begin, robots, rows, draws, world, outputs):
         place(p, s, world, robots, i, draws, j)
         records.halt(s)
         records.draw_shove(p, s, draws, j)
-        s.clearance = row_clearance(obstacles, i, s.num_obstacles, s.x, s.y) - p.hull_radius
+        s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
         begin(p, s, world, robots, i, outputs)
         s.noise_row = 1
         outputs.flags[:, i] = False

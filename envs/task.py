@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wayfield.envs import records
 from wayfield.envs.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown
 from wayfield.envs.disturbances import DISTURBANCES, Disturbance
+from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered
 from wayfield.envs.scenarios.tasks import TaskSpec
@@ -86,6 +87,8 @@ class Options:
             "lag_decay": decay,
             "lag_mean": mean,
             "hull_radius": robot.hull_radius,
+            "hull_length": robot.hull_box[0] if robot.hull_box else 0.0,
+            "hull_width": robot.hull_box[1] if robot.hull_box else 0.0,
             "perfect_pose": true_pose and right,
             "pose_from_odometry": not true_pose,
             "passive_encoders": passive,
@@ -166,6 +169,7 @@ class Task(abc.ABC):
     beam_angles: NDArray[np.float64]
     max_obstacles: int
     patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
+    grids: Grids = NO_GRIDS
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
         """Returns the task itself: it never changes, and the maps of its bank are large."""

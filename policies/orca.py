@@ -12,6 +12,7 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import nearest_surface, sin_cos
+from wayfield.envs.grids import grid_clearance, grid_normal, grid_place, grid_ray
 from wayfield.envs.patrols import patrol_at
 from wayfield.policies.astar_tracker import CELLS, MARGIN_SHARES, lay_grid, plan_with_room
 from wayfield.policies.parts.params import params
@@ -20,6 +21,7 @@ from wayfield.policies.parts.steering import Map, velocity_twists
 from wayfield.policies.policy import check_gain, check_switch, check_whole
 
 LOOKS = (3.0, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35)  # m along the way, tried as the point to drive at, the farthest first
+LOOKS_AROUND = 24  # directions in which a grid is looked at
 STRIDE = 0.05  # m, between the places at which a straight line is looked along
 ASTRAY = 0.5  # m, off the way, from which on it is planned anew
 
@@ -185,8 +187,9 @@ def find_velocities(params, prices, told, poses, measured, goals, waypoints_left
     level of the grid, a row for each of the margins that are tried.
     """
     p = params[0]
-    lines = np.empty((told.obstacles.shape[1], 3))
-    scratch = np.empty((told.obstacles.shape[1], 3))
+    most = told.obstacles.shape[1] + (1 + LOOKS_AROUND if told.cells.shape[0] > 0 else 0)
+    lines = np.empty((most, 3))
+    scratch = np.empty((most, 3))
     for i in range(velocities.shape[0]):
         m = memory[i]
         sine, cosine = sin_cos(poses[i, 2])
@@ -313,8 +316,58 @@ def fill_lines(p, told, poses, measured, i, time, lines, forward):
             lines[total, 2] = b + nx * o_vx + ny * o_vy
             total += 1
         if kind == 0:
+            if told.cells.shape[0] > 0:
+                total = fill_grid_lines(p, told, (x, y, sine, cosine), (vx, vy), i, lines, total, forward)
             hard = total
     return total, hard
+
+
+@compiled
+def fill_grid_lines(p, told, at, velocity, i, lines, total, forward):
+    """Fills the half-planes that the grid leaves robot i behind `total` others; returns how many there are then.
+
+    The nearest place that is occupied counts as a wall, and what is seen in some directions around as points.
+
+    Args:
+        at: x, y (m), sine and cosine of the heading.
+        velocity: m/s, world frame.
+    """
+    x, y, sine, cosine = at
+    frame = told.frames[i]
+    room = p.plant.hull_radius + p.margin
+    radius = room + p.tracking_error
+    distance = grid_clearance(frame, told.cells, x, y)
+    if distance > p.sensing_radius:
+        return total
+    nx, ny = grid_normal(frame, told.cells, x, y)
+    lines[total, 0] = nx
+    lines[total, 1] = ny
+    lines[total, 2] = min((radius - distance) / (p.wall_horizon if distance > radius else p.recovery), 0.0)
+    total += 1
+    ahead = -(nx * cosine + ny * sine)
+    if ahead > 0.0:
+        forward[i] = min(forward[i], max(distance - room, 0.0) / (p.wall_horizon * ahead))
+    u, v = grid_place(frame, x, y)
+    reach = p.sensing_radius / frame.grid_cell
+    for k in range(LOOKS_AROUND):
+        uy, ux = sin_cos(2.0 * math.pi * k / LOOKS_AROUND)
+        du = frame.grid_cos * ux + frame.grid_sin * uy
+        dv = frame.grid_cos * uy - frame.grid_sin * ux
+        seen = grid_ray(frame, told.cells, u, v, du, dv, reach)
+        if seen >= reach:
+            continue
+        away = seen * frame.grid_cell
+        nx, ny, b = disc_half_plane(
+            away * ux, away * uy, radius, velocity[0], velocity[1], p.horizon, p.recovery
+        )  # fmt: skip
+        lines[total, 0] = nx
+        lines[total, 1] = ny
+        lines[total, 2] = min(b, 0.0)
+        total += 1
+        ahead = ux * cosine + uy * sine
+        if ahead > 0.0:
+            forward[i] = min(forward[i], max(away - room, 0.0) / (p.wall_horizon * ahead))
+    return total
 
 
 @compiled

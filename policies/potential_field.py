@@ -11,6 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import lengths, nearest_surface, sines
+from wayfield.envs.grids import grid_clearance, grid_normal
 from wayfield.envs.patrols import patrol
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import velocity_twists
@@ -74,11 +75,11 @@ class PotentialField:
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
-        obstacles = obstacles_now(briefing, memory)
+        obstacles, counts = obstacles_now(briefing, observation.pose, memory)
         to_goal = world_from_body(observation.goal, observation.pose)
         away = observation.pose[:, None, :2] - np.stack([obstacles["x"], obstacles["y"]], axis=-1)
         distance = np.maximum(lengths(away), 1e-6)
-        standing = np.arange(distance.shape[1]) < briefing.num_obstacles[:, None]  # type: ignore[index]
+        standing = np.arange(distance.shape[1]) < counts[:, None]
         distance[~standing] = np.inf
         attraction = self.k_att * to_goal
         near = distance <= self.tau
@@ -146,10 +147,8 @@ class CorrectedField:
         """Returns the twists (b, t): m/s and rad/s."""
         to_goal = world_from_body(observation.goal, observation.pose)
         force = np.empty_like(to_goal)
-        obstacles = obstacles_now(briefing, memory)
-        corrected_forces(
-            params(self, briefing), obstacles, briefing.num_obstacles, observation.pose, to_goal, memory, force
-        )
+        obstacles, counts = obstacles_now(briefing, observation.pose, memory)
+        corrected_forces(params(self, briefing), obstacles, counts, observation.pose, to_goal, memory, force)
         return velocity_twists(
             briefing.robot,
             body_from_world(force, observation.pose),
@@ -198,15 +197,40 @@ def corrected_forces(params, obstacles, counts, poses, to_goal, memory, forces):
         forces[i, 1] = cut * fy
 
 
-def obstacles_now(briefing: Briefing, memory: NDArray[np.void]) -> NDArray[np.void]:
-    """Returns the obstacles (b, m) where they are now, with those on patrol moved on, and counts the step in memory."""
+def obstacles_now(
+    briefing: Briefing, poses: NDArray[np.float64], memory: NDArray[np.void]
+) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+    """Returns the obstacles (b, m) where they are now and how many they are, (b,), and counts the step in memory.
+
+    Those on patrol have moved on. Of a grid the point nearest to the robot is one obstacle more, of no size.
+    """
     assert briefing.obstacles is not None
-    if briefing.patrols is None or not briefing.patrols["leg_time"].any():
-        return briefing.obstacles
-    obstacles = briefing.obstacles.copy()
-    move(briefing.patrols, obstacles, briefing.num_obstacles, memory["steps"] * briefing.dt)
-    memory["steps"] += 1.0
-    return obstacles
+    assert briefing.num_obstacles is not None
+    obstacles, counts = briefing.obstacles, briefing.num_obstacles
+    if briefing.patrols is not None and briefing.patrols["leg_time"].any():
+        obstacles = obstacles.copy()
+        move(briefing.patrols, obstacles, counts, memory["steps"] * briefing.dt)
+        memory["steps"] += 1.0
+    if briefing.grids is not None and len(briefing.grids.cells):
+        seen = np.zeros((len(obstacles), obstacles.shape[1] + 1), obstacles.dtype)
+        seen[:, :-1] = obstacles
+        counts = counts.copy()
+        append_nearest(*briefing.grids, poses, seen, counts)
+        obstacles = seen
+    return obstacles, counts
+
+
+@compiled
+def append_nearest(frames, cells, poses, obstacles, counts):
+    """Puts the occupied point nearest to each of the poses (b, 3) behind its obstacles (b, m), and counts it."""
+    for i in range(poses.shape[0]):
+        distance = grid_clearance(frames[i], cells, poses[i, 0], poses[i, 1])
+        if distance < np.inf:
+            nx, ny = grid_normal(frames[i], cells, poses[i, 0], poses[i, 1])
+            obstacles[i, counts[i]].x = poses[i, 0] - distance * nx
+            obstacles[i, counts[i]].y = poses[i, 1] - distance * ny
+            obstacles[i, counts[i]].cos = 1.0
+            counts[i] += 1
 
 
 @compiled

@@ -12,6 +12,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
+from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
 from wayfield.envs.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.parts.arriving import is_there, turn_rate
@@ -118,7 +119,8 @@ class ReedsShepp:
 def drive(params, known, poses, goals, turns, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""
     p = params[0]
-    _, _, _, targets, num_goals = known
+    targets = known.goals
+    num_goals = known.num_goals
     for i in range(poses.shape[0]):
         m = memory[i]
         now = m.steps * p.plant.dt
@@ -223,7 +225,7 @@ def advance(m, poses, i):
 @compiled
 def make_plan(p, known, poses, goal, m, i):
     """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
-    obstacles, counts, patrols, _, _ = known
+    obstacles, counts, patrols, *_ = known
     sine, cosine = sin_cos(poses[i, 2])
     at = np.empty(3)
     at[0] = poses[i, 0] + cosine * goal[0] - sine * goal[1]
@@ -244,6 +246,12 @@ def make_plan(p, known, poses, goal, m, i):
     room = min(
         clearance(standing[0], count, at[0], at[1]), clearance(standing[0], count, poses[i, 0], poses[i, 1])
     ) - p.plant.hull_radius  # fmt: skip
+    frames = known.frames[i : i + 1]
+    if known.cells.shape[0] > 0:
+        room = min(room, grid_clearance(frames[0], known.cells, at[0], at[1]) - p.plant.hull_radius)
+        beside = grid_clearance(frames[0], known.cells, poses[i, 0], poses[i, 1]) - p.plant.hull_radius
+        room = min(room, beside)
+    field = standing, scripts, count, frames, known.cells
     for attempt in range(4):
         radius = p.radius if attempt % 2 == 0 else 0.5 * p.radius
         margin = min(p.margin, room - 0.02) if attempt < 2 else min(0.0, room - 0.02)
@@ -251,9 +259,8 @@ def make_plan(p, known, poses, goal, m, i):
         for k in range(2 * _STRAIGHTS - 1):
             straight = _STRAIGHT_STEP * ((k + 1) // 2) * (1.0 if k % 2 else -1.0)
             length = plan_to(m.start, at, radius, straight, plan)
-            if length < best and is_free(
-                plan, radius, m.start, length, (standing, scripts, count), p.plant.hull_radius + margin, (0.0, 1.0)
-            ):
+            needed = p.plant.hull_radius + margin
+            if length < best and is_free(plan, radius, m.start, length, field, needed, (0.0, 1.0)):
                 best = length
                 m.plan[:] = plan
         if best < np.inf:
@@ -272,7 +279,7 @@ def may_set_off(p, known, m, i, now):
     The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
     speeds of `tracked` and the same acceleration.
     """
-    obstacles, counts, patrols, _, _ = known
+    obstacles, counts, patrols, *_ = known
     moves = False
     for j in range(counts[i]):
         moves = moves or patrols[i, j].leg_time > 0.0

@@ -1,16 +1,20 @@
-"""The contests: policies against each other on frozen test scenarios, or on those of the user's own files.
+"""The contests: policies against each other on frozen test scenarios, on the user's own files, or in public benchmarks.
 
-One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`. `contest` says what one is.
+One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`, and those of public
+benchmarks, whose files the user has: `barn`, `mrpb`, `movingai`,
+`racetracks`. `contest` says what one is.
 """
 
 from collections.abc import Mapping
 
+from wayfield.benchmarks.contests.barn import CHALLENGE, OWN_SPEED
 from wayfield.benchmarks.contests.contest import (
     COST,
     GAINS_NAMES,
     OWN_SPLIT,
     PACE_TOLERANCE,
     PAPER,
+    PUBLIC_SPLIT,
     ROBUST_LEVEL,
     TRAINED,
     TRANSFER_SPLIT,
@@ -19,13 +23,18 @@ from wayfield.benchmarks.contests.contest import (
     Contest,
     Course,
     Entrants,
+    Published,
     Score,
 )
 from wayfield.benchmarks.contests.docking import DOCKING
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.benchmarks.contests.movingai import MOVINGAI
+from wayfield.benchmarks.contests.mrpb import MRPB
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
+from wayfield.benchmarks.contests.racetracks import RACETRACKS
 
 __all__ = [
+    "ALL_CONTESTS",
     "CONTESTS",
     "COST",
     "DISTURBANCES",
@@ -39,6 +48,7 @@ __all__ = [
     "OWN_SPLIT",
     "PACE_TOLERANCE",
     "PAPER",
+    "PUBLIC_SPLIT",
     "ROBUST_LEVEL",
     "TRAINED",
     "TRANSFER_SCENARIOS",
@@ -48,10 +58,15 @@ __all__ = [
     "Contest",
     "Course",
     "Entrants",
+    "Published",
     "Score",
 ]
 
 CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES, DOCKING)}
+ALL_CONTESTS: Mapping[str, Contest] = {  # and those of public benchmarks
+    **CONTESTS,
+    **{contest.name: contest for contest in (CHALLENGE, OWN_SPEED, MRPB, MOVINGAI, RACETRACKS)},
+}
 
 # What may be asked for, and the sets of gains that it stands for.
 GAINS: Mapping[str, tuple[str, ...]] = {

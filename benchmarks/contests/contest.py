@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from wayfield import policies
-from wayfield.benchmarks.cases import Case, Entrant
+from wayfield.benchmarks.cases import Case, Entrant, Rules
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
@@ -40,6 +40,7 @@ PAPER: Mapping[str, Mapping[str, Any]] = {
 ROBUST_LEVEL = "moderate"  # of disturbance, under which robust gains are tuned
 TRANSFER_SPLIT = "validation"  # by which gains are chosen: the generalisation gap is the score here minus that on test
 OWN_SPLIT = "own"  # of scenarios from the user's files
+PUBLIC_SPLIT = "public"  # of those of a public benchmark
 COST = "cost"  # a column's metric: the task's cost, where a run that fails counts as the task says
 
 
@@ -79,14 +80,14 @@ class Bar:
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """A family of scenarios: one of a frozen split, or a file of the user's own."""
+    """A family of scenarios: one of a frozen split, a file of the user's own, or some of a public benchmark."""
 
     family: str
     split: str
-    file: str = ""  # absolute; "" for frozen scenarios
+    file: str = ""  # absolute, a folder of some public benchmarks; "" for frozen scenarios
     steps: int = 0  # control periods, the clock; 0: the task's
     env_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    size: int | None = None  # how many scenarios there are; None: as many as episodes are asked for
+    members: tuple[int, ...] = ()  # of the file's bank, an episode each; none: its one scenario, as often as asked for
 
     @property
     def scenario(self) -> str:
@@ -121,6 +122,16 @@ class Score:
         return self.failures + (self.off_pace + self.quality / (1.0 + self.quality)) / 3.0
 
 
+@dataclasses.dataclass(frozen=True)
+class Published:
+    """What others have published for a public benchmark."""
+
+    year: str
+    entry: str
+    score: str  # with its rules, where editions differ
+    source: str
+
+
 # relative: who is farther off the asked mean speed is not ranked with those that hold it
 PACE_TOLERANCE = 0.03
 
@@ -151,11 +162,21 @@ class Contest:
     score: Callable[
         [Sequence[Row], Sequence[Any], float, float], Score
     ]  # of rows, scenarios, asked and least speed, m/s
+    # of a public benchmark
+    label: str = ""  # the name of the suite; "": the task's
+    heading: str = ""  # of its tables; "": the task's
+    rules: Rules | None = None
+    published: tuple[Published, ...] = ()
 
     @property
     def name(self) -> str:
         """Returns the name of the suite."""
-        return self.spec.suite
+        return self.label or self.spec.suite
+
+    @property
+    def title(self) -> str:
+        """Returns what tables and figures call the contest."""
+        return self.heading or self.spec.title
 
     @property
     def stem(self) -> str:
@@ -176,7 +197,8 @@ class Contest:
 
         A cost in seconds is the whole clock, any other the task's.
         """
-        return steps * CONTROL_PERIOD if self.spec.cost.unit == "s" else self.spec.cost.failure
+        limit = self.rules.limit if self.rules else math.inf
+        return min(steps * CONTROL_PERIOD, limit) if self.spec.cost.unit == "s" else self.spec.cost.failure
 
     def families(self, dynamics: str) -> tuple[str, ...]:
         """Returns the families of the task; those with pushable obstacles need the pymunk plant."""
@@ -197,12 +219,13 @@ class Contest:
         robot = robot_of(robot)
         disturbed = {} if disturbance == "none" else {"disturbance": disturbance}
         conditions = {"robot": shipped_name(robot), **disturbed}
-        for name, gains_name, gains, entrant in self._sets(robot, entrants, speed):
-            if speed is not None and gains_name not in ("tuned", "robust"):
-                at_speed = _cruising(name, gains, entrant, speed)
-                if at_speed is None:
+        asked = self.rules.speed if speed is None and self.rules else speed
+        for name, gains_name, gains, entrant in self._sets(robot, entrants, asked):
+            if asked is not None and gains_name not in ("tuned", "robust"):
+                at_speed = _cruising(name, gains, entrant, asked)
+                if at_speed is None and speed is not None:
                     continue
-                gains = gains | at_speed
+                gains = gains | (at_speed or {})
             yield Case(
                 self.name,
                 course.family,
@@ -217,6 +240,7 @@ class Contest:
                 every_scenario=True,
                 split=course.split,
                 entrant=entrant,
+                rules=self.rules,
             )
 
     def _sets(
@@ -252,7 +276,7 @@ class Contest:
         found = {}
         for gains_name, level in (("tuned", "none"), ("robust", ROBUST_LEVEL)):
             if gains_name in gains_names or (gains_name == "tuned" and "best" in gains_names):
-                found[gains_name] = tuned_set(name, self.name, robot.name, pace, level) if ships else None
+                found[gains_name] = tuned_set(name, self.spec.suite, robot.name, pace, level) if ships else None
         better = {gains_name: each for gains_name, each in found.items() if each and each.chosen == "search"}
         if "default" in gains_names or ("tuned" in found and "tuned" not in better):
             yield "default", {}

@@ -16,7 +16,6 @@ from wayfield.benchmarks.faults.place import ENTRIES, changed, contents, found
 
 # arguments that are right, beside which one is wrong, of commands that need some or would work without
 _RIGHT: dict[str, tuple[str, ...]] = {
-    "barn": ("nowhere",),
     "tune": ("lqr", "--suite", "path-following"),
     "train": ("wayfield/DiffDrivePathFollowing-v0",),
     "fingerprints": ("--out", "prints.json"),
@@ -63,7 +62,9 @@ _LISTED: tuple[tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]], ...
           ("evaluate", _CONTEST), ("evaluate.py", _CONTEST), ("train", (_ENV,)), ("tune", ("lqr", "--suite", _PATH)),
           ("decisions", ()), ("throughput", ()), ("fingerprints", ("--out", "prints.json")),
       )),
-    ("barn", ("nowhere",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("evaluate", ("--suite", "barn", "--data", "nowhere"), (1, 2, 130), {"own": True, "interrupt": 0.15}),
+    ("evaluate", ("--suite", "barn"), (1, 2), {}),
+    ("evaluate", ("--suite", "racetracks", "--data", "FILE"), (1, 2), {}),
     ("freeze", ("nothing",), (1, 2, 130), {"own": True, "interrupt": 0.15}),
     ("onnx", ("nowhere", "x.onnx"), (1, 2, 130), {"own": True, "interrupt": 0.15}),
     ("train", (_ENV, "--seed", "99999999999"), (1, 2), {}),

@@ -39,8 +39,8 @@ ENTRIES = {
     **{
         name: f"wayfield.benchmarks.{name}:main"
         for name in (
-            "audit", "barn", "cluster_cost", "coppelia", "coppelia_latency", "coverage", "decisions", "fingerprints", "publish",
-            "pictures", "record", "robot_page", "throughput", "tune_all",
+            "audit", "cluster_cost", "coppelia", "coppelia_latency", "coverage", "decisions", "fingerprints",
+            "pictures", "publish", "record", "robot_page", "throughput", "tune_all",
         )
     },
 }  # fmt: skip

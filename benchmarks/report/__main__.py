@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, OVERVIEW
+from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, OVERVIEW
 from wayfield.benchmarks.decisions import DECISIONS, read_decisions
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
@@ -26,7 +26,7 @@ def section_of(folder: Path, command: str) -> Section:
     rows = read_rows(folder)
     if not rows:
         raise ValueError(f"{folder / EPISODES} holds no episodes")
-    if rows[0].get("contest") in CONTESTS:
+    if rows[0].get("contest") in ALL_CONTESTS:
         ladder = rows[0]["suite"] == DISTURBANCES
         decisions = read_decisions(folder) if (folder / DECISIONS).is_file() else []
         return Section(folder, list(contest_tables(rows, decisions, command, ladder).values()))

@@ -57,7 +57,7 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     count = len({(row["scenario"], row["episode"]) for row in rows})
     families = len({row["family"] for row in rows})
     sentence = (
-        f"{contest.spec.title} with {robot}: {len(entries)} policies on the same {count} scenarios of {families} "
+        f"{contest.title} with {robot}: {len(entries)} policies on the same {count} scenarios of {families} "
         f"families. {_who(best, level, contest, by_cost) if told else _first(best, contest, by_cost)}"
     )
     if len(rivals) < len(ranked):
@@ -137,7 +137,7 @@ def _small(
         "that of the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
-    return Table(f"{contest.spec.title}, {robot}", header, lines, note)
+    return Table(f"{contest.title}, {robot}", header, lines, note)
 
 
 def _bars(contest: Contest, robot: str, standings: Sequence[_Standing], by_cost: bool) -> Chart:
@@ -150,7 +150,7 @@ def _bars(contest: Contest, robot: str, standings: Sequence[_Standing], by_cost:
     ]
     return {
         "kind": "bars",
-        "title": f"{contest.spec.title}, {robot}: {name} ({unit})",
+        "title": f"{contest.title}, {robot}: {name} ({unit})",
         "unit": unit,
         "log": by_cost and contest.log_cost,
         "decimals": cost.decimals if by_cost else 1,
@@ -172,7 +172,7 @@ def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> 
         cells[i][j], cells[j][i] = [0.5 + each.value, sure], [0.5 - each.value, sure]
     return {
         "kind": "duels",
-        "title": f"{contest.spec.title}, {robot}: policy against policy",
+        "title": f"{contest.title}, {robot}: policy against policy",
         "labels": [label(entry) for entry in names],
         "cells": cells,
     }
@@ -194,7 +194,7 @@ def _heat(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> C
         cells.append(line)
     return {
         "kind": "heat",
-        "title": f"{contest.spec.title}, {robot}: families and tiers",
+        "title": f"{contest.title}, {robot}: families and tiers",
         "contest": contest.name,
         "robot": robot,
         "by_cost": contest.heat.metric == COST,
@@ -221,7 +221,7 @@ def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
     cost = contest.spec.cost
     return {
         "kind": "front",
-        "title": f"{contest.spec.title}, {robot}: speed and accuracy",
+        "title": f"{contest.title}, {robot}: speed and accuracy",
         "x": "mean speed (m/s)",
         "y": f"{cost.name} ({cost.unit})",
         "log": contest.log_cost,
@@ -243,7 +243,7 @@ def ladder_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
         series.append({"label": label(entry), "points": points})
     return {
         "kind": "ladder",
-        "title": f"{contest.spec.title}, {robot}: under disturbances",
+        "title": f"{contest.title}, {robot}: under disturbances",
         "x": "level of disturbance",
         "y": "success (%)",
         "log": False,

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import wayfield
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.entries import COMPARED, label
 from wayfield.benchmarks.report.drives import Drive, packed, read_drives
 from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
@@ -89,13 +89,13 @@ def _gather(section: Section, content: Content) -> None:
     if section.small is not None:
         content.sentences.append(section.small[0])
         content.small.append(section.small[1])
-    if rows and "contest" in rows[0] and rows[0]["contest"] in CONTESTS:
+    if rows and "contest" in rows[0] and rows[0]["contest"] in ALL_CONTESTS:
         _gather_contests(rows, content)
     _gather_episodes(section.folder, rows, content)
 
 
 def _gather_contests(rows: Sequence[Row], content: Content) -> None:
-    for contest in CONTESTS.values():
+    for contest in ALL_CONTESTS.values():
         of_contest = [row for row in rows if row["contest"] == contest.name]
         for robot in dict.fromkeys(row["robot"] for row in of_contest):
             mine = [row for row in of_contest if row["robot"] == robot]

@@ -15,6 +15,7 @@ from wayfield.envs.batch import Results
 from wayfield.envs.compiled import compiled
 from wayfield.envs.disturbances import DISTURBANCES
 from wayfield.envs.geometry import OBSTACLE, bearing
+from wayfield.envs.grids import NO_GRIDS
 from wayfield.envs.paths import RUN, VERTEX
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import ACTUATORS, ROBOTS
@@ -81,6 +82,8 @@ ROLES = {
     "told.patrols": "told.patrols",
     "told.goals": "told.goals",
     "told.num_goals": "told.num_goals",
+    "told.frames": "told.frames",
+    "told.cells": "told.cells",
     "memory": "memory",
     "commands": "memory",
     "arrived": "memory",
@@ -351,7 +354,7 @@ def tables() -> dict[str, Any]:
 # the robots that fit where the frozen scenarios leave room
 FITTING = tuple(name for name, robot in ROBOTS.items() if robot.hull_radius <= LARGEST_HULL)
 
-_RECORDS = {"obstacle": OBSTACLE, "patrol": PATROL, "vertex": VERTEX, "run": RUN}
+_RECORDS = {"obstacle": OBSTACLE, "patrol": PATROL, "vertex": VERTEX, "run": RUN, "frame": NO_GRIDS.frames.dtype}
 
 
 @compiled

@@ -32,7 +32,12 @@ def keys_of(setting: Setting) -> list[str]:
     if count > 1 and not setting.case.every_scenario:
         return [""] * setting.episodes
     scale = setting.case.env_kwargs.get("scale", 1.0)
-    return [f"{setting.case.scenario}#{k % count}#{scale:g}" for k in range(setting.episodes)]
+    return [f"{setting.case.scenario}#{_member(setting, k, count)}#{scale:g}" for k in range(setting.episodes)]
+
+
+def _member(setting: Setting, k: int, count: int) -> int:
+    """Returns which scenario of a bank of `count` the k-th episode of a setting is in."""
+    return setting.members[k] if setting.members else k % count
 
 
 def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
@@ -43,7 +48,9 @@ def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
             if key and key not in found:
                 bank = _bank(setting)
                 draws = np_random(setting.seed + k)[0].random(DRAWS).tolist()
-                found[key] = plain(bank[k % len(bank)], setting.case.max_episode_steps) | {"draws": draws}
+                found[key] = plain(bank[_member(setting, k, len(bank))], setting.case.max_episode_steps) | {
+                    "draws": draws
+                }
     return found
 
 

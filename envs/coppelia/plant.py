@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from wayfield.envs.compiled import compiled
 from wayfield.envs.coppelia import frames, standstill
 from wayfield.envs.coppelia.standstill import DONE, Link, stand_still
-from wayfield.envs.geometry import clearance, wrap_angle
+from wayfield.envs.geometry import wrap_angle
+from wayfield.envs.hulls import clearance_of
 from wayfield.envs.sensing import advance_odometry
 from wayfield.envs.task import Task
 
@@ -198,8 +199,7 @@ class CoppeliaPlant:
         s["wheel_vy"] = 0.0
         s["wheel_yaw_rate"] = 0.5 * self.radius * (right - left) / self.half_track
         count = int(self.task.obstacle_counts(states)[0])
-        near = float(clearance(obstacles[0], count, float(s["x"]), float(s["y"])))
-        s["clearance"] = near - self.task.robot.hull_radius
+        s["clearance"] = clearance_of(self.task.robot, obstacles[0], count, (s["x"], s["y"], s["heading"]))
         # the simulator does not say what touches what; the task's own obstacles do
         s["contact"] = int(s["clearance"] < _TOUCHING)
         note_odometry(self.task.params, states, noise, s["wheel_vx"], 0.0, s["wheel_yaw_rate"])

@@ -25,7 +25,8 @@ from wayfield.envs.coppelia.drawing import Drawings
 from wayfield.envs.coppelia.frames import Pose, Vector
 from wayfield.envs.coppelia.models import Model
 from wayfield.envs.coppelia.scene import Footprint, Object, Scene
-from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
+from wayfield.envs.geometry import sin_cos, wrap_angle
+from wayfield.envs.hulls import clearance_of
 from wayfield.envs.patrols import patrol_at
 from wayfield.envs.sandbox import Sandbox
 from wayfield.envs.task import CONTROL_PERIOD
@@ -121,7 +122,6 @@ class World:
         if self.batch.plant is not None:
             from wayfield.envs.pymunk_plant import Spaces, resume_rows, start_rows
 
-            counts = self.task.obstacle_counts(self.batch.states)
             plant, batch = self.batch.plant, self.batch
             skip = np.ones(1, np.bool_)
             shared = (
@@ -130,7 +130,7 @@ class World:
                 batch.states,
                 batch.obstacles,
                 self.task.patrols,
-                counts,
+                self.task.grids,
                 batch.noise,
             )
             spaces = Spaces(plant.progress, plant.bodies, plant.hulls, plant.waiting)
@@ -191,8 +191,8 @@ class World:
 
     def _clearance(self) -> float:
         s = self._state
-        near = clearance(self.batch.obstacles[0], int(s["num_obstacles"]), float(s["x"]), float(s["y"]))
-        return float(near) - self.model.robot.hull_radius
+        pose = s["x"], s["y"], s["heading"]
+        return clearance_of(self.model.robot, self.batch.obstacles[0], int(s["num_obstacles"]), pose)
 
     def arrange(self) -> None:
         """Puts the footprints of the scene into the plant, after one came, went or was moved."""

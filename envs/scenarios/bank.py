@@ -5,14 +5,18 @@ import os
 from typing import Any
 
 from wayfield.envs.checks import number, shown, suggestion
+from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.scenarios.maps import scenarios_of_problems
+from wayfield.envs.scenarios.mrpb import is_mrpb, mrpb_scenarios
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.scenarios.tasks import TASKS, TaskSpec
 
-_FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json")
+_PROBLEMS = ".scen"
+_FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json", _PROBLEMS)
 _PATHS, _GOALS = TASKS["path_following"], TASKS["goal_reaching"]
 
 
@@ -56,7 +60,9 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
 
     Args:
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
-            "/train", "/validation" or "/test" behind it; or a .json file; see `field_scenario_from_file`.
+            "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or for goals a
+            .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or
+            a map of MRPB with its cases.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -69,17 +75,29 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     if (frozen := _frozen_split(spec, name)) is not None:
         if hull_radius > LARGEST_HULL:
             raise ValueError(
-                f"hull_radius is {hull_radius:g}; {name!r} was searched for ways of hulls of at most {LARGEST_HULL:g} m"
+                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most "
+                f"{LARGEST_HULL:g} m"
             )
         return _fitted(frozen, LARGEST_HULL - hull_radius)
     if not _means_file(name):
         raise _unknown(spec, name)
-    scenario = field_scenario_from_file(os.fspath(name), spec.scenario)
+    found = _from_file(spec, os.fspath(name))
     try:
-        check_clear(scenario, hull_radius)
+        for scenario in found:
+            check_clear(scenario, hull_radius)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    return (scenario,)
+    return found
+
+
+def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
+    """Returns the scenarios of a file or a folder of the user's."""
+    if spec.scenario is GoalScenario:
+        if os.path.isdir(name):
+            return mrpb_scenarios(name) if is_mrpb(name) else barn_scenarios(name)
+        if name.lower().endswith(_PROBLEMS):
+            return scenarios_of_problems(name)
+    return (field_scenario_from_file(name, spec.scenario),)
 
 
 # A vector of single environments asks for the same bank once per robot. Files are read anew: the user edits

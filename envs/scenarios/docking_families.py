@@ -14,6 +14,7 @@ import numpy as np
 
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance, sin_cos
+from wayfield.envs.grids import NO_GRIDS, lay_grids
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.reeds_shepp import PLAN, is_free, plan_to
 from wayfield.envs.scenarios.draws import Draw, Frame, rounded
@@ -140,7 +141,8 @@ def _moving(draw: Draw, frame: Frame) -> Dock | None:
 
 def way(scenario: DockingScenario, hull_radius: float = LARGEST_HULL) -> float:
     """Returns the length (m) of the shortest way that is proven for a hull; inf when none is found."""
-    field = scenario.obstacles[None].copy(), scenario.patrols[None].copy(), len(scenario.obstacles)
+    grids = lay_grids([scenario.grid], NO_GRIDS.frames.copy())
+    field = scenario.obstacles[None].copy(), scenario.patrols[None].copy(), len(scenario.obstacles), *grids
     return float(_shortest(np.array(scenario.start), np.array(scenario.goal), field, hull_radius))
 
 

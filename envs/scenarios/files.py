@@ -14,13 +14,14 @@ from wayfield.envs.objects import check_keys, fault, json_object, read_text
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.readers import reader
+from wayfield.envs.scenarios.maps import map_of
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import DockingScenario, GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
 _GOAL_FIELDS = (
-    *("goal", "start", "waypoints", "obstacles", "start_offset", "start_turn"),
+    *("goal", "start", "waypoints", "obstacles", "map", "start_offset", "start_turn"),
     *("position_tolerance", "heading_tolerance", "waypoint_radius"),
 )
 _OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box": box, "wall": wall}
@@ -35,6 +36,9 @@ _GOAL = """{"goal": [3, 0, 0.5], "start": [0, 0, 0.1], "waypoints": [[1, 1], [2,
 {"kind": "circle", "x": 1.5, "y": 2, "radius": 0.3}, {"kind": "box", "x": 1, "y": -2, "length": 1, "width": 0.5,
 "heading": 0.3, "mass": 2}, {"kind": "wall", "x1": -1, "y1": -3, "x2": 4, "y2": -3}, {"kind": "circle", "x": -2, "y": 0,
 "radius": 0.2, "patrol": {"vx": 0, "vy": 0.3, "leg_time": 5}}]}"""
+_ON_MAP = """{"goal": [3, 0.5, 0], "start": [0.5, 0.5, 0], "heading_tolerance": 3, "obstacles": [{"kind": "circle",
+"x": 1.5, "y": 2.5, "radius": 0.2}], "map": {"file": "room.map", "resolution": 1, "origin": [0, 0, 0]}}"""
+_ROOM = "type octile\nheight 4\nwidth 5\nmap\n.....\n.@T@.\n...@.\n.....\n"
 
 
 @reader("path scenario", "path.json", {"path.json": _PATH})
@@ -85,13 +89,15 @@ def _read_dock(read: Callable[..., Any], file: pathlib.Path) -> Any:
 
 @reader("goal scenario", "goal.json", {"goal.json": _GOAL})
 @reader("docking scenario", "dock.json", {"dock.json": _GOAL.replace("goal", "dock")}, _read_dock)
+@reader("goal scenario on a map", "on_map.json", {"on_map.json": _ON_MAP, "room.map": _ROOM})
 def field_scenario_from_file(file: str, kind: type[Any] = GoalScenario) -> GoalScenario:
     """Returns the goal-reaching or docking scenario of a .json file.
 
     It holds one object: "goal" [x, y, heading], for docking also called "dock", and as wanted "start" [x, y, heading],
     "waypoints" [[x, y], ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and the arguments of
     the constructor of that name; a circle may have a "patrol", an object with the further arguments of
-    `moving_circle`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and "waypoint_radius",
+    `moving_circle`), "map" (the name of a map beside the file, or an object with its "file" and the settings of
+    `grid_from_file`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and "waypoint_radius",
     with the meaning and defaults of `kind`.
 
     Raises:
@@ -119,6 +125,8 @@ def field_scenario_from_file(file: str, kind: type[Any] = GoalScenario) -> GoalS
     records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
     patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
+        if "map" in fields:
+            fields["grid"] = map_of(file, "map", fields.pop("map"))
         obstacles = obstacle_field(*(each for each, _ in records))
         scenario: GoalScenario = kind(name, **fields, obstacles=obstacles, patrols=patrols)
     except ValueError as error:

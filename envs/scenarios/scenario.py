@@ -21,9 +21,11 @@ from wayfield.envs.checks import (
     number,
     numbers_of,
     pose,
+    real,
     shown,
 )
 from wayfield.envs.geometry import OBSTACLE, clearance_to
+from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.scenarios.obstacles import described, obstacle_field
@@ -112,9 +114,11 @@ class GoalScenario:
     waypoint_radius: float = 0.5  # m, a waypoint counts as passed within it
     # PATROL records, shape (m,), read-only: how each obstacle moves; leg_time 0 where it stands. None: all stand
     patrols: NDArray[np.void] = dataclasses.field(default_factory=lambda: np.empty(0, PATROL))
+    grid: OccupancyGrid | None = None  # what stands besides the obstacles
     family: str = ""  # the family of a frozen split that it belongs to
     tier: str = ""  # "easy", "medium" or "hard" within the task
     quantity: float = math.nan  # what the tier is read from: the room on the way, m
+    published_length: float = math.nan  # m, of the way that the makers of a public benchmark give; NaN: they give none
 
     def __post_init__(self) -> None:
         _settle(self, "goal", pose("goal", self.goal))
@@ -125,6 +129,8 @@ class GoalScenario:
         _settle(self, "waypoints", tuple(waypoints))
         _settle(self, "obstacles", _checked_obstacles(self.obstacles))
         _settle(self, "patrols", _checked_patrols(self.patrols, self.obstacles))
+        if not (self.grid is None or isinstance(self.grid, OccupancyGrid)):
+            raise ValueError(f"grid is {shown(self.grid)}; it must be an OccupancyGrid or None")
         for field, most in (("start_offset", FARTHEST), ("start_turn", MOST_TURN)):
             _settle(self, field, number(field, getattr(self, field), least=0.0, most=most))
         for field, most in (
@@ -133,6 +139,8 @@ class GoalScenario:
             ("waypoint_radius", FARTHEST),
         ):
             _settle(self, field, number(field, getattr(self, field), above=0.0, most=most))
+        if not math.isnan(real(self.published_length)):
+            _settle(self, "published_length", number("published_length", self.published_length, above=0.0))
 
     def fitted(self, shrinkage: float) -> "GoalScenario":
         """Returns the scenario for a smaller hull: itself, with more room."""
@@ -150,7 +158,9 @@ class GoalScenario:
         asked = (self.position_tolerance, self.heading_tolerance, self.waypoint_radius)
         scatter = (self.start_offset, self.start_turn)
         sizes = len(o), len(self.waypoints)
-        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter]
+        grid = [] if self.grid is None else self.grid.decisive()
+        published = [] if math.isnan(self.published_length) else [self.published_length]
+        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter, *grid, *published]
 
 
 def _nothing_closes() -> NDArray[np.float64]:
@@ -196,7 +206,7 @@ def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
     radius, but not so near that the radius does not make up for it, and not inside an obstacle.
 
     Raises:
-        ValueError: naming the scenario, the place and the obstacle that lies over it.
+        ValueError: naming the scenario, the place and the obstacle or the map that lies over it.
     """
     number("hull_radius", hull_radius, above=0.0)
     places = [
@@ -208,6 +218,13 @@ def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
         ),
     ]
     for place, (x, y), needed in places:
+        if scenario.grid is not None:
+            distance = float(scenario.grid.clearances(np.array([[x, y]]))[0])
+            if distance < needed or distance <= 0.0:
+                raise ValueError(
+                    f"scenario {scenario.name!r}: the map {scenario.grid.name} is occupied over the {place} at "
+                    f"({x:g}, {y:g}): clearance {distance:.3g} m for a hull of radius {hull_radius:g} m"
+                )
         for j, obstacle in enumerate(scenario.obstacles):
             distance = clearance_to(obstacle, x, y)
             if distance < needed or distance <= 0.0:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.geometry import bearings
+from wayfield.envs.grids import NO_GRIDS, frames_of
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import Robot
 
@@ -50,6 +51,8 @@ class Map(NamedTuple):
     patrols: NDArray[np.void]
     goals: Array
     num_goals: NDArray[np.int64]
+    frames: NDArray[np.void]  # of the grids
+    cells: NDArray[np.uint32]
 
     @classmethod
     def of(cls, briefing: Briefing) -> "Map":
@@ -59,7 +62,8 @@ class Map(NamedTuple):
         assert briefing.goals is not None
         assert briefing.num_goals is not None
         patrols = np.zeros(briefing.obstacles.shape, PATROL) if briefing.patrols is None else briefing.patrols
-        return cls(briefing.obstacles, briefing.num_obstacles, patrols, briefing.goals, briefing.num_goals)
+        grids = briefing.grids or frames_of(NO_GRIDS, np.zeros(briefing.num_envs, np.int64))
+        return cls(briefing.obstacles, briefing.num_obstacles, patrols, briefing.goals, briefing.num_goals, *grids)
 
 
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:

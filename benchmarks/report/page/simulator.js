@@ -90,6 +90,8 @@ class Simulator {
     arrays.fields = { ...field(world.obstacles || [], "obstacle"), shape: [1, obstacles] };
     const patrols = world.patrols && world.patrols.length ? world.patrols : [];
     arrays.patrols = { ...field(patrols, "patrol"), shape: [1, patrols.length] };
+    arrays.cells = { at: kernels.room(8), shape: [0] }; // a world of the page has no grid
+    this.toldFrames = { ...field([new Array(9).fill(0)], "frame"), shape: [1] };
     arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [this.beams, 2] };
     const standing = world.obstacles ? world.obstacles.map((_, k) => patrols[k] || [0, 0, 0, 0, 0, 0]) : [];
     this.toldPatrols = { ...field(standing, "patrol"), shape: [1, obstacles] };
@@ -241,7 +243,8 @@ class Simulator {
     const count = (value) => { const at = this.kernels.room(8); this.kernels.i64(at, 1)[0] = BigInt(value); return { at, shape: [1] }; };
     const obstacles = this.kernels.put(new Uint8Array(this.kernels.memory.buffer, arrays.obstacles.at, 64 * arrays.obstacles.shape[1]).slice());
     return { obstacles: { at: obstacles, shape: arrays.obstacles.shape }, num_obstacles: count(arrays.obstacles.shape[1]),
-      patrols: this.toldPatrols, goals: arrays.goals, num_goals: count(arrays.goals.shape[1]) };
+      patrols: this.toldPatrols, goals: arrays.goals, num_goals: count(arrays.goals.shape[1]),
+      frames: this.toldFrames, cells: arrays.cells };
   }
 
   free() {

@@ -1,0 +1,79 @@
+"""The contest in the worlds of the BARN challenge: by the challenge's rules, and with the P3DX at its own speed.
+
+Source: Perille, Truong, Xiao and Stone, Benchmarking metric ground navigation, SSRR 2020; the challenge's run.py.
+Nothing is trained or tuned on these worlds.
+"""
+
+import dataclasses
+import math
+
+from wayfield.benchmarks.cases import Rules
+from wayfield.benchmarks.contests.contest import COST, Column, Published
+from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.policies.tuned import PACE
+
+SPEED = 2.0  # m/s, the most of the challenge's Jackal, behind its optimal times
+# m/s, asked of the entries: the score is full from a mean of 1 m/s on, and nothing is won by more
+ASKED = 1.2
+CLOCK_FROM = 0.1  # m from the start
+LIMIT = 100.0  # s
+BEAMS, ANGLE, RANGE = 720, math.radians(270.0), 30.0  # of its scanner, m
+
+_NOTES = (
+    "Start, goal, tolerance (1 m), clock (100 s, from the first 0.1 m) and the formula are the challenge's: a score of "
+    "success x OT/clip(T, 2 OT, 8 OT), as from 2024 on, or clip(T, 4 OT, 8 OT), as in 2022, with OT the published path "
+    "and both end legs at {speed:g} m/s. Entries with a cruising speed are asked for {asked:g} m/s, and SCT is against "
+    "that; the score is full from a mean of {half:g} m/s on. Families are worlds by their numbers, which go "
+    "by difficulty. A simulation without Gazebo: scores are a proxy of the challenge's. {robot}Policies that know the "
+    "map are told what others must find out: they are an upper reference."
+)
+
+CHALLENGE = dataclasses.replace(
+    GOAL_OBSTACLES,
+    env_kwargs={"num_beams": BEAMS, "field_of_view": ANGLE, "max_range": RANGE},
+    columns=(
+        Column("score (2, 8)", "barn_score", 4, with_interval=True, reduction="mean"),
+        Column("score 2022 (4, 8)", "barn_score_2022", 4, with_interval=True, reduction="mean"),
+        Column("collision (%)", "collision", 1, 100.0, reduction="mean"),
+        Column("timeout (%)", "timeout", 1, 100.0, reduction="mean"),
+        Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
+        Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
+        Column("imputed (s)", COST, 1, with_interval=True, reduction="mean"),
+        Column("time of successes (s)", "time", 1, successes_only=True),
+        Column("mean speed of successes (m/s)", "mean_speed", 2, successes_only=True, reduction="mean"),
+        Column("least clearance (m)", "min_clearance", 3),
+        Column("LDLJ", "ldlj", 2),
+        Column("faults", "faults", 2, reduction="mean"),
+    ),
+    ranked=(("barn_score", -1.0), ("success", -1.0)),
+    notes=_NOTES.format(
+        speed=SPEED, asked=ASKED, half=0.5 * SPEED, robot="The Jackal's hull is its rectangle of 0.508 m by 0.43 m. "
+    ),
+    label="barn",
+    heading="BARN, the challenge's rules",
+    rules=Rules(ASKED, SPEED, CLOCK_FROM, LIMIT),
+    # no figure of ours stands in the challenge's lists, and no figure of theirs was made here
+    published=(
+        Published("2022", "DWA, baseline", "0.159 (4, 8)", "log in the organisers' repository; its README says 0.169"),
+        Published("2024", "LfLH, best baseline", "0.435 (2, 8)", "others' notes on the organisers' report"),
+        Published("2024", "AIMS", "0.472 (2, 8)", "others' notes on the organisers' report"),
+        Published("2024", "LiCS-KI", "0.476 (2, 8)", "others' notes on the organisers' report"),
+        Published("2026", "Robo (NMPC)", "0.4515 (2, 8)", "the organisers"),
+        Published("2026", "EW-Glab (A*, distance field, TEB)", "0.488 (2, 8)", "the organisers"),
+        Published("2026", "IN2BOT (A*, VFH*, fuzzy speed)", "0.4975 (2, 8)", "the organisers"),
+    ),
+)
+
+OWN_SPEED = dataclasses.replace(
+    CHALLENGE,
+    env_kwargs=GOAL_OBSTACLES.env_kwargs,
+    notes=_NOTES.format(
+        speed=PACE,
+        asked=PACE,
+        half=0.5 * PACE,
+        robot="The robot and its scan are those of goal reaching, not the challenge's. ",
+    ),
+    label="barn-p3dx",
+    heading="BARN, the P3DX at its own speed",
+    rules=Rules(PACE, PACE, CLOCK_FROM, LIMIT),
+)

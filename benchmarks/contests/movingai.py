@@ -1,0 +1,36 @@
+"""The contest on the grid maps of MovingAI, problems with known optimal lengths.
+
+Source: Sturtevant, Benchmarks for grid-based pathfinding, IEEE TCIAIG 4(2), 2012. Nothing is trained or tuned on these
+maps.
+"""
+
+import dataclasses
+
+from wayfield.benchmarks.cases import Rules
+from wayfield.benchmarks.contests.contest import COST, Column
+from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.policies.tuned import PACE
+
+MOVINGAI = dataclasses.replace(
+    GOAL_OBSTACLES,
+    columns=(
+        Column("collision (%)", "collision", 1, 100.0, reduction="mean"),
+        Column("timeout (%)", "timeout", 1, 100.0, reduction="mean"),
+        Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
+        Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
+        Column("imputed (s)", COST, 1, with_interval=True, reduction="mean"),
+        Column("time of successes (s)", "time", 1, successes_only=True),
+        Column("path of successes (m)", "path_length", 1, successes_only=True),
+        Column("least clearance (m)", "min_clearance", 3),
+        Column("LDLJ", "ldlj", 2),
+        Column("faults", "faults", 2, reduction="mean"),
+    ),
+    notes=(
+        "Cells are 1 m wide. SPL and SCT compare with the published optimal length, that of a way over the eight "
+        "neighbours of a cell that cuts no corner: a robot that turns freely can be shorter, and counts as 1. Policies "
+        "that know the map are told what others must find out: they are an upper reference. Simulation only."
+    ),
+    label="movingai",
+    heading="MovingAI grid maps",
+    rules=Rules(PACE, published_way=True),
+)

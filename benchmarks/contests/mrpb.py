@@ -1,0 +1,40 @@
+"""The contest on the maps of MRPB, a benchmark of local planners made for the P3DX, by the benchmark's own metrics.
+
+Source: Wen et al., MRPB 1.0: a unified benchmark for the evaluation of mobile robot local planning approaches, 2020
+(arXiv 2011.00491), and metrics.cpp of its repository. Nothing is trained or tuned on these maps.
+"""
+
+import dataclasses
+
+from wayfield.benchmarks.cases import Rules
+from wayfield.benchmarks.contests.contest import COST, Column
+from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+
+ASKED = 0.55  # m/s, the benchmark's bound for the P3DX
+
+MRPB = dataclasses.replace(
+    GOAL_OBSTACLES,
+    columns=(
+        Column("collision (%)", "collision", 1, 100.0, reduction="mean"),
+        Column("safety: least clearance (m)", "min_clearance", 3),
+        Column("safety: under 0.1 m (% of time)", "near_share", 1, 100.0, reduction="mean"),
+        Column("motion efficiency (s)", "time", 1, successes_only=True, reduction="mean"),
+        Column("imputed (s)", COST, 1, with_interval=True, reduction="mean"),
+        Column("velocity smoothness (m/s²)", "velocity_smoothness", 3, reduction="mean"),
+        Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
+        Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
+        Column("path of successes (m)", "path_length", 1, successes_only=True, reduction="mean"),
+        Column("LDLJ", "ldlj", 2),
+        Column("faults", "faults", 2, reduction="mean"),
+    ),
+    notes=(
+        "Goals are poses, to 0.2 m and 0.1 rad. Safety, motion efficiency, velocity smoothness and compute are the "
+        "benchmark's metrics: the share of time in danger, whose distance it leaves to the user (here 0.1 m from the "
+        "hull), the travel time, the mean |dv|/dt, the time of a decision. Entries with a cruising speed are asked for "
+        f"{ASKED:g} m/s, the benchmark's bound. It hands local planners a global plan; those here get none unless they "
+        "know the map. Simulation only."
+    ),
+    label="mrpb",
+    heading="MRPB",
+    rules=Rules(ASKED),
+)

@@ -1,0 +1,467 @@
+"""Occupancy grids: a world as a picture, for rays, for clearances, and for the end of an episode by contact.
+
+What stands is the union of the occupied cells, as squares. Rays end on their sides, by the traversal of Amanatides and
+Woo, and the clearance is the distance to them, both exact but for rounding: a cell holds how far one may go from it
+without looking, and how far the nearest occupied cell of its column is.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.checks import FARTHEST, choose, number, pose, shown
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import row_clearance, sin_cos
+
+MOST_SIDE = 16_383  # cells: what a column's distance has bits for
+MOST_CELLS = 2**26  # 8,192 x 8,192
+LEAST_CELL = 1e-3  # m
+BEYOND = ("occupied", "free")
+
+# A cell in 32 bits. The lowest 8 are its room: 0 where it is occupied, else the most n, up to 255, for which the block
+# of (2n - 1) x (2n - 1) cells around it is free. The next two tell on which sides of its column the nearest occupied
+# cell is, the other 14 how many rows away.
+_ROOM = 255
+_ABOVE = 256
+_BELOW = 512
+_ROWS_AWAY = 10
+
+# Where a scenario's grid lies: what a record of the bank has besides.
+FRAME = [
+    ("grid_x", np.float64),  # m, the corner of the first cell, world frame
+    ("grid_y", np.float64),
+    ("grid_cos", np.float64),  # of the direction of the rows
+    ("grid_sin", np.float64),
+    ("grid_cell", np.float64),  # m, a side of a cell; 0: the scenario has no grid
+    ("grid_rows", np.int64),
+    ("grid_columns", np.int64),
+    ("grid_first", np.int64),  # index of its first cell
+    ("grid_closed", np.int64),  # 1: what lies beyond it is occupied
+]
+
+
+class Grids(NamedTuple):
+    """The grids of a bank, as compiled functions read them."""
+
+    frames: NDArray[np.void]  # (scenarios,) records with the fields of FRAME
+    cells: NDArray[np.uint32]  # of all grids, one behind the other, row by row; none where the bank has no grid
+
+
+NO_GRIDS = Grids(np.zeros(1, np.dtype(FRAME, align=True)), np.zeros(0, np.uint32))
+
+
+# Compared by identity, like the scenarios that share it.
+@dataclasses.dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """A world of square cells, each occupied or free.
+
+    Takes five bytes a cell once it is driven in, however many robots and scenarios share it.
+
+    Raises:
+        ValueError: if a value is out of its range or the array is none of such a shape; the message names the field.
+    """
+
+    occupied: NDArray[np.bool_]  # (rows, columns), read-only; row 0 is the lowest: rows go along y, columns along x
+    resolution: float  # m, a side of a cell
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # pose of the grid's corner: x, y (m), yaw (rad)
+    beyond: str = "occupied"  # what lies beyond the grid, "occupied" or "free"
+    name: str = ""  # of the file, for messages
+
+    def __post_init__(self) -> None:
+        occupied = self.occupied
+        if not isinstance(occupied, np.ndarray) or occupied.ndim != 2 or occupied.dtype != np.bool_:
+            raise ValueError(f"occupied is {shown(occupied)}; it must be a bool array (rows, columns)")
+        check_size("occupied", *occupied.shape)
+        if occupied.flags.writeable or not occupied.flags.c_contiguous:
+            occupied = occupied.copy(order="C")
+            occupied.setflags(write=False)
+        object.__setattr__(self, "occupied", occupied)
+        object.__setattr__(self, "resolution", number("resolution", self.resolution, least=LEAST_CELL, most=FARTHEST))
+        object.__setattr__(self, "origin", pose("origin", self.origin))
+        choose("beyond", self.beyond, BEYOND)
+        for x, y in self.corners.tolist():
+            if max(abs(x), abs(y)) > FARTHEST:
+                raise ValueError(
+                    f"resolution is {self.resolution:g} and origin {self.origin}; with {occupied.shape[1]} x "
+                    f"{occupied.shape[0]} cells the grid must lie within {FARTHEST:g} m of the world's origin"
+                )
+
+    @functools.cached_property
+    def cells(self) -> NDArray[np.uint32]:
+        """Returns the cells (rows * columns,) as the compiled functions read them."""
+        cells: NDArray[np.uint32] = np.zeros(self.occupied.shape, np.uint32)
+        _measure(self.occupied, cells, self.beyond == "occupied")
+        return cells.reshape(-1)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "OccupancyGrid":
+        """Returns the grid itself: it never changes, and is large."""
+        del memo
+        return self
+
+    def decisive(self) -> list[Any]:
+        """Returns all that tells this grid from others, as `GoalScenario.decisive` does; row by row."""
+        return [self.occupied.shape, self.occupied, self.resolution, self.origin, self.beyond == "occupied"]
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Returns the corners (4, 2) of the grid, m, world frame."""
+        rows, columns = self.occupied.shape
+        return self.points(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
+
+    def points(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the points (..., 2), m, world frame, of places (..., 2) in cells along the rows and the columns."""
+        x, y, yaw = self.origin
+        s, c = sin_cos(yaw)
+        u, v = self.resolution * at[..., 0], self.resolution * at[..., 1]
+        return np.stack([x + c * u - s * v, y + s * u + c * v], axis=-1)
+
+    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the places (..., 2) in cells of points (..., 2), m, world frame: the inverse of `points`."""
+        x, y, yaw = self.origin
+        s, c = sin_cos(yaw)
+        dx, dy = points[..., 0] - x, points[..., 1] - y
+        return np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1) / self.resolution
+
+    def edges_within(self, low: tuple[float, float], high: tuple[float, float]) -> list[tuple[int, int]]:
+        """Returns row and column of the occupied cells with a free side that touch a box between two points, m.
+
+        Where what lies beyond the grid is occupied, cells beyond it too.
+        """
+        corners = self.places(np.array([low, (high[0], low[1]), high, (low[0], high[1])]))
+        (j0, i0), (j1, i1) = np.floor(corners.min(axis=0)).astype(int), np.floor(corners.max(axis=0)).astype(int) + 1
+        rows, columns = self.occupied.shape
+        beyond = self.beyond == "occupied"
+        # one more on every side, for the neighbours
+        around = np.full((i1 - i0 + 2, j1 - j0 + 2), beyond)
+        a, b, c, d = max(i0 - 1, 0), min(i1 + 1, rows), max(j0 - 1, 0), min(j1 + 1, columns)
+        if a < b and c < d:
+            around[a - i0 + 1 : b - i0 + 1, c - j0 + 1 : d - j0 + 1] = self.occupied[a:b, c:d]
+        inner = around[1:-1, 1:-1]
+        buried = around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
+        return [(i + i0, j + j0) for i, j in np.argwhere(inner & ~buried).tolist()]
+
+    def outline(self) -> NDArray[np.float64]:
+        """Returns the straight sides (k, 2, 2) between what is occupied and what is free, m, world frame."""
+        around = np.pad(self.occupied, 1, constant_values=self.beyond == "occupied")
+        parts = []
+        for sides, swap in (
+            (around[1:, 1:-1] != around[:-1, 1:-1], False),
+            (around[1:-1, 1:] != around[1:-1, :-1], True),
+        ):
+            # sides in a line are one
+            lines = np.pad(sides.T if swap else sides, ((0, 0), (1, 1))).astype(np.int8)
+            line, begin = np.nonzero(np.diff(lines, axis=1) == 1)
+            _, end = np.nonzero(np.diff(lines, axis=1) == -1)
+            ends = np.stack([np.stack([begin, line], axis=-1), np.stack([end, line], axis=-1)], axis=1)
+            parts.append(self.points((ends[..., ::-1] if swap else ends).astype(np.float64)))
+        return np.concatenate(parts)
+
+    def clearances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the distance (n,) in m from points (n, 2) to what is occupied; 0 within, inf where nothing is."""
+        grids = lay_grids([self], np.zeros(1, NO_GRIDS.frames.dtype))
+        found: NDArray[np.float64] = _clearances(grids.frames, grids.cells, np.ascontiguousarray(points, np.float64))
+        return found
+
+    def rays(self, points: NDArray[np.float64], headings: NDArray[np.float64], max_range: float) -> NDArray[np.float64]:
+        """Returns the distance (n,) in m along rays from points (n, 2) at headings (n,) rad, at most max_range."""
+        grids = lay_grids([self], np.zeros(1, NO_GRIDS.frames.dtype))
+        lengths = np.full(len(points), float(max_range))
+        starts, ways = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(headings, np.float64)
+        _rays(grids.frames, grids.cells, starts, ways, lengths)
+        return lengths
+
+    def is_occupied(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Returns whether points (..., 2), m, world frame, lie in what is occupied."""
+        columns, rows = np.moveaxis(np.floor(self.places(points)), -1, 0)
+        inside = (rows >= 0) & (rows < self.occupied.shape[0]) & (columns >= 0) & (columns < self.occupied.shape[1])
+        at = np.where(inside, rows, 0).astype(np.int64), np.where(inside, columns, 0).astype(np.int64)
+        found: NDArray[np.bool_] = np.where(inside, self.occupied[at], self.beyond == "occupied")
+        return found
+
+
+def check_size(field: str, rows: int, columns: int) -> None:
+    """Raises ValueError, naming the field, unless there are cells and no more than fit."""
+    if rows < 1 or columns < 1:
+        raise ValueError(f"{field} has {columns} x {rows} cells; there must be at least one")
+    if max(rows, columns) > MOST_SIDE or rows * columns > MOST_CELLS:
+        raise ValueError(
+            f"{field} has {columns} x {rows} cells; there must be at most {MOST_SIDE:,} on a side and {MOST_CELLS:,} "
+            "in all"
+        )
+
+
+def lay_grids(grids: Sequence[OccupancyGrid | None], frames: NDArray[np.void]) -> Grids:
+    """Returns the grids of a bank's scenarios, each grid once.
+
+    Args:
+        frames: (scenarios,) records, whose fields of FRAME are filled.
+    """
+    first: dict[OccupancyGrid, int] = {}
+    count = 0
+    for frame, grid in zip(frames, grids, strict=True):
+        if grid is None:
+            continue
+        if grid not in first:
+            first[grid] = count
+            count += grid.occupied.size
+        x, y, yaw = grid.origin
+        frame["grid_x"], frame["grid_y"] = x, y
+        frame["grid_sin"], frame["grid_cos"] = sin_cos(yaw)
+        frame["grid_cell"] = grid.resolution
+        frame["grid_rows"], frame["grid_columns"] = grid.occupied.shape
+        frame["grid_first"] = first[grid]
+        frame["grid_closed"] = grid.beyond == "occupied"
+    parts = [grid.cells for grid in first] or [NO_GRIDS.cells]
+    # not copied where there is but one
+    return Grids(frames, parts[0] if len(parts) == 1 else np.concatenate(parts))
+
+
+def frames_of(grids: Grids, scenarios: NDArray[np.int64]) -> Grids:
+    """Returns the grids with a frame for each of some robots, those of their scenarios (b,), and nothing else in it."""
+    frames = np.zeros(len(scenarios), NO_GRIDS.frames.dtype)
+    for name in frames.dtype.names or ():
+        frames[name] = grids.frames[name][scenarios]
+    return Grids(frames, grids.cells)
+
+
+@compiled
+def _measure(occupied, cells, closed):
+    """Fills the cells (rows, columns) of a grid; `closed`: what lies beyond it is occupied.
+
+    The room is the chessboard distance, by one pass forward and one back (Rosenfeld and Pfaltz, JACM 13(4), 1966).
+    """
+    rows, columns = occupied.shape
+    edge = 0 if closed else _ROOM
+    for i in range(rows):
+        for j in range(columns):
+            room: Any = 0
+            if not occupied[i, j]:
+                room = min(_ROOM, (np.int64(cells[i, j - 1]) if j > 0 else edge) + 1)
+                for k in range(-1, 2):
+                    inside = i > 0 and 0 <= j + k < columns
+                    room = min(room, (np.int64(cells[i - 1, j + k]) if inside else edge) + 1)
+            cells[i, j] = room
+    for i in range(rows - 1, -1, -1):
+        for j in range(columns - 1, -1, -1):
+            room = min(np.int64(cells[i, j]), (np.int64(cells[i, j + 1]) if j < columns - 1 else edge) + 1)
+            for k in range(-1, 2):
+                inside = i < rows - 1 and 0 <= j + k < columns
+                room = min(room, (np.int64(cells[i + 1, j + k]) if inside else edge) + 1)
+            cells[i, j] = 0 if occupied[i, j] else room
+    nothing = MOST_SIDE + 1
+    # how far the nearest occupied cell at or below each is, then the one at or above it
+    below = np.full(columns, nothing)
+    for i in range(rows):
+        for j in range(columns):
+            below[j] = 0 if occupied[i, j] else min(below[j] + 1, nothing)
+            cells[i, j] = np.int64(cells[i, j]) | below[j] << _ROWS_AWAY
+    above = np.full(columns, nothing)
+    for i in range(rows - 1, -1, -1):
+        for j in range(columns):
+            above[j] = 0 if occupied[i, j] else min(above[j] + 1, nothing)
+            down = np.int64(cells[i, j]) >> _ROWS_AWAY
+            away = min(down, above[j])
+            code = np.int64(cells[i, j]) & _ROOM
+            if away < nothing:
+                code |= away << _ROWS_AWAY
+                code |= _BELOW if down == away else 0
+                code |= _ABOVE if above[j] == away else 0
+            cells[i, j] = code
+
+
+@inlined
+def grid_place(frame, x, y):
+    """Returns the place of a point, in cells along the rows and along the columns of a scenario's grid."""
+    dx = x - frame.grid_x
+    dy = y - frame.grid_y
+    u = (frame.grid_cos * dx + frame.grid_sin * dy) / frame.grid_cell
+    v = (frame.grid_cos * dy - frame.grid_sin * dx) / frame.grid_cell
+    return u, v
+
+
+@inlined
+def squared_rise(cell, row, v):
+    """Returns the squared distance, in cells, from height v in a row to a column's nearest occupied cell."""
+    code = np.int64(cell)
+    away = code >> _ROWS_AWAY
+    rise = np.inf
+    if code & _ABOVE:
+        rise = max(row + away - v, v - (row + away) - 1.0, 0.0)
+    if code & _BELOW:
+        rise = min(rise, max(row - away - v, v - (row - away) - 1.0, 0.0))
+    return rise * rise
+
+
+@compiled
+def grid_clearance(frame, cells, x, y):
+    """Returns the distance (m) from (x, y) to what is occupied in a scenario's grid: 0 within, inf where nothing is.
+
+    Column after column, outwards, until the next is farther away than what was found: each tells its nearest occupied
+    cell. It is the minimum that Felzenszwalb and Huttenlocher (Theory of Computing 8, 2012) take for the centres of all
+    cells at once, of this very point.
+    """
+    if frame.grid_cell == 0.0:
+        return np.inf
+    u, v = grid_place(frame, x, y)
+    rows = frame.grid_rows
+    columns = frame.grid_columns
+    best = np.inf
+    if frame.grid_closed == 1:
+        # said so that a place that is no number is none within
+        if not (0.0 <= u <= columns and 0.0 <= v <= rows):
+            return 0.0
+        side = min(u, columns - u, v, rows - v)
+        best = side * side
+    row = int(min(max(0.0, math.floor(v)), rows - 1.0))
+    column = int(min(max(0.0, math.floor(u)), columns - 1.0))
+    start = frame.grid_first + row * columns
+    aside = max(column - u, u - column - 1.0, 0.0)
+    best = min(best, aside * aside + squared_rise(cells[np.uint64(start + column)], row, v))
+    for k in range(1, columns):
+        right = column + k - u
+        left = u - (column - k) - 1.0
+        further_right = column + k < columns and right * right < best
+        further_left = column - k >= 0 and left * left < best
+        if not (further_right or further_left):
+            break
+        if further_right:
+            best = min(best, right * right + squared_rise(cells[np.uint64(start + column + k)], row, v))
+        if further_left:
+            best = min(best, left * left + squared_rise(cells[np.uint64(start + column - k)], row, v))
+    return math.sqrt(best) * frame.grid_cell
+
+
+@compiled
+def grid_normal(frame, cells, x, y):
+    """Returns the unit vector away from what is occupied at (x, y), by central differences of the clearance."""
+    h = 1e-4 * frame.grid_cell
+    nx = grid_clearance(frame, cells, x + h, y) - grid_clearance(frame, cells, x - h, y)
+    ny = grid_clearance(frame, cells, x, y + h) - grid_clearance(frame, cells, x, y - h)
+    size = math.sqrt(nx * nx + ny * ny)
+    return (nx / size, ny / size) if size > 0.0 else (0.0, 0.0)
+
+
+@inlined
+def clearance_around(robots, i, s, x, y):
+    """Returns the signed distance (m) from (x, y) to the nearest thing around robot i, in its grid too; inf if none.
+
+    Args:
+        robots: `stepping.Robots`.
+    """
+    nearest = row_clearance(robots.obstacles, i, s.num_obstacles, x, y)
+    if robots.grids.cells.shape[0] > 0:
+        nearest = min(nearest, grid_clearance(robots.grids.frames[s.scenario], robots.grids.cells, x, y))
+    return nearest
+
+
+@compiled
+def grid_ray(frame, cells, u, v, du, dv, reach):
+    """Returns how far a ray goes from the place (u, v) along the unit vector (du, dv), at most reach, all in cells.
+
+    The traversal of Amanatides and Woo (Eurographics 1987), from one free block of cells to the next instead of from
+    cell to cell: on the way to the side where the ray leaves the block there is nothing to meet. Where it enters an
+    occupied cell depends on the side alone, so that no rounding adds up.
+    """
+    rows = frame.grid_rows
+    columns = frame.grid_columns
+    inverse_u = 1.0 / du if du != 0.0 else np.inf
+    inverse_v = 1.0 / dv if dv != 0.0 else np.inf
+    gone = 0.0
+    column = math.floor(u)
+    row = math.floor(v)
+    if not (0.0 <= u < columns and 0.0 <= v < rows):
+        if frame.grid_closed == 1:
+            return 0.0
+        # to where the ray enters the grid, if it does
+        gone = max(
+            0.0,
+            ((-u if du > 0.0 else columns - u) * inverse_u) if du != 0.0 else 0.0,
+            ((-v if dv > 0.0 else rows - v) * inverse_v) if dv != 0.0 else 0.0,
+        )
+        if not gone < reach:
+            return reach
+        # half a cell of rounding would be a cell: the side that is entered is known
+        column = math.floor(u + gone * du)
+        row = math.floor(v + gone * dv)
+        if du != 0.0 and gone == (-u if du > 0.0 else columns - u) * inverse_u:
+            column = 0.0 if du > 0.0 else columns - 1.0
+        if dv != 0.0 and gone == (-v if dv > 0.0 else rows - v) * inverse_v:
+            row = 0.0 if dv > 0.0 else rows - 1.0
+        if not (0.0 <= column < columns and 0.0 <= row < rows):
+            return reach
+    i: Any = int(row)
+    j: Any = int(column)
+    while gone < reach:
+        room = np.int64(cells[np.uint64(frame.grid_first + i * columns + j)]) & _ROOM
+        if room == 0:
+            return gone
+        to_u = np.inf
+        to_v = np.inf
+        if du > 0.0:
+            to_u = (j + room - u) * inverse_u
+        elif du < 0.0:
+            to_u = (j - room + 1 - u) * inverse_u
+        if dv > 0.0:
+            to_v = (i + room - v) * inverse_v
+        elif dv < 0.0:
+            to_v = (i - room + 1 - v) * inverse_v
+        if to_u < to_v:
+            gone = to_u
+            j += room if du > 0.0 else -room
+            at = math.floor(v + gone * dv)
+            i = min(max(at, i), i + room - 1) if dv >= 0.0 else max(min(at, i), i - room + 1)
+        else:
+            gone = to_v
+            i += room if dv > 0.0 else -room
+            at = math.floor(u + gone * du)
+            j = min(max(at, j), j + room - 1) if du >= 0.0 else max(min(at, j), j - room + 1)
+        if not (0 <= j < columns and 0 <= i < rows):
+            return min(gone, reach) if frame.grid_closed == 1 else reach
+    return reach
+
+
+@compiled
+def scan_grid(frame, cells, pose, beams, ranges, i, column):
+    """Shortens ranges[i, column:] (m) to the distance along each beam to what is occupied in a scenario's grid.
+
+    Args:
+        pose: x, y (m), heading (rad).
+        beams: (n, 2) cosine and sine of the beams in the body frame.
+        ranges: (b, n) array of any float type, as `sensing.scan_ranges` leaves it.
+    """
+    if frame.grid_cell == 0.0:
+        return
+    x, y, heading = pose
+    u, v = grid_place(frame, x, y)
+    s, c = sin_cos(heading)
+    # the heading in the grid's frame
+    cosine = c * frame.grid_cos + s * frame.grid_sin
+    sine = s * frame.grid_cos - c * frame.grid_sin
+    for k in range(beams.shape[0]):
+        place = np.uint64(column + k)
+        du = cosine * beams[k, 0] - sine * beams[k, 1]
+        dv = sine * beams[k, 0] + cosine * beams[k, 1]
+        reach = ranges[i, place] / frame.grid_cell
+        distance = grid_ray(frame, cells, u, v, du, dv, reach)
+        if distance < reach:
+            ranges[i, place] = distance * frame.grid_cell
+
+
+@compiled
+def _clearances(frames, cells, points):
+    found = np.empty(points.shape[0])
+    for k in range(points.shape[0]):
+        found[k] = grid_clearance(frames[0], cells, points[k, 0], points[k, 1])
+    return found
+
+
+@compiled
+def _rays(frames, cells, points, headings, lengths):
+    ahead = np.array([[1.0, 0.0]])
+    for k in range(points.shape[0]):
+        scan_grid(frames[0], cells, (points[k, 0], points[k, 1], headings[k]), ahead, lengths.reshape(-1, 1), k, 0)

@@ -1,0 +1,354 @@
+"""The worlds of the BARN challenge, from the files that its makers publish.
+
+A folder holds `world_N.world` (Gazebo's SDF, of cylinders) and `path_N.npy`, itself or in folders below it, as the
+repositories of the challenge and of the data set have them; or, in place of worlds, the table `cylinders.csv.gz` with
+the columns world, x_m, y_m, radius_m.
+
+Source: Perille, Truong, Xiao and Stone, Benchmarking metric ground navigation, SSRR 2020; the challenge's run.py.
+"""
+
+import csv
+import functools
+import gzip
+import math
+import os
+import re
+import tokenize
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
+from wayfield.envs.objects import fault
+from wayfield.envs.readers import reader
+from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
+from wayfield.envs.scenarios.scenario import GoalScenario
+
+CYLINDERS = "cylinders.csv.gz"
+START = (-2.25, 3.0, math.pi / 2)  # x, y (m), heading (rad)
+GOAL = (-2.25, 13.0, math.pi / 2)
+TOLERANCE = 1.0  # m
+CELL = 0.15  # m, of the grid that paths are given on: twice the cylinders' radius
+FIRST_CELL = (-4.575, 5.075)  # m, x of row 0 and y of column 0
+DEEPEST = 64  # elements in elements of a world file
+MOST_FILES = 100_000  # that a folder is searched for worlds in
+
+_WORLD, _PATH = re.compile(r"world_(\d{1,6})\.world"), re.compile(r"path_(\d{1,6})\.npy")
+_NUMBERS = ("x", "y", "radius")
+
+
+def barn_scenarios(folder: str | os.PathLike[str]) -> tuple[GoalScenario, ...]:
+    """Returns the challenge's scenario in each world of a folder, by the worlds' numbers.
+
+    From (-2.25, 3) facing +y to within 1 m of the point 10 m ahead; the published length is that of the world's path
+    with the legs from the start and to the goal.
+
+    Raises:
+        ValueError: if there are no worlds, one has no path, or a file is faulty; one line that names file and field.
+        OSError: if a file cannot be opened.
+    """
+    folder = Path(os.path.abspath(folder))
+    worlds, paths = _listed(folder, _WORLD), _listed(folder, _PATH)
+    table = folder / CYLINDERS
+    files = (*worlds.values(), *paths.values(), *([table] if table.is_file() else []))
+    stamps = tuple((str(file), os.stat(file).st_mtime_ns, os.stat(file).st_size) for file in files)
+    return _scenarios(str(folder), stamps)
+
+
+@functools.lru_cache(maxsize=8)
+def _scenarios(folder: str, stamps: tuple[tuple[str, int, int], ...]) -> tuple[GoalScenario, ...]:
+    """Returns the scenarios of a folder whose files have these names, times and sizes."""
+    files = [Path(name) for name, *_ in stamps]
+    paths = {int(found[1]): file for file in files if (found := _PATH.fullmatch(file.name))}
+    obstacles: dict[int, list[np.void]] = {}
+    sources: dict[int, Path] = {}
+    for file in files:
+        if file.name == CYLINDERS:
+            obstacles |= read_cylinders(file)
+            sources = dict.fromkeys(obstacles, file)
+    for file in files:
+        if found := _WORLD.fullmatch(file.name):
+            obstacles[int(found[1])], sources[int(found[1])] = read_world(file), file
+    if not obstacles:
+        raise ValueError(f"{folder}: holds no worlds of the BARN challenge: no world_N.world and no {CYLINDERS}")
+    made = []
+    for world in sorted(obstacles):
+        if world not in paths:
+            raise ValueError(
+                f"{folder}: path_{world}.npy is missing, the published path of world {world} ({sources[world]})"
+            )
+        try:
+            made.append(
+                GoalScenario(
+                    f"world_{world}",
+                    GOAL,
+                    START,
+                    obstacles=obstacle_field(*obstacles[world]),
+                    position_tolerance=TOLERANCE,
+                    heading_tolerance=math.pi,
+                    published_length=way_length(read_path(paths[world])),
+                )
+            )
+        except ValueError as error:
+            raise fault(str(sources[world]), f"world {world}: {error}") from None
+    return tuple(made)
+
+
+def way_length(cells: NDArray[Any]) -> float:
+    """Returns the length (m) of a published path of cells (n, 2), with the legs from the start and to the goal."""
+    points = np.vstack([START[:2], CELL * cells + FIRST_CELL, GOAL[:2]])
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Yields the files of a folder and of those below it."""
+    count = 0
+    for place, folders, names in os.walk(folder):
+        folders.sort()
+        for name in sorted(names):
+            count += 1
+            if count > MOST_FILES:
+                raise ValueError(f"{folder}: holds more than {MOST_FILES} files; it must be the folder of the worlds")
+            yield Path(place) / name
+
+
+def _listed(folder: Path, pattern: re.Pattern[str]) -> dict[int, Path]:
+    """Returns the files of a name with a number, by the number; ValueError where two have the same."""
+    found: dict[int, Path] = {}
+    for file in _files(folder):
+        if match := pattern.fullmatch(file.name):
+            number = int(match[1])
+            if number in found:
+                raise ValueError(f"{folder}: holds {found[number]} and {file}; it must hold one of each number")
+            found[number] = file
+    return found
+
+
+def _sample_table(folder: Path) -> None:
+    rows = ["world,x_m,y_m,radius_m", "0,-2,8,0.1", "0,-3,7,0.1", "1,-2.5,8,0.1"]
+    (folder / CYLINDERS).write_bytes(gzip.compress("\n".join(rows).encode()))
+    _sample_paths(folder, 2)
+
+
+def _sample_paths(folder: Path, count: int) -> None:
+    for world in range(count):
+        np.save(folder / f"path_{world}.npy", np.array([[15, 0], [15, 10], [16, 20], [15, 29]]))
+
+
+@reader("BARN worlds of a table", CYLINDERS, _sample_table, lambda _, file: barn_scenarios(file.parent))
+def read_cylinders(file: Path) -> dict[int, list[np.void]]:
+    """Returns the obstacles of each world of a gzipped table.
+
+    Raises:
+        ValueError: if the file is no such table; the message names the line.
+        OSError: if it cannot be opened.
+    """
+    found: dict[int, list[np.void]] = {}
+    place = 0  # the last line that was read whole
+    try:
+        with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
+            for place, row in enumerate(csv.DictReader(lines, strict=True), 2):
+                if place > MOST_POINTS:
+                    raise ValueError(f"{file} has more than {MOST_POINTS} lines, which no set of worlds has")
+                try:
+                    world, numbers = int(row["world"]), {name: float(row[f"{name}_m"]) for name in _NUMBERS}
+                except (KeyError, TypeError, ValueError):
+                    raise ValueError(
+                        f"{file}:{place}: {shown(row)} lacks a number world, x_m, y_m or radius_m"
+                    ) from None
+                try:
+                    found.setdefault(world, []).append(circle(**numbers))
+                except ValueError as error:
+                    raise ValueError(f"{file}:{place}: {error}") from None
+    except csv.Error as error:
+        raise ValueError(f"{file}:{place + 1}: {error}") from None
+    except (gzip.BadGzipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
+        raise ValueError(f"{file}:{place + 1}: it is no gzipped table: {error}") from None
+    if not found:
+        raise ValueError(f"{file}: holds no cylinders")
+    return found
+
+
+_SAMPLE_WORLD = """<sdf version='1.6'><world name='default'>
+<model name='ground_plane'><static>1</static><link name='link'><collision name='collision'><geometry><plane><normal>
+0 0 1</normal><size>100 100</size></plane></geometry></collision></link></model>
+<model name='unit_cylinder_0'><static>1</static><pose frame=''>-0.075 0.075 0 0 0 0</pose><link name='link'>
+<collision name='collision'><geometry><cylinder><radius>0.075</radius><length>1</length></cylinder></geometry>
+</collision></link></model>
+<model name='unit_box_0'><pose>-3 8 0 0 0 0.5</pose><link name='link'><pose>0.1 0 0 0 0 0</pose>
+<collision name='collision'><geometry><box><size>0.3 0.2 1</size></box></geometry></collision></link></model>
+</world></sdf>"""
+
+
+def _sample_folder(folder: Path) -> None:
+    (folder / "world_0.world").write_text(_SAMPLE_WORLD, encoding="utf-8")
+    _sample_paths(folder, 1)
+
+
+class _Element:
+    """An element of an XML file: its name, its line, the text in it, what it holds."""
+
+    __slots__ = ("line", "name", "parts", "text")
+
+    def __init__(self, name: str, line: int) -> None:
+        self.name, self.line, self.text = name, line, ""
+        self.parts: list[_Element] = []
+
+    def named(self, name: str) -> Iterator["_Element"]:
+        """Yields the parts of that name."""
+        return (part for part in self.parts if part.name == name)
+
+
+@reader("BARN world", "world_0.world", _sample_folder, lambda _, file: barn_scenarios(file.parent))
+def read_world(file: Path) -> list[np.void]:
+    """Returns the obstacles of a Gazebo world: the cylinders and boxes that its models collide with.
+
+    The ground plane is none, and the saved state at the end of the file, which repeats the poses, is not read.
+
+    Raises:
+        ValueError: if the file is no such world; one line that starts with file:line.
+        OSError: if it cannot be opened.
+    """
+    size = os.path.getsize(file)
+    if size > MOST_BYTES:
+        raise ValueError(f"{file}:1: holds {size} bytes; it must be at most {MOST_BYTES}")
+    with open(file, "rb") as stream:
+        root = _tree(file, stream.read(MOST_BYTES))
+    worlds = list(root.named("world")) if root.name == "sdf" else []
+    if len(worlds) != 1:
+        raise ValueError(f"{file}:{root.line}: holds {len(worlds)} elements sdf/world; it must hold one")
+    found: list[np.void] = []
+    for model in worlds[0].named("model"):
+        for link in model.named("link"):
+            for collision in link.named("collision"):
+                for geometry in collision.named("geometry"):
+                    place = _composed(file, model, link, collision)
+                    found += [_solid(file, shape, place) for shape in geometry.parts if shape.name != "plane"]
+        if len(found) > MOST_OBSTACLES:
+            raise ValueError(
+                f"{file}:{model.line}: is obstacle {len(found)}; there must be at most {MOST_OBSTACLES} in a world"
+            )
+    if not found:
+        raise ValueError(f"{file}:{worlds[0].line}: the world holds no obstacles, no collision/geometry/cylinder")
+    return found
+
+
+def _tree(file: Path, content: bytes) -> _Element:
+    """Returns the root of an XML file's content without a document type: no entities, nothing from elsewhere."""
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    top = _Element("", 1)
+    stack = [top]
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        del attributes
+        if len(stack) > DEEPEST:
+            raise ValueError(
+                f"{file}:{parser.CurrentLineNumber}: <{name[:40]}> is nested more than {DEEPEST} elements deep"
+            )
+        stack.append(_Element(name, parser.CurrentLineNumber))
+        stack[-2].parts.append(stack[-1])
+
+    def end(name: str) -> None:
+        del name
+        stack.pop()
+
+    def text(content: str) -> None:
+        if not stack[-1].parts:
+            stack[-1].text += content
+
+    def refuse(*_: Any) -> None:
+        raise ValueError(f"{file}:{parser.CurrentLineNumber}: has a document type (<!DOCTYPE); a world has none")
+
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = text, refuse
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        problem = expat.errors.messages.get(error.code, "broken")
+        raise ValueError(f"{file}:{error.lineno}: is no XML: {problem}") from None
+    except (LookupError, UnicodeError) as error:  # an encoding that there is not
+        raise ValueError(f"{file}:{parser.CurrentLineNumber}: is no XML: {error}") from None
+    return top.parts[0]
+
+
+def _composed(file: Path, *elements: _Element) -> tuple[float, float, float]:
+    """Returns the pose (x, y, yaw) in the world of the last of some elements, each in the frame of the one before."""
+    x = y = yaw = 0.0
+    for element in elements:
+        for pose in element.named("pose"):
+            dx, dy, _, roll, pitch, turn = _numbers(file, pose, 6, "x y z roll pitch yaw")
+            if roll or pitch:
+                raise ValueError(
+                    f"{file}:{pose.line}: pose is {shown(pose.text.strip())}; roll and pitch must be 0 in the plane"
+                )
+            x, y = x + math.cos(yaw) * dx - math.sin(yaw) * dy, y + math.sin(yaw) * dx + math.cos(yaw) * dy
+            yaw += turn
+    return x, y, yaw
+
+
+def _solid(file: Path, shape: _Element, place: tuple[float, float, float]) -> np.void:
+    """Returns the obstacle of an element of a geometry."""
+    x, y, yaw = place
+    sizes = {"cylinder": ("radius", 1, "m"), "box": ("size", 3, "x y z")}
+    if shape.name not in sizes:
+        raise ValueError(f"{file}:{shape.line}: geometry <{shape.name[:40]}> is not known; it must be cylinder or box")
+    name, count, meaning = sizes[shape.name]
+    element = next(shape.named(name), None)
+    if element is None:
+        raise ValueError(f"{file}:{shape.line}: <{shape.name}> has no <{name}>")
+    numbers = _numbers(file, element, count, meaning)
+    try:
+        return circle(x, y, numbers[0]) if shape.name == "cylinder" else box(x, y, numbers[0], numbers[1], yaw)
+    except ValueError as error:
+        raise ValueError(f"{file}:{element.line}: {error}") from None
+
+
+def _numbers(file: Path, element: _Element, count: int, meaning: str) -> list[float]:
+    """Returns the numbers in the text of an element."""
+    try:
+        found = [float(word) for word in element.text.split()]
+    except ValueError:
+        found = []
+    if len(found) != count or not all(abs(each) <= FARTHEST for each in found):
+        raise ValueError(
+            f"{file}:{element.line}: {element.name} is {shown(element.text.strip())}; it must be {count} finite "
+            f"numbers ({meaning}), at most {FARTHEST:g} in size"
+        )
+    return found
+
+
+def _read_beside(read: Callable[..., Any], file: Path) -> Any:
+    return read(file), barn_scenarios(file.parent)
+
+
+@reader("BARN path", "path_0.npy", _sample_folder, _read_beside)
+def read_path(file: Path) -> NDArray[np.float64]:
+    """Returns the cells (n, 2), row and column, of a published path.
+
+    Raises:
+        ValueError: if the file is no such array; one line that starts with the file.
+        OSError: if it cannot be opened.
+    """
+    try:
+        # mapped, so that a header which claims more than there is takes no memory
+        found = np.load(file, mmap_mode="r", allow_pickle=False)
+        if not isinstance(found, np.ndarray):
+            raise ValueError("it is an archive, not one array")
+        if found.dtype.kind not in "iuf":
+            raise ValueError(f"dtype is {shown(str(found.dtype))}; it must be numbers")
+        if found.ndim != 2 or found.shape[1] != 2 or not 1 <= len(found) <= MOST_POINTS:
+            raise ValueError(f"shape is {found.shape}; it must be (n, 2), rows and columns of 1 to {MOST_POINTS} cells")
+        cells = np.asarray(found, np.float64)
+    except (ValueError, EOFError, OverflowError, MemoryError, SyntaxError, TypeError, tokenize.TokenError) as error:
+        raise fault(str(file), f"is no path: {' '.join(str(error).split()) or type(error).__name__}") from None
+    bad = np.flatnonzero(~(np.abs(cells) <= FARTHEST).all(axis=1))
+    if len(bad):
+        at = [real(each) for each in cells[bad[0]].tolist()]
+        raise fault(str(file), f"cell {bad[0]} is {at}; it must be finite and at most {FARTHEST:g} in size")
+    return cells
