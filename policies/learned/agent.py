@@ -25,12 +25,17 @@ from wayfield.envs.elementary import hyperbolic_tangent
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
-from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception
+from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception, limits_of
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.policy import Policy, check_gain
 
-FORMAT = 2  # of the card: from 2 on it holds a digest of itself; cards of 1 are read without
+# of the card: from 2 on it holds a digest of itself, from 3 on the features that _SINCE names; older ones are read
+FORMAT = 3
+_SINCE: Mapping[str, Mapping[str, Any]] = {
+    "path_following": {"limits": False},
+    "goal_reaching": {"limits": False},
+}
 MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
 ACTIVATIONS = ("tanh", "relu")
 CARD, WEIGHTS = "card.json", "weights.safetensors"
@@ -171,7 +176,8 @@ class Agent:
             own, under = memory["network"], memory["base"].copy()
             asked = self.controller.act(observation, briefing, under)
             memory["base"] = under
-        inputs, angles = perception.inputs(observation, speeds, own, asked)
+        limits = limits_of(self.features, briefing.actuators) if self.features.limits else None
+        inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
         return self.features.guarded(
@@ -399,7 +405,7 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         raise ValueError(f"{file} is not the card of an agent: it has no format")
     if not is_whole(card["format"], 1, FORMAT):
         raise ValueError(f"{file} has format {shown(card['format'])}; this wayfield reads formats up to {FORMAT}")
-    if "digest" in card or card["format"] == FORMAT:
+    if "digest" in card or card["format"] > 1:
         try:
             own = digest({key: value for key, value in card.items() if key != "digest"})
         except (RecursionError, ValueError) as error:
@@ -424,6 +430,8 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         )
     if card["task"] not in FEATURES:
         raise ValueError(f"{file}: task {shown(card['task'])} is none of {', '.join(FEATURES)}")
+    if card["format"] < FORMAT:
+        card["features"] = {**_SINCE[card["task"]], **card["features"]}
     for key, kind in (("features", FEATURES[card["task"]]), ("actions", Actions)):
         names = {field.name for field in dataclasses.fields(kind)}
         if set(card[key]) != names:

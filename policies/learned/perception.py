@@ -17,7 +17,7 @@ from wayfield.envs.checks import choose, shown
 from wayfield.envs.compiled import compiled
 from wayfield.envs.elementary import area_sine
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.robots import Robot
+from wayfield.envs.robots import Actuators, Robot
 from wayfield.policies.learned.reading import is_number
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.policies.policy import check_gain, check_whole
@@ -38,7 +38,8 @@ class PathFeatures:
     """Of a path follower: its errors, its motion, the preview, the speed asked for, and what it did last.
 
     asinh(e / error_scale), asinh(turn / turn_scale), the rest by plain division. The preview is seen twice: as points
-    about the body, and as the turns of the path between them, which are what a steering law asks for.
+    about the body, and as the turns of the path between them, which are what a steering law asks for. With `limits` it
+    sees what its base can do, too: see `limits_of`.
     """
 
     num_preview: int = 10
@@ -51,6 +52,7 @@ class PathFeatures:
     trails: tuple[float, ...] = ()  # s, see GoalFeatures
     frames: int = 1  # observations seen
     stride: int = 1  # control periods between them
+    limits: bool = False  # whether the base's accelerations and lag are seen
 
     crumbs: ClassVar[int] = 0
     crumbed: ClassVar[int] = 0  # numbers that crumbs give
@@ -127,6 +129,7 @@ class GoalFeatures:
     gap: float = 0.02  # m
     braking: float = 0.7  # m/s^2; 0: nothing is guarded
     reaction: float = 0.2  # s
+    limits: bool = False  # whether the base's accelerations and lag are seen
 
     def __post_init__(self) -> None:
         check_seen(self)
@@ -184,6 +187,7 @@ class GoalFeatures:
 
 
 Features = PathFeatures | GoalFeatures
+LIMITS = 3  # numbers of `limits_of`
 FEATURES: Mapping[str, type[Features]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}  # by task
 
 
@@ -192,11 +196,27 @@ def check_seen(features: Features) -> None:
     check_whole(features, "previous", most=MOST_SEEN)
     for name in ("frames", "stride"):
         check_whole(features, name, least=1, most=MOST_SEEN)
+    if not isinstance(features.limits, bool):
+        raise ValueError(f"{type(features).__name__}: limits must be true or false, got {shown(features.limits)}")
     trails = features.trails
     if not isinstance(trails, tuple) or not all(is_number(each) and each > 0.0 for each in trails):
         raise ValueError(f"{type(features).__name__}: trails must be times > 0 s, got {shown(trails)}")
     if len(trails) > MOST_SEEN:
         raise ValueError(f"{type(features).__name__}: trails must be at most {MOST_SEEN}, got {len(trails)}")
+
+
+def limits_of(features: Features, actuators: Actuators) -> Numbers:
+    """Returns what a network sees of a base (3,): s_v / a, s_w / alpha and lag / 0.1 s, each at most 5.
+
+    a and alpha are the accelerations (m/s^2, rad/s^2), s_v and s_w the scales of speed and yaw rate: so the first two
+    are the seconds that a usual change of the twist takes, and all are 0 for a base that does at once what it is told.
+    """
+    seen = (
+        features.speed_scale / actuators.acceleration,
+        features.yaw_scale / actuators.yaw_acceleration,
+        actuators.lag / 0.1,
+    )
+    return np.minimum(np.array(seen), LIMIT).astype(np.float32)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -274,10 +294,11 @@ class Perception:
         self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
         self.dt = dt
         self.asked = actions.size if based else 0
+        self.limits = LIMITS if features.limits else 0
         self.crumbed = features.crumbed
         kept = self._kept()
         before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed
-        self.num_inputs = self.width * features.frames + before + self.asked
+        self.num_inputs = self.width * features.frames + before + self.limits + self.asked
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
             ("remembers", sum(math.prod(shape) for shape in kept.values()), MOST_KEPT),
@@ -301,7 +322,12 @@ class Perception:
         return np.zeros(num_envs, self.memory)
 
     def inputs(
-        self, observation: Any, speeds: Array, memory: NDArray[np.void], asked: Array | None = None
+        self,
+        observation: Any,
+        speeds: Array,
+        memory: NDArray[np.void],
+        asked: Array | None = None,
+        limits: Numbers | None = None,
     ) -> tuple[Numbers, Array]:
         """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
 
@@ -309,6 +335,7 @@ class Perception:
 
         Args:
             asked: (b, t) m/s and rad/s, the twists of the controller that the network adds to, if it does.
+            limits: (b, 3) or (3,), see `limits_of`; needed where the features ask for them.
         """
         inputs = np.empty((len(memory), self.num_inputs), np.float32)
         angles = self.features.observe(observation, speeds, inputs[:, : self.width])
@@ -327,6 +354,10 @@ class Perception:
         for k in range(1, self.features.frames):
             inputs[:, at : at + self.width] = memory["seen"][:, k * self.features.stride - 1]
             at += self.width
+        if self.limits:
+            assert limits is not None
+            inputs[:, at : at + self.limits] = limits
+            at += self.limits
         if asked is not None:
             inputs[:, at:] = self.actions.of_twists(asked, speeds, angles)
         return inputs, angles

@@ -52,6 +52,8 @@ class Preset:
     reward: Reward
     bar: str  # what a seed must reach on validation
     measured: str
+    # further ones, with the speed asked for, m/s; the score is the mean over all, and the card says what it did in each
+    conditions: tuple[World, ...] = ()
     robot: str | None = None  # a name or the file of a data sheet; None: the environment's default
     steps: int = 6_000_000  # frames
     num_envs: int = 1024
@@ -162,7 +164,8 @@ class Preset:
         return controller_at(self.controller, self.gains, speed)
 
 
-_LAGGED = {"scenario": "all/train", "actuators": "lagged"}
+_LAGGED, _IDEAL, _SLOW = ({"scenario": "all/train", "actuators": tier} for tier in ("lagged", "ideal", "slow"))
+_SHORT = {"max_episode_steps": 100}
 _SCAN = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0}
 
 _PATH_PLAIN = Preset(
@@ -205,6 +208,29 @@ _PATH_ADDING = dataclasses.replace(
     measured="5 of 5 seeds reach it; 155 to 216 s, two side by side on two cores beside other work",
     imitation=0,
     reach=0.25,
+)
+
+# Every actuator tier and every speed that the base can drive, which the network is told of.
+_PATH_ALL = dataclasses.replace(
+    _PATH_TAUGHT,
+    name="path_following_tiers",
+    worlds=(
+        (0.25, _LAGGED),
+        (0.15, _LAGGED | _SHORT),
+        (0.15, _LAGGED | {"disturbance": "moderate"}),
+        (0.15, _IDEAL),
+        (0.1, _IDEAL | _SHORT),
+        (0.15, _SLOW),
+        (0.05, _SLOW | _SHORT),
+    ),
+    conditions=tuple(
+        (speed, {"scenario": "all/validation", "actuators": tier})
+        for speed, tier in ((0.6, "ideal"), (0.6, "slow"), (1.05, "lagged"))
+    ),
+    features=PathFeatures(previous=3, limits=True),
+    reward=PathReward(error_rate=20.0, leniency=1.0, stall_cost=1.0, final_stall_cost=0.6, chatter_cost=0.2),
+    paces=(0.2, 0.4, 0.6, 0.8, 1.05, 1.2),
+    validations=4,
 )
 
 _GOAL_FEATURES = GoalFeatures(frames=2, stride=5)
@@ -267,6 +293,7 @@ PRESETS = {
         _PATH_PLAIN,
         # a P3DX follows a path; the network adds to a controller
         _PATH_ADDING,
+        _PATH_ALL,
         # an omni3 drives to a goal among obstacles, by its scan
         _OMNI3_GOAL,
         # an omni4 does
