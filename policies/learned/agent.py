@@ -10,6 +10,7 @@ import math
 import os
 import pathlib
 import shutil
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,6 +26,7 @@ from wayfield.envs.elementary import hyperbolic_tangent
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
+from wayfield.policies.learned.conditions import check_conditions, outside
 from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception, limits_of
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
@@ -34,7 +36,7 @@ from wayfield.policies.policy import Policy, check_gain
 FORMAT = 3
 _SINCE: Mapping[str, Mapping[str, Any]] = {
     "path_following": {"limits": False},
-    "goal_reaching": {"limits": False},
+    "goal_reaching": {"limits": False, "arrival": 0.0},
 }
 MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
 ACTIVATIONS = ("tanh", "relu")
@@ -56,6 +58,16 @@ class Network:
         sizes = [layers[0][0].shape[1], *(weight.shape[0] for weight, _ in layers)]
         pieces = [np.concatenate([weight.T.ravel(), bias]) for weight, bias in layers]
         return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32), activation)
+
+    @property
+    def layers(self) -> list[tuple[Numbers, Numbers]]:
+        """Returns weights (outputs, inputs) and biases of its layers, as `of` takes them."""
+        found, first = [], 0
+        for come, go in itertools.pairwise(self.sizes.tolist()):
+            weight, bias = np.split(self.numbers[first : first + (come + 1) * go], [come * go])
+            found.append((weight.reshape(come, go).T, bias))
+            first += (come + 1) * go
+        return found
 
     def __call__(self, inputs: Numbers) -> Numbers:
         """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""
@@ -98,8 +110,9 @@ class Agent:
 
     Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
     what it saw before where the card asks for several frames. With a base it adds to that controller's twist, knows
-    what the controller knows, and keeps the controller's memory too. Drives the robot and the scan or preview that its
-    card names, and refuses others.
+    what the controller knows, and keeps the controller's memory too. Drives the robot and the preview that its card
+    names, by any scan that can be read as the card's, and refuses others. Where it is asked to drive what it was not
+    trained on, it warns.
     """
 
     network: Network
@@ -138,10 +151,10 @@ class Agent:
         return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt, based)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty memory.
+        """Returns an empty memory; warns once, in a line, of what the agent was not trained for.
 
         Raises:
-            ValueError: if robot, control period or scan are not those of the card.
+            ValueError: if robot or control period are not those of the card, or the scan cannot be read.
         """
         name = self.card.get("name", "an agent")
         if briefing.robot.name not in self.card["robots"]:
@@ -158,6 +171,10 @@ class Agent:
         if perception.num_inputs != self.network.sizes[0]:
             raise ValueError(f"{name} has a network of {self.network.sizes[0]} inputs, not of {perception.num_inputs}")
         fresh = perception.fresh(briefing.num_envs)
+        told = outside(self.card, briefing, self.speed)
+        if told and told not in _WARNED:
+            _WARNED.add(told)
+            warnings.warn(told, stacklevel=2)
         if self.controller is None:
             return fresh
         under = self.controller.reset(briefing)
@@ -180,9 +197,12 @@ class Agent:
         inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
-        return self.features.guarded(
-            observation, commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
-        )
+        twists = commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
+        twists = self.features.arrived(observation, twists, self.speed, briefing.actuators)
+        return self.features.guarded(observation, twists, self.speed, briefing.actuators)
+
+
+_WARNED: set[str] = set()  # lines that this process has warned with
 
 
 def drives(card: Mapping[str, Any], robot: Robot) -> bool:
@@ -428,6 +448,10 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         raise ValueError(
             f"{file} is for {shown(card['env_id'])}, which this wayfield does not have; it has {', '.join(ours)}"
         )
+    try:
+        check_conditions(card)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
     if card["task"] not in FEATURES:
         raise ValueError(f"{file}: task {shown(card['task'])} is none of {', '.join(FEATURES)}")
     if card["format"] < FORMAT:

@@ -77,7 +77,11 @@ class Preset:
     validations: int = 12  # in a run
     controller: str = ""  # a policy of the suite that the network is taught by or adds to; none
     controller_gains: Literal["default", "tuned"] = "tuned"
-    imitation: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
+    # folder of training runs whose best agents the networks begin as copies of, seed by seed; "": they begin with nothing
+    start: str = ""
+    # frames, of `steps`, before PPO, in which the network is taught to drive like the controller; with a start, only its
+    # value function is
+    imitation: int = 0
     imitation_rate: float = 1e-3
     reach: float = 0.0  # how much the network may add to the controller's twist, see `Base`; 0: it drives by itself
     shortest_ways: bool = False  # progress is measured along the shortest way, which the teacher knows
@@ -110,7 +114,12 @@ class Preset:
             raise ValueError(f"paces must be speeds above 0, got {self.paces}")
         if min(count for count, _, _ in self.parts) < 1:
             raise ValueError(f"num_envs is {self.num_envs}: too few robots for {len(self.parts)} worlds and paces")
-        if (self.imitation > 0) + (self.reach > 0.0) != (self.controller != ""):
+        if self.start and (self.controller or not self.imitation):
+            raise ValueError(
+                f"start is {self.start!r} with controller {self.controller!r} and imitation {self.imitation}; a copy "
+                "has no controller, and imitation > 0 frames for its value function"
+            )
+        if not self.start and (self.imitation > 0) + (self.reach > 0.0) != (self.controller != ""):
             raise ValueError(
                 f"controller is {self.controller!r} with imitation {self.imitation} and reach {self.reach}; a "
                 "controller either teaches (imitation > 0) or is added to (reach > 0)"
@@ -229,8 +238,14 @@ _PATH_ALL = dataclasses.replace(
     ),
     features=PathFeatures(previous=3, limits=True),
     reward=PathReward(error_rate=20.0, leniency=1.0, stall_cost=1.0, final_stall_cost=0.6, chatter_cost=0.2),
+    controller="",
+    start="results/training/path_following",
+    imitation=200_000,
+    steps=2_700_000,
+    learning_rate=3e-4,
+    log_std=-2.0,
     paces=(0.2, 0.4, 0.6, 0.8, 1.05, 1.2),
-    validations=4,
+    validations=3,
 )
 
 _GOAL_FEATURES = GoalFeatures(frames=2, stride=5)

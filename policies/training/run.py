@@ -227,7 +227,9 @@ class _Run:
         scores, measured = [], []
         for speed, kwargs in ((preset.speed, self.kwargs), *self.further):
             scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
-            measured.append({"speed": speed, "env_kwargs": dict(kwargs), **_found(dataclasses.asdict(scores[-1]))})
+            measured.append(
+                {"asked_speed": speed, "env_kwargs": dict(kwargs), **_found(dataclasses.asdict(scores[-1]))}
+            )
         score = dataclasses.replace(scores[0], score=sum(each.score for each in scores) / len(scores))
         took = time.perf_counter() - began
         self.learner.seconds["validation"] += took
@@ -305,7 +307,8 @@ class _Run:
             "sha256": weights_digest(layers),
             "training": {
                 **self.job.described(),
-                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.imitation else {}),
+                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.controller else {}),
+                **({"began_as": self.learner.began_as} if preset.start else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),
@@ -320,13 +323,14 @@ class _Run:
 
 
 def trained_on(preset: Preset) -> dict[str, list[Any]]:
-    """Returns the conditions that a network met in training: actuator tiers, disturbances, and speeds asked for."""
+    """Returns what a network met in training: actuator tiers, disturbances, speeds asked for (m/s), beams of a scan."""
     tiers = [str(kwargs.get("actuators", "ideal")) for _, kwargs in preset.worlds]
     levels = [str(kwargs.get("disturbance", "none")) for _, kwargs in preset.worlds]
     return {
         "actuators": list(dict.fromkeys(tiers)),
         "disturbances": list(dict.fromkeys(levels)),
         "speeds": list(preset.paces),
+        "beams": sorted({int(kwargs["num_beams"]) for _, kwargs in preset.worlds if "num_beams" in kwargs}),
     }
 
 

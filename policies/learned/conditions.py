@@ -1,0 +1,86 @@
+"""What an agent's card says of where it was trained and what was measured, and the line that warns outside of it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import shown
+from wayfield.envs.robots import ACTUATORS
+from wayfield.policies.learned.reading import is_number
+
+SLACK = 0.01  # of the least and the greatest speed trained on, that are no news to an agent
+
+
+def check_conditions(card: Mapping[str, Any]) -> None:
+    """Raises ValueError, naming the field, unless a card's `trained_on` and `measured`, if any, are whole."""
+    trained = card.get("trained_on")
+    if trained is not None:
+        kinds = {"actuators": str, "disturbances": str, "speeds": float, "beams": int}
+        if not isinstance(trained, dict) or set(trained) != set(kinds):
+            raise ValueError(f"trained_on must have exactly {', '.join(kinds)}, got {shown(trained)}")
+        for key, kind in kinds.items():
+            listed = trained[key]
+            if not isinstance(listed, list) or not all(type(each) is kind for each in listed):
+                raise ValueError(f"trained_on.{key} must be a list of {kind.__name__}, got {shown(listed)}")
+        if not trained["speeds"] or not all(is_number(each) and each > 0.0 for each in trained["speeds"]):
+            raise ValueError(f"trained_on.speeds must be speeds above 0 m/s, got {shown(trained['speeds'])}")
+    measured = card.get("measured", [])
+    if not isinstance(measured, list):
+        raise ValueError(f"measured must be a list, got {shown(measured)}")
+    for k, each in enumerate(measured):
+        whole = isinstance(each, dict) and isinstance(each.get("env_kwargs"), dict)
+        if not whole or not all(is_number(each.get(name)) for name in ("asked_speed", "success", "collision")):
+            raise ValueError(
+                f"measured[{k}] must have env_kwargs, asked_speed, success and collision, got {shown(each)}"
+            )
+        if each.get("error") is not None and not is_number(each["error"]):
+            raise ValueError(f"measured[{k}].error must be a number, got {shown(each['error'])}")
+
+
+def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
+    """Returns a line that says in what an agent is asked to drive that it was not trained in, and what was measured.
+
+    "" where nothing is new to it, or its card does not say what it was trained on.
+
+    Args:
+        speed: m/s, that is asked for.
+    """
+    trained = card.get("trained_on")
+    if trained is None:
+        return ""
+    tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
+    tier, beams, new = next(tiers, ""), len(briefing.beam_angles), []
+    if tier not in trained["actuators"]:
+        new.append(f"with actuators {tier or 'of its own'!r}, not {_listed(trained['actuators'])}")
+    low, high = min(trained["speeds"]), max(trained["speeds"])
+    if not (1.0 - SLACK) * low <= speed <= (1.0 + SLACK) * high:
+        new.append(f"at {speed:g} m/s, not {low:g}" + (f" to {high:g}" if high > low else ""))
+    if beams and beams not in trained["beams"]:
+        new.append(f"with {beams} beams, not {_listed(trained['beams'])}")
+    if not new:
+        return ""
+    asked = {"actuators": tier, "num_beams": beams, "speed": speed}
+    measured = sorted(card.get("measured", []), key=lambda each: -_likeness(each, asked))
+    found = _found(measured[0]) if measured else "nothing was measured"
+    name = str(card.get("name", "an agent")).split(",")[0]
+    return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {found}"
+
+
+def _likeness(measured: Mapping[str, Any], asked: Mapping[str, Any]) -> int:
+    """Returns in how many things a condition that was measured is the one that is asked for, the tier first."""
+    found = {"actuators": "ideal", "num_beams": 0, **measured["env_kwargs"], "speed": measured["asked_speed"]}
+    return 2 * (found["actuators"] == asked["actuators"]) + sum(found[name] == asked[name] for name in asked)
+
+
+def _found(measured: Mapping[str, Any]) -> str:
+    kwargs, error = measured["env_kwargs"], measured.get("error")
+    beams = [f"{kwargs['num_beams']} beams"] if "num_beams" in kwargs else []
+    where = ", ".join([str(kwargs.get("actuators", "ideal")), f"{measured['asked_speed']:g} m/s", *beams])
+    told = [f"{100.0 * measured['success']:.0f} % succeeded", f"{100.0 * measured['collision']:.0f} % failed badly"]
+    if error is not None:
+        told.append(f"{error:.1f} s" if beams else f"{error:.4f} m off")
+    return f"{', '.join(told)} ({where})"
+
+
+def _listed(values: list[Any]) -> str:
+    return " or ".join(map(str, values)) or "any"
