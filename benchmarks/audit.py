@@ -32,7 +32,7 @@ LEAST = 5  # scenarios of a family, under which nothing may stand in brackets
 APART = 0.03  # relative, of mean speeds
 MARK = "‡"
 RESAMPLES = 200  # of the rows, in which coverage is measured
-COMPARED = ("test", "own")
+COMPARED = ("test", "claims", "own")
 _NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
 
 

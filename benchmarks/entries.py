@@ -15,7 +15,7 @@ from wayfield.envs.disturbances import LEVELS
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
 
-COMPARED = ("test", OWN_SPLIT)  # the splits that entries are ranked on
+COMPARED = ("test", "claims", OWN_SPLIT)  # the splits that entries are ranked on
 PACE_TOLERANCE = 0.03  # relative: who is farther off the asked mean speed is not ranked with those that hold it
 OFF_PACE = "‡"
 

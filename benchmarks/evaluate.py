@@ -88,6 +88,12 @@ _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 )
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
+    "--split",
+    type=Choice("--split", ("test", "claims")),
+    help="The frozen scenarios of a contest: 10 a family (test), or 100 others, which tell differences of a point "
+    "(claims).  [default: test]",
+)
+@click.option(
     "--path",
     "path",
     metavar="FILE",
@@ -164,6 +170,7 @@ class Asked:
     homes: tuple[str, ...]
     own: tuple[str, ...]
     families: tuple[str, ...] | None
+    split: str | None
     path: str | None
     scenarios: str | None
     scale: float | None
@@ -193,7 +200,17 @@ class Asked:
     @property
     def narrowed(self) -> bool:
         """Returns whether there are other options than those that every suite takes."""
-        few = (self.names, self.dynamics, self.actuators, self.robot, self.gains, self.homes, self.own, self.families)
+        few = (
+            self.names,
+            self.dynamics,
+            self.actuators,
+            self.robot,
+            self.gains,
+            self.homes,
+            self.own,
+            self.families,
+            self.split,
+        )
         return any((*few, self.path, self.scenarios, self.episodes, self.video, self.keep))
 
     @property
@@ -208,7 +225,7 @@ class Asked:
             "robot": str(self.robot) if self.robot not in (None, ROBOTS["p3dx"]) else None,
             "agents": tuple(Path(home).resolve().name for home in self.homes),
             "own": tuple(readable(text) for text in self.own),
-            **{"policies": self.names, "families": self.families},
+            **{"policies": self.names, "families": self.families, "split": self.split},
             **{"scale": self.scale, "episodes": self.episodes, "seed": self.seed},
             "trajectories": "all_trajectories" if self.keep == "all" else None,
         }
@@ -250,6 +267,8 @@ class Asked:
             raise click.UsageError("--dynamics both belongs to the documents; a contest is run on one plant")
         elif self.scenarios is not None and self.families is not None:
             raise click.UsageError("--families belongs to the frozen scenarios; of --scenarios each file is a family")
+        elif self.scenarios is not None and self.split is not None:
+            raise click.UsageError("--split belongs to the frozen scenarios; --scenarios brings its own")
 
     def _check_no_contest(self) -> None:
         for option, value in (
@@ -259,7 +278,7 @@ class Asked:
                 ("--agents", self.homes),
                 ("--policy", self.own),
             ),
-            *(("--families", self.families), ("--keep-trajectories", self.keep)),
+            *(("--families", self.families), ("--split", self.split), ("--keep-trajectories", self.keep)),
         ):
             if value:
                 raise click.UsageError(
@@ -334,6 +353,7 @@ class Asked:
             courses,
             self.command,
             KEPT[self.keep or "worst"],
+            self.split or "test",
         )
         differing = (
             ({"scenarios": Path(self.scenarios).resolve().name} if self.scenarios is not None else {})

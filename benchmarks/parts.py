@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
+from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.tuned import PACE, tuned_set
 
@@ -104,9 +106,11 @@ def played(setting: Setting) -> list[tuple[Row, Trajectory]]:
     more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
     members = members_of(contest, case)
     found = []
-    for i, (row, trajectory) in enumerate(episodes(setting)):
-        member = members[i % len(members)]
-        found.append((row | more | {"tier": member.tier, "quantity": repr(member.quantity)}, trajectory))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NewToAgent)  # the table is what tells how agents do there
+        for i, (row, trajectory) in enumerate(episodes(setting)):
+            member = members[i % len(members)]
+            found.append((row | more | {"tier": member.tier, "quantity": repr(member.quantity)}, trajectory))
     return found
 
 

@@ -21,6 +21,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
+from wayfield.policies.learned.perception import limits_of
 
 # The compiled decision of each policy that has one: module and function, and where the twist is read from afterwards.
 # "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a record of memory.
@@ -49,6 +50,7 @@ NETWORK = {
         ("perception", "fill_trails"),
         ("perception", "fill_crumbs"),
         ("perception", "turn"),
+        ("perception", "arrive"),
         ("perception", "guard"),
         ("agent", "forward"),
     ),
@@ -248,6 +250,7 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         "previous": features.previous,
         "frames": features.frames,
         "stride": features.stride,
+        "limits": limits_of(features, pilot.briefing.actuators).tolist() if features.limits else [],
         "trails": len(features.trails),
         "crumbs": features.crumbs,
         "crumbed": features.crumbed,
@@ -271,7 +274,7 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         goal = calls["fill_goal"]
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
     if "guard" in calls:
-        told["guard"] = [float(calls["guard"][name]) for name in ("hull", "braking", "reaction")]
+        told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     return told
 
 

@@ -24,10 +24,11 @@ from wayfield.envs.checks import shown
 from wayfield.envs.compiled import compiled
 from wayfield.envs.elementary import hyperbolic_tangent
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.records import lag_factors
+from wayfield.envs.robots import ROBOTS, Actuators, Robot
 from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
-from wayfield.policies.learned.conditions import check_conditions, outside
-from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception, limits_of
+from wayfield.policies.learned.conditions import NewToAgent, check_conditions, driven_as, driven_speed, outside
+from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception, hold, limits_of
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.policy import Policy, check_gain
@@ -58,16 +59,6 @@ class Network:
         sizes = [layers[0][0].shape[1], *(weight.shape[0] for weight, _ in layers)]
         pieces = [np.concatenate([weight.T.ravel(), bias]) for weight, bias in layers]
         return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32), activation)
-
-    @property
-    def layers(self) -> list[tuple[Numbers, Numbers]]:
-        """Returns weights (outputs, inputs) and biases of its layers, as `of` takes them."""
-        found, first = [], 0
-        for come, go in itertools.pairwise(self.sizes.tolist()):
-            weight, bias = np.split(self.numbers[first : first + (come + 1) * go], [come * go])
-            found.append((weight.reshape(come, go).T, bias))
-            first += (come + 1) * go
-        return found
 
     def __call__(self, inputs: Numbers) -> Numbers:
         """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""
@@ -111,8 +102,10 @@ class Agent:
     Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
     what it saw before where the card asks for several frames. With a base it adds to that controller's twist, knows
     what the controller knows, and keeps the controller's memory too. Drives the robot and the preview that its card
-    names, by any scan that can be read as the card's, and refuses others. Where it is asked to drive what it was not
-    trained on, it warns.
+    names, by any scan that can be read as the card's, and refuses others.
+
+    A base that is quicker than those that it was trained on is driven as the quickest of those (`driven_as`, `hold`);
+    one that is slower, so slowly that it stops on the same way (`driven_speed`). Of what else is new, it warns.
     """
 
     network: Network
@@ -170,39 +163,68 @@ class Agent:
         perception = self.perception(briefing)
         if perception.num_inputs != self.network.sizes[0]:
             raise ValueError(f"{name} has a network of {self.network.sizes[0]} inputs, not of {perception.num_inputs}")
-        fresh = perception.fresh(briefing.num_envs)
         told = outside(self.card, briefing, self.speed)
-        if told and told not in _WARNED:
-            _WARNED.add(told)
-            warnings.warn(told, stacklevel=2)
-        if self.controller is None:
-            return fresh
-        under = self.controller.reset(briefing)
-        kind = [("network", fresh.dtype, fresh.shape[1:]), ("base", under.dtype, under.shape[1:])]
-        memory = np.empty(briefing.num_envs, kind)
-        memory["network"], memory["base"] = fresh, under
+        news = told.partition(";")[0]  # the same of all seeds, whatever each of them was measured at
+        if news and news not in _WARNED:
+            _WARNED.add(news)
+            warnings.warn(told, NewToAgent, stacklevel=2)
+        parts = {"network": perception.fresh(briefing.num_envs)}
+        if self.controller is not None:
+            parts["base"] = self.controller.reset(briefing)
+        if driven_as(self.card, briefing) is not briefing.actuators:
+            parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
+        if len(parts) == 1:
+            return parts["network"]
+        memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
+        for name, each in parts.items():
+            memory[name] = each
         return memory
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
         perception, robot = self.perception(briefing), briefing.robot
-        speeds = np.full(len(memory), self.speed)
+        speed = driven_speed(self.card, briefing, self.speed)
+        speeds = np.full(len(memory), speed)
         asked = None
         own = memory
+        actuators, held = driven_as(self.card, briefing), None
+        if memory.dtype.names and "network" in memory.dtype.names:
+            own = memory["network"]
+        if actuators is not briefing.actuators:
+            held = memory["held"]
+            # as the slower base would measure it: at the end of the control period, not in its mean
+            lead = (held[:, 1] - held[:, 2])[:, robot.twist_axes]
+            observation = observation._replace(twist=observation.twist + lead)
         if self.controller is not None:
-            own, under = memory["network"], memory["base"].copy()
+            under = memory["base"].copy()
             asked = self.controller.act(observation, briefing, under)
             memory["base"] = under
-        limits = limits_of(self.features, briefing.actuators) if self.features.limits else None
+        limits = limits_of(self.features, actuators) if self.features.limits else None
         inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
         twists = commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
-        twists = self.features.arrived(observation, twists, self.speed, briefing.actuators)
-        return self.features.guarded(observation, twists, self.speed, briefing.actuators)
+        twists = self.features.arrived(observation, twists, speed, actuators)
+        twists = self.features.guarded(observation, twists, speed, actuators)
+        if held is not None:
+            hold(*held_law(briefing, actuators), held, twists)
+            held[:, 2, robot.twist_axes] = twists
+        return twists
 
 
-_WARNED: set[str] = set()  # lines that this process has warned with
+_WARNED: set[str] = set()  # of what this process has warned
+
+
+def held_law(briefing: Briefing, slower: Actuators) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns what `hold` holds a base to that it drives as a slower one, and the base's wheel matrix (n, 3).
+
+    What the base itself lags is taken off the slower one's lag.
+    """
+    robot, dt = briefing.robot, briefing.dt
+    lag = lag_factors(slower.lag - briefing.actuators.lag, dt)
+    limit = robot.rated_wheel_speed if slower.at_rated_speed else robot.peak_wheel_speed
+    law = np.array([slower.acceleration, slower.yaw_acceleration, dt, *lag, limit])
+    return law, np.ascontiguousarray(robot.wheel_matrix)
 
 
 def drives(card: Mapping[str, Any], robot: Robot) -> bool:

@@ -1,14 +1,19 @@
 """What an agent's card says of where it was trained and what was measured, and the line that warns outside of it."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import shown
-from wayfield.envs.robots import ACTUATORS
+from wayfield.envs.robots import ACTUATORS, Actuators
 from wayfield.policies.learned.reading import is_number
 
 SLACK = 0.01  # of the least and the greatest speed trained on, that are no news to an agent
+
+
+class NewToAgent(UserWarning):
+    """An agent is asked to drive what it was not trained on."""
 
 
 def check_conditions(card: Mapping[str, Any]) -> None:
@@ -18,6 +23,10 @@ def check_conditions(card: Mapping[str, Any]) -> None:
         kinds = {"actuators": str, "disturbances": str, "speeds": float, "beams": int}
         if not isinstance(trained, dict) or set(trained) != set(kinds):
             raise ValueError(f"trained_on must have exactly {', '.join(kinds)}, got {shown(trained)}")
+        if not set(map(str, trained["actuators"] or ["none"])) <= set(ACTUATORS):
+            raise ValueError(
+                f"trained_on.actuators must be of {', '.join(ACTUATORS)}, got {shown(trained['actuators'])}"
+            )
         for key, kind in kinds.items():
             listed = trained[key]
             if not isinstance(listed, list) or not all(type(each) is kind for each in listed):
@@ -28,13 +37,59 @@ def check_conditions(card: Mapping[str, Any]) -> None:
     if not isinstance(measured, list):
         raise ValueError(f"measured must be a list, got {shown(measured)}")
     for k, each in enumerate(measured):
-        whole = isinstance(each, dict) and isinstance(each.get("env_kwargs"), dict)
-        if not whole or not all(is_number(each.get(name)) for name in ("asked_speed", "success", "collision")):
-            raise ValueError(
-                f"measured[{k}] must have env_kwargs, asked_speed, success and collision, got {shown(each)}"
-            )
-        if each.get("error") is not None and not is_number(each["error"]):
-            raise ValueError(f"measured[{k}].error must be a number, got {shown(each['error'])}")
+        if not _is_measured(each):
+            needed = "env_kwargs, asked_speed, success, collision, and error if any"
+            raise ValueError(f"measured[{k}] must have {needed}, got {shown(each)}")
+
+
+def _is_measured(condition: Any) -> bool:
+    """Returns whether a condition, and what was found in it, are as a card should have them."""
+    if not isinstance(condition, dict) or not isinstance(condition.get("env_kwargs"), dict):
+        return False
+    error = condition.get("error")
+    numbers = all(is_number(condition.get(name)) for name in ("asked_speed", "success", "collision"))
+    return numbers and (error is None or is_number(error))
+
+
+def driven_as(card: Mapping[str, Any], briefing: Briefing) -> Actuators:
+    """Returns the actuators that an agent drives its base by: the base's own, or slower ones that it knows.
+
+    A base that is quicker than every one that the agent was trained on is held to the quickest of those, so that it
+    moves as in training.
+    """
+    own, known = briefing.actuators, _known(card, briefing)
+    if not known or own in known:
+        return own
+    quickest = max(known, key=lambda each: each.acceleration)
+    quicker = (
+        own.acceleration >= quickest.acceleration
+        and own.yaw_acceleration >= quickest.yaw_acceleration
+        and own.lag <= quickest.lag
+    )
+    return quickest if quicker else own
+
+
+def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> float:
+    """Returns the speed (m/s) at which an agent drives where one is asked for: no faster than its base can stop.
+
+    On a base that is slower than every one that the agent was trained on, the most is the speed v at which that stops
+    on the same way as the slowest of those at the asked one: v tau + v^2 / (2 a), tau the lag, a the acceleration.
+    """
+    own, known = briefing.actuators, _known(card, briefing)
+    if not known or own in known:
+        return speed
+    slowest = min(known, key=lambda each: each.acceleration)
+    way = speed * slowest.lag + speed * speed / (2.0 * slowest.acceleration)
+    if not (math.isfinite(own.acceleration) and way < speed * own.lag + speed * speed / (2.0 * own.acceleration)):
+        return speed
+    lag, acceleration = own.lag, own.acceleration
+    return min(speed, acceleration * (math.sqrt(lag * lag + 2.0 * way / acceleration) - lag))
+
+
+def _known(card: Mapping[str, Any], briefing: Briefing) -> list[Actuators]:
+    """Returns the actuators that an agent was trained on, of the robot; none where its card does not say."""
+    trained = card.get("trained_on")
+    return [briefing.robot.actuators(tier) for tier in trained["actuators"]] if trained else []
 
 
 def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
@@ -50,8 +105,11 @@ def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
         return ""
     tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
     tier, beams, new = next(tiers, ""), len(briefing.beam_angles), []
-    if tier not in trained["actuators"]:
+    if tier not in trained["actuators"] and driven_as(card, briefing) is briefing.actuators:
+        slowed = driven_speed(card, briefing, speed)
         new.append(f"with actuators {tier or 'of its own'!r}, not {_listed(trained['actuators'])}")
+        if slowed < speed:
+            new[-1] += f" (so at no more than {slowed:.2f} m/s)"
     low, high = min(trained["speeds"]), max(trained["speeds"])
     if not (1.0 - SLACK) * low <= speed <= (1.0 + SLACK) * high:
         new.append(f"at {speed:g} m/s, not {low:g}" + (f" to {high:g}" if high > low else ""))
@@ -60,7 +118,11 @@ def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
     if not new:
         return ""
     asked = {"actuators": tier, "num_beams": beams, "speed": speed}
-    measured = sorted(card.get("measured", []), key=lambda each: -_likeness(each, asked))
+    validated = card.get("validation")
+    own = {"asked_speed": card["speed"], "env_kwargs": card.get("env_kwargs")}
+    own |= validated if isinstance(validated, dict) else {}
+    everywhere = [*([own] if _is_measured(own) else []), *card.get("measured", [])]
+    measured = sorted(everywhere, key=lambda each: -_likeness(each, asked))
     found = _found(measured[0]) if measured else "nothing was measured"
     name = str(card.get("name", "an agent")).split(",")[0]
     return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {found}"

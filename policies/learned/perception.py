@@ -17,6 +17,7 @@ from wayfield.envs.checks import choose, shown
 from wayfield.envs.compiled import compiled
 from wayfield.envs.elementary import area_sine
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.envs.kinematics import limit_acceleration, saturation_factor
 from wayfield.envs.robots import Actuators, Robot
 from wayfield.policies.learned.reading import is_number
 from wayfield.policies.parts.arriving import is_there, turn_rate
@@ -225,8 +226,8 @@ class GoalFeatures:
             braking = min(self.braking, 0.7 * actuators.acceleration)
             reaction = max(self.reaction, actuators.lag + 0.1)
             late = reaction - self.reaction + speed / braking - speed / self.braking
-            hull, yaw_rates = self.hull_radius + self.gap, observation.twist[:, -1]
-            guard(observation.ranges, yaw_rates, (hull, braking, reaction, late), twists)
+            law = np.array([self.hull_radius + self.gap, braking, reaction, late])
+            guard(observation.ranges, observation.twist[:, -1].copy(), law, twists)
         return twists
 
 
@@ -579,6 +580,38 @@ def arrive(goals, turns, waypoints_left, scales, twists):
             aside = bearing(y, x)
             twists[i, 0] = v if abs(aside) < ASIDE else 0.0
             twists[i, 1] = turn_rate(law, aside)
+
+
+@compiled
+def hold(law, matrix, held, twists):
+    """Turns twists (b, t) into those that a slower base would drive by them, as the kinematic plant has it.
+
+    law: acceleration (m/s^2), yaw acceleration (rad/s^2), control period (s), share of a deviation that its lag leaves
+    after that, mean share of it until then, and the limit of the wheel speeds (rad/s). matrix (n, 3): of the wheels.
+    held (b, 2, 3): the command, and the twist at which the slower base's wheels would turn by now.
+    """
+    acceleration, yaw_acceleration, dt, decay, mean, limit = law
+    last = twists.shape[1] - 1
+    for i in range(twists.shape[0]):
+        x = twists[i, 0]
+        y = twists[i, 1] if last == 2 else 0.0
+        w = twists[i, last]
+        factor = saturation_factor(matrix, matrix.shape[0], limit, x, y, w)
+        x, y, w = limit_acceleration(
+            held[i, 0, 0], held[i, 0, 1], held[i, 0, 2],
+            factor * x, factor * y, factor * w, acceleration, yaw_acceleration, dt,
+        )  # fmt: skip
+        for k in range(3):
+            command = x if k == 0 else y if k == 1 else w
+            deviation = held[i, 1, k] - command
+            held[i, 0, k] = command
+            held[i, 1, k] = command + decay * deviation
+            if k == 0:
+                twists[i, 0] = command + mean * deviation
+            elif k == 1 and last == 2:
+                twists[i, 1] = command + mean * deviation
+            elif k == 2:
+                twists[i, last] = command + mean * deviation
 
 
 @compiled

@@ -35,12 +35,6 @@ def teach(
     seen = 0
     for seen in _clone(ppo, env, teacher, cloned, learning_rate, np.random.default_rng(seed)):
         yield seen
-    for valued in value(ppo, frames - seen, learning_rate):
-        yield seen + valued
-
-
-def value(ppo: PPO, frames: int, learning_rate: float) -> Iterator[int]:
-    """Teaches a policy's value function what it is worth as it is, in a number of frames or just over; yields them."""
     policy: Any = ppo.policy
     optimizer = torch.optim.Adam(
         [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()], learning_rate
@@ -48,13 +42,13 @@ def value(ppo: PPO, frames: int, learning_rate: float) -> Iterator[int]:
     _, callback = ppo._setup_learn(frames)
     timed = ppo.env
     assert timed is not None
-    while ppo.num_timesteps < frames:
+    while ppo.num_timesteps < frames - seen:
         ppo.collect_rollouts(timed, callback, ppo.rollout_buffer, ppo.n_steps)
         for _ in range(EPOCHS):
             for data in ppo.rollout_buffer.get(BATCH):
                 values = policy.predict_values(data.observations).flatten()
                 _descend(optimizer, torch.nn.functional.mse_loss(values, data.returns))
-        yield ppo.num_timesteps
+        yield seen + ppo.num_timesteps
 
 
 def _clone(

@@ -1,6 +1,5 @@
 """stable-baselines3's PPO on a preset's worlds, with all of its state as plain arrays and numbers."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -14,10 +13,8 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
-from wayfield.policies.learned.agent import Agent, load_agent
 from wayfield.policies.learned.perception import Perception
-from wayfield.policies.learned.ppo import trained
-from wayfield.policies.training.imitation import teach, value
+from wayfield.policies.training.imitation import teach
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.shaping import Shaped
 
@@ -71,11 +68,6 @@ class Learner:
         )
         self.ppo.set_logger(Logger(None, []))
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
-        self.began_as = ""  # SHA-256 of the weights of the agent that the network begins as a copy of
-        if preset.start:
-            agent = started(preset, seed, self.env.perception)
-            self.began_as = str(agent.card["sha256"])
-            put_layers(self.ppo.policy, agent.network.layers)
 
     def teach(self) -> Iterator[int]:
         """Runs the imitation of the preset, and yields the number of frames seen so far."""
@@ -83,12 +75,8 @@ class Learner:
         self._timed.seconds = dict(seconds)  # the environment's part of the imitation counts as imitation
         began = time.perf_counter()
         frames = 0
-        lessons = (
-            value(self.ppo, preset.imitation, preset.imitation_rate)
-            if preset.start
-            else teach(self.ppo, self.env, preset.controller_at, preset.imitation, preset.imitation_rate, self.seed)
-        )
-        for frames in lessons:
+        numbers = preset.imitation, preset.imitation_rate, self.seed
+        for frames in teach(self.ppo, self.env, preset.controller_at, *numbers):
             self.seconds["imitation"] = time.perf_counter() - began
             yield frames
         self._timed.seconds = seconds
@@ -254,36 +242,6 @@ def policy_layers(policy: Any) -> Layers:
         (each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy())
         for each in (*linear, policy.action_net)
     ]
-
-
-def started(preset: Preset, seed: int, perception: Perception) -> Agent:
-    """Returns the agent that the run of a seed starts from.
-
-    Raises:
-        ValueError: if the preset's start holds no agent of the seed, or one whose network cannot be copied.
-    """
-    folders = trained(preset.start)
-    if seed not in folders:
-        there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
-        raise ValueError(f"start is {preset.start!r}, which holds no agent of seed {seed} (there are {there})")
-    agent = load_agent(folders[seed])
-    same = dataclasses.replace(agent.features, limits=preset.features.limits)
-    wanted = [perception.num_inputs - perception.limits * (not agent.features.limits), *preset.hidden, 2]
-    if same != preset.features or agent.actions != preset.actions or agent.network.sizes.tolist() != wanted:
-        raise ValueError(
-            f"start is {preset.start!r}, whose agent of seed {seed} sees, does or is something else than the preset's"
-        )
-    return agent
-
-
-def put_layers(policy: Any, layers: Layers) -> None:
-    """Copies weights (outputs, inputs) and biases into a policy's mean; inputs that they lack get the weight 0."""
-    linear = [each for each in policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
-    with torch.no_grad():
-        for each, (weight, bias) in zip((*linear, policy.action_net), layers, strict=True):
-            each.weight.zero_()
-            each.weight[:, : weight.shape[1]] = torch.from_numpy(np.ascontiguousarray(weight))
-            each.bias.copy_(torch.from_numpy(np.ascontiguousarray(bias)))
 
 
 def _anneal(first: float, last: float) -> Callable[[float], float]:

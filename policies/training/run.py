@@ -22,8 +22,9 @@ from wayfield.envs.storage import clear_stale, locked
 from wayfield.policies.learned.agent import Agent, Network, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner
+from wayfield.policies.training.measured import measurement
 from wayfield.policies.training.presets import Preset
-from wayfield.policies.training.validation import Score, validate
+from wayfield.policies.training.validation import Score, finite, validate
 
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
@@ -227,9 +228,7 @@ class _Run:
         scores, measured = [], []
         for speed, kwargs in ((preset.speed, self.kwargs), *self.further):
             scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
-            measured.append(
-                {"asked_speed": speed, "env_kwargs": dict(kwargs), **_found(dataclasses.asdict(scores[-1]))}
-            )
+            measured.append(measurement(speed, kwargs, dataclasses.asdict(scores[-1])))
         score = dataclasses.replace(scores[0], score=sum(each.score for each in scores) / len(scores))
         took = time.perf_counter() - began
         self.learner.seconds["validation"] += took
@@ -308,7 +307,6 @@ class _Run:
             "training": {
                 **self.job.described(),
                 **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.controller else {}),
-                **({"began_as": self.learner.began_as} if preset.start else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),
@@ -317,7 +315,7 @@ class _Run:
                 "versions": versions(),
             },
             "trained_on": trained_on(preset),
-            "validation": _found({name: value for name, value in row.items() if name in _SCORES}),
+            "validation": finite({name: value for name, value in row.items() if name in _SCORES}),
             "measured": list(measured),
         }
 
@@ -332,11 +330,6 @@ def trained_on(preset: Preset) -> dict[str, list[Any]]:
         "speeds": list(preset.paces),
         "beams": sorted({int(kwargs["num_beams"]) for _, kwargs in preset.worlds if "num_beams" in kwargs}),
     }
-
-
-def _found(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """Returns the numbers of a validation, those that are none as None, which JSON has."""
-    return {name: None if math.isnan(value) else value for name, value in numbers.items()}
 
 
 _SCORES = {field.name for field in dataclasses.fields(Score)} - {"reward"} | {"return"}

@@ -36,7 +36,6 @@ ABOUT: dict[str, Setting] = {
     "validations": Setting("1 to 100000", "in a run"),
     "controller": Setting("policy, empty", "that teaches the network, or that it adds to"),
     "controller_gains": Setting("default, tuned", "of the controller"),
-    "start": Setting("folder, empty", "of the agents that the networks begin as copies of, by seed"),
     "imitation": Setting("0 to steps", "frames in which the network is taught before PPO"),
     "imitation_rate": Setting(">= 0", "learning rate of the teaching"),
     "reach": Setting(">= 0", "share of its twists that the network adds; 0: it drives alone"),
