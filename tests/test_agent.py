@@ -559,6 +559,7 @@ def test_a_slow_base_stops_on_the_way_on_which_the_known_one_does(speed: float, 
     assert v * lag + v * v / (2.0 * a) == pytest.approx(speed * 0.1 + speed * speed / 2.0)
     assert driven_speed(card, told, speed) == speed
     assert driven_speed({}, slow, speed) == speed
+    assert driven_speed({"trained_on": {**TRAINED_ON, "actuators": ["ideal"]}}, slow, speed) == speed
     assert driven_as(card, slow) is slow.actuators
 
 

@@ -79,11 +79,13 @@ def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> f
     if not known or own in known:
         return speed
     slowest = min(known, key=lambda each: each.acceleration)
-    way = speed * slowest.lag + speed * speed / (2.0 * slowest.acceleration)
-    if not (math.isfinite(own.acceleration) and way < speed * own.lag + speed * speed / (2.0 * own.acceleration)):
+    if slowest.acceleration == math.inf:  # it never had to stop
         return speed
+    way = speed * slowest.lag + speed * speed / (2.0 * slowest.acceleration)
     lag, acceleration = own.lag, own.acceleration
-    return min(speed, acceleration * (math.sqrt(lag * lag + 2.0 * way / acceleration) - lag))
+    if way >= speed * lag + speed * speed / (2.0 * acceleration):
+        return speed
+    return acceleration * (math.sqrt(lag * lag + 2.0 * way / acceleration) - lag)
 
 
 def _known(card: Mapping[str, Any], briefing: Briefing) -> list[Actuators]:

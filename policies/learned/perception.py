@@ -175,7 +175,7 @@ class GoalFeatures:
         """Raises ValueError unless the robots have a scan that can be read as the one that is seen."""
         given, angles = len(briefing.beam_angles), briefing.beam_angles
         around = given > 1 and abs(angles[0] + math.pi) < 1e-9 and abs(given * (angles[1] - angles[0]) - FULL) < 1e-6
-        if not around or given < LEAST_BEAMS or briefing.max_range < self.max_range:
+        if not around or given < min(self.num_beams, LEAST_BEAMS) or briefing.max_range < self.max_range:
             spanned = math.degrees(angles[-1] - angles[0]) if given > 1 else 0.0
             raise ValueError(
                 f"needs num_beams={self.num_beams}, or at least {LEAST_BEAMS}, over the full circle and max_range="

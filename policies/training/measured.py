@@ -6,7 +6,8 @@ Each agent drives the validation scenarios with the slow actuators, a path follo
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +17,36 @@ from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.agent import CARD, Agent, load_agent, signed
+from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.training.validation import finite, validate
 
 FAST = 1.05  # m/s, beside the speed that an agent was validated at
 
 
-def conditions(agent: Agent) -> Iterator[tuple[float, dict[str, Any]]]:
-    """Yields the speeds asked for, m/s, and the keyword arguments of the environment, in which an agent is measured."""
+Condition = tuple[float, dict[str, Any]]  # a speed asked for, m/s, and the keyword arguments of the environment
+
+
+def _of_paths(speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    return [(FAST, dict(base))]
+
+
+def _of_goals(speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    """Returns what `make` gives: the scan of the data sheet, and goals with a heading."""
+    robot = {"robot": base["robot"]} if "robot" in base else {}
+    made = {"actuators": "ideal", "num_beams": 32, **robot}
+    return [(speed, {"scenario": scenario, **made}) for scenario in ("discs", "open_field")]
+
+
+MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {
+    "path_following": _of_paths,
+    "goal_reaching": _of_goals,
+}  # by task
+
+
+def conditions(agent: Agent) -> list[Condition]:
+    """Returns in what an agent is measured; quicker bases than those that it knows it drives as those."""
     base: dict[str, Any] = dict(agent.card["env_kwargs"])
-    # on bases quicker than those that it knows it drives as on those
-    yield agent.speed, base | {"actuators": "slow"}
-    if agent.card["task"] == "path_following":
-        yield FAST, base
-    else:  # as `make` gives them: the scan of the data sheet, and goals with a heading
-        robot = {"robot": base["robot"]} if "robot" in base else {}
-        for scenario in ("discs", "open_field"):
-            yield agent.speed, {"scenario": scenario, "actuators": "ideal", "num_beams": 32} | robot
+    return [(agent.speed, base | {"actuators": "slow"}), *MORE[agent.card["task"]](agent.speed, base)]
 
 
 def measure(agent: Agent) -> list[dict[str, Any]]:
@@ -52,6 +67,7 @@ def measurement(speed: float, kwargs: Mapping[str, Any], score: Mapping[str, flo
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 def main(folders: tuple[Path, ...]) -> None:
     """Measures the agent of each FOLDER, such as results/mine/seed_0/best, and writes it into its card."""
+    warnings.simplefilter("ignore", NewToAgent)  # that it is new is why it is measured
     for folder in folders:
         try:
             agent = load_agent(folder)

@@ -389,7 +389,7 @@ def settable(preset: Preset) -> list[tuple[str, Any]]:
 def _known(owner: Any) -> list[str]:
     """Returns the fields of a preset, or of a part of one, that a setting may name."""
     names = [field.name for field in dataclasses.fields(owner) if not _hidden(getattr(owner, field.name))]
-    return [name for name in names if name not in ("name", "bar", "measured", "task", "env_ids")]
+    return [name for name in names if name not in ("name", "bar", "measured", "task", "env_ids", "conditions")]
 
 
 def _hidden(value: Any) -> bool:
