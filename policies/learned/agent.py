@@ -168,7 +168,7 @@ class Agent:
         if news and news not in _WARNED:
             _WARNED.add(news)
             warnings.warn(told, NewToAgent, stacklevel=2)
-        parts = {"network": perception.fresh(briefing.num_envs)}
+        parts: dict[str, NDArray[Any]] = {"network": perception.fresh(briefing.num_envs)}
         if self.controller is not None:
             parts["base"] = self.controller.reset(briefing)
         if driven_as(self.card, briefing) is not briefing.actuators:

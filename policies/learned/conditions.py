@@ -133,7 +133,7 @@ def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
 def _likeness(measured: Mapping[str, Any], asked: Mapping[str, Any]) -> int:
     """Returns in how many things a condition that was measured is the one that is asked for, the tier first."""
     found = {"actuators": "ideal", "num_beams": 0, **measured["env_kwargs"], "speed": measured["asked_speed"]}
-    return 2 * (found["actuators"] == asked["actuators"]) + sum(found[name] == asked[name] for name in asked)
+    return 2 * int(found["actuators"] == asked["actuators"]) + sum(int(found[name] == asked[name]) for name in asked)
 
 
 def _found(measured: Mapping[str, Any]) -> str:

@@ -256,12 +256,15 @@ def limits_of(features: Features, actuators: Actuators) -> Numbers:
     a and alpha are the accelerations (m/s^2, rad/s^2), s_v and s_w the scales of speed and yaw rate: so the first two
     are the seconds that a usual change of the twist takes, and all are 0 for a base that does at once what it is told.
     """
-    seen = (
-        features.speed_scale / actuators.acceleration,
-        features.yaw_scale / actuators.yaw_acceleration,
-        actuators.lag / 0.1,
+    seen = np.array(
+        [
+            features.speed_scale / actuators.acceleration,
+            features.yaw_scale / actuators.yaw_acceleration,
+            actuators.lag / 0.1,
+        ],
+        np.float32,
     )
-    return np.minimum(np.array(seen), LIMIT).astype(np.float32)
+    return np.minimum(seen, np.float32(LIMIT))
 
 
 @dataclasses.dataclass(frozen=True)

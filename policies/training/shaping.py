@@ -177,9 +177,9 @@ class Shaped(VecEnv):
         perception = self.perception
         changes = changes_of(actions, self.memory["actions"])
         twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
-        for part, rows, pace in zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True):
-            seen = self._fields(self.observations[rows])
-            twists[rows] = perception.features.guarded(seen, twists[rows], pace, part.task.options.actuators)
+        for part, mine, pace in zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True):
+            seen = self._fields(self.observations[mine])
+            twists[mine] = perception.features.guarded(seen, twists[mine], pace, part.task.options.actuators)
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
         ended = terminated | truncated
         rows = np.flatnonzero(ended)

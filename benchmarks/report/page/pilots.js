@@ -78,6 +78,11 @@ class Network {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
     }
     if (recipe.guard) this.guard = doubles(recipe.guard);
+    if (recipe.hold) {
+      this.law = doubles(recipe.hold);
+      this.matrix = { ...doubles(recipe.matrix.flat()), shape: [recipe.matrix.length, 3] };
+      this.held = room(72, [1, 3, 3]);
+    }
     if (recipe.shares) this.shares = doubles(recipe.shares);
     this.twist = room(24, [1, simulator.body.axes.length]);
     this.turned = room(24, [1, 3]);
@@ -89,6 +94,11 @@ class Network {
     const { recipe, memory, inputs, fields } = this;
     const { kernels, seen, body } = this.simulator;
     for (const [name, values] of Object.entries(seen)) kernels.f64(fields[name].at, values.length).set(values);
+    if (this.held) { // as a slower base would measure its twist: at the end of a control period, not in its mean
+      const held = kernels.f64(this.held.at, 9);
+      const twist = kernels.f64(fields.twist.at, body.axes.length);
+      body.axes.forEach((axis, k) => { twist[k] += held[3 + axis] - held[6 + axis]; });
+    }
     const part = (place, from, count) => ({ at: place.at + 4 * from, shape: [1, count] });
     const seenPart = part(inputs, 0, recipe.width);
     kernels.f64(this.angles.at, 1)[0] = 0;
@@ -159,11 +169,11 @@ class Network {
     return Array.from(kernels.f64(this.turned.at, 3));
   }
 
-  // `GoalFeatures.arrived` and `guarded`, of one robot.
+  // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, and `hold`.
   ended(twist) {
     const { recipe, fields } = this;
     const { kernels, body, seen } = this.simulator;
-    if (!recipe.guard && !recipe.arrive_scales) return twist;
+    if (!recipe.guard && !recipe.arrive_scales && !recipe.hold) return twist;
     const count = body.axes.length;
     kernels.f64(this.twist.at, count).set(body.axes.map((axis) => twist[axis]));
     if (recipe.arrive_scales) {
@@ -174,8 +184,10 @@ class Network {
       kernels.call("perception_guard", { ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] },
         yaw_rates: { at: fields.twist.at + 8 * (count - 1), shape: [1] }, law: this.guard, twists: this.twist });
     }
+    if (recipe.hold) kernels.call("perception_hold", { law: this.law, matrix: this.matrix, held: this.held, twists: this.twist });
     const found = [0, 0, 0];
     body.axes.forEach((axis, k) => { found[axis] = kernels.f64(this.twist.at, count)[k]; });
+    if (recipe.hold) body.axes.forEach((axis) => { kernels.f64(this.held.at, 9)[6 + axis] = found[axis]; });
     return found;
   }
 }
