@@ -32,7 +32,7 @@ LEAST = 5  # scenarios of a family, under which nothing may stand in brackets
 APART = 0.03  # relative, of mean speeds
 MARK = "‡"
 RESAMPLES = 200  # of the rows, in which coverage is measured
-COMPARED = ("test", "own", "public")
+COMPARED = ("test", "claims", "own", "public")
 _ERROR = "cross_track_rms"  # the cost of following a path
 _NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
 

@@ -60,6 +60,7 @@ class ContestOptions:
     courses: tuple[Course, ...] = ()  # the user's own scenarios, in place of the test split
     command: str = ""  # that makes the same again
     keep: int | None = WORST  # of each entry, the trajectories of its worst episodes; None: all
+    split: str = "test"  # or "claims", of the frozen scenarios
 
     @property
     def ladder(self) -> bool:
@@ -92,7 +93,7 @@ class ContestOptions:
         """Returns the cases in which policies are timed; of trained agents one."""
         found: dict[tuple[str, str, str], Case] = {}
         for contest in (ALL_CONTESTS[name] for name in self.contests):
-            course = self.courses[0] if self.courses else Course(contest.timed_on, "test")
+            course = self.courses[0] if self.courses else Course(contest.timed_on, self.split)
             for case in contest.cases(self.robot, course, self.entrants(contest)):
                 found[contest.name, case.policy, case.gains_name] = case
         return list(found.values())
@@ -167,9 +168,9 @@ class ContestOptions:
                 ) from None
 
     def _frozen(self, contest: Contest, plant: str) -> list[Course]:
-        """Returns the test split of every family that was asked for."""
+        """Returns the split that is asked for of every family that was."""
         families = [each for each in contest.families(plant) if self.families is None or each in self.families]
-        return [Course(family, "test") for family in families]
+        return [Course(family, self.split) for family in families]
 
     def _where(self, own: Entrant) -> list[str]:
         """Returns the contests that a policy of the user's own can take part in.

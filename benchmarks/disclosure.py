@@ -28,10 +28,13 @@ _PROTECTED: Mapping[str, str] = {
     "reeds_shepp": "its plan, made anew where the map moves into it",
     "astar_tracker": "plans on the whole map, waits for what moves",
 }
-_AGENT_ON_PATHS = "its last commands; its reward was the exact error"
+_AGENT_ON_PATHS = (
+    "its last commands; holds a quicker base to the accelerations and the lag that it knows; its reward was the exact "
+    "error"
+)
 _AGENT_AT_GOALS = (
-    "where it was 1 to 30 s ago; a guard keeps it from nearing what it sees faster than it could stop; its reward used "
-    "the map's shortest way"
+    "where it was 1 to 30 s ago; a guard keeps it from nearing what it sees faster than it could stop; a law drives "
+    "the last 0.2 m and turns to the heading; holds a quicker base to what it knows; its reward used the shortest way"
 )
 
 

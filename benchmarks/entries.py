@@ -15,7 +15,7 @@ from wayfield.envs.disturbances import LEVELS
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
 
-COMPARED = ("test", OWN_SPLIT, PUBLIC_SPLIT)  # the splits that entries are ranked on
+COMPARED = ("test", "claims", OWN_SPLIT, PUBLIC_SPLIT)  # the splits that entries are ranked on
 OFF_PACE = "‡"
 
 _NEEDED = ("contest", "family", "split", "failure_cost", "agent_seed", "knows")

@@ -102,6 +102,12 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 )
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
+    "--split",
+    type=Choice("--split", ("test", "claims")),
+    help="The frozen scenarios of a contest: 10 a family (test), or 100 others, which tell differences of a point "
+    "(claims).  [default: test]",
+)
+@click.option(
     "--path",
     "path",
     metavar="FILE",
@@ -186,6 +192,7 @@ class Asked:
     homes: tuple[str, ...]
     own: tuple[str, ...]
     families: tuple[str, ...] | None
+    split: str | None
     path: str | None
     scenarios: str | None
     scale: float | None
@@ -218,7 +225,8 @@ class Asked:
     def narrowed(self) -> bool:
         """Returns whether there are other options than those that every suite takes."""
         few = (self.names, self.dynamics, self.actuators, self.robot, self.gains, self.homes, self.own, self.families)
-        return any((*few, self.path, self.scenarios, self.data, self.mode, self.episodes, self.video, self.keep))
+        more = (self.path, self.scenarios, self.data, self.mode, self.split, self.episodes, self.video, self.keep)
+        return any((*few, *more))
 
     @property
     def wanted(self) -> str:
@@ -232,7 +240,7 @@ class Asked:
             "robot": str(self.robot) if self.robot not in (None, ROBOTS["p3dx"]) else None,
             "agents": tuple(Path(home).resolve().name for home in self.homes),
             "own": tuple(readable(text) for text in self.own),
-            **{"policies": self.names, "families": self.families},
+            **{"policies": self.names, "families": self.families, "split": self.split},
             **{"scale": self.scale, "episodes": self.episodes, "seed": self.seed},
             "trajectories": "all_trajectories" if self.keep == "all" else None,
         }
@@ -276,6 +284,8 @@ class Asked:
             raise click.UsageError("--dynamics both belongs to the documents; a contest is run on one plant")
         elif self.scenarios is not None and self.families is not None:
             raise click.UsageError("--families belongs to the frozen scenarios; of --scenarios each file is a family")
+        elif self.scenarios is not None and self.split is not None:
+            raise click.UsageError("--split belongs to the frozen scenarios; --scenarios brings its own")
 
     def _check_public(self) -> None:
         """Refuses what a public benchmark lacks, and what belongs to one elsewhere."""
@@ -305,7 +315,7 @@ class Asked:
                 ("--agents", self.homes),
                 ("--policy", self.own),
             ),
-            *(("--families", self.families), ("--keep-trajectories", self.keep)),
+            *(("--families", self.families), ("--split", self.split), ("--keep-trajectories", self.keep)),
         ):
             if value:
                 raise click.UsageError(
@@ -400,6 +410,7 @@ class Asked:
             courses,
             self.command,
             KEPT[self.keep or "worst"],
+            self.split or "test",
         )
         differing = (
             ({"scenarios": Path(self.scenarios).resolve().name} if self.scenarios is not None else {})

@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import tempfile
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
+from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.tuned import PACE, tuned_set
 
@@ -112,11 +114,13 @@ def played(setting: Setting) -> list[tuple[Row, Trajectory]]:
     more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
     members = members_of(contest, setting)
     found = []
-    for i, (row, trajectory) in enumerate(episodes(setting)):
-        member = members[i % len(members)]
-        if setting.members:
-            more |= {"scenario": member.name}
-        found.append((row | more | {"tier": member.tier, "quantity": repr(member.quantity)}, trajectory))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NewToAgent)  # the table is what tells how agents do there
+        for i, (row, trajectory) in enumerate(episodes(setting)):
+            member = members[i % len(members)]
+            if setting.members:
+                more |= {"scenario": member.name}
+            found.append((row | more | {"tier": member.tier, "quantity": repr(member.quantity)}, trajectory))
     return found
 
 

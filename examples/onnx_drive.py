@@ -4,7 +4,8 @@
     python onnx_drive.py agent.onnx
 
 `Driver` needs the graph alone, which carries the agent's card: it turns a flat observation into a twist (v, w), for
-path followers and for goal seekers of the frame "body". Copy it to your robot; here it drives our environment.
+path followers and for goal seekers of the frame "body", by the scan of the card. It is told what the base can do. Copy
+it to your robot; here it drives our environment.
 """
 
 import argparse
@@ -22,9 +23,13 @@ def clip(numbers):
 
 
 class Driver:
-    """Drives by a graph, from the beginning of an episode; `reset` at the next."""
+    """Drives by a graph, from the beginning of an episode; `reset` at the next.
 
-    def __init__(self, file):
+    The base accelerates by at most `acceleration` (m/s^2) and `yaw_acceleration` (rad/s^2), and lags by `lag` (s).
+    """
+
+    def __init__(self, file, acceleration=1.0, yaw_acceleration=3.0, lag=0.1):
+        self.acceleration, self.yaw_acceleration, self.lag = acceleration, yaw_acceleration, lag
         self.session = onnxruntime.InferenceSession(str(file))
         self.card = json.loads(self.session.get_modelmeta().custom_metadata_map["card"])
         self.f, self.speed = self.card["features"], self.card["speed"]
@@ -41,14 +46,22 @@ class Driver:
         o = np.asarray(observation, float)
         now = self.see(o)
         old = [np.broadcast_to(each, now.shape) for each in list(self.seen)[self.f["stride"] - 1 :: self.f["stride"]]]
-        inputs = np.concatenate([now, self.acted.ravel(), self.trails(o[:3]), *old]).astype(np.float32)
+        inputs = [now, self.acted.ravel(), self.trails(o[:3]), *old, self.limits()]
+        inputs = np.concatenate(inputs).astype(np.float32)
         (a,) = self.session.run(None, {"features": inputs[None]})[0]
         self.acted = np.vstack([a, self.acted[:-1]]) if len(self.acted) else self.acted
         if self.seen:
             self.seen.rotate(1)
             self.seen[0] = now
         twist = np.array([self.speed * 0.5 * (a[0] + 1.0), self.card["actions"]["yaw_rate"] * a[1]])
-        return self.guarded(twist, o)
+        return twist if self.see == self.path else self.guarded(self.arrived(twist, o), o)
+
+    def limits(self):
+        """What the network sees of the base, where its card says that it does."""
+        if not self.f["limits"]:
+            return []
+        scales = self.f["speed_scale"] / self.acceleration, self.f["yaw_scale"] / self.yaw_acceleration
+        return np.minimum([*scales, self.lag / 0.1], 5.0)
 
     def motion(self, twist):
         return clip(twist / [self.f["speed_scale"], self.f["yaw_scale"]])
@@ -100,13 +113,32 @@ class Driver:
         (s, c), away = (np.sin(pose[2]), np.cos(pose[2])), self.points - pose[:2]
         return clip(away @ [[c, -s], [s, c]] / (self.f["speed_scale"] * times)).ravel()
 
+    def arrived(self, twist, o):
+        """Near its last goal, a goal seeker drives on to it and turns to its heading by a law."""
+        (x, y), turn, left = o[5:7], o[7], o[8]
+        distance = np.hypot(x, y)
+        if left > 0.5 or distance > self.f["arrival"]:
+            return twist
+        there = distance <= 0.03 and (distance <= 0.015 or x <= 0.0)
+        aside = np.arctan2(y, x)
+        error = turn if there else aside
+        hardest = 0.5 * min(self.yaw_acceleration, 3.0)
+        rate = np.sign(error) * min(2.0 * abs(error), np.sqrt(2.0 * hardest * abs(error)), 1.5)
+        speed = 0.0 if there or abs(aside) >= 0.3 else min(self.speed, 0.3, 1.5 * distance)
+        return np.array([speed, rate])
+
     def guarded(self, twist, o):
         """A goal seeker approaches what it sees no faster than it could stop."""
-        braking, reaction = self.f.get("braking", 0.0), self.f.get("reaction", 0.0)
-        if not braking:
+        if not self.f["braking"]:
             return twist
+        braking, reaction = min(self.f["braking"], 0.7 * self.acceleration), max(self.f["reaction"], self.lag + 0.1)
+        late = reaction - self.f["reaction"] + self.speed / braking - self.speed / self.f["braking"]
         room = np.maximum(o[9:] - self.f["hull_radius"] - self.f["gap"], 0.0)
-        towards = twist[0] * np.cos(np.arange(len(room)) * 2 * np.pi / len(room) - np.pi)
+        angles = np.arange(len(room)) * 2 * np.pi / len(room) - np.pi
+        # as it heads, and as it will have turned by the time that it needs longer to stop than it was trained with
+        turned = np.clip(late * max(twist[1], o[4], key=abs), -np.pi / 2, np.pi / 2)
+        near = np.clip(angles, min(turned, 0.0), max(turned, 0.0))
+        towards = twist[0] * np.cos(angles - near)
         most = braking * (np.sqrt(reaction**2 + 2 * room / braking) - reaction)
         fast = towards > np.maximum(most, 0.0)
         return twist * [np.min(most[fast] / towards[fast], initial=1.0), 1.0]

@@ -1,12 +1,14 @@
 """Trained agents: the network's numbers, what they see, and the files they are kept in."""
 
 import copy
+import dataclasses
 import itertools
 import json
 import math
 import os
 import shutil
 import signal
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -20,7 +22,9 @@ from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
+from wayfield.envs.storage import digest
+from wayfield.policies import make
 from wayfield.policies.learned.agent import (
     CARD,
     FORMAT,
@@ -32,7 +36,8 @@ from wayfield.policies.learned.agent import (
     signed,
     weights_digest,
 )
-from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, Perception
+from wayfield.policies.learned.conditions import driven_as, driven_speed
+from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, Perception, limits_of
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
 
@@ -53,8 +58,6 @@ def layers_of(sizes: list[int], seed: int = 0) -> list[tuple[Any, Any]]:
 
 def make_folder(folder: Path, task: str = "path_following", **changes: Any) -> Path:
     """Writes an agent with random weights and returns its folder."""
-    import dataclasses
-
     path = task == "path_following"
     features = PathFeatures() if path else GoalFeatures()
     based = changes.get("base") is not None
@@ -357,11 +360,11 @@ def test_crumbs_tell_where_a_robot_was_and_for_how_long_it_comes_no_nearer() -> 
 @given(seed=st.integers(0, 2**32 - 1), planar=st.booleans(), reaction=st.floats(0.0, 0.5), braking=st.floats(0.3, 2.0))
 def test_no_guarded_twist_is_too_fast_to_stop(seed: int, planar: bool, reaction: float, braking: float) -> None:
     rng = np.random.default_rng(seed)
-    features = GoalFeatures(braking=braking, reaction=reaction)
+    features, base = GoalFeatures(braking=braking, reaction=reaction), ACTUATORS["ideal"]
     ranges = rng.uniform(0.2, 2.0, (20, 72))
     twists = rng.uniform(-1.0, 1.0, (20, 3 if planar else 2))
     seen = goal_reaching.Observation(*[np.zeros((20, 1))] * 5, ranges)
-    guarded = features.guarded(seen, twists.copy())
+    guarded = features.guarded(seen, twists.copy(), 0.6, base)
     angles = np.arange(72) * 2.0 * math.pi / 72 - math.pi
     room = np.maximum(ranges - features.hull_radius - features.gap, 0.0)
     # within the time `reaction` at v and then braking, the way is v reaction + v^2 / (2 braking)
@@ -375,14 +378,208 @@ def test_no_guarded_twist_is_too_fast_to_stop(seed: int, planar: bool, reaction:
 def test_the_guard_leaves_a_free_way_alone_and_slides_along_a_wall() -> None:
     features = GoalFeatures()
     free = np.array([[0.5, 0.2, 0.3]])
-    np.testing.assert_array_equal(features.guarded(seeker((0.0, 0.0, 0.0), (1.0, 0.0)), free.copy()), free)
+    base = ACTUATORS["lagged"]
+    np.testing.assert_array_equal(features.guarded(seeker((0.0, 0.0, 0.0), (1.0, 0.0)), free.copy(), 0.6, base), free)
     angles = np.arange(72) * 2.0 * math.pi / 72 - math.pi
     ahead = 0.34 / np.maximum(np.cos(angles), 1e-9)  # a wall at x = 0.34, the hull and the gap end at 0.32
     ranges = np.minimum(ahead, 5.0)[None]
     seen = goal_reaching.Observation(*[np.zeros((1, 1))] * 5, ranges)
-    slid = features.guarded(seen, np.array([[0.5, 0.2, 0.0]]))
+    slid = features.guarded(seen, np.array([[0.5, 0.2, 0.0]]), 0.6, base)
     assert 0.0 <= slid[0, 0] < 0.1
     assert slid[0, 1] > 0.1
+
+
+def test_the_guard_asks_no_more_of_a_base_than_it_can_do() -> None:
+    """A base that brakes with a (m/s^2) after tau (s) gets 0.7 a and tau + 0.1 s; the nominal one what it had."""
+    features, ranges = GoalFeatures(), np.full((1, 72), 0.62)  # 0.3 m of room all around
+    seen = goal_reaching.Observation(*[np.zeros((1, 1))] * 5, ranges)
+    for base, braking, reaction in (
+        (ACTUATORS["lagged"], 0.7, 0.2),
+        (ACTUATORS["ideal"], 0.7, 0.2),
+        (ACTUATORS["slow"], 0.35, 0.35),
+    ):
+        (((v, _),),) = (features.guarded(seen, np.array([[1.0, 0.0]]), 0.6, base),)
+        assert v * reaction + v * v / (2.0 * braking) == pytest.approx(0.3)
+
+
+@given(w=st.floats(0.1, 2.0), left=st.booleans())
+def test_a_slow_base_is_kept_from_where_it_is_turning_to(w: float, left: bool) -> None:
+    """It drives along a wall at its side and turns into it: the nominal base may, one that is late may not."""
+    side = 1.0 if left else -1.0
+    angles = np.arange(72) * 2.0 * math.pi / 72 - math.pi
+    ranges = np.minimum(0.34 / np.maximum(side * np.sin(angles), 1e-9), 5.0)[None]
+    seen = goal_reaching.Observation(*[np.zeros((1, 1))] * 5, ranges)
+    speeds = [
+        GoalFeatures().guarded(seen, np.array([[0.6, turn * side * w]]), 0.6, ACTUATORS[tier])[0, 0]
+        for tier, turn in (("lagged", 1.0), ("slow", 1.0), ("slow", -1.0))
+    ]
+    assert speeds[1] < speeds[0]
+    assert speeds[1] < speeds[2]  # turning away from it is another thing
+
+
+@given(count=st.integers(32, 720), seed=st.integers(0, 2**32 - 1))
+def test_a_scan_of_any_number_of_beams_is_read_by_nearness(count: int, seed: int) -> None:
+    """Of more beams the least within half a step of the known ones, of fewer the nearest."""
+    ranges = np.random.default_rng(seed).uniform(0.3, 5.0, (3, count))
+    known = GoalFeatures(num_beams=72).read(ranges)
+    away = np.abs((np.arange(count) / count - np.arange(72)[:, None] / 72 + 0.5) % 1.0 - 0.5)  # parts of the circle
+    for j in range(72):
+        most = max(0.5 / 72, away[j].min()) + 1e-12
+        np.testing.assert_array_equal(known[:, j], ranges[:, away[j] <= most].min(axis=1))
+
+
+@given(
+    distance=st.floats(0.02, 0.2), around=st.floats(-3.1, 3.1), turn=st.floats(-3.1, 3.1), planar=st.booleans(),
+    tier=st.sampled_from(["ideal", "lagged", "slow"]),
+)  # fmt: skip
+def test_near_its_goal_a_robot_ends_at_it_and_at_its_heading(
+    distance: float, around: float, turn: float, planar: bool, tier: str
+) -> None:
+    """Exact arcs of a base behind its accelerations and its lag; x, y, heading in the frame of the goal."""
+    features, base = GoalFeatures(arrival=0.25), ACTUATORS[tier]
+    x, y, heading = -distance * math.cos(around), -distance * math.sin(around), -turn
+    asked, moved = np.zeros(3), np.zeros(3)
+    most = np.array([base.acceleration, base.acceleration, base.yaw_acceleration]) * 0.05
+    for _ in range(400):
+        c, s = math.cos(heading), math.sin(heading)
+        goal = np.array([[-c * x - s * y, s * x - c * y]])
+        error = np.array([math.remainder(-heading, 2.0 * math.pi)])
+        seen = goal_reaching.Observation(*[np.zeros((1, 3))] * 2, goal, error, np.zeros(1), np.full((1, 72), 5.0))
+        axes = [0, 1, 2] if planar else [0, 2]
+        twist = np.zeros(3)
+        twist[axes] = features.arrived(seen, np.full((1, len(axes)), 9.0), 0.6, base)[0]
+        asked = asked + np.clip(twist - asked, -most, most)
+        moved = asked + (moved - asked) * (math.exp(-0.05 / base.lag) if base.lag else 0.0)
+        x, y = x + 0.05 * (c * moved[0] - s * moved[1]), y + 0.05 * (s * moved[0] + c * moved[1])
+        heading += 0.05 * moved[2]
+    assert math.hypot(x, y) < 0.05
+    assert abs(math.remainder(heading, 2.0 * math.pi)) < 0.05
+
+
+def test_far_from_its_goal_or_before_a_waypoint_the_network_drives() -> None:
+    features, base, twists = GoalFeatures(arrival=0.2), ACTUATORS["lagged"], np.array([[0.5, 0.2, 0.3]])
+    for at, left in (((0.25, 0.0), 0.0), ((0.1, 0.0), 1.0)):
+        seen = seeker((0.0, 0.0, 0.0), at)._replace(waypoints_left=np.array([left]))
+        np.testing.assert_array_equal(features.arrived(seen, twists.copy(), 0.6, base), twists)
+
+
+def test_what_a_base_can_do_is_told_in_seconds() -> None:
+    features = PathFeatures(limits=True)
+    for tier, seen in (("ideal", [0.0, 0.0, 0.0]), ("lagged", [0.6, 2.0 / 3.0, 1.0]), ("slow", [1.2, 4.0 / 3.0, 2.5])):
+        assert limits_of(features, ACTUATORS[tier]) == pytest.approx(seen)
+    assert limits_of(features, Actuators(True, 1e-3, 1e-3, 9.0)).tolist() == [5.0, 5.0, 5.0]
+    perception = Perception(features, Actions(), 2, 0.05)
+    without = Perception(PathFeatures(), Actions(), 2, 0.05)
+    assert perception.num_inputs == without.num_inputs + 3
+    seen = path_following.Observation(
+        np.zeros((1, 3)), np.ones((1, 2)), np.ones(1), np.ones(1), np.ones(1), np.ones((1, 10, 2))
+    )
+    limits = limits_of(features, ACTUATORS["slow"])
+    inputs, _ = perception.inputs(seen, np.ones(1), perception.fresh(1), None, limits)
+    others, _ = without.inputs(seen, np.ones(1), without.fresh(1))
+    np.testing.assert_array_equal(inputs[0], [*others[0], *limits])
+
+
+# ---- what is new to an agent
+
+TRAINED_ON = {"actuators": ["lagged"], "disturbances": ["none"], "speeds": [0.4, 0.8], "beams": [72]}
+FOUND = {"success": 0.71, "collision": 0.2, "error": 14.0}
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "speed", "said"),
+    [
+        ({"num_beams": 72, "actuators": "lagged"}, 0.6, ""),
+        ({"num_beams": 72, "actuators": "lagged"}, 0.8, ""),
+        ({"num_beams": 72, "actuators": "slow"}, 0.6, "with actuators 'slow', not lagged"),
+        ({"num_beams": 72, "actuators": "lagged"}, 1.0, "at 1 m/s, not 0.4 to 0.8"),
+        ({"num_beams": 90, "actuators": "lagged"}, 0.6, "with 90 beams, not 72"),
+        ({"num_beams": 72}, 0.6, ""),  # driven as the lagged base
+        ({"num_beams": 90}, 0.2, "at 0.2 m/s, not 0.4 to 0.8 and with 90 beams"),
+    ],
+)
+def test_an_agent_warns_once_of_what_it_was_not_trained_on_and_says_what_was_measured(
+    tmp_path: Path, kwargs: dict[str, Any], speed: float, said: str
+) -> None:
+    measured = [
+        {"asked_speed": 0.6, "env_kwargs": {"actuators": tier, "num_beams": 72}, **FOUND, "success": success}
+        for tier, success in (("lagged", 0.9), ("slow", 0.7))
+    ]
+    name = f"a test of {sorted(kwargs.items())} {speed}"  # each is warned of once in a process
+    folder = make_folder(tmp_path, "goal_reaching", trained_on=TRAINED_ON, measured=measured, name=name)
+    agent = load_agent(folder, speed=speed)
+    env = gymnasium.make(OMNI, **kwargs)
+    env.reset(seed=0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(3):
+            Pilot(agent, env).reset()
+    lines = [str(each.message) for each in caught]
+    assert len(lines) == (1 if said else 0)
+    for line in lines:
+        assert said in line
+        assert "\n" not in line
+        assert ("70 % succeeded" if kwargs.get("actuators") == "slow" else "90 % succeeded") in line
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kwargs"),
+    [
+        (PATH, {"scenario": "circuits/validation"}),
+        (DIFF, {"scenario": "clutter_5/validation", "num_beams": 72}),
+        (OMNI, {"scenario": "clutter_5/validation", "num_beams": 72}),
+    ],
+)
+def test_a_quick_base_is_driven_as_the_one_that_the_agent_was_trained_on(env_id: str, kwargs: dict[str, Any]) -> None:
+    """To rounding: what acts on the quick base is the mean over a control period of what the wheels of the other do."""
+    ways = {}
+    for tier in ("lagged", "ideal"):
+        envs = gymnasium.make_vec(env_id, 5, vectorization_mode="vector_entry_point", actuators=tier, **kwargs)
+        pilot = Pilot(make("ppo", seed=1), envs)
+        observations, _ = envs.reset(seed=1, options={"scenario": list(range(5))})
+        pilot.reset()
+        poses = []
+        for _ in range(60):
+            observations, *_ = envs.step(pilot.command(observations))
+            poses.append([envs.unwrapped.batch.states[name].copy() for name in ("x", "y")])
+        ways[tier] = np.array(poses)
+    assert np.abs(ways["lagged"] - ways["ideal"]).max() < 1e-5
+    assert np.abs(ways["lagged"][-1] - ways["lagged"][0]).max() > 0.5
+
+
+@given(speed=st.floats(0.05, 1.2), a=st.floats(0.05, 0.99), lag=st.floats(0.1, 1.0))
+def test_a_slow_base_stops_on_the_way_on_which_the_known_one_does(speed: float, a: float, lag: float) -> None:
+    env = gymnasium.make(PATH, actuators="lagged")
+    env.reset(seed=0)
+    told = env.unwrapped.briefing("sensors")
+    slow = dataclasses.replace(told, actuators=Actuators(True, a, 3.0, lag))
+    card = {"trained_on": TRAINED_ON}
+    v = driven_speed(card, slow, speed)
+    assert v <= speed
+    assert v * lag + v * v / (2.0 * a) == pytest.approx(speed * 0.1 + speed * speed / 2.0)
+    assert driven_speed(card, told, speed) == speed
+    assert driven_speed({}, slow, speed) == speed
+    assert driven_speed({"trained_on": {**TRAINED_ON, "actuators": ["ideal"]}}, slow, speed) == speed
+    assert driven_as(card, slow) is slow.actuators
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"trained_on": {**TRAINED_ON, "speeds": []}},
+        {"trained_on": {**TRAINED_ON, "actuators": ["quick"]}},
+        {"trained_on": {**TRAINED_ON, "speeds": [-1.0]}},
+        {"trained_on": {**TRAINED_ON, "beams": ["72"]}},
+        {"trained_on": {}},
+        {"measured": {}},
+        {"measured": [{"asked_speed": 0.6}]},
+        {"measured": [{"asked_speed": 0.6, "env_kwargs": {}, "success": "all", "collision": 0.0}]},
+    ],
+)
+def test_a_card_that_says_nothing_sensible_of_its_conditions_is_named(tmp_path: Path, more: dict[str, Any]) -> None:
+    folder = make_folder(tmp_path, "goal_reaching", **more)
+    with pytest.raises(ValueError, match=rf"{CARD}: {next(iter(more))}"):
+        load_agent(folder)
 
 
 # ---- files
@@ -474,7 +671,7 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
     ("env_id", "kwargs", "said"),
     [
         (DIFF, {"num_beams": 72}, "omni3, not p3dx"),
-        (OMNI, {"num_beams": 32}, "num_beams=72"),
+        (OMNI, {"num_beams": 31}, "at least 32, over the full circle"),
         (OMNI, {"num_beams": 72, "max_range": 3.0}, "max_range=5"),
         (OMNI, {"num_beams": 72, "field_of_view": 3.0}, "full circle"),
         (OMNI, {"num_beams": 0}, "num_beams=72"),
@@ -614,12 +811,21 @@ def test_a_signed_card_with_any_value_loads_or_is_refused_by_name(tmp_path: Path
     assert [case for case, said in refused.items() if CARD not in said or len(said) > 2000] == []
 
 
-def test_agents_of_the_first_format_are_still_read(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path / "a")
+@pytest.mark.parametrize(("task", "lacks"), [("path_following", ["limits"]), ("goal_reaching", ["limits", "arrival"])])
+def test_agents_of_earlier_formats_are_still_read(tmp_path: Path, task: str, lacks: list[str]) -> None:
+    folder = make_folder(tmp_path / "a", task)
     card = json.loads((folder / CARD).read_text())
-    del card["digest"]
-    (folder / CARD).write_text(json.dumps(card | {"format": 1}))
-    assert load_agent(folder).card["format"] == 1
+    now = load_agent(folder)
+    for name in lacks:
+        del card["features"][name]
+    for number in (1, 2):
+        old = {**signed(card), "format": number}
+        del old["digest"]
+        if number > 1:
+            old["digest"] = digest(old)
+        (folder / CARD).write_text(json.dumps(old))
+        assert load_agent(folder).card["format"] == number
+        assert load_agent(folder).features == now.features
 
 
 def test_weights_that_are_not_finite_are_not_saved_over_good_ones(tmp_path: Path) -> None:

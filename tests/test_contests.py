@@ -82,9 +82,9 @@ def test_policies_meet_the_same_scenarios(paths: tuple[Path, Result]) -> None:
 def test_no_two_scenes_share_their_noise() -> None:
     drawn: dict[int, tuple[str, str, int]] = {}
     for contest in CONTESTS.values():
-        for split in ("validation", "test"):
+        for split in ("validation", "test", "claims"):
             for family in contest.spec.families:
-                for k in range(len(splits.split(contest.spec.name, family, split))):
+                for k in range(splits.SPLITS[split]):
                     seed = seed_of(0, split, family) + k
                     assert drawn.setdefault(seed, (split, family, k)) == (split, family, k)
     assert seed_of(0, "test", "circles") != seed_of(1, "test", "circles")
@@ -107,6 +107,19 @@ def test_the_worst_episodes_keep_their_trajectories(paths: tuple[Path, Result]) 
     trajectories = read_trajectories(paths[0])
     for row in kept:
         assert len(trajectories[row["trajectory"]].poses) > 100
+
+
+def test_claims_are_other_scenarios_and_ranked_as_those_of_the_test_split(tmp_path: Path) -> None:
+    words = ["--suite", "path-following", "--families", "circles", "--policies", "pure_pursuit", "--gains", "default"]
+    ran = evaluate(*words, "--episodes", "2", "--split", "claims", "--out", tmp_path / "claims")
+    assert ran.exit_code == 0, ran.output
+    rows = [row for row in read_rows(tmp_path / "claims") if row["split"] == "claims"]
+    frozen = splits.split("path_following", "circles", "claims")
+    assert [row["quantity"] for row in rows] == [repr(each.quantity) for each in frozen[:2]]
+    assert "pure_pursuit" in (tmp_path / "claims" / "path_following_p3dx.csv").read_text()
+    refused = evaluate("--suite", "documents", "--split", "claims", "--out", tmp_path / "documents")
+    assert refused.exit_code == 2
+    assert "--split belongs to the contests" in refused.stderr
 
 
 def test_all_trajectories_are_kept_whole_on_request(tmp_path: Path) -> None:

@@ -100,7 +100,8 @@ def test_there_are_many_test_scenarios_a_task() -> None:
 
 @pytest.mark.parametrize(("task", "family"), EVERY)
 def test_splits_are_what_was_frozen_and_share_nothing(task: str, family: str) -> None:
-    frozen = json.loads((splits.FOLDER / f"{task}.json").read_text())["families"][family]
+    files = dict.fromkeys(splits.file_of(task, name) for name in SPLITS)
+    frozen = {name: split for file in files for name, split in json.loads(file.read_text())["families"][family].items()}
     assert list(frozen) == list(SPLITS)
     seen: set[bytes] = set()
     seeds: list[int] = []
@@ -200,7 +201,10 @@ def test_names_of_splits() -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("clutter_10/tests", "'clutter_10' has no split 'tests'; the splits are train, validation, test. Did you mean"),
+        (
+            "clutter_10/tests",
+            "'clutter_10' has no split 'tests'; the splits are train, validation, test, claims. Did you mean",
+        ),
         ("clutter_10/", "'clutter_10' has no split ''"),
         ("cluter_10", "unknown goal scenario 'cluter_10'. Did you mean 'clutter_10'?"),
         ("cluter_10/test", "unknown goal scenario 'cluter_10/test'. Did you mean 'clutter_10/test'?"),

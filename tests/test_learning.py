@@ -23,7 +23,7 @@ from wayfield.benchmarks.rollout import roll_out
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import splits
 from wayfield.policies.learned.agent import load_agent
-from wayfield.policies.learned.perception import Actions, GoalFeatures
+from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
 from wayfield.policies.training import imitation, run
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.learner import Learner, make_worlds
@@ -38,8 +38,10 @@ Array = NDArray[np.float64]
 
 FOLLOWING = dataclasses.replace(
     PRESETS["path_following_plain"],
-    worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
+    worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0, "actuators": "slow"})),
     validation={"scenario": "s_curve", "actuators": "lagged"},
+    features=PathFeatures(previous=3, limits=True),
+    reward=PathReward(chatter_cost=0.5),
     paces=(0.4, 0.6),
     num_envs=16,
     horizon=8,
@@ -86,6 +88,9 @@ def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, 
     memory = perception.fresh(env.num_envs)
     paces = np.repeat([pace for _, _, pace in preset.parts], [count for count, _, _ in preset.parts])
     pilots = env.make_pilots(preset.controller_at) if preset.reach else []
+    limits = np.concatenate(
+        [[limits_of(preset.features, part.task.options.actuators)] * part.num_envs for part in env.worlds.parts]
+    )
 
     def fields(observations: NDArray[np.float32]) -> Any:
         return layout.unpack(observations.astype(np.float64))
@@ -93,7 +98,7 @@ def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, 
     rng, ends = np.random.default_rng(0), 0
     for _ in range(3 * preset.time_limit + 5):
         asked = env.ask(pilots) if pilots else None
-        expected, _ = perception.inputs(fields(env.observations), paces, memory, asked)
+        expected, _ = perception.inputs(fields(env.observations), paces, memory, asked, limits)
         np.testing.assert_array_equal(inputs, expected)
         actions = rng.uniform(-1.0, 1.0, (env.num_envs, 2)).astype(np.float32)
         perception.remember(inputs, actions, memory)
@@ -102,7 +107,8 @@ def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, 
         ends += len(rows)
         if len(rows):
             finals = fields(env.worlds.final_observations(rows))
-            last, _ = perception.inputs(finals, paces[rows], memory[rows], None if asked is None else asked[rows])
+            of_rows = None if asked is None else asked[rows]
+            last, _ = perception.inputs(finals, paces[rows], memory[rows], of_rows, limits[rows])
             np.testing.assert_array_equal([infos[i]["terminal_observation"] for i in rows], last)
             memory[rows] = perception.fresh(len(rows))
             env.tell(pilots, ended)
@@ -159,25 +165,26 @@ cost = st.floats(0.0, 100.0)
 
 
 @given(
-    st.builds(PathReward, cost, cost, st.floats(0.0, 1.0), cost, cost, cost, st.floats(0.05, 1.0), cost),
-    st.floats(-0.05, 0.1), st.floats(-1.0, 1.0), st.floats(0.1, 1.5), st.floats(0.0, 8.0), st.floats(0.0, 1.0),
-    st.booleans(),
+    st.builds(PathReward, cost, cost, st.floats(0.0, 1.0), cost, cost, cost, cost, st.floats(0.05, 1.0), cost),
+    st.floats(-0.05, 0.1), st.floats(-1.0, 1.0), st.floats(0.1, 1.5), st.tuples(*[st.floats(0.0, 8.0)] * 2),
+    st.floats(0.0, 1.0), st.booleans(),
 )  # fmt: skip
 def test_the_reward_of_a_path_is_its_formula(
-    reward: PathReward, ds: float, e: float, u: float, change: float, share: float, left: bool
+    reward: PathReward, ds: float, e: float, u: float, changes: tuple[float, float], share: float, left: bool
 ) -> None:
     told = {
         "progress": np.array([0.0, ds]),
         "cross_track_error": np.array([0.0, e]),
         "left_corridor": np.array([False, left]),
     }
-    found = reward(told, np.array([1.0, u]), np.array([0.0, change]), DT, share)
+    found = reward(told, np.array([1.0, u]), np.array([[0.0, changes[0]], [0.0, changes[1]]]), DT, share)
     # from leniency to 1 over the first half of a run, and the cost of a stall from the first to the last over all of it
     strictness = 1.0 if share > 0.5 else reward.leniency + (1.0 - reward.leniency) * share / 0.5
     stall_cost = (1.0 - share) * reward.stall_cost + share * reward.final_stall_cost
     pace = ds / (u * DT)
     expected = pace * (1.0 - strictness * reward.error_cost * abs(e)) - strictness * reward.error_rate * abs(e)
-    expected -= reward.jerk_cost * change + stall_cost * min(max(1.0 - pace / reward.stall_share, 0.0), 1.0)
+    expected -= reward.jerk_cost * changes[0] + reward.chatter_cost * changes[1]
+    expected -= stall_cost * min(max(1.0 - pace / reward.stall_share, 0.0), 1.0)
     expected -= reward.failure if left else 0.0
     assert found[1] == pytest.approx(expected, rel=1e-9, abs=1e-9)
     # who stands on the path pays for standing alone
@@ -197,7 +204,7 @@ def test_the_reward_of_a_goal_is_its_formula(
         "success": np.array([arrived]),
         "collision": np.array([touched]),
     }
-    (found,) = reward(told, np.array([u]), np.array([change]), DT, 0.3)
+    (found,) = reward(told, np.array([u]), np.array([[change], [9.0]]), DT, 0.3)
     near = min(max(0.0, 1.0 - clearance / reward.near), 1.0)  # a hull is never nearer than contact
     expected = ds / (u * DT) - reward.time_cost - reward.near_cost * near**2 - reward.jerk_cost * change
     expected += (reward.success if arrived else 0.0) - (reward.collision if touched else 0.0)
@@ -210,7 +217,7 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
     env, _ = begun(preset, env_id)
     env.share = 0.3
     rng = np.random.default_rng(1)
-    before = np.zeros((env.num_envs, 2), np.float32)
+    before, before_that = np.zeros((2, env.num_envs, 2), np.float32)
     paces = np.repeat([pace for _, _, pace in preset.parts], [count for count, _, _ in preset.parts])
     ends = 0
     for _ in range(2 * preset.time_limit):
@@ -223,9 +230,10 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
             assert env.ways is not None
             # where the next episode has begun, the way that was left is not known any more
             told["progress"] = np.where(ended, np.minimum(told["progress"], 0.1), left - env.ways(env.worlds))
-        change = np.square(actions - before).sum(axis=1)
-        expected = preset.reward(told, paces, change, DT, 0.3) * (1.0 - preset.discount)
+        changes = np.square([actions - before, actions - 2.0 * before + before_that]).sum(axis=2)
+        expected = preset.reward(told, paces, changes, DT, 0.3) * (1.0 - preset.discount)
         np.testing.assert_allclose(rewards, expected, rtol=1e-5, atol=1e-6)
+        before_that = np.where(ended[:, None], np.float32(0.0), before)
         before = np.where(ended[:, None], np.float32(0.0), actions)
         ends += int(ended.sum())
     assert ends >= 2 * env.num_envs

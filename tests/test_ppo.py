@@ -69,15 +69,15 @@ def test_agents_follow_paths_at_the_speed_they_are_asked_for() -> None:
 def test_other_seeds_robots_and_scans_are_refused_by_name() -> None:
     with pytest.raises(ValueError, match="no agent of seed 99 ships for path_following with p3dx; there are seeds"):
         _start(PATH_ID, "ppo", seed=99)
-    with pytest.raises(ValueError, match="needs num_beams=72"):
-        _start(DIFF_GOAL_ID, "ppo")
+    with pytest.raises(ValueError, match="over the full circle"):
+        _start(DIFF_GOAL_ID, "ppo", {"field_of_view": 3.0})
     for gains, said in (({"seed": -1}, "seed"), ({"seed": 0.5}, "seed"), ({"speed": -0.1}, "speed")):
         with pytest.raises(ValueError, match=said):
             policies.make("ppo", **gains)
 
 
-def _start(env_id: str, name: str, **gains: Any) -> None:
-    env = gymnasium.make(env_id)
+def _start(env_id: str, name: str, kwargs: dict[str, Any] | None = None, **gains: Any) -> None:
+    env = gymnasium.make(env_id, **kwargs or {})
     env.reset(seed=0)
     Pilot(policies.make(name, **gains), env).reset()
 

@@ -612,6 +612,17 @@ def test_a_family_is_frozen_beside_the_others(published):
     assert "goal_reaching.json is damaged" in result.stderr
 
 
+def test_claims_are_frozen_in_a_file_of_their_own(published):
+    before = content(published)
+    assert CliRunner().invoke(freeze.main, ["splines", "rooms", "--split", "claims"]).exit_code == 0
+    assert {name: text for name, text in content(published).items() if name in before} == before
+    made = json.loads((published / "path_following_claims.json").read_text())["families"]
+    assert made == {"splines": {"claims": "splines claims anew"}}
+    again = CliRunner().invoke(freeze.main, ["rooms", "--split", "claims"])
+    assert again.exit_code == 2
+    assert "--force" in again.stderr
+
+
 def test_writers_are_those_who_are_alive(tmp_path):
     assert storage.writers(tmp_path) == []
     storage.temporary_folder(tmp_path)

@@ -22,6 +22,8 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
+from wayfield.policies.learned.conditions import driven_as, driven_speed
+from wayfield.policies.learned.perception import limits_of
 
 # The compiled decision of each policy that has one: module and function, and where the twist is read from afterwards.
 # "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a record of memory.
@@ -44,13 +46,15 @@ DECISIONS: Mapping[str, Mapping[str, tuple[str, str, str, str]]] = {
 }
 # Of a trained agent, which puts together what several functions fill.
 NETWORK = {
-    "path_following": (("perception", "fill_path"), ("agent", "forward")),
+    "path_following": (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward")),
     "goal_reaching": (
         ("perception", "fill_goal"),
         ("perception", "fill_trails"),
         ("perception", "fill_crumbs"),
         ("perception", "turn"),
+        ("perception", "arrive"),
         ("perception", "guard"),
+        ("agent", "hold"),
         ("agent", "forward"),
     ),
 }
@@ -239,24 +243,26 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
     env.reset(seed=0)
     pilot.reset()
     agent = policy.agent(pilot.briefing)
-    memory = agent.reset(pilot.briefing)
+    actuators = driven_as(agent.card, pilot.briefing)
+    memory = agent.perception(pilot.briefing).fresh(1)
     forward = calls["forward"]
     features = agent.features
     told: dict[str, Any] = {
         "network": True,
         "knows": policy.knows,
-        "speed": agent.speed,
+        "speed": driven_speed(agent.card, pilot.briefing, agent.speed),
         "kind": agent.actions.kind,
         "yaw_rate": agent.actions.yaw_rate,
         "previous": features.previous,
         "frames": features.frames,
         "stride": features.stride,
+        "limits": limits_of(features, actuators).tolist() if features.limits else [],
         "trails": len(features.trails),
         "crumbs": features.crumbs,
         "crumbed": features.crumbed,
         "width": features.width(len(env.task.robot.twist_axes)),
         "inputs": int(forward["sizes"][0]),
-        "memory": int(np.atleast_1d(memory).nbytes) // 4,
+        "memory": memory.nbytes // 4,
         "rectified": bool(forward["rectified"]),
         "sizes": blobs.put(forward["sizes"]),
         "layers": len(forward["sizes"]),
@@ -274,7 +280,10 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         goal = calls["fill_goal"]
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
     if "guard" in calls:
-        told["guard"] = [float(calls["guard"][name]) for name in ("hull", "braking", "reaction")]
+        told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
+    if "hold" in calls:
+        told["hold"] = np.asarray(calls["hold"]["law"]).tolist()
+        told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
     return told
 
 
@@ -375,7 +384,9 @@ def jobs() -> list[tuple[str, str]]:
 def exports(task: str, policy: str) -> dict[str, Export]:
     """Returns the functions of the WebAssembly module that a job of `jobs` stands for, by their names there."""
     contest = contest_of(task)
-    env = environment(task, "omni3" if contest.spec.kind == "goal" else "p3dx", "lagged", f"{contest.timed_on}/test")
+    # a quick base shows all that an agent calls: it is held to what the agent knows
+    tier = "ideal" if policy in TRAINED else "lagged"
+    env = environment(task, "omni3" if contest.spec.kind == "goal" else "p3dx", tier, f"{contest.timed_on}/test")
     if policy in TRAINED:
         functions = [(of_policies(module), name) for module, name in NETWORK[task]]
         calls = first_decision(env, make(policy), functions)

@@ -18,7 +18,8 @@ from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tasks import FAMILIES, TASKS
 
-SPLITS = {"train": 64, "validation": 10, "test": 10}  # scenarios a family
+# scenarios a family; "claims" are test scenarios too, enough of them to tell differences of a point
+SPLITS = {"train": 64, "validation": 10, "test": 10, "claims": 100}
 FOLDER = pathlib.Path(__file__).resolve().parent / "splits"  # of the repository, where links of an install lead
 
 
@@ -28,7 +29,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
     Args:
         task: "path_following", "goal_reaching" or "docking".
         family: a name of FAMILIES[task], or "all": the families one after the other, but for those that need pymunk.
-        name: "train", "validation" or "test".
+        name: "train", "validation", "test" or "claims".
 
     Raises:
         ValueError: if a name is unknown, or the file is damaged, or the scenarios are not those that were frozen.
@@ -41,12 +42,17 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
     if family == "all":
         every = (each for each in FAMILIES[task] if each not in TASKS[task].needs_pymunk)
         return tuple(scenario for each in every for scenario in split(task, each, name))
-    return _split(FOLDER / f"{task}.json", task, family, name)
+    return _split(file_of(task, name), task, family, name)
+
+
+def file_of(task: str, name: str) -> pathlib.Path:
+    """Returns the file of a task's split: one for all but "claims", which is as large as they and has its own."""
+    return FOLDER / (f"{task}_claims.json" if name == "claims" else f"{task}.json")
 
 
 def tiers(task: str, family: str, name: str) -> tuple[str, ...]:
     """Returns the tiers of a family's frozen split in its order, as the file has them; no scenario is made."""
-    return tuple(map(str, _read(FOLDER / f"{task}.json")["families"][family][name]["tiers"]))
+    return tuple(map(str, _read(file_of(task, name))["families"][family][name]["tiers"]))
 
 
 def families(task: str) -> tuple[str, ...]:

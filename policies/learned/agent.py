@@ -10,6 +10,7 @@ import math
 import os
 import pathlib
 import shutil
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,14 +24,21 @@ from wayfield.envs.checks import shown
 from wayfield.envs.compiled import compiled
 from wayfield.envs.elementary import hyperbolic_tangent
 from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.records import lag_factors
+from wayfield.envs.robots import ROBOTS, Actuators, Robot
 from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
-from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception
+from wayfield.policies.learned.conditions import NewToAgent, check_conditions, driven_as, driven_speed, outside
+from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception, hold, limits_of
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.policy import Policy, check_gain
 
-FORMAT = 2  # of the card: from 2 on it holds a digest of itself; cards of 1 are read without
+# of the card: from 2 on it holds a digest of itself, from 3 on the features that _SINCE names; older ones are read
+FORMAT = 3
+_SINCE: Mapping[str, Mapping[str, Any]] = {
+    "path_following": {"limits": False},
+    "goal_reaching": {"limits": False, "arrival": 0.0},
+}
 MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
 ACTIVATIONS = ("tanh", "relu")
 CARD, WEIGHTS = "card.json", "weights.safetensors"
@@ -93,8 +101,11 @@ class Agent:
 
     Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
     what it saw before where the card asks for several frames. With a base it adds to that controller's twist, knows
-    what the controller knows, and keeps the controller's memory too. Drives the robot and the scan or preview that its
-    card names, and refuses others.
+    what the controller knows, and keeps the controller's memory too. Drives the robot and the preview that its card
+    names, by any scan that can be read as the card's, and refuses others.
+
+    A base that is quicker than those that it was trained on is driven as the quickest of those (`driven_as`, `hold`);
+    one that is slower, so slowly that it stops on the same way (`driven_speed`). Of what else is new, it warns.
     """
 
     network: Network
@@ -133,10 +144,10 @@ class Agent:
         return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt, based)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty memory.
+        """Returns an empty memory; warns once, in a line, of what the agent was not trained for.
 
         Raises:
-            ValueError: if robot, control period or scan are not those of the card.
+            ValueError: if robot or control period are not those of the card, or the scan cannot be read.
         """
         name = self.card.get("name", "an agent")
         if briefing.robot.name not in self.card["robots"]:
@@ -152,31 +163,68 @@ class Agent:
         perception = self.perception(briefing)
         if perception.num_inputs != self.network.sizes[0]:
             raise ValueError(f"{name} has a network of {self.network.sizes[0]} inputs, not of {perception.num_inputs}")
-        fresh = perception.fresh(briefing.num_envs)
-        if self.controller is None:
-            return fresh
-        under = self.controller.reset(briefing)
-        kind = [("network", fresh.dtype, fresh.shape[1:]), ("base", under.dtype, under.shape[1:])]
-        memory = np.empty(briefing.num_envs, kind)
-        memory["network"], memory["base"] = fresh, under
+        told = outside(self.card, briefing, self.speed)
+        news = told.partition(";")[0]  # the same of all seeds, whatever each of them was measured at
+        if news and news not in _WARNED:
+            _WARNED.add(news)
+            warnings.warn(told, NewToAgent, stacklevel=2)
+        parts: dict[str, NDArray[Any]] = {"network": perception.fresh(briefing.num_envs)}
+        if self.controller is not None:
+            parts["base"] = self.controller.reset(briefing)
+        if driven_as(self.card, briefing) is not briefing.actuators:
+            parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
+        if len(parts) == 1:
+            return parts["network"]
+        memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
+        for name, each in parts.items():
+            memory[name] = each
         return memory
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
         perception, robot = self.perception(briefing), briefing.robot
-        speeds = np.full(len(memory), self.speed)
+        speed = driven_speed(self.card, briefing, self.speed)
+        speeds = np.full(len(memory), speed)
         asked = None
         own = memory
+        actuators, held = driven_as(self.card, briefing), None
+        if memory.dtype.names and "network" in memory.dtype.names:
+            own = memory["network"]
+        if actuators is not briefing.actuators:
+            held = memory["held"]
+            # as the slower base would measure it: at the end of the control period, not in its mean
+            lead = (held[:, 1] - held[:, 2])[:, robot.twist_axes]
+            observation = observation._replace(twist=observation.twist + lead)
         if self.controller is not None:
-            own, under = memory["network"], memory["base"].copy()
+            under = memory["base"].copy()
             asked = self.controller.act(observation, briefing, under)
             memory["base"] = under
-        inputs, angles = perception.inputs(observation, speeds, own, asked)
+        limits = limits_of(self.features, actuators) if self.features.limits else None
+        inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
-        return self.features.guarded(
-            observation, commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
-        )
+        twists = commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
+        twists = self.features.arrived(observation, twists, speed, actuators)
+        twists = self.features.guarded(observation, twists, speed, actuators)
+        if held is not None:
+            hold(*held_law(briefing, actuators), held, twists)
+            held[:, 2, robot.twist_axes] = twists
+        return twists
+
+
+_WARNED: set[str] = set()  # of what this process has warned
+
+
+def held_law(briefing: Briefing, slower: Actuators) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns what `hold` holds a base to that it drives as a slower one, and the base's wheel matrix (n, 3).
+
+    What the base itself lags is taken off the slower one's lag.
+    """
+    robot, dt = briefing.robot, briefing.dt
+    lag = lag_factors(slower.lag - briefing.actuators.lag, dt)
+    limit = robot.rated_wheel_speed if slower.at_rated_speed else robot.peak_wheel_speed
+    law = np.array([slower.acceleration, slower.yaw_acceleration, dt, *lag, limit])
+    return law, np.ascontiguousarray(robot.wheel_matrix)
 
 
 def drives(card: Mapping[str, Any], robot: Robot) -> bool:
@@ -399,7 +447,7 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         raise ValueError(f"{file} is not the card of an agent: it has no format")
     if not is_whole(card["format"], 1, FORMAT):
         raise ValueError(f"{file} has format {shown(card['format'])}; this wayfield reads formats up to {FORMAT}")
-    if "digest" in card or card["format"] == FORMAT:
+    if "digest" in card or card["format"] > 1:
         try:
             own = digest({key: value for key, value in card.items() if key != "digest"})
         except (RecursionError, ValueError) as error:
@@ -422,8 +470,14 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         raise ValueError(
             f"{file} is for {shown(card['env_id'])}, which this wayfield does not have; it has {', '.join(ours)}"
         )
+    try:
+        check_conditions(card)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
     if card["task"] not in FEATURES:
         raise ValueError(f"{file}: task {shown(card['task'])} is none of {', '.join(FEATURES)}")
+    if card["format"] < FORMAT:
+        card["features"] = {**_SINCE[card["task"]], **card["features"]}
     for key, kind in (("features", FEATURES[card["task"]]), ("actions", Actions)):
         names = {field.name for field in dataclasses.fields(kind)}
         if set(card[key]) != names:

@@ -17,8 +17,10 @@ from wayfield.envs.checks import choose, shown
 from wayfield.envs.compiled import compiled
 from wayfield.envs.elementary import area_sine
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.robots import Robot
+from wayfield.envs.kinematics import limit_acceleration, saturation_factor
+from wayfield.envs.robots import Actuators, Robot
 from wayfield.policies.learned.reading import is_number
+from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.policies.policy import check_gain, check_whole
 
@@ -30,6 +32,9 @@ NEXT_GOAL = 0.5  # m, by which the distance to the goal grows only where the goa
 MOST_SEEN = 1000  # of frames, points, actions, crumbs and trails, and MOST_BEAMS of beams: they size memory
 MOST_BEAMS = 10_000
 MOST_INPUTS, MOST_KEPT = 2**16, 2**20  # numbers that a network may see, and a robot remember
+LEAST_BEAMS = 32  # of a scan that is read as one of more
+ASIDE = 0.3  # rad, of a goal, beyond which a differential drive turns before it drives on to it
+FULL = 2.0 * math.pi  # rad
 NEAR = 0.01  # m, under which two points of a path give no direction
 
 
@@ -38,7 +43,8 @@ class PathFeatures:
     """Of a path follower: its errors, its motion, the preview, the speed asked for, and what it did last.
 
     asinh(e / error_scale), asinh(turn / turn_scale), the rest by plain division. The preview is seen twice: as points
-    about the body, and as the turns of the path between them, which are what a steering law asks for.
+    about the body, and as the turns of the path between them, which are what a steering law asks for. With `limits` it
+    sees what its base can do, too: see `limits_of`.
     """
 
     num_preview: int = 10
@@ -51,6 +57,7 @@ class PathFeatures:
     trails: tuple[float, ...] = ()  # s, see GoalFeatures
     frames: int = 1  # observations seen
     stride: int = 1  # control periods between them
+    limits: bool = False  # whether the base's accelerations and lag are seen
 
     crumbs: ClassVar[int] = 0
     crumbed: ClassVar[int] = 0  # numbers that crumbs give
@@ -82,7 +89,15 @@ class PathFeatures:
         )  # fmt: skip
         return np.zeros(len(out))
 
-    def guarded(self, observation: path_following.Observation, twists: Array) -> Array:
+    def arrived(
+        self, observation: path_following.Observation, twists: Array, speed: float, actuators: Actuators
+    ) -> Array:
+        """Returns the twists as they are: a path ends where it ends."""
+        return twists
+
+    def guarded(
+        self, observation: path_following.Observation, twists: Array, speed: float, actuators: Actuators
+    ) -> Array:
         """Returns the twists as they are: nothing stands beside a path."""
         return twists
 
@@ -95,7 +110,10 @@ class GoalFeatures:
     nearest of `pool` neighbouring beams, d = max(r - hull_radius, 0), and as that of the way d that a disc of
     hull_radius + margin could go in a straight line before it touches a point of the scan. In the frame "goal" all is
     turned, scan and action too, by a whole number of beams so that the goal lies ahead: a holonomic robot has no front.
-    The goal's heading is not looked at.
+    The network does not look at the goal's heading: within `arrival` of the goal, a law takes over, which drives on to
+    it and turns to its heading (`arrive`).
+
+    A scan of other beams, all around and as far at least, is read as if it had `num_beams`: see `resample`.
 
     A scan alone does not tell a dead end that the robot has just left from a new way. So it sees where it came from:
     points m that trail behind it, m' = (p - m)/T for each T of `trails`, by its measured positions p; and, where crumbs
@@ -105,7 +123,9 @@ class GoalFeatures:
     What the network asks for is guarded: towards a point of the scan at the distance d beyond gap, a robot goes no
     faster than it could stop on d after the time `reaction`: v = a (sqrt(reaction^2 + 2 d / a) - reaction), a the
     braking. An omni base loses the part of its velocity that is too fast and slides along; a differential drive slows
-    down. What stands is so hardly ever touched; what moves may still come.
+    down. What stands is so hardly ever touched; what moves may still come. A base that brakes no harder than a, or lags
+    by tau, is guarded by at most 0.7 a and by at least tau + 0.1 s; and by as much longer as it then takes to stop, a
+    differential drive is also kept from where it would be heading after that time at its yaw rate.
     """
 
     num_beams: int = 72
@@ -127,12 +147,14 @@ class GoalFeatures:
     gap: float = 0.02  # m
     braking: float = 0.7  # m/s^2; 0: nothing is guarded
     reaction: float = 0.2  # s
+    limits: bool = False  # whether the base's accelerations and lag are seen
+    arrival: float = 0.0  # m; 0: the network drives to the end
 
     def __post_init__(self) -> None:
         check_seen(self)
         for name in ("max_range", "range_scale", "distance_scale", "speed_scale", "yaw_scale", "crumb_gap"):
             check_gain(self, name, above=0.0)
-        for name in ("hull_radius", "margin", "gap", "braking", "reaction"):
+        for name in ("hull_radius", "margin", "gap", "braking", "reaction", "arrival"):
             check_gain(self, name, least=0.0)
         check_whole(self, "crumbs", most=MOST_SEEN)
         check_whole(self, "num_beams", least=1, most=MOST_BEAMS)
@@ -150,12 +172,14 @@ class GoalFeatures:
         return 2 + self.num_beams // self.pool if self.crumbs else 0
 
     def check(self, briefing: Briefing) -> None:
-        """Raises ValueError unless the robots have the scan that is seen."""
-        asked, given = (self.num_beams, self.max_range), (len(briefing.beam_angles), briefing.max_range)
-        if asked != given or abs(briefing.beam_angles[0] + math.pi) > 1e-9:
+        """Raises ValueError unless the robots have a scan that can be read as the one that is seen."""
+        given, angles = len(briefing.beam_angles), briefing.beam_angles
+        around = given > 1 and abs(angles[0] + math.pi) < 1e-9 and abs(given * (angles[1] - angles[0]) - FULL) < 1e-6
+        if not around or given < min(self.num_beams, LEAST_BEAMS) or briefing.max_range < self.max_range:
+            spanned = math.degrees(angles[-1] - angles[0]) if given > 1 else 0.0
             raise ValueError(
-                f"needs num_beams={asked[0]} over the full circle and max_range={asked[1]:g} m, "
-                f"got {given[0]} and {given[1]:g} m"
+                f"needs num_beams={self.num_beams}, or at least {LEAST_BEAMS}, over the full circle and max_range="
+                f"{self.max_range:g} m or more, got {given} over {spanned:.0f} degrees and {briefing.max_range:g} m"
             )
 
     def width(self, num_twist: int) -> int:
@@ -164,26 +188,51 @@ class GoalFeatures:
 
     def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:
         """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in, rad."""
-        if observation.ranges.shape[1] != self.num_beams:
-            raise ValueError(f"ranges has {observation.ranges.shape[1]} beams, the agent knows {self.num_beams}")
+        ranges = self.read(observation.ranges)
         scales = np.array(
             [self.hull_radius, self.range_scale, self.distance_scale, self.speed_scale, self.yaw_scale, self.margin]
         )
         angles = np.zeros(len(out))
         fill_goal(
-            observation.goal, observation.twist, observation.ranges, speeds, scales,
+            observation.goal, observation.twist, ranges, speeds, scales,
             self.max_range, self.pool, self.frame == "goal", angles, out,
         )  # fmt: skip
         return angles
 
-    def guarded(self, observation: goal_reaching.Observation, twists: Array) -> Array:
+    def read(self, ranges: Array) -> Array:
+        """Returns a scan (b, beams) as that of the beams that are known, (b, num_beams), m."""
+        if ranges.shape[1] == self.num_beams:
+            return ranges
+        known = np.empty((len(ranges), self.num_beams))
+        resample(ranges, known)
+        return known
+
+    def arrived(
+        self, observation: goal_reaching.Observation, twists: Array, speed: float, actuators: Actuators
+    ) -> Array:
+        """Returns the twists, those of robots near their goal replaced by the law that ends the way."""
+        if self.arrival:
+            most = min(actuators.yaw_acceleration, 3.0)
+            scales = np.array([self.arrival, min(speed, 0.3), 1.5, 0.015, 2.0, 0.5 * most, 1.5])
+            heading_errors, left = observation.goal_heading_error, observation.waypoints_left
+            arrive(observation.goal, heading_errors, left, scales, twists)
+        return twists
+
+    def guarded(
+        self, observation: goal_reaching.Observation, twists: Array, speed: float, actuators: Actuators
+    ) -> Array:
         """Returns the twists with what would not stop in time taken away."""
         if self.braking:
-            guard(observation.ranges, self.hull_radius + self.gap, self.braking, self.reaction, twists)
+            braking = min(self.braking, 0.7 * actuators.acceleration)
+            reaction = max(self.reaction, actuators.lag + 0.1)
+            late = reaction - self.reaction + speed / braking - speed / self.braking
+            law = np.array([self.hull_radius + self.gap, braking, reaction, late])
+            guard(observation.ranges, observation.twist[:, -1].copy(), law, twists)
         return twists
 
 
 Features = PathFeatures | GoalFeatures
+LIMITS = 3  # numbers of `limits_of`
 FEATURES: Mapping[str, type[Features]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}  # by task
 
 
@@ -192,11 +241,30 @@ def check_seen(features: Features) -> None:
     check_whole(features, "previous", most=MOST_SEEN)
     for name in ("frames", "stride"):
         check_whole(features, name, least=1, most=MOST_SEEN)
+    if not isinstance(features.limits, bool):
+        raise ValueError(f"{type(features).__name__}: limits must be true or false, got {shown(features.limits)}")
     trails = features.trails
     if not isinstance(trails, tuple) or not all(is_number(each) and each > 0.0 for each in trails):
         raise ValueError(f"{type(features).__name__}: trails must be times > 0 s, got {shown(trails)}")
     if len(trails) > MOST_SEEN:
         raise ValueError(f"{type(features).__name__}: trails must be at most {MOST_SEEN}, got {len(trails)}")
+
+
+def limits_of(features: Features, actuators: Actuators) -> Numbers:
+    """Returns what a network sees of a base (3,): s_v / a, s_w / alpha and lag / 0.1 s, each at most 5.
+
+    a and alpha are the accelerations (m/s^2, rad/s^2), s_v and s_w the scales of speed and yaw rate: so the first two
+    are the seconds that a usual change of the twist takes, and all are 0 for a base that does at once what it is told.
+    """
+    seen = np.array(
+        [
+            features.speed_scale / actuators.acceleration,
+            features.yaw_scale / actuators.yaw_acceleration,
+            actuators.lag / 0.1,
+        ],
+        np.float32,
+    )
+    return np.minimum(seen, np.float32(LIMIT))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -274,10 +342,11 @@ class Perception:
         self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
         self.dt = dt
         self.asked = actions.size if based else 0
+        self.limits = LIMITS if features.limits else 0
         self.crumbed = features.crumbed
         kept = self._kept()
         before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed
-        self.num_inputs = self.width * features.frames + before + self.asked
+        self.num_inputs = self.width * features.frames + before + self.limits + self.asked
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
             ("remembers", sum(math.prod(shape) for shape in kept.values()), MOST_KEPT),
@@ -301,7 +370,12 @@ class Perception:
         return np.zeros(num_envs, self.memory)
 
     def inputs(
-        self, observation: Any, speeds: Array, memory: NDArray[np.void], asked: Array | None = None
+        self,
+        observation: Any,
+        speeds: Array,
+        memory: NDArray[np.void],
+        asked: Array | None = None,
+        limits: Numbers | None = None,
     ) -> tuple[Numbers, Array]:
         """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
 
@@ -309,6 +383,7 @@ class Perception:
 
         Args:
             asked: (b, t) m/s and rad/s, the twists of the controller that the network adds to, if it does.
+            limits: (b, 3) or (3,), see `limits_of`; needed where the features ask for them.
         """
         inputs = np.empty((len(memory), self.num_inputs), np.float32)
         angles = self.features.observe(observation, speeds, inputs[:, : self.width])
@@ -327,6 +402,10 @@ class Perception:
         for k in range(1, self.features.frames):
             inputs[:, at : at + self.width] = memory["seen"][:, k * self.features.stride - 1]
             at += self.width
+        if self.limits:
+            assert limits is not None
+            inputs[:, at : at + self.limits] = limits
+            at += self.limits
         if asked is not None:
             inputs[:, at:] = self.actions.of_twists(asked, speeds, angles)
         return inputs, angles
@@ -337,6 +416,14 @@ class Perception:
             if memory[name].size:
                 memory[name][:, 1:] = memory[name][:, :-1].copy()
                 memory[name][:, 0] = newest
+
+
+class TurnLaw(NamedTuple):
+    """What `arriving.turn_rate` reads."""
+
+    turn_gain: float  # 1/s
+    yaw_acceleration: float  # rad/s^2
+    max_yaw_rate: float  # rad/s
 
 
 class Crumbs(NamedTuple):
@@ -448,6 +535,89 @@ def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, ang
 
 
 @compiled
+def resample(ranges, known):
+    """Fills a scan (b, m) from one of n beams (b, n), both once around from the back on.
+
+    Of more beams, the least of those nearer to the direction than half a step of the m; of fewer, the nearest, and of
+    two as near the lesser.
+    """
+    n = ranges.shape[1]
+    m = known.shape[1]
+    for i in range(ranges.shape[0]):
+        for j in range(m):
+            # angles in parts of a circle of n m; the beam k stands at k m, the direction at j n
+            first = (2 * j * n - max(n, m) + 2 * m - 1) // (2 * m)
+            last = (2 * j * n + max(n, m)) // (2 * m)
+            least = np.inf
+            for k in range(first, last + 1):
+                least = min(least, ranges[i, k % n])
+            known[i, j] = least
+
+
+@compiled
+def arrive(goals, turns, waypoints_left, scales, twists):
+    """Replaces the twists (b, t) of robots within scales[0] of their goal; see `GoalFeatures.arrived`.
+
+    v = min(scales[1], scales[2] d) towards the goal, which a differential drive first turns to; where `is_there` says
+    so within scales[3], the base turns to the goal's heading, a holonomic one on the way.
+    """
+    reach, most, gain, near, turn_gain, yaw_acceleration, max_yaw_rate = scales
+    law = TurnLaw(turn_gain, yaw_acceleration, max_yaw_rate)
+    last = twists.shape[1] - 1
+    for i in range(twists.shape[0]):
+        x = goals[i, 0]
+        y = goals[i, 1]
+        distance = math.sqrt(x * x + y * y)
+        if waypoints_left[i] > 0.5 or distance > reach:
+            continue
+        v = min(most, gain * distance)
+        if last == 2:
+            share = v / max(distance, 1e-9)
+            twists[i, 0] = share * x
+            twists[i, 1] = share * y
+            twists[i, 2] = turn_rate(law, turns[i])
+        elif is_there(False, x, y, near):
+            twists[i, 0] = 0.0
+            twists[i, 1] = turn_rate(law, turns[i])
+        else:
+            aside = bearing(y, x)
+            twists[i, 0] = v if abs(aside) < ASIDE else 0.0
+            twists[i, 1] = turn_rate(law, aside)
+
+
+@compiled
+def hold(law, matrix, held, twists):
+    """Turns twists (b, t) into those that a slower base would drive by them, as the kinematic plant has it.
+
+    law: acceleration (m/s^2), yaw acceleration (rad/s^2), control period (s), share of a deviation that its lag leaves
+    after that, mean share of it until then, and the limit of the wheel speeds (rad/s). matrix (n, 3): of the wheels.
+    held (b, 2, 3): the command, and the twist at which the slower base's wheels would turn by now.
+    """
+    acceleration, yaw_acceleration, dt, decay, mean, limit = law
+    last = twists.shape[1] - 1
+    for i in range(twists.shape[0]):
+        x = twists[i, 0]
+        y = twists[i, 1] if last == 2 else 0.0
+        w = twists[i, last]
+        factor = saturation_factor(matrix, matrix.shape[0], limit, x, y, w)
+        x, y, w = limit_acceleration(
+            held[i, 0, 0], held[i, 0, 1], held[i, 0, 2],
+            factor * x, factor * y, factor * w, acceleration, yaw_acceleration, dt,
+        )  # fmt: skip
+        for k in range(3):
+            command = x if k == 0 else y if k == 1 else w
+            deviation = held[i, 1, k] - command
+            held[i, 0, k] = command
+            held[i, 1, k] = command + decay * deviation
+            if k == 0:
+                twists[i, 0] = command + mean * deviation
+            elif k == 1 and last == 2:
+                twists[i, 1] = command + mean * deviation
+            elif k == 2:
+                twists[i, last] = command + mean * deviation
+
+
+@compiled
 def turn(actions, speeds, angles, out):
     """Fills the planar velocities (b, 3) of actions meant in turned frames."""
     for i in range(out.shape[0]):
@@ -516,8 +686,12 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
 
 
 @compiled
-def guard(ranges, hull, braking, reaction, twists):
-    """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back."""
+def guard(ranges, yaw_rates, law, twists):
+    """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back.
+
+    law: hull (m), braking (m/s^2), reaction (s), and for how long (s) differential drives turn on before they stop.
+    """
+    hull, braking, reaction, late = law
     beams = ranges.shape[1]
     cosines = np.empty(beams)
     sines = np.empty(beams)
@@ -527,10 +701,19 @@ def guard(ranges, hull, braking, reaction, twists):
     for i in range(ranges.shape[0]):
         vx = twists[i, 0]
         vy = twists[i, 1] if planar else 0.0
+        w = twists[i, twists.shape[1] - 1]
+        if abs(yaw_rates[i]) > abs(w):
+            w = yaw_rates[i]
+        turned = 0.0 if planar else min(max(late * w, -0.5 * math.pi), 0.5 * math.pi)
+        sine, cosine = sin_cos(turned)
         for turn in range(3):
             share = 1.0
             for j in range(beams):
                 towards = vx * cosines[j] + vy * sines[j]
+                if turned != 0.0 and vx > 0.0:
+                    after = cosines[j] * cosine + sines[j] * sine
+                    between = sines[j] * turned > 0.0 and (cosine * sines[j] - sine * cosines[j]) * turned < 0.0
+                    towards = vx if between and cosines[j] > 0.0 else max(towards, vx * after)
                 if towards <= 0.0:
                     continue
                 room = max(ranges[i, j] - hull, 0.0)

@@ -52,6 +52,8 @@ class Preset:
     reward: Reward
     bar: str  # what a seed must reach on validation
     measured: str
+    # further ones, with the speed asked for, m/s; the score is the mean over all, and the card says what it did in each
+    conditions: tuple[World, ...] = ()
     robot: str | None = None  # a name or the file of a data sheet; None: the environment's default
     steps: int = 6_000_000  # frames
     num_envs: int = 1024
@@ -162,7 +164,8 @@ class Preset:
         return controller_at(self.controller, self.gains, speed)
 
 
-_LAGGED = {"scenario": "all/train", "actuators": "lagged"}
+_LAGGED, _SLOW = ({"scenario": "all/train", "actuators": tier} for tier in ("lagged", "slow"))
+_SHORT = {"max_episode_steps": 100}
 _SCAN = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0}
 
 _PATH_PLAIN = Preset(
@@ -207,7 +210,30 @@ _PATH_ADDING = dataclasses.replace(
     reach=0.25,
 )
 
-_GOAL_FEATURES = GoalFeatures(frames=2, stride=5)
+# Bases that are as slow as the tiers have them, which the network is told of, and all speeds that the base can drive.
+# Quick ones need no lessons: an agent drives them as the quickest that it knows.
+_PATH_TIERS = dataclasses.replace(
+    _PATH_TAUGHT,
+    name="path_following_tiers",
+    worlds=(
+        (0.3, _LAGGED),
+        (0.2, _LAGGED | _SHORT),
+        (0.2, _LAGGED | {"disturbance": "moderate"}),
+        (0.2, _SLOW),
+        (0.1, _SLOW | _SHORT),
+    ),
+    conditions=(
+        (0.6, _SLOW | {"scenario": "all/validation"}),
+        (1.05, _LAGGED | {"scenario": "all/validation"}),
+    ),
+    features=PathFeatures(previous=3, limits=True),
+    reward=PathReward(error_rate=20.0, leniency=1.0, stall_cost=1.0, final_stall_cost=0.6, chatter_cost=0.2),
+    measured="1 seed, that does not ship: see docs/train.md",
+    paces=(0.2, 0.4, 0.6, 0.8, 1.05, 1.2),
+    validations=4,
+)
+
+_GOAL_FEATURES = GoalFeatures(frames=2, stride=5, arrival=0.2)
 _DIFF_GOAL = Preset(
     name="diff_drive_goal",
     env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
@@ -267,6 +293,8 @@ PRESETS = {
         _PATH_PLAIN,
         # a P3DX follows a path; the network adds to a controller
         _PATH_ADDING,
+        # a P3DX follows a path with any actuators
+        _PATH_TIERS,
         # an omni3 drives to a goal among obstacles, by its scan
         _OMNI3_GOAL,
         # an omni4 does
@@ -361,7 +389,7 @@ def settable(preset: Preset) -> list[tuple[str, Any]]:
 def _known(owner: Any) -> list[str]:
     """Returns the fields of a preset, or of a part of one, that a setting may name."""
     names = [field.name for field in dataclasses.fields(owner) if not _hidden(getattr(owner, field.name))]
-    return [name for name in names if name not in ("name", "bar", "measured", "task", "env_ids")]
+    return [name for name in names if name not in ("name", "bar", "measured", "task", "env_ids", "conditions")]
 
 
 def _hidden(value: Any) -> bool:

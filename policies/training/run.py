@@ -22,8 +22,9 @@ from wayfield.envs.storage import clear_stale, locked
 from wayfield.policies.learned.agent import Agent, Network, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner
+from wayfield.policies.training.measured import measurement
 from wayfield.policies.training.presets import Preset
-from wayfield.policies.training.validation import Score, validate
+from wayfield.policies.training.validation import Score, finite, validate
 
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
@@ -158,7 +159,11 @@ class _Run:
         self.seconds = 0.0
         self.best: Layers = []
         self.best_row: dict[str, float] = {}
-        self.kwargs = dict(preset.validation) | ({} if preset.robot is None else {"robot": preset.robot})
+        self.measured: list[dict[str, Any]] = []  # of the best, in each condition
+        robot = {} if preset.robot is None else {"robot": preset.robot}
+        self.kwargs = dict(preset.validation) | robot
+        self.further = [(speed, dict(kwargs) | robot) for speed, kwargs in preset.conditions]
+        self.clock = TASKS[preset.task].clock
         self.taught = state is not None or not preset.imitation
         if state is not None:
             try:
@@ -217,10 +222,14 @@ class _Run:
         began = time.perf_counter()
         layers = self.learner.layers()
         network = Network.of(layers, self.preset.activation)
-        card = self._card(layers, {})
+        card = self._card(layers, {}, [])
         preset = self.preset
-        agent: Any = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
-        score = validate(agent, self.job.env_id, self.kwargs, TASKS[self.preset.task].clock)
+        agent = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
+        scores, measured = [], []
+        for speed, kwargs in ((preset.speed, self.kwargs), *self.further):
+            scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
+            measured.append(measurement(speed, kwargs, dataclasses.asdict(scores[-1])))
+        score = dataclasses.replace(scores[0], score=sum(each.score for each in scores) / len(scores))
         took = time.perf_counter() - began
         self.learner.seconds["validation"] += took
         self.seconds += took
@@ -236,7 +245,7 @@ class _Run:
         for name, value in row.items():
             self.writer.add_scalar(f"wayfield/{name}", value, self.learner.frames)
         if not self.best or score.score > self.best_row["score"]:
-            self.best, self.best_row = layers, row
+            self.best, self.best_row, self.measured = layers, row, measured
 
     def _save(self) -> None:
         """Writes the state first: whatever else is cut off is written anew from it."""
@@ -247,6 +256,7 @@ class _Run:
             "run_updates": self.updates,
             "rows": self.rows,
             "best_row": self.best_row,
+            "measured": self.measured,
             "seconds": self.seconds,
             "parts": self.learner.seconds,
         }
@@ -256,11 +266,14 @@ class _Run:
     def _publish(self) -> None:
         if self.rows:
             checkpoints.write_curve(self.job.folder, self.rows)
-            save_agent(self.job.folder / checkpoints.BEST, self.best, self._card(self.best, self.best_row))
+            save_agent(
+                self.job.folder / checkpoints.BEST, self.best, self._card(self.best, self.best_row, self.measured)
+            )
 
     def _restore(self, arrays: dict[str, NDArray[Any]], numbers: dict[str, Any]) -> None:
         self.learner.restore(arrays, numbers)
         self.updates, self.rows, self.best_row = numbers["run_updates"], numbers["rows"], numbers["best_row"]
+        self.measured = numbers["measured"]
         self.seconds = numbers["seconds"]
         self.learner.seconds.update(numbers["parts"])
         k = 0
@@ -269,7 +282,7 @@ class _Run:
             k += 1
         self._publish()
 
-    def _card(self, layers: Layers, row: Mapping[str, float]) -> dict[str, Any]:
+    def _card(self, layers: Layers, row: Mapping[str, float], measured: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         preset, task = self.preset, self.learner.env.worlds.task
         return {
             "name": f"{preset.name}, seed {self.job.seed}",
@@ -293,7 +306,7 @@ class _Run:
             "sha256": weights_digest(layers),
             "training": {
                 **self.job.described(),
-                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.imitation else {}),
+                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.controller else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),
@@ -301,10 +314,22 @@ class _Run:
                 "run_seconds": round(self.seconds, 1),
                 "versions": versions(),
             },
-            "validation": {
-                name: None if math.isnan(value) else value for name, value in row.items() if name in _SCORES
-            },
+            "trained_on": trained_on(preset),
+            "validation": finite({name: value for name, value in row.items() if name in _SCORES}),
+            "measured": list(measured),
         }
+
+
+def trained_on(preset: Preset) -> dict[str, list[Any]]:
+    """Returns what a network met in training: actuator tiers, disturbances, speeds asked for (m/s), beams of a scan."""
+    tiers = [str(kwargs.get("actuators", "ideal")) for _, kwargs in preset.worlds]
+    levels = [str(kwargs.get("disturbance", "none")) for _, kwargs in preset.worlds]
+    return {
+        "actuators": list(dict.fromkeys(tiers)),
+        "disturbances": list(dict.fromkeys(levels)),
+        "speeds": list(preset.paces),
+        "beams": sorted({int(kwargs["num_beams"]) for _, kwargs in preset.worlds if "num_beams" in kwargs}),
+    }
 
 
 _SCORES = {field.name for field in dataclasses.fields(Score)} - {"reward"} | {"return"}

@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.policies.learned.agent import commanded
-from wayfield.policies.learned.perception import Perception
+from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy, check_gain
@@ -23,8 +23,10 @@ Array = NDArray[np.float64]
 class PathReward:
     """Reward of a step along a path, with progress ds, cross-track error e, asked speed u and actions a:
 
-        ds / (u dt) (1 - strictness error_cost |e|) - strictness error_rate |e| - jerk_cost |a - a_before|^2
-        - stall_cost clip(1 - ds / (stall_share u dt), 0, 1) - failure [left corridor]
+        ds / (u dt) (1 - strictness error_cost |e|) - strictness error_rate |e| - jerk_cost |a - a'|^2
+        - chatter_cost |a - 2 a' + a''|^2 - stall_cost clip(1 - ds / (stall_share u dt), 0, 1) - failure [left corridor]
+
+    a' and a'' are the actions before: a twist that changes steadily, as into a bend, costs nothing by `chatter_cost`.
 
     So an error costs by the metre that is driven with it, as in the tables: a robot beside its path does best to get
     back before it goes on. The true error is meant, whatever the robot measures. The strictness grows from `leniency`
@@ -38,6 +40,7 @@ class PathReward:
     error_rate: float = 15.0  # 1/m
     leniency: float = 0.2
     jerk_cost: float = 0.02
+    chatter_cost: float = 0.0
     stall_cost: float = 2.0
     final_stall_cost: float = 0.2
     stall_share: float = 0.2  # of the asked speed, under which a robot stalls
@@ -47,15 +50,16 @@ class PathReward:
         check_gain(self, "stall_share", above=0.0)
 
     def __call__(
-        self, told: Mapping[str, NDArray[Any]], speeds: Array, change: Array, dt: float, share: float
+        self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
     ) -> Array:
-        """Returns the rewards (b,); share: of the run that is over."""
+        """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         e = (self.leniency + (1.0 - self.leniency) * min(2.0 * share, 1.0)) * np.abs(told["cross_track_error"])
         pace = told["progress"] / (speeds * dt)
         stalled = np.clip(1.0 - pace / self.stall_share, 0.0, 1.0)
         stall_cost = self.stall_cost + share * (self.final_stall_cost - self.stall_cost)
         reward = pace * (1.0 - self.error_cost * e) - self.error_rate * e - stall_cost * stalled
-        return np.asarray(reward - self.jerk_cost * change - self.failure * told["left_corridor"])
+        reward -= self.jerk_cost * changes[0] + self.chatter_cost * changes[1]
+        return np.asarray(reward - self.failure * told["left_corridor"])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,17 +81,27 @@ class GoalReward:
         check_gain(self, "near", above=0.0)
 
     def __call__(
-        self, told: Mapping[str, NDArray[Any]], speeds: Array, change: Array, dt: float, share: float
+        self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
     ) -> Array:
-        """Returns the rewards (b,); share: of the run that is over."""
+        """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         del share
         closeness = np.clip(1.0 - told["clearance"] / self.near, 0.0, 1.0)
         reward = told["progress"] / (speeds * dt) - self.time_cost - self.near_cost * closeness * closeness
-        reward -= self.jerk_cost * change
+        reward -= self.jerk_cost * changes[0]
         return np.asarray(reward + self.success * told["success"] - self.collision * told["collision"])
 
 
 Reward = PathReward | GoalReward
+
+
+def changes_of(actions: NDArray[Any], before: NDArray[Any]) -> NDArray[Any]:
+    """Returns |a - a'|^2 and |a - 2 a' + a''|^2 (2, b) of actions (b, 2) and those before (b, n, 2), newest first.
+
+    What goes farther back than what is remembered counts as nothing.
+    """
+    first = actions - before[:, 0] if before.shape[1] > 0 else np.zeros_like(actions)
+    second = first - (before[:, 0] - before[:, 1]) if before.shape[1] > 1 else np.zeros_like(actions)
+    return np.stack([np.square(first).sum(axis=1), np.square(second).sum(axis=1)])
 
 
 class Shaped(VecEnv):
@@ -123,6 +137,8 @@ class Shaped(VecEnv):
         self.robot = worlds.task.robot
         self.memory = perception.fresh(worlds.num_envs)
         self.speeds = np.repeat(paces, [part.num_envs for part in worlds.parts])
+        limits = [limits_of(perception.features, part.task.options.actuators) for part in worlds.parts]
+        self.limits = np.repeat(limits, [part.num_envs for part in worlds.parts], axis=0)
         self.left = np.zeros(worlds.num_envs)  # m, of the way to the goal
         self.observations = np.empty(0, np.float32)  # of the environment, as they are
         self._inputs = np.empty(0, np.float32)
@@ -158,10 +174,12 @@ class Shaped(VecEnv):
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Moves every robot by one control period; see `NativeVecEnv.step_wait`."""
         actions = self._actions
-        perception, before = self.perception, self.memory["actions"]
-        change = np.square(actions - before[:, 0]).sum(axis=1) if before.size else np.zeros(len(actions))
+        perception = self.perception
+        changes = changes_of(actions, self.memory["actions"])
         twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
-        twists = perception.features.guarded(self._fields(self.observations), twists)
+        for part, mine, pace in zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True):
+            seen = self._fields(self.observations[mine])
+            twists[mine] = perception.features.guarded(seen, twists[mine], pace, part.task.options.actuators)
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
         ended = terminated | truncated
         rows = np.flatnonzero(ended)
@@ -169,14 +187,14 @@ class Shaped(VecEnv):
             left = self.ways(self.worlds)
             told = told | {"progress": np.where(ended, np.minimum(told["progress"], 0.1), self.left - left)}
             self.left = left
-        rewards = self.scale * self.reward(told, self.speeds, change, self.dt, self.share)
+        rewards = self.scale * self.reward(told, self.speeds, changes, self.dt, self.share)
         perception.remember(self._inputs, actions, self.memory)
         infos: list[dict[str, Any]] = [{}] * self.num_envs
         if len(rows):
             finals = self._fields(self.worlds.final_observations(rows))
             # what the base would ask for there is not known: it has been told of the next episode
             asked = None if self._asked is None else self._asked[rows]
-            last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows], asked)
+            last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows], asked, self.limits[rows])
             for j, i in enumerate(rows.tolist()):
                 late = bool(truncated[i] and not terminated[i])
                 infos[i] = {"terminal_observation": last[j], "TimeLimit.truncated": late}
@@ -217,7 +235,7 @@ class Shaped(VecEnv):
         if self.base is not None:
             self._asked = self.ask(self.pilots)
         fields = self._fields(observations)
-        self._inputs, self._angles = self.perception.inputs(fields, self.speeds, self.memory, self._asked)
+        self._inputs, self._angles = self.perception.inputs(fields, self.speeds, self.memory, self._asked, self.limits)
 
     def close(self) -> None:
         """Closes the worlds."""

@@ -32,6 +32,11 @@ class Score:
     reward: float  # mean return of the environment's own reward
 
 
+def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """Returns the numbers of a score, those that are none as None, which JSON has."""
+    return {name: None if math.isnan(value) else value for name, value in numbers.items()}
+
+
 class Followed:
     """What the cost of a path follower is: its cross-track RMS, weighted by arc length, and 1 m where it failed."""
 

@@ -74,8 +74,14 @@ class Network {
     this.numbers = { at: kernels.put(kernels.blob(recipe.numbers)), shape: [recipe.count] };
     this.fields = {};
     for (const [name, values] of Object.entries(simulator.seen)) this.fields[name] = doubles(Array.from(values));
-    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs"]) {
+    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "arrive"]) {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
+    }
+    if (recipe.guard) this.guard = doubles(recipe.guard);
+    if (recipe.hold) {
+      this.law = doubles(recipe.hold);
+      this.matrix = { ...doubles(recipe.matrix.flat()), shape: [recipe.matrix.length, 3] };
+      this.held = room(72, [1, 3, 3]);
     }
     if (recipe.shares) this.shares = doubles(recipe.shares);
     this.twist = room(24, [1, simulator.body.axes.length]);
@@ -88,6 +94,11 @@ class Network {
     const { recipe, memory, inputs, fields } = this;
     const { kernels, seen, body } = this.simulator;
     for (const [name, values] of Object.entries(seen)) kernels.f64(fields[name].at, values.length).set(values);
+    if (this.held) { // as a slower base would measure its twist: at the end of a control period, not in its mean
+      const held = kernels.f64(this.held.at, 9);
+      const twist = kernels.f64(fields.twist.at, body.axes.length);
+      body.axes.forEach((axis, k) => { twist[k] += held[3 + axis] - held[6 + axis]; });
+    }
     const part = (place, from, count) => ({ at: place.at + 4 * from, shape: [1, count] });
     const seenPart = part(inputs, 0, recipe.width);
     kernels.f64(this.angles.at, 1)[0] = 0;
@@ -130,6 +141,7 @@ class Network {
       kernels.f32(inputs.at + 4 * at, width).set(kernels.f32(memory.at + 4 * old, width));
       at += width;
     }
+    kernels.f32(inputs.at + 4 * at, recipe.limits.length).set(recipe.limits);
     kernels.call("agent_forward", { inputs, sizes: this.sizes, numbers: this.numbers, rectified: recipe.rectified ? 1 : 0, scratch: this.scratch, outputs: this.outputs });
     const actions = Array.from(kernels.f32(this.outputs.at, 2), (value) => Math.min(Math.max(value, -1), 1));
     if (acted) {
@@ -142,7 +154,7 @@ class Network {
       now.copyWithin(first + width, first, recipe.memory - width);
       now.set(kernels.f32(inputs.at, width), first);
     }
-    return this.guarded(this.meant(actions));
+    return this.ended(this.meant(actions));
   }
 
   // `Actions.twists`, of one robot.
@@ -157,16 +169,25 @@ class Network {
     return Array.from(kernels.f64(this.turned.at, 3));
   }
 
-  guarded(twist) {
+  // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, and `hold`.
+  ended(twist) {
     const { recipe, fields } = this;
     const { kernels, body, seen } = this.simulator;
-    if (!recipe.guard) return twist;
-    const [hull, braking, reaction] = recipe.guard;
-    const place = kernels.f64(this.twist.at, body.axes.length);
-    place.set(body.axes.map((axis) => twist[axis]));
-    kernels.call("perception_guard", { ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, hull, braking, reaction, twists: this.twist });
+    if (!recipe.guard && !recipe.arrive_scales && !recipe.hold) return twist;
+    const count = body.axes.length;
+    kernels.f64(this.twist.at, count).set(body.axes.map((axis) => twist[axis]));
+    if (recipe.arrive_scales) {
+      kernels.call("perception_arrive", { goals: { at: fields.goal.at, shape: [1, 2] }, turns: fields.goal_heading_error,
+        waypoints_left: fields.waypoints_left, scales: this.arrive, twists: this.twist });
+    }
+    if (recipe.guard) {
+      kernels.call("perception_guard", { ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] },
+        yaw_rates: { at: fields.twist.at + 8 * (count - 1), shape: [1] }, law: this.guard, twists: this.twist });
+    }
+    if (recipe.hold) kernels.call("perception_hold", { law: this.law, matrix: this.matrix, held: this.held, twists: this.twist });
     const found = [0, 0, 0];
-    body.axes.forEach((axis, k) => { found[axis] = kernels.f64(this.twist.at, body.axes.length)[k]; });
+    body.axes.forEach((axis, k) => { found[axis] = kernels.f64(this.twist.at, count)[k]; });
+    if (recipe.hold) body.axes.forEach((axis) => { kernels.f64(this.held.at, 9)[6 + axis] = found[axis]; });
     return found;
   }
 }

@@ -1,0 +1,87 @@
+"""Writes into agents' cards what they do elsewhere: `python -m wayfield.policies.training.measured FOLDER ...`
+
+Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also what
+`make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it warns.
+"""
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.scenarios import TASKS
+from wayfield.envs.storage import write_whole
+from wayfield.policies.learned.agent import CARD, Agent, load_agent, signed
+from wayfield.policies.learned.conditions import NewToAgent
+from wayfield.policies.training.validation import finite, validate
+
+FAST = 1.05  # m/s, beside the speed that an agent was validated at
+
+
+Condition = tuple[float, dict[str, Any]]  # a speed asked for, m/s, and the keyword arguments of the environment
+
+
+def _of_paths(speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    return [(FAST, dict(base))]
+
+
+def _of_goals(speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    """Returns what `make` gives: the scan of the data sheet, and goals with a heading."""
+    robot = {"robot": base["robot"]} if "robot" in base else {}
+    made = {"actuators": "ideal", "num_beams": 32, **robot}
+    return [(speed, {"scenario": scenario, **made}) for scenario in ("discs", "open_field")]
+
+
+MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {
+    "path_following": _of_paths,
+    "goal_reaching": _of_goals,
+}  # by task
+
+
+def conditions(agent: Agent) -> list[Condition]:
+    """Returns in what an agent is measured; quicker bases than those that it knows it drives as those."""
+    base: dict[str, Any] = dict(agent.card["env_kwargs"])
+    return [(agent.speed, base | {"actuators": "slow"}), *MORE[agent.card["task"]](agent.speed, base)]
+
+
+def measure(agent: Agent) -> list[dict[str, Any]]:
+    """Returns what an agent does in each of its conditions, as its card has it."""
+    task, found = TASKS[agent.card["task"]], []
+    for speed, kwargs in conditions(agent):
+        score = validate(dataclasses.replace(agent, speed=speed), agent.card["env_id"], kwargs, task.clock)
+        found.append(measurement(speed, kwargs, dataclasses.asdict(score)))
+    return found
+
+
+def measurement(speed: float, kwargs: Mapping[str, Any], score: Mapping[str, float]) -> dict[str, Any]:
+    """Returns a condition and what was found in it, as a card has it."""
+    return {"asked_speed": speed, "env_kwargs": dict(kwargs), **finite(score)}
+
+
+@click.command("measured", cls=OneLineErrors)
+@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
+def main(folders: tuple[Path, ...]) -> None:
+    """Measures the agent of each FOLDER, such as results/mine/seed_0/best, and writes it into its card."""
+    warnings.simplefilter("ignore", NewToAgent)  # that it is new is why it is measured
+    for folder in folders:
+        try:
+            agent = load_agent(folder)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from None
+        found = measure(agent)
+        write_whole(folder / CARD, (json.dumps(signed({**agent.card, "measured": found}), indent=2) + "\n").encode())
+        told = ", ".join(
+            f"{each['env_kwargs']['scenario']} {each['env_kwargs']['actuators']} {each['asked_speed']:g} m/s: "
+            f"{100.0 * each['success']:.0f} %"
+            for each in found
+        )
+        click.echo(f"{folder}: {told}")
+
+
+if __name__ == "__main__":
+    main()
