@@ -140,9 +140,11 @@ def main(rounds: int, seconds: float) -> None:
     )
     for header in ("environment", "robots", "steps/s", "times CartPole"):
         table.add_column(header, justify="left" if header == "environment" else "right")
-    for i, (contender, value) in enumerate(results):
+    for contender, value in results:
         ratio = value / cartpole[contender.robots]
-        table.add_row(contender.name, f"{contender.robots:,}", f"{value:,.0f}", f"{ratio:.2f}", end_section=i % 3 == 2)
+        table.add_row(
+            contender.name, f"{contender.robots:,}", f"{value:,.0f}", f"{ratio:.2f}", end_section=contender.cartpole
+        )
     rich.console.Console(width=100).print(table)
     print(f"NumPy {np.__version__}, Numba {numba.__version__}, Gymnasium {gymnasium.__version__}")
 
