@@ -192,7 +192,7 @@ def test_the_front_shows_pace_and_error_at_each_speed_by_itself() -> None:
 def test_who_drives_alone_has_not_won() -> None:
     rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": 0.01, "mean_speed": 0.6})
     alone = found(CONTESTS[PATHS], "p3dx", rows).sentence
-    assert "1 policy on the same 16 scenarios of 2 families. lqr has no rival: RMS error in m 0.0100" in alone
+    assert "1 policy on the same 16 scenarios of 2 families. lqr has no rival: RMS error 0.0100 m" in alone
     rows += made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.02, "mean_speed": 0.6})
     assert "2 policies" in (two := found(CONTESTS[PATHS], "p3dx", rows).sentence)
     assert "lqr wins" in two
