@@ -22,7 +22,7 @@ import rich.console
 import rich.table
 
 import wayfield.envs  # noqa: F401  registers the ids
-from wayfield.benchmarks.cases import GOAL_REACHING, PATH_FOLLOWING
+from wayfield.benchmarks.cases import DOCKING, GOAL_REACHING, PATH_FOLLOWING
 from wayfield.benchmarks.progress import tracked
 from wayfield.envs.command_line import OneLineErrors
 
@@ -82,6 +82,9 @@ def contenders() -> list[Contender]:
     chosen = [
         Contender("path following", NUM_ENVS, vector_steps(PATH_FOLLOWING, NUM_ENVS)),
         Contender("goal reaching, 32 rays", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, **goal)),
+        # with as many obstacles, namely none
+        Contender("goal reaching in the open", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, scenario="open_field")),
+        Contender("docking in the open", NUM_ENVS, vector_steps(DOCKING, NUM_ENVS, scenario="open")),
         Contender(CARTPOLE, NUM_ENVS, vector_steps(CARTPOLE, NUM_ENVS), cartpole=True),
         Contender("path following", 1, single_steps(PATH_FOLLOWING)),
         Contender("goal reaching, 32 rays", 1, single_steps(GOAL_REACHING, **goal)),
@@ -137,9 +140,11 @@ def main(rounds: int, seconds: float) -> None:
     )
     for header in ("environment", "robots", "steps/s", "times CartPole"):
         table.add_column(header, justify="left" if header == "environment" else "right")
-    for i, (contender, value) in enumerate(results):
+    for contender, value in results:
         ratio = value / cartpole[contender.robots]
-        table.add_row(contender.name, f"{contender.robots:,}", f"{value:,.0f}", f"{ratio:.2f}", end_section=i % 3 == 2)
+        table.add_row(
+            contender.name, f"{contender.robots:,}", f"{value:,.0f}", f"{ratio:.2f}", end_section=contender.cartpole
+        )
     rich.console.Console(width=100).print(table)
     print(f"NumPy {np.__version__}, Numba {numba.__version__}, Gymnasium {gymnasium.__version__}")
 

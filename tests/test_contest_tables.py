@@ -16,6 +16,7 @@ from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.report.findings import found
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.standings import contest_tables, front_points
@@ -186,6 +187,15 @@ def test_the_front_shows_pace_and_error_at_each_speed_by_itself() -> None:
         wanted = [float(iqm(costs)), *ends(costs, iqm), float((factor * TIMES / 60)[WON == 1.0].mean())]
         assert shown == pytest.approx(wanted, abs=6e-3)
         assert shown[0] == pytest.approx(wanted[0], abs=6e-5)
+
+
+def test_who_drives_alone_has_not_won() -> None:
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": 0.01, "mean_speed": 0.6})
+    alone = found(CONTESTS[PATHS], "p3dx", rows).sentence
+    assert "1 policy on the same 16 scenarios of 2 families. lqr has no rival: RMS error 0.0100 m" in alone
+    rows += made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.02, "mean_speed": 0.6})
+    assert "2 policies" in (two := found(CONTESTS[PATHS], "p3dx", rows).sentence)
+    assert "lqr wins" in two
 
 
 def test_brackets_and_stars_need_five_scenarios_a_family() -> None:

@@ -3,6 +3,7 @@
 import ast
 import random
 import re
+import sys
 from pathlib import Path
 
 import click
@@ -106,6 +107,14 @@ def test_every_function_that_reads_a_file_is_registered() -> None:
             found |= {(name, each) for each, _ in _readings(ast.parse(file.read_text(encoding="utf-8")))}
     assert found - set(ALLOWED) == set(), "give these @reader, so that the fault campaign damages their files"
     assert set(ALLOWED) - found == set(), "these open no file any more"
+
+
+def test_readers_are_known_where_another_extra_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)  # as where it is not installed
+    monkeypatch.delitem(sys.modules, "wayfield.benchmarks.mcap_file", raising=False)
+    monkeypatch.delitem(sys.modules, "wayfield.benchmarks.record", raising=False)
+    files.load_all()
+    assert len(READERS) >= 15
 
 
 def test_the_sample_of_every_reader_is_read(tmp_path: Path) -> None:

@@ -71,11 +71,15 @@ def attempt(spec: dict[str, Any], place: Any, server: Any) -> str | None:
 
 
 def load_all() -> None:
-    """Imports every module of the package, so that every reader is known."""
+    """Imports every module of the package whose extra is installed, so that every reader is known."""
     for part in (envs, policies, benchmarks):
         for module in pkgutil.walk_packages(part.__path__, f"{part.__name__}."):
             if not module.name.startswith("wayfield.benchmarks.faults"):
-                importlib.import_module(module.name)
+                try:
+                    importlib.import_module(module.name)
+                except ModuleNotFoundError as error:
+                    if (error.name or "").startswith("wayfield"):
+                        raise
 
 
 def _content(spec: Mapping[str, Any], good: Path) -> bytes:

@@ -56,9 +56,13 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     told = not any(math.isnan(p) for p in ps)  # of too few scenarios nothing is said
     count = len({(row["scenario"], row["episode"]) for row in rows})
     families = len({row["family"] for row in rows})
+    if len(rivals) == 1:
+        verdict = f"{label(best.entry)} has no rival: {_achieved(best, contest, by_cost)}."
+    else:
+        verdict = _who(best, level, contest, by_cost) if told else _first(best, contest, by_cost)
     sentence = (
-        f"{contest.title} with {robot}: {len(entries)} policies on the same {count} scenarios of {families} "
-        f"families. {_who(best, level, contest, by_cost) if told else _first(best, contest, by_cost)}"
+        f"{contest.title} with {robot}: {_count(len(entries), 'policy', 'policies')} on the same "
+        f"{_count(count, 'scenario', 'scenarios')} of {_count(families, 'family', 'families')}. {verdict}"
     )
     if len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.told)
@@ -79,6 +83,10 @@ def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
         (float(iqm(cost)), *(interval(*by_scenario(rows, cost), iqm) or ())),
         float(iqm(values(won, "mean_speed"))) if won else math.nan,
     )
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 def _with_ends(found: tuple[float, ...], factor: float, decimals: int) -> str:
