@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayfield.benchmarks.aggregates import interval, iqm
+from wayfield.benchmarks.aggregates import interval, iqm, mean
 from wayfield.benchmarks.contests import COST, Contest
 from wayfield.benchmarks.entries import Entry, by_entry, by_scenario, costs, failing, label, success_interval, values
 from wayfield.benchmarks.matrix import how_often_better
@@ -39,7 +39,7 @@ class _Standing:
     entry: Entry
     told: str
     success: tuple[float, ...]  # value, low and high; the value alone of too few scenarios
-    cost: tuple[float, ...]
+    cost: tuple[float, ...]  # the mean over all runs, by which the full table ranks
     speed: float  # m/s, of the successes
 
 
@@ -76,7 +76,7 @@ def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
         entry,
         rows[0]["knows"],
         (float(values(rows, "success").mean()), *(success_interval(rows) or ())),
-        (float(iqm(cost)), *(interval(*by_scenario(rows, cost), iqm) or ())),
+        (float(mean(cost)), *(interval(*by_scenario(rows, cost), mean) or ())),
         float(iqm(values(won, "mean_speed"))) if won else math.nan,
     )
 
@@ -130,10 +130,11 @@ def _small(
             verdict = "told map"
         shares, of_cost = _with_ends(each.success, 100.0, 1), _with_ends(each.cost, 1.0, decimals)
         lines.append([label(each.entry), shares, of_cost, f"{each.speed:.2f}", verdict])
-    header = ["policy", "success (%)", f"{cost.name} ({cost.unit})", "speed (m/s)", "verdict"]
+    name = cost.name if by_cost else f"imputed {cost.name}"
+    header = ["policy", "success (%)", f"{name} ({cost.unit})", "speed (m/s)", "verdict"]
     note = (
         f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals, where there are scenarios enough. "
-        f"{cost.name} is the interquartile mean over all episodes, a failure counted as {failing(contest)}. Speed is "
+        f"{name[0].upper()}{name[1:]} is the mean over all runs, a failure counted as {failing(contest)}. Speed is "
         "that of the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
@@ -223,7 +224,7 @@ def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
         "kind": "front",
         "title": f"{contest.spec.title}, {robot}: speed and accuracy",
         "x": "mean speed (m/s)",
-        "y": f"{cost.name} ({cost.unit})",
+        "y": f"typical {cost.name} ({cost.unit})",  # the interquartile mean, as in the table of the front
         "log": contest.log_cost,
         "series": series,
     }
