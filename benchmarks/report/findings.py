@@ -7,9 +7,9 @@ from typing import Any
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
 from wayfield.benchmarks.contests import COST, Contest
+from wayfield.benchmarks.contests.contest import PACE_TOLERANCE
 from wayfield.benchmarks.entries import (
     OFF_PACE,
-    PACE_TOLERANCE,
     Entry,
     by_entry,
     by_scenario,
