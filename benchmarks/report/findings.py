@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.contests import COST, Contest
-from wayfield.benchmarks.contests.contest import PACE_TOLERANCE
+from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Contest
 from wayfield.benchmarks.entries import (
     OFF_PACE,
     Entry,
