@@ -200,6 +200,18 @@ def test_the_small_table_has_the_first_the_best_agents_and_the_best_that_is_told
     assert [line[-1] for line in small.rows][-1] == "told map"
 
 
+def test_who_drives_at_another_speed_neither_wins_nor_draws() -> None:
+    cells = {"success": 1.0, "mean_speed": 0.6, "cross_track_rms": 0.01 + 1e-4 * np.arange(16)}
+    rows = contest_rows("path-following", "mpc", cells)
+    rows += contest_rows("path-following", "stanley", cells | {"mean_speed": 0.4})
+    found = findings.found(CONTESTS["path-following"], "p3dx", rows)
+    assert "mpc wins" in found.sentence
+    slow = found.small.rows[1]
+    assert slow[0] == "stanley"
+    assert slow[-2:] == ["0.40‡", "off speed"]
+    assert "0.6 m/s" in found.small.note
+
+
 def test_the_demo_page_is_made_with_the_kernels_of_today() -> None:
     file = Path(__file__).parents[1] / "docs" / "demo.html"
     text = file.read_text(encoding="utf-8")

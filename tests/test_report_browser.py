@@ -119,6 +119,32 @@ def test_tables_sort(browser: Browser, files: dict[str, Path]) -> None:
         assert cells.all_inner_texts() == ["10", "2"]
 
 
+@pytest.mark.parametrize(
+    ("form", "begins", "holds"),
+    [
+        ("Markdown", f"| {HOSTILE} | n |\n|---|---|\n", "| b | 10 |"),
+        ("LaTeX", "% ", "b & 10 \\\\"),
+        ("CSV", '"<script>alert(1)</script>&""\'",n\n', "b,10"),
+    ],
+)
+def test_a_table_is_copied_as_it_is_sorted(
+    browser: Browser, files: dict[str, Path], form: str, begins: str, holds: str
+) -> None:
+    with Watched(browser, files["report"]) as watched:
+        tab = watched.page
+        # the clipboard is not to be read without asking: what the page would put there is
+        tab.evaluate("() => { navigator.clipboard.writeText = async (text) => { window.taken = text; }; }")
+        tab.locator("#full th button").nth(1).click()
+        tab.locator("#full th button").nth(1).click()  # falling: 10 before 2
+        tab.locator("#full").get_by_role("button", name=form, exact=True).first.click()
+        watched.until("window.taken !== undefined")
+        taken = tab.evaluate("window.taken")
+        assert taken.startswith(begins)
+        assert holds in taken
+        assert taken.index("10") < taken.rindex("2")
+        assert f"copied as {form}" in tab.locator("#said").inner_text()
+
+
 def test_the_keyboard_moves_the_robot(browser: Browser, files: dict[str, Path]) -> None:
     with Watched(browser, files["demo"]) as watched:
         assert watched.page.evaluate("drive !== null"), "the page has no kernels"

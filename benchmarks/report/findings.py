@@ -5,9 +5,21 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayfield.benchmarks.aggregates import interval, iqm
-from wayfield.benchmarks.contests import COST, Contest
-from wayfield.benchmarks.entries import Entry, by_entry, by_scenario, costs, failing, label, success_interval, values
+from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Contest
+from wayfield.benchmarks.entries import (
+    OFF_PACE,
+    Entry,
+    by_entry,
+    by_scenario,
+    costs,
+    failing,
+    label,
+    mean_speed,
+    off_pace,
+    success_interval,
+    values,
+)
 from wayfield.benchmarks.matrix import how_often_better
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
@@ -39,8 +51,9 @@ class _Standing:
     entry: Entry
     told: str
     success: tuple[float, ...]  # value, low and high; the value alone of too few scenarios
-    cost: tuple[float, ...]
-    speed: float  # m/s, of the successes
+    cost: tuple[float, ...]  # the mean over all runs, by which the full table ranks
+    speed: float  # m/s, mean of the successes
+    away: bool  # whether that is off the speed that was asked for: such entries stand below the others
 
 
 def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
@@ -52,7 +65,8 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     rivals = [each for each in ranked if MAP not in each.told] or ranked
     best = rivals[0]
     ps = holm([how_often_better(entries[best.entry], entries[each.entry], contest).p for each in rivals[1:]])
-    level = [each for each, p in zip(rivals[1:], ps, strict=True) if p >= SIGNIFICANT]
+    # who errs as little by driving slower has not drawn
+    level = [each for each, p in zip(rivals[1:], ps, strict=True) if p >= SIGNIFICANT and each.away == best.away]
     told = not any(math.isnan(p) for p in ps)  # of too few scenarios nothing is said
     count = len({(row["scenario"], row["episode"]) for row in rows})
     families = len({row["family"] for row in rows})
@@ -75,13 +89,13 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
 
 def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
     cost = costs(rows, contest)
-    won = [row for row in rows if row["success"] == "1"]
     return _Standing(
         entry,
         rows[0]["knows"],
         (float(values(rows, "success").mean()), *(success_interval(rows) or ())),
-        (float(iqm(cost)), *(interval(*by_scenario(rows, cost), iqm) or ())),
-        float(iqm(values(won, "mean_speed"))) if won else math.nan,
+        (float(mean(cost)), *(interval(*by_scenario(rows, cost), mean) or ())),
+        mean_speed(rows),
+        off_pace(rows, contest.pace),
     )
 
 
@@ -136,15 +150,23 @@ def _small(
         verdict = "first" if each is rivals[0] else "draw" if each in level else ""
         if MAP in each.told and rivals[0].told != each.told:
             verdict = "told map"
+        elif each.away and not rivals[0].away:
+            verdict = "off speed"
         shares, of_cost = _with_ends(each.success, 100.0, 1), _with_ends(each.cost, 1.0, decimals)
-        lines.append([label(each.entry), shares, of_cost, f"{each.speed:.2f}", verdict])
-    header = ["policy", "success (%)", f"{cost.name} ({cost.unit})", "speed (m/s)", "verdict"]
+        lines.append([label(each.entry), shares, of_cost, f"{each.speed:.2f}" + OFF_PACE * each.away, verdict])
+    name = cost.name if by_cost else f"imputed {cost.name}"
+    header = ["policy", "success (%)", f"{name} ({cost.unit})", "speed (m/s)", "verdict"]
     note = (
         f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals, where there are scenarios enough. "
-        f"{cost.name} is the interquartile mean over all episodes, a failure counted as {failing(contest)}. Speed is "
+        f"{name[0].upper()}{name[1:]} is the mean over all runs, a failure counted as {failing(contest)}. Speed is "
         "that of the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
+    if any(each.away for each in shown):
+        note += (
+            f" {OFF_PACE}: off the {contest.pace:g} m/s asked for by more than {100.0 * PACE_TOLERANCE:.0f} %; such "
+            "entries stand below the others and are not ranked with them."
+        )
     return Table(f"{contest.title}, {robot}", header, lines, note)
 
 
@@ -231,7 +253,7 @@ def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
         "kind": "front",
         "title": f"{contest.title}, {robot}: speed and accuracy",
         "x": "mean speed (m/s)",
-        "y": f"{cost.name} ({cost.unit})",
+        "y": f"typical {cost.name} ({cost.unit})",  # the interquartile mean, as in the table of the front
         "log": contest.log_cost,
         "series": series,
     }

@@ -67,8 +67,8 @@ class Trace {
       const values = this.of(chosen, world);
       const value = values[Math.min(step, values.length - 1)];
       context.fillStyle = ink("--ink");
-      context.textAlign = x > view.width - 100 ? "right" : "left";
-      if (Number.isFinite(value)) context.fillText(`${value.toFixed(3)} ${this.unit}`, x + (x > view.width - 100 ? -5 : 5), 13);
+      context.textAlign = "right"; // in the corner: beside the cursor it would cover the name
+      if (Number.isFinite(value)) context.fillText(`${value.toFixed(3)} ${this.unit}`, view.width - 10, 12);
     }
   }
 
