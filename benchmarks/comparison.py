@@ -78,8 +78,7 @@ def compare(
     actuators: str = "lagged",
     gains: str = "best",
     seed: int = 0,
-    workers: int = 1,
-    executor: Executor | None = None,
+    workers: int | Executor = 1,
 ) -> Comparison:
     """Returns how policies do against each other in the same scenarios. Nothing is written.
 
@@ -92,9 +91,9 @@ def compare(
         episodes: the first of each family; None: all. Of a file, how often it is driven; None: once.
         gains: of policies that are named: "best", which is the tuned ones where there are any, "default", "tuned",
             "paper" or "all".
-        workers: processes that share the work; with several, objects must be such as can be pickled.
-        executor: does the work instead, wherever it takes it: `dask.distributed.Client(...).get_executor()`, one of
-            submitit, mpi4py or Ray, or of `concurrent.futures`. Files that are named travel along.
+        workers: processes that share the work; with several, objects must be such as can be pickled. Or an executor,
+            wherever it takes the work: `distributed.Client(...).get_executor()`, one of submitit, mpi4py or Ray, or of
+            `concurrent.futures`. Files that are named travel along.
 
     Raises:
         ValueError: if an argument names nothing that there is, or a policy cannot take part; the message names it.
@@ -110,7 +109,8 @@ def compare(
         checks.choose(field, value, choices)
     robot = robot_of(robot)
     checks.whole("seed", seed, 0, 2**31 - 1)
-    checks.whole("workers", workers, 1)
+    if not isinstance(workers, Executor):
+        checks.whole("workers", workers, 1)
     if episodes is not None:
         checks.whole("episodes", episodes, 1)
     if isinstance(contest, os.PathLike) or os.path.isdir(contest):
@@ -128,7 +128,7 @@ def compare(
         *(episodes, seed, (), own, courses, "wayfield.benchmarks.compare"),
     )
     settings = [setting for setting in options.settings() if _ranked(setting)]
-    there = processes(workers) if executor is None else contextlib.nullcontext(Engine.of(executor))
+    there = contextlib.nullcontext(Engine.of(workers)) if isinstance(workers, Executor) else processes(workers)
     found: dict[int, list[Row]] = {}
     with there as engine:
         try:

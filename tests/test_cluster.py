@@ -191,7 +191,7 @@ def test_compare_takes_an_executor(threads: Engine) -> None:
     asked: dict[str, Any] = {"contest": "path-following", "families": ["circles"], "episodes": 2}
     here = comparison.compare(["pure_pursuit", "stanley"], **asked)
     with ThreadPoolExecutor(2) as pool:
-        there = comparison.compare(["pure_pursuit", "stanley"], **asked, executor=pool)
+        there = comparison.compare(["pure_pursuit", "stanley"], **asked, workers=pool)
     assert there == here
 
 
@@ -209,7 +209,7 @@ def test_compare_keeps_the_rows_of_what_did_not_fail(monkeypatch: pytest.MonkeyP
         pytest.raises(Failed, match="1 of 2 failed twice: stanley on circles") as failed,
     ):
         comparison.compare(
-            ["pure_pursuit", "stanley"], "path-following", ["circles"], 2, executor=pool
+            ["pure_pursuit", "stanley"], "path-following", ["circles"], 2, workers=pool
         )  # fmt: skip
     assert [row["policy"] for row in failed.value.done] == ["pure_pursuit"] * 2
 

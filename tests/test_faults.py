@@ -44,6 +44,7 @@ ALLOWED = {
     ("policies/tuned.py", "_read"): "reads bytes for read_gains",
     ("policies/tuned.py", "_read_sample"): "reads bytes for read_gains",
     ("benchmarks/parts.py", "_packed"): "takes what it has just written",
+    ("policies/training/slices.py", "files_of"): "takes files along that the training reads",
     ("benchmarks/parcels.py", "parcel"): "takes files that were read already along, whatever their content",
     ("benchmarks/parts.py", "_key"): "takes the digest of an agent's card that was read",
     ("benchmarks/run_folder.py", "_publish"): "flushes what it has just written",
