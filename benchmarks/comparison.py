@@ -91,9 +91,9 @@ def compare(
         episodes: the first of each family; None: all. Of a file, how often it is driven; None: once.
         gains: of policies that are named: "best", which is the tuned ones where there are any, "default", "tuned",
             "paper" or "all".
-        workers: processes that share the work, or an executor that takes it elsewhere:
-            `dask.distributed.Client(...).get_executor()`, one of submitit, mpi4py or Ray, or of `concurrent.futures`;
-            files that are named travel along. Unless it is 1, objects must be such as can be pickled.
+        workers: processes that share the work; with several, objects must be such as can be pickled. Or an executor,
+            wherever it takes the work: `distributed.Client(...).get_executor()`, one of submitit, mpi4py or Ray, or of
+            `concurrent.futures`. Files that are named travel along.
 
     Raises:
         ValueError: if an argument names nothing that there is, or a policy cannot take part; the message names it.

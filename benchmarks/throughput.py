@@ -1,7 +1,8 @@
 """Environment steps per second, beside Gymnasium's CartPole in the same run: python -m wayfield.benchmarks.throughput
 
-One thread. The contenders take turns, round after round, so that a machine that slows down slows all of them; the
-median of the rounds counts. Actions are drawn beforehand, uniformly; resets are part of the work.
+One thread; with `--threads` one and several of wayfield side by side. The contenders take turns, round after round,
+so that a machine that slows down slows all of them; the median of the rounds counts. Actions are drawn beforehand,
+uniformly; resets are part of the work.
 """
 
 import dataclasses
@@ -24,10 +25,13 @@ import rich.table
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.benchmarks.cases import DOCKING, GOAL_REACHING, PATH_FOLLOWING
 from wayfield.benchmarks.progress import tracked
+from wayfield.envs.checks import MOST_THREADS
 from wayfield.envs.command_line import OneLineErrors
 
 CARTPOLE = "CartPole-v1"
 NUM_ENVS = 1024
+NUM_THREADED = 4096  # where threads are compared
+NUM_DECIDING = 512
 NUM_PYMUNK = 64  # its physics engine is called once a robot
 BLOCK = 16  # actions drawn beforehand, for each robot
 
@@ -100,6 +104,45 @@ def contenders() -> list[Contender]:
     return chosen
 
 
+def threaded(num_threads: int) -> list[Contender]:
+    """Returns what is timed with one thread and with several, the environment and a law on it; all have begun."""
+    goal: dict[str, Any] = {"scenario": "discs"}
+    few = [
+        ("path following", PATH_FOLLOWING, {}),
+        *((f"goal reaching, {n} rays", GOAL_REACHING, {**goal, "num_beams": n}) for n in (32, 72, 720)),
+    ]
+    chosen = []
+    for name, env_id, kwargs in few:
+        for n in (1, num_threads):
+            steps = vector_steps(env_id, NUM_THREADED, **kwargs, num_threads=n)
+            chosen.append(Contender(f"{name}, {n} thread{'s'[: n > 1]}", NUM_THREADED, steps))
+    for n in (1, num_threads):
+        steps = deciding_steps("dwa", NUM_DECIDING, n)
+        chosen.append(Contender(f"dwa deciding, {n} thread{'s'[: n > 1]}", NUM_DECIDING, steps))
+    for contender in chosen:
+        contender.steps()
+    return chosen
+
+
+def deciding_steps(policy: str, num_envs: int, num_threads: int) -> Steps:
+    """Returns a function that lets a policy decide a few times on the same observations of goal reaching."""
+    from wayfield.policies import Pilot, make
+
+    envs = gymnasium.make_vec(
+        GOAL_REACHING, num_envs, vectorization_mode="vector_entry_point", scenario="clutter_10/test", num_beams=72
+    )
+    pilot = Pilot(make(policy), envs, num_threads)
+    observations, _ = envs.reset(seed=0)
+    pilot.reset()
+
+    def steps() -> int:
+        for _ in range(2):
+            pilot.command(observations)
+        return 2 * num_envs
+
+    return steps
+
+
 def rate(steps: Steps, seconds: float) -> float:
     """Returns the steps per second over at least that time."""
     count = 0
@@ -109,9 +152,8 @@ def rate(steps: Steps, seconds: float) -> float:
     return count / elapsed
 
 
-def measured(rounds: int, seconds: float) -> list[tuple[Contender, float]]:
+def measured(chosen: list[Contender], rounds: int, seconds: float) -> list[tuple[Contender, float]]:
     """Returns each contender with the median of its rates."""
-    chosen = contenders()
     turns = [(i, contender) for _ in range(rounds) for i, contender in enumerate(chosen)]
     rates: list[list[float]] = [[] for _ in chosen]
     for i, contender in tracked(turns, len(turns), "turns"):
@@ -128,12 +170,20 @@ def measured(rounds: int, seconds: float) -> list[tuple[Contender, float]]:
     show_default=True,
     help="Of a turn.",
 )
-def main(rounds: int, seconds: float) -> None:
+@click.option(
+    "--threads",
+    type=click.IntRange(2, MOST_THREADS),
+    help="Instead: with one and with so many threads, at 4,096 robots, beside each other.",
+)
+def main(rounds: int, seconds: float, threads: int | None) -> None:
     """Prints the environments' steps per second, beside those of CartPole."""
     if not 0.0 < seconds <= 60.0:  # NaN is neither
         raise click.UsageError(f"--seconds {seconds} must be above 0 and at most 60")
     numba.set_num_threads(1)
-    results = measured(rounds, seconds)
+    if threads is not None:
+        _print_threaded(measured(threaded(threads), rounds, seconds), rounds)
+        return
+    results = measured(contenders(), rounds, seconds)
     cartpole = {contender.robots: value for contender, value in results if contender.cartpole}
     table = rich.table.Table(
         title=f"Environment steps per second, one thread, median of {rounds} rounds", title_justify="left"
@@ -147,6 +197,18 @@ def main(rounds: int, seconds: float) -> None:
         )
     rich.console.Console(width=100).print(table)
     print(f"NumPy {np.__version__}, Numba {numba.__version__}, Gymnasium {gymnasium.__version__}")
+
+
+def _print_threaded(results: list[tuple[Contender, float]], rounds: int) -> None:
+    """Prints what several threads make of the work of one."""
+    title = f"Steps or decisions per second, one thread and several, median of {rounds} rounds"
+    table = rich.table.Table(title=title, title_justify="left")
+    for header in ("what", "robots", "a second", "times one thread"):
+        table.add_column(header, justify="left" if header == "what" else "right")
+    for (one, alone), (several, value) in zip(results[::2], results[1::2], strict=True):
+        table.add_row(one.name, f"{one.robots:,}", f"{alone:,.0f}", "")
+        table.add_row(several.name, f"{one.robots:,}", f"{value:,.0f}", f"{value / alone:.2f}", end_section=True)
+    rich.console.Console(width=100).print(table)
 
 
 if __name__ == "__main__":

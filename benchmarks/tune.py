@@ -15,8 +15,9 @@ import dataclasses
 import errno
 import json
 import os
+import shlex
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice, on_cluster, shared_out
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.engines import Engine, cores
+from wayfield.envs.identity import source_digest
 from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.scenarios import splits
 from wayfield.envs.storage import write_whole
@@ -136,6 +138,7 @@ class Search:
     scenarios: int  # of each family
     seed: int
     started_from: tuple[Mapping[str, float], ...] = ()  # sets that are tried first, after the default gains
+    study: str = ""  # where others search along: a journal file, or the URL of a database; "": this process alone
 
     @property
     def paced(self) -> bool:
@@ -185,7 +188,8 @@ class Search:
             "command": f"python -m wayfield.benchmarks.tune {self.policy} --suite {self.contest.name} --robot "
             f"{shipped} --speed {self.speed:g} --level {self.level} --actuators {self.actuators} --frames "
             f"{self.frames} --trials {self.trials} --scenarios {self.scenarios} --seed {self.seed}"
-            + "".join(f" --from '{json.dumps(dict(each))}'" for each in self.started_from),
+            + "".join(f" --from '{json.dumps(dict(each))}'" for each in self.started_from)
+            + (f" --study {shlex.quote(self.study)}" if self.study else ""),
         }
 
     def _searched(self, engine: Engine) -> tuple[list[dict[str, Any]], int]:
@@ -196,23 +200,20 @@ class Search:
         defaults: Any = wayfield.policies.make(self.policy)
         ranges = SEARCHED[self.policy]
         fastest = max(min(PACE_FACTORS[1], float(self.robot.max_twist[0]) / self.speed), 1.0)
-        study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=self.seed))
         start = {name: float(getattr(defaults, name)) for name in ranges}
-        study.enqueue_trial(start | ({"pace": 1.0} if self.paced else {}))
-        for known in self._known(ranges, fastest):
-            study.enqueue_trial(start | known)
+        starts = [start | ({"pace": 1.0} if self.paced else {})]
+        starts += [start | known for known in self._known(ranges, fastest)]
+        if self.study:
+            return self._searched_together(engine, starts, fastest)
+        study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=self.seed))
+        for known in starts:
+            study.enqueue_trial(known)
         scored: list[tuple[Score, dict[str, Any]]] = []
         frames = 0
         while frames < self.frames and len(study.trials) < self.trials:
             trial = study.ask()
-            factor = trial.suggest_float("pace", PACE_FACTORS[0], fastest) if self.paced else 1.0
-            drawn = {
-                k: rounded(trial.suggest_float(k, each.low, each.high, log=each.log)) for k, each in ranges.items()
-            }
-            try:
-                gains = self.gains_at(drawn, factor)
-                wayfield.policies.make(self.policy, **gains)
-            except ValueError:  # two gains that do not go together
+            gains = self._drawn(trial, fastest)
+            if gains is None:
                 study.tell(trial, state=optuna.trial.TrialState.FAIL)
                 continue
             # the first are the default gains: no set shall be slower that cannot hold the asked speed either
@@ -223,6 +224,60 @@ class Search:
             study.tell(trial, score.value)
         scored.sort(key=lambda each: each[0])
         return [gains for _, gains in scored[:FINALISTS]], frames
+
+    def _searched_together(
+        self, engine: Engine, starts: Sequence[Mapping[str, float]], fastest: float
+    ) -> tuple[list[dict[str, Any]], int]:
+        """Returns what `_searched` does, of a study that others search along; the budget is that of all.
+
+        Raises:
+            NoStudy: if it cannot be opened.
+            StillSearched: if others are driving sets of it.
+        """
+        import optuna
+
+        from wayfield.benchmarks.shared_study import SharedStudy
+
+        shared = SharedStudy(self.study, self._study_name, starts)
+        failed = optuna.trial.TrialState.FAIL
+        least: float | None = None
+        while shared.frames < self.frames and shared.begun < self.trials:
+            trial = shared.study.ask()
+            gains = self._drawn(trial, fastest) if trial.number < self.trials else None
+            if gains is None:
+                shared.study.tell(trial, state=failed)
+                continue
+            if least is None:  # as with one process, but that the default gains may be under way elsewhere
+                default = self.gains_at({name: starts[0][name] for name in SEARCHED[self.policy]}, 1.0)
+                least = 0.0 if trial.number == 0 else self.score(default, SEARCH_SPLIT, engine).mean_speed
+            score = self.score(gains, SEARCH_SPLIT, engine, 0.0 if trial.number == 0 else least)
+            least = score.mean_speed if trial.number == 0 else least
+            shared.tell(trial, score, gains)
+        if count := shared.others():
+            raise StillSearched(
+                f"the budget is used up, and other processes are driving {count} more: the one that ends last writes "
+                "the gains, and so does this command again"
+            )
+        scored = sorted(shared.scored(), key=lambda each: each[0])
+        return [gains for _, gains in scored[:FINALISTS]], shared.frames
+
+    @property
+    def _study_name(self) -> str:
+        """Returns what tells the search from others in the same place: all but its budget and its seed."""
+        what = (self.policy, self.contest.name, self.robot.digest, f"{self.speed:g}", self.level, self.actuators)
+        return " ".join((*what, str(self.scenarios), self._digest(SEARCH_SPLIT)[:12], source_digest()[:12]))
+
+    def _drawn(self, trial: Any, fastest: float) -> dict[str, Any] | None:
+        """Returns the gains of a trial; None where two of them do not go together."""
+        factor = trial.suggest_float("pace", PACE_FACTORS[0], fastest) if self.paced else 1.0
+        ranges = SEARCHED[self.policy]
+        drawn = {k: rounded(trial.suggest_float(k, each.low, each.high, log=each.log)) for k, each in ranges.items()}
+        try:
+            gains = self.gains_at(drawn, factor)
+            wayfield.policies.make(self.policy, **gains)
+        except ValueError:
+            return None
+        return gains
 
     def _known(self, ranges: Mapping[str, Range], fastest: float) -> list[dict[str, float]]:
         """Returns what the search starts from within its ranges: gains, and their pace."""
@@ -265,6 +320,10 @@ class Search:
         return splits.digest(scenario for family in self.families for scenario in self._scenarios(family, split))
 
 
+class StillSearched(RuntimeError):
+    """Other processes are driving sets of the same study."""
+
+
 def _shown(score: Score) -> dict[str, Any]:
     return {
         "failures": score.failures,
@@ -302,6 +361,12 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
 @click.option("--from", "started_from", metavar="SET", multiple=True, help="A set to begin with: JSON.")
+@click.option(
+    "--study",
+    metavar="FILE",
+    help="Search together with other processes: a journal file, or a database's URL, for all of them the same; goes on "
+    "with what is there.",
+)
 @click.option("--out", metavar="FILE", help="The gains file.  [default: results/gains/SUITE/POLICY_CONDITION.json]")
 @click.option("--ship", is_flag=True, help="Write them where the package keeps its gains.")
 @click.option("--force", is_flag=True, help="Replace the file if there is one.")
@@ -319,6 +384,7 @@ def main(
     scenarios: int,
     seed: int,
     started_from: tuple[str, ...],
+    study: str | None,
     out: str | None,
     ship: bool,
     force: bool,
@@ -332,6 +398,8 @@ def main(
         import optuna  # noqa: F401
     except ImportError:
         raise click.ClickException('optuna is missing: pip install "wayfield[tune]"') from None
+    from wayfield.benchmarks.shared_study import NoStudy
+
     contest = CONTESTS[suite]
     if policy not in contest.policies:
         raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}")
@@ -342,8 +410,17 @@ def main(
     _check_file(file, force)
     starts = tuple(_start(text) for text in started_from)
     search = Search(policy, contest, robot, speed, level, actuators, frames, trials, scenarios, seed, starts)
+    search = dataclasses.replace(search, study=study or "")
+    if study is not None and not study.strip():
+        raise click.UsageError("--study is empty; it must name a file, or a database by its URL")
     with shared_out(count or cores()) as engine:
-        content = search.run(engine)
+        try:
+            content = search.run(engine)
+        except StillSearched as others:
+            print(f"{policy}: {others}")
+            return
+        except NoStudy as error:
+            raise click.ClickException(str(error)) from None
     # before they are written: a disk that is full then takes nothing away
     found = content["validation"]
     print(f"{policy}: {found['default']} by default, {found['chosen']} with {content['gains']}", flush=True)

@@ -1,6 +1,6 @@
 """The step order, written once: a batch of robots of one task, whether it holds one robot or thousands."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs.briefing import KNOWS, Briefing
 from wayfield.envs.checks import choose, memory, shown
 from wayfield.envs.compiled import machine_code
+from wayfield.envs.crew import bounds, crew
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.grids import scan_grid
 from wayfield.envs.patrols import PATROL
@@ -46,12 +47,13 @@ class Batch:
     """The state of `num_envs` robots of a task, and the two things that can be done to it: reset and step.
 
     Every robot draws from the generator it is given, in the same order whether it is alone or one of many: rows of a
-    batch equal single environments bit for bit.
+    batch equal single environments bit for bit, and so they do whatever the number of threads that share them out.
     """
 
-    def __init__(self, task: Task, num_envs: int) -> None:
+    def __init__(self, task: Task, num_envs: int, num_threads: int = 1) -> None:
         self.task = task
         self.num_envs = num_envs
+        self.num_threads = num_threads
         self.action_shape = task.options.max_action.shape
         disturbance = task.options.disturbance
         drops = disturbance.range_dropout > 0.0
@@ -83,6 +85,9 @@ class Batch:
         self._step_rows = machine_code(
             task.step_rows, 0, *self._inputs, results.observations, results.numbers, results.flags
         )
+        # a block is the whole batch with all rows left out but its own: no row is sliced off, and none has two writers
+        self._blocks = bounds(num_envs, num_threads) if num_threads > 1 else []
+        self._left_out = np.ones((len(self._blocks), num_envs), np.bool_)
         self._phases = COMMAND | DRIVE | JUDGE
         self.plant: Any = None
         if task.options.dynamics == "pymunk":
@@ -102,7 +107,11 @@ class Batch:
         """
         if self.task.options.dynamics == "coppelia":
             raise TypeError('dynamics="coppelia" cannot be copied: the simulator is outside of this process')
-        return Batch, (self.task, self.num_envs), {name: getattr(self, name) for name in (*STATE_ARRAYS, "plant")}
+        return (
+            Batch,
+            (self.task, self.num_envs, self.num_threads),
+            {name: getattr(self, name) for name in (*STATE_ARRAYS, "plant")},
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name in STATE_ARRAYS:
@@ -175,8 +184,16 @@ class Batch:
         if self.plant is not None:
             self.plant.reset(rows, self.states, self.obstacles)
 
-    def step(self, generators: Sequence[np.random.Generator], results: Results) -> None:
+    def step(
+        self,
+        generators: Sequence[np.random.Generator],
+        results: Results,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """Moves every robot that is not in `self.skip` by `self.actions` and writes its results.
+
+        Args:
+            meanwhile: done after it, or beside it by this thread where there are others: for the robots in `self.skip`.
 
         Raises:
             ValueError: if an action is not finite; nothing has moved then.
@@ -188,13 +205,35 @@ class Batch:
             for i in np.flatnonzero((self.states["noise_row"] >= NOISE_BLOCK) & ~self.skip).tolist():
                 generators[i].standard_normal(out=self.noise[i])
                 self.states["noise_row"][i] = 0
+        if self.plant is None:
+            self._shared_out(self._phases, results, meanwhile)
+            return
+        self._shared_out(self._phases, results, lambda: None)
+        self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
+        self._shared_out(JUDGE, results, lambda: None)
+        meanwhile()
+
+    def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None]) -> None:
+        """Runs phases of a step, by several threads where there are some."""
         outputs = (results.observations, results.numbers, results.flags)
-        bad = self._step_rows(self._phases, *self._inputs, *outputs)
-        if bad >= 0:
-            raise self._not_finite(bad)
-        if self.plant is not None:
-            self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
-            self._step_rows(JUDGE, *self._inputs, *outputs)
+        if not self._blocks:
+            bad = self._step_rows(phases, *self._inputs, *outputs)
+            if bad >= 0:
+                raise self._not_finite(bad)
+            meanwhile()
+            return
+        finite = self.skip | np.isfinite(self.actions).all(axis=1)
+        if phases & COMMAND and not finite.all():  # before any block has moved
+            raise self._not_finite(int(finite.argmin()))
+        params, states, obstacles, actions, noise, skip, *world = self._inputs
+
+        for left_out, (first, last) in zip(self._left_out, self._blocks, strict=True):
+            left_out[first:last] = skip[first:last]
+
+        def work(k: int) -> None:
+            self._step_rows(phases, params, states, obstacles, actions, noise, self._left_out[k], *world, *outputs)
+
+        crew(self.num_threads).run(work, len(self._blocks), meanwhile)
 
     def _delay_actions(self) -> None:
         """Puts in place of the actions just asked those asked some steps ago."""

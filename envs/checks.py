@@ -33,6 +33,7 @@ MOST_POINTS = 1_000_000  # of a path
 MOST_OBSTACLES = 100_000
 MOST_STEPS = 10**9  # of an episode
 MOST_ENVS = 1_000_000
+MOST_THREADS = 1024
 MOST_BYTES = 2**28  # of a file
 LAST_SEED = 2**63 - 1  # of a policy or a scenario
 LAST_OF_EPISODES = 2**128 - 1  # as many as NumPy draws where a reset is given none; wrappers draw 64 bits

@@ -13,14 +13,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any
 
-import distributed
-from distributed.versions import get_versions
-
 from wayfield.envs.engines import TRIES, Engine, Refused, say
 from wayfield.envs.identity import differences, identity
 from wayfield.envs.processes import interrupts_held
-
-_dask: Any = distributed  # whose constructors have no types
 
 LOCAL = "local"  # in place of an address: a scheduler and workers that are started here and end with this process
 _CONNECT = 10.0  # s
@@ -45,13 +40,14 @@ def cluster(address: str, count: int) -> Iterator[Engine]:
         NoScheduler: if none answers there, it is of another version, or it has workers and refuses all of them.
         ConnectionError: while it works, if the scheduler is lost.
     """
+    distributed = _dask()
     for name in list(logging.root.manager.loggerDict):
         if name.split(".")[0] in _TALKATIVE:  # what is the user's to know is told in a line
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with contextlib.ExitStack() as stack:
         if address == LOCAL:
             with interrupts_held():
-                here = _dask.LocalCluster(
+                here = distributed.LocalCluster(
                     n_workers=count,
                     threads_per_worker=1,
                     dashboard_address="127.0.0.1:0",
@@ -68,13 +64,20 @@ def cluster(address: str, count: int) -> Iterator[Engine]:
         yield engine
 
 
+def _dask() -> Any:
+    """Returns Dask distributed, which is loaded by those alone who work with it."""
+    import distributed
+
+    return distributed
+
+
 def _quietly(close: Callable[[], Any]) -> None:
     """Lets go of what may be gone already."""
     with contextlib.suppress(Exception):
         close()
 
 
-def _client(address: str) -> distributed.Client:
+def _client(address: str) -> Any:
     """Returns the client of a scheduler; NoScheduler if there is none that it can work with."""
     if not _ADDRESS.fullmatch(address):
         raise NoScheduler("is no address; it must be like tcp://host:8786 or tls://host:8786, or local")
@@ -83,17 +86,20 @@ def _client(address: str) -> distributed.Client:
     except Exception as error:  # whatever answers there, of whatever version
         why = " ".join(str(error).split()) or type(error).__name__
         raise NoScheduler(f"is no scheduler that can be reached within {_CONNECT:g} s: {why[:300]}") from None
-    theirs, ours = ({**each["packages"], "python": _minor(each["host"]["python"])} for each in (found, get_versions()))
+    theirs, ours = (
+        {**each["packages"], "python": _minor(each["host"]["python"])}
+        for each in (found, _dask().versions.get_versions())
+    )
     if other := differences(theirs, {name: str(ours[name]) for name in ("python", *_MUST_AGREE)}):
         raise NoScheduler(f"is a scheduler of another version: {other}")
-    client: distributed.Client = _dask.Client(address, timeout=_CONNECT, set_as_default=False)
-    return client
+    return _dask().Client(address, timeout=_CONNECT, set_as_default=False)
 
 
 async def _asked_for_versions(address: str) -> Any:
     """Returns what a scheduler says of its versions, before anything else is made of it."""
-    security = _dask.Security()
-    speaking = _dask.rpc(address, connection_args=security.get_connection_args("client"), timeout=_CONNECT)
+    distributed = _dask()
+    security = distributed.Security()
+    speaking = distributed.rpc(address, connection_args=security.get_connection_args("client"), timeout=_CONNECT)
     try:
         return await asyncio.wait_for(speaking.versions(packages=[]), _CONNECT)
     finally:
@@ -111,13 +117,13 @@ def _presented() -> dict[str, str]:
 class _Cluster(Engine):
     """An engine whose items go to the workers of a scheduler, but for those that are refused."""
 
-    def __init__(self, client: distributed.Client, address: str) -> None:
+    def __init__(self, client: Any, address: str) -> None:
         super().__init__(self._handed_over, TRIES, remote=True)
         self._client, self._address = client, address
         self._mine = identity()
         self._refused: set[str] = set()  # addresses
         self._alone = False  # whether it has been said that there are no workers
-        self._executor: Any = _dask.cfexecutor.ClientExecutor(client, pure=False)
+        self._executor: Any = _dask().cfexecutor.ClientExecutor(client, pure=False)
 
     def meet(self) -> None:
         """Asks the workers that are there who they are; NoScheduler if all must be refused."""
@@ -167,5 +173,5 @@ class _Cluster(Engine):
 def _asked(function: Callable[[Any], Any], item: Any, wanted: dict[str, str]) -> Any:
     """Returns what a function makes of an item; raises Refused where the worker's installation is another."""
     if other := differences(identity(), wanted):
-        raise Refused(distributed.get_worker().address, other)
+        raise Refused(_dask().get_worker().address, other)
     return function(item)

@@ -5,6 +5,7 @@ Only commands import this module: it needs click, which the core install does wi
 
 import contextlib
 import errno
+import importlib.util
 import math
 import os
 import shlex
@@ -15,6 +16,7 @@ from typing import Any, NoReturn, TypeVar
 import click
 
 from wayfield.envs.checks import choose
+from wayfield.envs.cluster import NoScheduler, cluster
 from wayfield.envs.engines import Engine, Failed, workers
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.starting import started
@@ -156,10 +158,8 @@ def shared_out(count: int) -> Iterator[Engine]:
         with workers(count) as engine:
             yield engine
         return
-    try:
-        from wayfield.envs.cluster import NoScheduler, cluster
-    except ModuleNotFoundError as error:
-        raise click.ClickException(f'--cluster needs {error.name}: pip install "wayfield[cluster]"') from None
+    if importlib.util.find_spec("distributed") is None:
+        raise click.ClickException('--cluster needs distributed: pip install "wayfield[cluster]"')
     try:
         with cluster(address, count) as engine:
             yield engine

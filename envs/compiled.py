@@ -37,9 +37,10 @@ def _sources(function: Any) -> tuple[tuple[tuple[str, int, int], ...], ...]:
 def compiled(function: Any) -> Any:
     """Compiles a scalar function of one robot, or a loop over robots, to machine code, and caches it on disk.
 
-    IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits.
+    IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits. It
+    lets other threads of Python run: none may write what it is given.
     """
-    return _cached(numba.njit(error_model="numpy")(function))
+    return _cached(numba.njit(error_model="numpy", nogil=True)(function))
 
 
 def inlined(function: Any) -> Any:

@@ -503,7 +503,7 @@ class OmniGoalObstacles(SingleEnv):
     | render_mode | None | "rgb_array" or "human" |
     | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
 
-    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` besides.
+    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
 
     ## Odometry and wheels
 

@@ -1,7 +1,6 @@
 """Model predictive path following: a contouring controller that chooses its own speed, by quadratic programs."""
 
 import dataclasses
-import functools
 import math
 from typing import Any, ClassVar, NamedTuple
 
@@ -12,6 +11,7 @@ from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import MOST_WHOLE
 from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import wrap_angle
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
 from wayfield.envs.paths import segment_at, vertex
@@ -318,8 +318,8 @@ class QuadraticProgram:
         return True
 
 
-# One program serves every robot of its kind: it holds nothing of theirs from one solution to the next.
-quadratic_program = functools.lru_cache(QuadraticProgram)
+# One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.
+quadratic_program = one_a_thread(QuadraticProgram)
 
 
 @compiled

@@ -1,7 +1,6 @@
 """Model predictive control to a pose: plans of speeds and yaw rates, forward and backward, by quadratic programs."""
 
 import dataclasses
-import functools
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
 from wayfield.envs.records import lag_factors
@@ -223,8 +223,8 @@ class PoseProgram:
         return np.asarray(solution.x)
 
 
-# One program serves every robot of its kind: it holds nothing of theirs from one solution to the next.
-pose_program = functools.lru_cache(PoseProgram)
+# One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.
+pose_program = one_a_thread(PoseProgram)
 
 
 @compiled

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import MOST_THREADS, whole
+from wayfield.envs.crew import bounds, crew
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.policy import Policy, check_robot
@@ -20,12 +22,16 @@ class Pilot:
     Call `reset` after the environment's reset, then `act` with each observation: it unpacks the named fields and turns
     the policy's twists into actions of the environment's action mode.
 
+    Args:
+        num_threads: threads that share the robots out, whose decisions are the same for every number, bit for bit; the
+            policy must keep what it remembers in its memory alone, as all of the package do.
+
     Raises:
         TypeError: if the policy cannot read the environment's observations.
         ValueError: if the policy needs what the robot cannot do.
     """
 
-    def __init__(self, policy: Policy, env: Any) -> None:
+    def __init__(self, policy: Policy, env: Any, num_threads: int = 1) -> None:
         base = env.unwrapped
         if not isinstance(base, SingleEnv | NativeVectorEnv):
             raise TypeError(
@@ -43,6 +49,9 @@ class Pilot:
         self._shape = base.action_space.shape
         self._most = base.task.options.max_action.astype(np.float32)  # as the space has it
         self._started = False
+        whole("num_threads", num_threads, 1, MOST_THREADS)
+        self._threads = num_threads
+        self._parts: list[tuple[int, int, Briefing]] = []  # of the robots, where several threads share them out
         self.briefing: Briefing
         self.memory: NDArray[Any]
 
@@ -59,11 +68,13 @@ class Pilot:
             self.briefing = briefing
             self.memory = self.policy.reset(briefing)
             self._started = True
+            self._parts = self._shared_out()
             return
         if not self._started:
             raise RuntimeError("call the pilot's reset for all rows before its reset for some")
         self.briefing = _briefed(self.briefing, briefing, rows)
         self.memory[rows] = self.policy.reset(self.briefing)[rows]
+        self._parts = self._shared_out()
 
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
         """Returns the action for the observation: float32, a member of the environment's action space.
@@ -90,11 +101,41 @@ class Pilot:
         """
         if not self._started:
             raise RuntimeError("call the pilot's reset after the environment's, before it acts")
-        fields = self.briefing.layout.unpack(np.atleast_2d(observation).astype(np.float64))
-        twists = self.policy.act(fields, self.briefing, self.memory)
+        twists = self._decided(np.atleast_2d(observation))
         if self.briefing.action_mode == "wheel_speeds":
             twists = self.briefing.robot.wheel_speeds_from_twist(twists)
         return twists.reshape(self._shape)
+
+    def _decided(self, observation: NDArray[Any]) -> Array:
+        """Returns the policy's twists (b, t), decided by several threads where there are parts."""
+        if len(self._parts) < 2:
+            fields = self.briefing.layout.unpack(observation.astype(np.float64))
+            return self.policy.act(fields, self.briefing, self.memory)
+        twists: list[Array] = [np.empty(0)] * len(self._parts)
+
+        def work(k: int) -> None:
+            first, last, briefing = self._parts[k]
+            fields = briefing.layout.unpack(observation[first:last].astype(np.float64))
+            twists[k] = self.policy.act(fields, briefing, self.memory[first:last])
+
+        crew(self._threads).run(work, len(self._parts))
+        return np.concatenate(twists)
+
+    def _shared_out(self) -> list[tuple[int, int, Briefing]]:
+        """Returns the rows of each part, and the briefing of its robots; nothing for one thread."""
+        if self._threads == 1:
+            return []
+        return [
+            (first, last, _part(self.briefing, first, last))
+            for first, last in bounds(self.briefing.num_envs, self._threads)
+        ]
+
+
+def _part(briefing: Briefing, first: int, last: int) -> Briefing:
+    """Returns the briefing of some of the robots."""
+    told = {name: getattr(briefing, name) for name in _OF_EACH_ROBOT}
+    few: Any = {name: None if array is None else array[first:last] for name, array in told.items()}
+    return dataclasses.replace(briefing, num_envs=last - first, **few)
 
 
 def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]:
