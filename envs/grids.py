@@ -33,6 +33,8 @@ _MOST_ROOM = 255
 _ABOVE = 1
 _BELOW = 2
 _ROWS_AWAY = 2
+# and of each row so many columns at a time, in two bytes, how many rows away the nearest of them is
+_BLOCK = 16
 
 # Where a scenario's grid lies: what a record of the bank has besides.
 FRAME = [
@@ -96,12 +98,13 @@ class OccupancyGrid:
 
     @functools.cached_property
     def cells(self) -> NDArray[np.uint8]:
-        """Returns the cells (6 * rows * columns,) as the compiled functions read them."""
+        """Returns the cells, of a little more than six bytes each, as the compiled functions read them."""
         rows, columns = self.occupied.shape
-        cells = np.zeros(_BYTES * rows * columns, np.uint8)
-        planes, sides = np.split(cells, [_PLANES * rows * columns])
+        blocks = -(-columns // _BLOCK)
+        cells = np.zeros(_BYTES * rows * columns + 2 * rows * blocks, np.uint8)
+        planes, sides, nearest = np.split(cells, [_PLANES * rows * columns, _BYTES * rows * columns])
         _measure_rooms(self.occupied, planes.reshape(_PLANES, rows, columns))
-        _measure_columns(self.occupied, sides.reshape(rows, columns, 2))
+        _measure_columns(self.occupied, sides.reshape(rows, columns, 2), nearest.reshape(rows, blocks, 2))
         return cells
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "OccupancyGrid":
@@ -214,7 +217,7 @@ def lay_grids(grids: Sequence[OccupancyGrid | None], frames: NDArray[np.void]) -
             continue
         if grid not in first:
             first[grid] = count
-            count += _BYTES * grid.occupied.size
+            count += grid.cells.size
         x, y, yaw = grid.origin
         frame["grid_x"], frame["grid_y"] = x, y
         frame["grid_sin"], frame["grid_cos"] = sin_cos(yaw)
@@ -260,8 +263,8 @@ def _measure_rooms(occupied, planes):
 
 
 @compiled
-def _measure_columns(occupied, sides):
-    """Fills the sides (rows, columns, 2): the nearest occupied cell of each column, upwards and downwards."""
+def _measure_columns(occupied, sides, nearest):
+    """Fills the sides (rows, columns, 2): the nearest occupied cell of each column; and the nearest of each block."""
     rows, columns = occupied.shape
     nothing = MOST_SIDE + 1
     below = np.full(columns, nothing)
@@ -283,6 +286,13 @@ def _measure_columns(occupied, sides):
                 code |= _ABOVE if above[j] == away else 0
             sides[i, j, 0] = code & 255
             sides[i, j, 1] = code >> 8
+            block = j // _BLOCK
+            least = nothing
+            if j % _BLOCK > 0:
+                least = np.int64(nearest[i, block, 0]) | np.int64(nearest[i, block, 1]) << 8
+            least = min(least, away)
+            nearest[i, block, 0] = least & 255
+            nearest[i, block, 1] = least >> 8
 
 
 @inlined
@@ -308,13 +318,30 @@ def squared_rise(cells, place, row, v):
     return rise * rise
 
 
+@inlined
+def least_in_block(cells, start, block, columns, row, u, v, best):
+    """Returns the least of `best` and of the squared distances from (u, v) to what the columns of a block tell."""
+    for j in range(block * _BLOCK, min((block + 1) * _BLOCK, columns)):
+        aside = max(j - u, u - j - 1.0, 0.0)
+        best = min(best, aside * aside + squared_rise(cells, start + 2 * j, row, v))
+    return best
+
+
+@inlined
+def block_rise(cells, place):
+    """Returns the least squared distance, in cells, up or down to what is occupied in the columns of a block."""
+    away = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
+    rise = max(away - 1.0, 0.0)
+    return rise * rise if away <= MOST_SIDE else np.inf
+
+
 @compiled
 def grid_clearance(frame, cells, x, y):
     """Returns the distance (m) from (x, y) to what is occupied in a scenario's grid: 0 within, inf where nothing is.
 
     Column after column, outwards, until the next is farther away than what was found: each tells its nearest occupied
-    cell. It is the minimum that Felzenszwalb and Huttenlocher (Theory of Computing 8, 2012) take for the centres of all
-    cells at once, of this very point.
+    cell, and each block of columns the nearest of all. It is the minimum that Felzenszwalb and Huttenlocher (Theory of
+    Computing 8, 2012) take for the centres of all cells at once, of this very point.
     """
     if frame.grid_cell == 0.0:
         return np.inf
@@ -331,19 +358,22 @@ def grid_clearance(frame, cells, x, y):
     row = int(min(max(0.0, math.floor(v)), rows - 1.0))
     column = int(min(max(0.0, math.floor(u)), columns - 1.0))
     start = frame.grid_first + _PLANES * rows * columns + 2 * row * columns
-    aside = max(column - u, u - column - 1.0, 0.0)
-    best = min(best, aside * aside + squared_rise(cells, start + 2 * column, row, v))
-    for k in range(1, columns):
-        right = column + k - u
-        left = u - (column - k) - 1.0
-        further_right = column + k < columns and right * right < best
-        further_left = column - k >= 0 and left * left < best
+    blocks = (columns + _BLOCK - 1) // _BLOCK
+    nearest = frame.grid_first + _BYTES * rows * columns + 2 * row * blocks
+    own = column // _BLOCK
+    best = least_in_block(cells, start, own, columns, row, u, v, best)
+    for k in range(1, blocks):
+        right = (own + k) * _BLOCK - u
+        left = u - (own - k + 1) * _BLOCK
+        further_right = own + k < blocks and right * right < best
+        further_left = own - k >= 0 and left * left < best
         if not (further_right or further_left):
             break
-        if further_right:
-            best = min(best, right * right + squared_rise(cells, start + 2 * (column + k), row, v))
-        if further_left:
-            best = min(best, left * left + squared_rise(cells, start + 2 * (column - k), row, v))
+        # nothing of a block is nearer than its nearest row, by which it is passed over as a whole
+        if further_right and right * right + block_rise(cells, nearest + 2 * (own + k)) < best:
+            best = least_in_block(cells, start, own + k, columns, row, u, v, best)
+        if further_left and left * left + block_rise(cells, nearest + 2 * (own - k)) < best:
+            best = least_in_block(cells, start, own - k, columns, row, u, v, best)
     return math.sqrt(best) * frame.grid_cell
 
 
@@ -370,52 +400,49 @@ def clearance_around(robots, i, s, x, y):
     return nearest
 
 
-@compiled
-def grid_ray(frame, cells, u, v, du, dv, reach):
-    """Returns how far a ray goes from the place (u, v) along the unit vector (du, dv), at most reach, all in cells.
+@inlined
+def ray_from(cells, area, gone, i, j, place, way, reach):
+    """Returns how far a ray goes that has gone some way to the cell (i, j), at most reach, all in cells.
 
     The traversal of Amanatides and Woo (Eurographics 1987), from one free square of cells to the next instead of from
     cell to cell: on the way to the side where the ray leaves the square there is nothing to meet. Where it enters an
     occupied cell depends on that side alone, so that no rounding adds up.
+
+    Args:
+        area: the grid's first byte, its rows and columns, and whether what lies beyond it is occupied.
+        place: where the ray begins, along the rows and the columns.
+        way: a unit vector.
     """
-    rows = frame.grid_rows
-    columns = frame.grid_columns
+    first, rows, columns, closed = area
+    u, v = place
+    du, dv = way
     inverse_u = 1.0 / du if du != 0.0 else np.inf
     inverse_v = 1.0 / dv if dv != 0.0 else np.inf
-    gone = 0.0
-    if 0.0 <= u < columns and 0.0 <= v < rows:
-        i = int(v)
-        j = int(u)
-    elif frame.grid_closed == 1:
-        return 0.0
-    else:
-        gone, i, j = entry(rows, columns, u, v, du, dv)
-        if not gone < reach:
-            return reach
     step_u = 1 if du >= 0.0 else -1
     step_v = 1 if dv >= 0.0 else -1
     # a square's far side, from the place: at its first cell plus the room, or at that less the room and one more
     far_u = -u if du >= 0.0 else 1.0 - u
     far_v = -v if dv >= 0.0 else 1.0 - v
-    plane = frame.grid_first + ((0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2)) * rows * columns
+    plane = first + ((0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2)) * rows * columns
     while gone < reach:
         room = np.int64(cells[np.uint64(plane + i * columns + j)])
         if room == 0:
             return gone
-        to_u = (j + step_u * room + far_u) * inverse_u if du != 0.0 else np.inf
-        to_v = (i + step_v * room + far_v) * inverse_v if dv != 0.0 else np.inf
+        to_u = (j + step_u * room + far_u) * inverse_u
+        to_v = (i + step_v * room + far_v) * inverse_v
+        gone = min(to_u, to_v)
+        if gone >= reach:
+            return reach
         if to_u < to_v:
-            gone = to_u
             j += step_u * room
             at = int(v + gone * dv)
             i = min(max(at, i), i + room - 1) if dv >= 0.0 else max(min(at, i), i - room + 1)
         else:
-            gone = to_v
             i += step_v * room
             at = int(u + gone * du)
             j = min(max(at, j), j + room - 1) if du >= 0.0 else max(min(at, j), j - room + 1)
         if not (0 <= j < columns and 0 <= i < rows):
-            return min(gone, reach) if frame.grid_closed == 1 else reach
+            return gone if closed == 1 else reach
     return reach
 
 
@@ -442,6 +469,20 @@ def entry(rows, columns, u, v, du, dv):
 
 
 @compiled
+def grid_ray(frame, cells, u, v, du, dv, reach):
+    """Returns how far a ray goes from the place (u, v) along the unit vector (du, dv), at most reach, all in cells."""
+    rows = frame.grid_rows
+    columns = frame.grid_columns
+    area = frame.grid_first, rows, columns, frame.grid_closed
+    if 0.0 <= u < columns and 0.0 <= v < rows:
+        return ray_from(cells, area, 0.0, int(v), int(u), (u, v), (du, dv), reach)
+    if frame.grid_closed == 1:
+        return 0.0
+    gone, i, j = entry(rows, columns, u, v, du, dv)
+    return ray_from(cells, area, gone, i, j, (u, v), (du, dv), reach)
+
+
+@compiled
 def scan_grid(frame, cells, pose, beams, ranges, i, column):
     """Shortens ranges[i, column:] (m) to the distance along each beam to what is occupied in a scenario's grid.
 
@@ -458,14 +499,22 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column):
     # the heading in the grid's frame
     cosine = c * frame.grid_cos + s * frame.grid_sin
     sine = s * frame.grid_cos - c * frame.grid_sin
+    cell = frame.grid_cell
+    area = frame.grid_first, frame.grid_rows, frame.grid_columns, frame.grid_closed
+    within = 0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows
+    row = int(v) if within else 0
+    own = int(u) if within else 0
     for k in range(beams.shape[0]):
         place = np.uint64(column + k)
         du = cosine * beams[k, 0] - sine * beams[k, 1]
         dv = sine * beams[k, 0] + cosine * beams[k, 1]
-        reach = ranges[i, place] / frame.grid_cell
-        distance = grid_ray(frame, cells, u, v, du, dv, reach)
+        reach = ranges[i, place] / cell
+        if within:
+            distance = ray_from(cells, area, 0.0, row, own, (u, v), (du, dv), reach)
+        else:
+            distance = grid_ray(frame, cells, u, v, du, dv, reach)
         if distance < reach:
-            ranges[i, place] = distance * frame.grid_cell
+            ranges[i, place] = distance * cell
 
 
 @compiled
