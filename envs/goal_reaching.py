@@ -183,7 +183,8 @@ def observe(p, s, course, world, robots, i, row, out):
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
     k += 4
     sensing.scan_ranges(lidar, robots.obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
-    if robots.grids.cells.shape[0] > 0:
+    # where nothing is in reach, no beam is looked along
+    if robots.grids.cells.shape[0] > 0 and s.clearance + p.hull_radius < p.max_range:
         scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k)
     sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
     sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
