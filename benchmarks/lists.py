@@ -67,8 +67,8 @@ def robots() -> None:
         rows.append([name, _drive(robot), f"{hull_words(robot)}\n{robot.mass:g} kg", _limits(robot), ids])
     _show("Robots", ("name", "drive", "hull, mass", "at most", "wayfield/"), rows)
     _say(
-        "Hull: the radius of the disc that must touch nothing, or the sides of a rectangle. At most: each alone, in the "
-        "tiers lagged and slow; the last is that of the wheels."
+        "Hull: the radius of the disc that must touch nothing, or the sides of a rectangle. At most: each alone, in "
+        "the tiers lagged and slow; the last is that of the wheels."
     )
 
 

@@ -490,7 +490,7 @@ class OmniGoalObstacles(SingleEnv):
 
     | argument | default | meaning |
     |---|---|---|
-    | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a .json file |
+    | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a file |
     | robot | "omni3" | {OMNI_ROBOTS} |
     | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts, pushable obstacles; "coppelia": see below |
     | actuators | "ideal" | "lagged": 1 m/s^2, 3 rad/s^2, lag 0.1 s, or the data sheet's; "slow": 0.5, 1.5, 0.25 |
@@ -582,8 +582,9 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
                 A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most
                 1.2 m/s; others in `wayfield.envs.robots`), which cannot go sideways, shall reach a goal pose among
                 circles, boxes and walls, passing waypoints in their order where the scenario has some. Control period
-                0.05 s. The hull is a disc, of 0.25 m for p3dx. Obstacles with a patrol move by themselves: in each step
-                first to where they are at its end, then the robot drives.
+                0.05 s. The hull is a disc, of 0.25 m for p3dx, or a rectangle, of 0.508 m x 0.43 m for jackal.
+                Obstacles with a patrol move by themselves: in each step first to where they are at its end, then the
+                robot drives.
             """,
             "Action space": DIFF_DRIVE_ACTIONS,
             "Observation space": """
