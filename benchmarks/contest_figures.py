@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.aggregates import iqm, mean
-from wayfield.benchmarks.contests import ALL_CONTESTS, COST, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, COST, PUBLIC_SPLIT, Contest
 from wayfield.benchmarks.drawing import (
     PATH_COLOUR,
     colour,
@@ -174,7 +174,9 @@ def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
             axis.set_visible(False)
         for axis, row in zip(line, mine, strict=False):
             _driven_scene(axis, trajectories[row["trajectory"]])
-            floor_plan(axis, f"{label(entry)}\n{row['family']} {row['episode']}: {_ending(contest, row)}")
+            public = row["split"] == PUBLIC_SPLIT
+            place = Path(row["scenario"]).name if public else f"{row['family']} {row['episode']}"
+            floor_plan(axis, f"{label(entry)}\n{place}: {_ending(contest, row)}")
             axis.title.set_fontsize(8)
             axis.set_xlabel("")
             axis.set_ylabel("")

@@ -64,12 +64,19 @@ def robots() -> None:
     rows = []
     for name, robot in ROBOTS.items():
         ids = "\n".join(spec.env_id(robot).removeprefix("wayfield/") for spec in TASKS.values())
-        rows.append([name, _drive(robot), f"{robot.hull_radius:.2f} m\n{robot.mass:g} kg", _limits(robot), ids])
+        rows.append([name, _drive(robot), f"{hull_words(robot)}\n{robot.mass:g} kg", _limits(robot), ids])
     _show("Robots", ("name", "drive", "hull, mass", "at most", "wayfield/"), rows)
     _say(
-        "Hull: the radius of the disc that must touch nothing. At most: each alone, in the tiers lagged and slow; the "
-        "last is that of the wheels."
+        "Hull: the radius of the disc that must touch nothing, or the sides of a rectangle. At most: each alone, in "
+        "the tiers lagged and slow; the last is that of the wheels."
     )
+
+
+def hull_words(robot: Robot) -> str:
+    """Returns the size of a hull, in words."""
+    if robot.hull_box is None:
+        return f"{robot.hull_radius:.3g} m"
+    return f"{robot.hull_box[0]:.3g} m x {robot.hull_box[1]:.3g} m"
 
 
 def _drive(robot: Robot) -> str:

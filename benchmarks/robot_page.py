@@ -15,6 +15,7 @@ from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.drawing import RC, colour, plt
+from wayfield.benchmarks.lists import hull_words
 from wayfield.benchmarks.table import Table
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors, Wheel
@@ -76,13 +77,6 @@ def _robot(axis: Any, robot: Robot, most: float) -> None:
     axis.set(xlim=(-most, most), ylim=(-most, most), aspect="equal")
     axis.axis("off")
     axis.set_title(f"{robot.name}\n{robot.drive}, hull {hull_words(robot)}", fontsize=9)
-
-
-def hull_words(robot: Robot) -> str:
-    """Returns the size of a hull, in words."""
-    if robot.hull_box is None:
-        return f"{robot.hull_radius:.3g} m"
-    return f"{robot.hull_box[0]:.3g} m x {robot.hull_box[1]:.3g} m"
 
 
 def drawing() -> Figure:

@@ -3,17 +3,21 @@
 import functools
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance
+from wayfield.envs.grids import NO_GRIDS, grid_clearance, lay_grids
 from wayfield.envs.scenarios import GoalScenario
 from wayfield.policies.parts.grid_search import theta_star
 
-CELL = 0.04  # m
-MOST_NODES = 4_000_000  # of a grid; in a larger world cells are larger
+CELL = 0.04  # m, unless the world is so large that there would be more than
+MOST_NODES = 2**22
+# Between two neighbours with more clearance than this, in sides of a cell, there is no wall: half of the diagonal.
+_SAFE = 0.7072
 _BORDER = 1.0  # m, kept around everything: a way may lead round the outermost obstacle
 
 
@@ -21,9 +25,9 @@ _BORDER = 1.0  # m, kept around everything: a way may lead round the outermost o
 def shortest_way(scenario: GoalScenario, hull_radius: float) -> float:
     """Returns the length (m) of a shortest way for the hull's centre, through the waypoints, to the goal's tolerance.
 
-    Theta* on a grid of 4 cm (of more where the world is large), around what stands: a pushable obstacle can be pushed,
-    and a moving one leaves. Cells count as free down to half a cell less than the hull needs, so that the grid closes
-    no way that there is: where the length is off, it is mostly short.
+    Theta* on a grid of 4 cm, coarser in worlds of more than four million nodes, around what stands: a pushable obstacle
+    can be pushed, and a moving one leaves. Cells count as free down to half a cell less than the hull needs, so that
+    the grid closes no way that there is: where the length is off, it is mostly short. No way leads through a wall.
 
     Raises:
         ValueError: if there is no way.
@@ -32,19 +36,16 @@ def shortest_way(scenario: GoalScenario, hull_radius: float) -> float:
     stops = np.array([scenario.start[:2], *scenario.waypoints, scenario.goal[:2]])
     reach = standing["radius"] + np.hypot(standing["half_length"], standing["half_width"])
     centres = np.column_stack([standing["x"], standing["y"]])
-    corners = [stops, centres - reach[:, None], centres + reach[:, None]]
+    corners = np.vstack([stops, centres - reach[:, None], centres + reach[:, None]])
     if scenario.grid is not None:
-        corners.append(scenario.grid.corners)
-    ends = np.vstack(corners)
-    low = ends.min(axis=0) - hull_radius - _BORDER
-    extent = ends.max(axis=0) + hull_radius + _BORDER - low
-    cell = max(CELL, math.sqrt(extent.prod() / MOST_NODES))
-    columns, rows = np.ceil(extent / cell).astype(int) + 1
-    needed = hull_radius - 0.5 * cell
-    blocked = occupancy(standing, (*low.tolist(), cell), int(rows), int(columns), needed)
-    if scenario.grid is not None:
-        nodes = np.stack(np.meshgrid(*(low[k] + cell * np.arange(n) for k, n in ((0, columns), (1, rows)))), axis=-1)
-        blocked |= (scenario.grid.clearances(nodes.reshape(-1, 2)) < needed).reshape(rows, columns)
+        corners = np.vstack([corners, scenario.grid.corners])
+    low = corners.min(axis=0) - hull_radius - _BORDER
+    sides = corners.max(axis=0) + hull_radius + _BORDER - low
+    cell = max(CELL, math.sqrt(float(sides.prod()) / MOST_NODES))
+    columns, rows = np.ceil(sides / cell).astype(int) + 1
+    grids = lay_grids([scenario.grid], NO_GRIDS.frames.copy())
+    needed = hull_radius - 0.5 * cell if cell == CELL else max(hull_radius - 0.5 * cell, _SAFE * cell)
+    blocked = occupancy(standing, grids, low, cell, (int(rows), int(columns)), needed)
     total = 0.0
     for a, b in itertools.pairwise(stops):
         cells = [(round((y - low[1]) / cell), round((x - low[0]) / cell)) for x, y in (a, b)]
@@ -56,18 +57,15 @@ def shortest_way(scenario: GoalScenario, hull_radius: float) -> float:
 
 
 @compiled
-def occupancy(
-    obstacles: NDArray[np.void], place: tuple[float, float, float], rows: int, columns: int, needed: float
-) -> NDArray[np.bool_]:
-    """Returns which nodes of a grid have less than `needed` (m) of clearance.
-
-    Args:
-        place: x, y of the first node and the distance between neighbours, m.
-    """
-    x, y, cell = place
-    blocked = np.zeros((rows, columns), np.bool_)
-    for row in range(rows):
-        for column in range(columns):
-            free = clearance(obstacles, len(obstacles), x + column * cell, y + row * cell)
+def occupancy(obstacles: Any, grids: Any, low: Any, cell: float, shape: Any, needed: float) -> NDArray[np.bool_]:
+    """Returns which nodes (rows, columns), `cell` (m) apart from `low` on, have less than `needed` (m) of clearance."""
+    blocked = np.zeros(shape, np.bool_)
+    for row in range(shape[0]):
+        for column in range(shape[1]):
+            x = low[0] + column * cell
+            y = low[1] + row * cell
+            free = clearance(obstacles, len(obstacles), x, y)
+            if grids.cells.shape[0] > 0:
+                free = min(free, grid_clearance(grids.frames[0], grids.cells, x, y))
             blocked[row, column] = free < needed
     return blocked

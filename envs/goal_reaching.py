@@ -183,7 +183,8 @@ def observe(p, s, course, world, robots, i, row, out):
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
     k += 4
     sensing.scan_ranges(lidar, robots.obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
-    if robots.grids.cells.shape[0] > 0:
+    # where nothing is in reach, no beam is looked along
+    if robots.grids.cells.shape[0] > 0 and s.clearance + p.hull_radius < p.max_range:
         scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k)
     sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
     sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
@@ -489,7 +490,7 @@ class OmniGoalObstacles(SingleEnv):
 
     | argument | default | meaning |
     |---|---|---|
-    | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a .json file |
+    | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a file |
     | robot | "omni3" | {OMNI_ROBOTS} |
     | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts, pushable obstacles; "coppelia": see below |
     | actuators | "ideal" | "lagged": 1 m/s^2, 3 rad/s^2, lag 0.1 s, or the data sheet's; "slow": 0.5, 1.5, 0.25 |
@@ -581,8 +582,9 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
                 A differential-drive robot (document A: wheel radius 0.0975 m, half track 0.1905 m, rim speed at most
                 1.2 m/s; others in `wayfield.envs.robots`), which cannot go sideways, shall reach a goal pose among
                 circles, boxes and walls, passing waypoints in their order where the scenario has some. Control period
-                0.05 s. The hull is a disc, of 0.25 m for p3dx. Obstacles with a patrol move by themselves: in each step
-                first to where they are at its end, then the robot drives.
+                0.05 s. The hull is a disc, of 0.25 m for p3dx, or a rectangle, of 0.508 m x 0.43 m for jackal.
+                Obstacles with a patrol move by themselves: in each step first to where they are at its end, then the
+                robot drives.
             """,
             "Action space": DIFF_DRIVE_ACTIONS,
             "Observation space": """

@@ -23,13 +23,18 @@ MOST_CELLS = 2**26  # 8,192 x 8,192
 LEAST_CELL = 1e-3  # m
 BEYOND = ("occupied", "free")
 
-# A cell in 32 bits. The lowest 8 are its room: 0 where it is occupied, else the most n, up to 255, for which the block
-# of (2n - 1) x (2n - 1) cells around it is free. The next two tell on which sides of its column the nearest occupied
-# cell is, the other 14 how many rows away.
-_ROOM = 255
-_ABOVE = 256
-_BELOW = 512
-_ROWS_AWAY = 10
+# A cell in six bytes, in five planes one behind the other. Four hold its rooms, one for each way that a ray may go on
+# (up or down the rows and the columns): 0 where it is occupied, else the most n, up to 255, for which the n x n cells
+# from it on that way are free. The last, of two bytes, tells on which sides of its column the nearest occupied cell is,
+# and in the upper 14 bits how many rows away.
+_PLANES = 4
+_BYTES = 6
+_MOST_ROOM = 255
+_ABOVE = 1
+_BELOW = 2
+_ROWS_AWAY = 2
+# and of each row so many columns at a time, in two bytes, how many rows away the nearest of them is
+_BLOCK = 16
 
 # Where a scenario's grid lies: what a record of the bank has besides.
 FRAME = [
@@ -40,7 +45,7 @@ FRAME = [
     ("grid_cell", np.float64),  # m, a side of a cell; 0: the scenario has no grid
     ("grid_rows", np.int64),
     ("grid_columns", np.int64),
-    ("grid_first", np.int64),  # index of its first cell
+    ("grid_first", np.int64),  # where its bytes begin
     ("grid_closed", np.int64),  # 1: what lies beyond it is occupied
 ]
 
@@ -49,10 +54,10 @@ class Grids(NamedTuple):
     """The grids of a bank, as compiled functions read them."""
 
     frames: NDArray[np.void]  # (scenarios,) records with the fields of FRAME
-    cells: NDArray[np.uint32]  # of all grids, one behind the other, row by row; none where the bank has no grid
+    cells: NDArray[np.uint8]  # of all grids, one behind the other, each plane row by row; none in a bank without
 
 
-NO_GRIDS = Grids(np.zeros(1, np.dtype(FRAME, align=True)), np.zeros(0, np.uint32))
+NO_GRIDS = Grids(np.zeros(1, np.dtype(FRAME, align=True)), np.zeros(0, np.uint8))
 
 
 # Compared by identity, like the scenarios that share it.
@@ -60,7 +65,7 @@ NO_GRIDS = Grids(np.zeros(1, np.dtype(FRAME, align=True)), np.zeros(0, np.uint32
 class OccupancyGrid:
     """A world of square cells, each occupied or free.
 
-    Takes five bytes a cell once it is driven in, however many robots and scenarios share it.
+    Takes seven bytes a cell once it is driven in, however many robots and scenarios share it.
 
     Raises:
         ValueError: if a value is out of its range or the array is none of such a shape; the message names the field.
@@ -92,11 +97,15 @@ class OccupancyGrid:
                 )
 
     @functools.cached_property
-    def cells(self) -> NDArray[np.uint32]:
-        """Returns the cells (rows * columns,) as the compiled functions read them."""
-        cells: NDArray[np.uint32] = np.zeros(self.occupied.shape, np.uint32)
-        _measure(self.occupied, cells, self.beyond == "occupied")
-        return cells.reshape(-1)
+    def cells(self) -> NDArray[np.uint8]:
+        """Returns the cells, of a little more than six bytes each, as the compiled functions read them."""
+        rows, columns = self.occupied.shape
+        blocks = -(-columns // _BLOCK)
+        cells = np.zeros(_BYTES * rows * columns + 2 * rows * blocks, np.uint8)
+        planes, sides, nearest = np.split(cells, [_PLANES * rows * columns, _BYTES * rows * columns])
+        _measure_rooms(self.occupied, planes.reshape(_PLANES, rows, columns))
+        _measure_columns(self.occupied, sides.reshape(rows, columns, 2), nearest.reshape(rows, blocks, 2))
+        return cells
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "OccupancyGrid":
         """Returns the grid itself: it never changes, and is large."""
@@ -208,7 +217,7 @@ def lay_grids(grids: Sequence[OccupancyGrid | None], frames: NDArray[np.void]) -
             continue
         if grid not in first:
             first[grid] = count
-            count += grid.occupied.size
+            count += grid.cells.size
         x, y, yaw = grid.origin
         frame["grid_x"], frame["grid_y"] = x, y
         frame["grid_sin"], frame["grid_cos"] = sin_cos(yaw)
@@ -230,48 +239,60 @@ def frames_of(grids: Grids, scenarios: NDArray[np.int64]) -> Grids:
 
 
 @compiled
-def _measure(occupied, cells, closed):
-    """Fills the cells (rows, columns) of a grid; `closed`: what lies beyond it is occupied.
-
-    The room is the chessboard distance, by one pass forward and one back (Rosenfeld and Pfaltz, JACM 13(4), 1966).
-    """
+def _measure_rooms(occupied, planes):
+    """Fills the planes (4, rows, columns) of rooms: a free square is the least of three a cell on, and one more."""
     rows, columns = occupied.shape
-    edge = 0 if closed else _ROOM
-    for i in range(rows):
-        for j in range(columns):
-            room: Any = 0
-            if not occupied[i, j]:
-                room = min(_ROOM, (np.int64(cells[i, j - 1]) if j > 0 else edge) + 1)
-                for k in range(-1, 2):
-                    inside = i > 0 and 0 <= j + k < columns
-                    room = min(room, (np.int64(cells[i - 1, j + k]) if inside else edge) + 1)
-            cells[i, j] = room
-    for i in range(rows - 1, -1, -1):
-        for j in range(columns - 1, -1, -1):
-            room = min(np.int64(cells[i, j]), (np.int64(cells[i, j + 1]) if j < columns - 1 else edge) + 1)
-            for k in range(-1, 2):
-                inside = i < rows - 1 and 0 <= j + k < columns
-                room = min(room, (np.int64(cells[i + 1, j + k]) if inside else edge) + 1)
-            cells[i, j] = 0 if occupied[i, j] else room
+    for plane in range(4):
+        step_column = -1 if plane & 1 else 1
+        step_row = -1 if plane & 2 else 1
+        for a in range(rows):
+            i = a if step_row < 0 else rows - 1 - a
+            for b in range(columns):
+                j = b if step_column < 0 else columns - 1 - b
+                if occupied[i, j]:
+                    continue
+                room = 0
+                # nothing is known to be free beyond the grid
+                if 0 <= i + step_row < rows and 0 <= j + step_column < columns:
+                    room = min(
+                        np.int64(planes[plane, i + step_row, j]),
+                        np.int64(planes[plane, i, j + step_column]),
+                        np.int64(planes[plane, i + step_row, j + step_column]),
+                    )
+                planes[plane, i, j] = min(room + 1, _MOST_ROOM)
+
+
+@compiled
+def _measure_columns(occupied, sides, nearest):
+    """Fills the sides (rows, columns, 2): the nearest occupied cell of each column; and the nearest of each block."""
+    rows, columns = occupied.shape
     nothing = MOST_SIDE + 1
-    # how far the nearest occupied cell at or below each is, then the one at or above it
     below = np.full(columns, nothing)
     for i in range(rows):
         for j in range(columns):
             below[j] = 0 if occupied[i, j] else min(below[j] + 1, nothing)
-            cells[i, j] = np.int64(cells[i, j]) | below[j] << _ROWS_AWAY
+            sides[i, j, 0] = below[j] & 255
+            sides[i, j, 1] = below[j] >> 8
     above = np.full(columns, nothing)
     for i in range(rows - 1, -1, -1):
         for j in range(columns):
             above[j] = 0 if occupied[i, j] else min(above[j] + 1, nothing)
-            down = np.int64(cells[i, j]) >> _ROWS_AWAY
+            down = np.int64(sides[i, j, 0]) | np.int64(sides[i, j, 1]) << 8
             away = min(down, above[j])
-            code = np.int64(cells[i, j]) & _ROOM
+            code = 0
             if away < nothing:
-                code |= away << _ROWS_AWAY
+                code = away << _ROWS_AWAY
                 code |= _BELOW if down == away else 0
                 code |= _ABOVE if above[j] == away else 0
-            cells[i, j] = code
+            sides[i, j, 0] = code & 255
+            sides[i, j, 1] = code >> 8
+            block = j // _BLOCK
+            least = nothing
+            if j % _BLOCK > 0:
+                least = np.int64(nearest[i, block, 0]) | np.int64(nearest[i, block, 1]) << 8
+            least = min(least, away)
+            nearest[i, block, 0] = least & 255
+            nearest[i, block, 1] = least >> 8
 
 
 @inlined
@@ -285,9 +306,9 @@ def grid_place(frame, x, y):
 
 
 @inlined
-def squared_rise(cell, row, v):
+def squared_rise(cells, place, row, v):
     """Returns the squared distance, in cells, from height v in a row to a column's nearest occupied cell."""
-    code = np.int64(cell)
+    code = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
     away = code >> _ROWS_AWAY
     rise = np.inf
     if code & _ABOVE:
@@ -297,13 +318,30 @@ def squared_rise(cell, row, v):
     return rise * rise
 
 
+@inlined
+def least_in_block(cells, start, block, columns, row, u, v, best):
+    """Returns the least of `best` and of the squared distances from (u, v) to what the columns of a block tell."""
+    for j in range(block * _BLOCK, min((block + 1) * _BLOCK, columns)):
+        aside = max(j - u, u - j - 1.0, 0.0)
+        best = min(best, aside * aside + squared_rise(cells, start + 2 * j, row, v))
+    return best
+
+
+@inlined
+def block_rise(cells, place):
+    """Returns the least squared distance, in cells, up or down to what is occupied in the columns of a block."""
+    away = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
+    rise = max(away - 1.0, 0.0)
+    return rise * rise if away <= MOST_SIDE else np.inf
+
+
 @compiled
 def grid_clearance(frame, cells, x, y):
     """Returns the distance (m) from (x, y) to what is occupied in a scenario's grid: 0 within, inf where nothing is.
 
     Column after column, outwards, until the next is farther away than what was found: each tells its nearest occupied
-    cell. It is the minimum that Felzenszwalb and Huttenlocher (Theory of Computing 8, 2012) take for the centres of all
-    cells at once, of this very point.
+    cell, and each block of columns the nearest of all. It is the minimum that Felzenszwalb and Huttenlocher (Theory of
+    Computing 8, 2012) take for the centres of all cells at once, of this very point.
     """
     if frame.grid_cell == 0.0:
         return np.inf
@@ -319,21 +357,33 @@ def grid_clearance(frame, cells, x, y):
         best = side * side
     row = int(min(max(0.0, math.floor(v)), rows - 1.0))
     column = int(min(max(0.0, math.floor(u)), columns - 1.0))
-    start = frame.grid_first + row * columns
-    aside = max(column - u, u - column - 1.0, 0.0)
-    best = min(best, aside * aside + squared_rise(cells[np.uint64(start + column)], row, v))
-    for k in range(1, columns):
-        right = column + k - u
-        left = u - (column - k) - 1.0
-        further_right = column + k < columns and right * right < best
-        further_left = column - k >= 0 and left * left < best
+    start = frame.grid_first + _PLANES * rows * columns + 2 * row * columns
+    blocks = (columns + _BLOCK - 1) // _BLOCK
+    nearest = frame.grid_first + _BYTES * rows * columns + 2 * row * blocks
+    own = column // _BLOCK
+    best = least_in_block(cells, start, own, columns, row, u, v, best)
+    for k in range(1, blocks):
+        right = (own + k) * _BLOCK - u
+        left = u - (own - k + 1) * _BLOCK
+        further_right = own + k < blocks and right * right < best
+        further_left = own - k >= 0 and left * left < best
         if not (further_right or further_left):
             break
-        if further_right:
-            best = min(best, right * right + squared_rise(cells[np.uint64(start + column + k)], row, v))
-        if further_left:
-            best = min(best, left * left + squared_rise(cells[np.uint64(start + column - k)], row, v))
+        # nothing of a block is nearer than its nearest row, by which it is passed over as a whole
+        if further_right and right * right + block_rise(cells, nearest + 2 * (own + k)) < best:
+            best = least_in_block(cells, start, own + k, columns, row, u, v, best)
+        if further_left and left * left + block_rise(cells, nearest + 2 * (own - k)) < best:
+            best = least_in_block(cells, start, own - k, columns, row, u, v, best)
     return math.sqrt(best) * frame.grid_cell
+
+
+@inlined
+def rows_away(frame, cells, row, column):
+    """Returns how many rows from a cell the nearest occupied one of its column is; -1 where the column has none."""
+    size = frame.grid_rows * frame.grid_columns
+    place = frame.grid_first + _PLANES * size + 2 * (row * frame.grid_columns + column)
+    code = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
+    return code >> _ROWS_AWAY if code & (_ABOVE | _BELOW) else -1
 
 
 @compiled
@@ -359,70 +409,86 @@ def clearance_around(robots, i, s, x, y):
     return nearest
 
 
-@compiled
-def grid_ray(frame, cells, u, v, du, dv, reach):
-    """Returns how far a ray goes from the place (u, v) along the unit vector (du, dv), at most reach, all in cells.
+@inlined
+def ray_from(cells, area, gone, i, j, place, way, reach):
+    """Returns how far a ray goes that has gone some way to the cell (i, j), at most reach, all in cells.
 
-    The traversal of Amanatides and Woo (Eurographics 1987), from one free block of cells to the next instead of from
-    cell to cell: on the way to the side where the ray leaves the block there is nothing to meet. Where it enters an
-    occupied cell depends on the side alone, so that no rounding adds up.
+    The traversal of Amanatides and Woo (Eurographics 1987), from one free square of cells to the next instead of from
+    cell to cell: on the way to the side where the ray leaves the square there is nothing to meet. Where it enters an
+    occupied cell depends on that side alone, so that no rounding adds up.
+
+    Args:
+        area: the grid's first byte, its rows and columns, and whether what lies beyond it is occupied.
+        place: where the ray begins, along the rows and the columns.
+        way: a unit vector.
     """
-    rows = frame.grid_rows
-    columns = frame.grid_columns
+    first, rows, columns, closed = area
+    u, v = place
+    du, dv = way
     inverse_u = 1.0 / du if du != 0.0 else np.inf
     inverse_v = 1.0 / dv if dv != 0.0 else np.inf
-    gone = 0.0
-    column = math.floor(u)
-    row = math.floor(v)
-    if not (0.0 <= u < columns and 0.0 <= v < rows):
-        if frame.grid_closed == 1:
-            return 0.0
-        # to where the ray enters the grid, if it does
-        gone = max(
-            0.0,
-            ((-u if du > 0.0 else columns - u) * inverse_u) if du != 0.0 else 0.0,
-            ((-v if dv > 0.0 else rows - v) * inverse_v) if dv != 0.0 else 0.0,
-        )
-        if not gone < reach:
-            return reach
-        # half a cell of rounding would be a cell: the side that is entered is known
-        column = math.floor(u + gone * du)
-        row = math.floor(v + gone * dv)
-        if du != 0.0 and gone == (-u if du > 0.0 else columns - u) * inverse_u:
-            column = 0.0 if du > 0.0 else columns - 1.0
-        if dv != 0.0 and gone == (-v if dv > 0.0 else rows - v) * inverse_v:
-            row = 0.0 if dv > 0.0 else rows - 1.0
-        if not (0.0 <= column < columns and 0.0 <= row < rows):
-            return reach
-    i: Any = int(row)
-    j: Any = int(column)
+    step_u = 1 if du >= 0.0 else -1
+    step_v = 1 if dv >= 0.0 else -1
+    # a square's far side, from the place: at its first cell plus the room, or at that less the room and one more
+    far_u = -u if du >= 0.0 else 1.0 - u
+    far_v = -v if dv >= 0.0 else 1.0 - v
+    plane = first + ((0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2)) * rows * columns
     while gone < reach:
-        room = np.int64(cells[np.uint64(frame.grid_first + i * columns + j)]) & _ROOM
+        room = np.int64(cells[np.uint64(plane + i * columns + j)])
         if room == 0:
             return gone
-        to_u = np.inf
-        to_v = np.inf
-        if du > 0.0:
-            to_u = (j + room - u) * inverse_u
-        elif du < 0.0:
-            to_u = (j - room + 1 - u) * inverse_u
-        if dv > 0.0:
-            to_v = (i + room - v) * inverse_v
-        elif dv < 0.0:
-            to_v = (i - room + 1 - v) * inverse_v
+        to_u = (j + step_u * room + far_u) * inverse_u
+        to_v = (i + step_v * room + far_v) * inverse_v
+        gone = min(to_u, to_v)
+        if gone >= reach:
+            return reach
         if to_u < to_v:
-            gone = to_u
-            j += room if du > 0.0 else -room
-            at = math.floor(v + gone * dv)
+            j += step_u * room
+            at = int(v + gone * dv)
             i = min(max(at, i), i + room - 1) if dv >= 0.0 else max(min(at, i), i - room + 1)
         else:
-            gone = to_v
-            i += room if dv > 0.0 else -room
-            at = math.floor(u + gone * du)
+            i += step_v * room
+            at = int(u + gone * du)
             j = min(max(at, j), j + room - 1) if du >= 0.0 else max(min(at, j), j - room + 1)
         if not (0 <= j < columns and 0 <= i < rows):
-            return min(gone, reach) if frame.grid_closed == 1 else reach
+            return gone if closed == 1 else reach
     return reach
+
+
+@compiled
+def entry(rows, columns, u, v, du, dv):
+    """Returns (gone, row, column): how far away a ray from beyond the grid enters it, and where; inf if it does not."""
+    to_u = 0.0
+    to_v = 0.0
+    if du != 0.0:
+        to_u = (-u if du > 0.0 else columns - u) / du
+    if dv != 0.0:
+        to_v = (-v if dv > 0.0 else rows - v) / dv
+    gone = max(to_u, to_v, 0.0)
+    column = math.floor(u + gone * du)
+    row = math.floor(v + gone * dv)
+    # which side is entered is known, whatever rounding says
+    if gone == to_u and du != 0.0:
+        column = 0 if du > 0.0 else columns - 1
+    if gone == to_v and dv != 0.0:
+        row = 0 if dv > 0.0 else rows - 1
+    if not (0 <= column < columns and 0 <= row < rows):
+        return np.inf, 0, 0
+    return gone, row, column
+
+
+@compiled
+def grid_ray(frame, cells, u, v, du, dv, reach):
+    """Returns how far a ray goes from the place (u, v) along the unit vector (du, dv), at most reach, all in cells."""
+    rows = frame.grid_rows
+    columns = frame.grid_columns
+    area = frame.grid_first, rows, columns, frame.grid_closed
+    if 0.0 <= u < columns and 0.0 <= v < rows:
+        return ray_from(cells, area, 0.0, int(v), int(u), (u, v), (du, dv), reach)
+    if frame.grid_closed == 1:
+        return 0.0
+    gone, i, j = entry(rows, columns, u, v, du, dv)
+    return ray_from(cells, area, gone, i, j, (u, v), (du, dv), reach)
 
 
 @compiled
@@ -442,14 +508,22 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column):
     # the heading in the grid's frame
     cosine = c * frame.grid_cos + s * frame.grid_sin
     sine = s * frame.grid_cos - c * frame.grid_sin
+    cell = frame.grid_cell
+    area = frame.grid_first, frame.grid_rows, frame.grid_columns, frame.grid_closed
+    within = 0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows
+    row = int(v) if within else 0
+    own = int(u) if within else 0
     for k in range(beams.shape[0]):
         place = np.uint64(column + k)
         du = cosine * beams[k, 0] - sine * beams[k, 1]
         dv = sine * beams[k, 0] + cosine * beams[k, 1]
-        reach = ranges[i, place] / frame.grid_cell
-        distance = grid_ray(frame, cells, u, v, du, dv, reach)
+        reach = ranges[i, place] / cell
+        if within:
+            distance = ray_from(cells, area, 0.0, row, own, (u, v), (du, dv), reach)
+        else:
+            distance = grid_ray(frame, cells, u, v, du, dv, reach)
         if distance < reach:
-            ranges[i, place] = distance * frame.grid_cell
+            ranges[i, place] = distance * cell
 
 
 @compiled

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos
-from wayfield.envs.grids import _ABOVE, _BELOW, _ROOM, _ROWS_AWAY, clearance_around, grid_clearance, grid_place
+from wayfield.envs.grids import clearance_around, grid_clearance, grid_place, rows_away
 from wayfield.envs.robots import Robot
 
 
@@ -192,11 +192,9 @@ def grid_rectangle_distance(frame, cells, pose, half_length, half_width):
                 continue
             row: Any = int(min(max(0.0, math.floor(v - high - best)), rows - 1.0))
             while row < rows and row - (v + high) <= best:
-                code = np.int64(cells[np.uint64(frame.grid_first + row * columns + column)])
-                if code & _ROOM:
-                    # how far the nearest occupied cell of the column is, above or below; with none there the end
-                    away = code >> _ROWS_AWAY
-                    row += max(away, 1) if code & (_ABOVE | _BELOW) else rows
+                away = rows_away(frame, cells, row, column)
+                if away != 0:
+                    row += away if away > 0 else rows
                     continue
                 dx = column + 0.5 - u
                 dy = row + 0.5 - v

@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import memory as check_memory
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance_to
+from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
+from wayfield.envs.scenarios.ways import grid_over
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
-    PLAN,
     PolylineTracker,
     clearance_prices,
     level_of,
+    plan_fields,
     plan_way,
     point_at,
     project,
@@ -26,17 +29,18 @@ from wayfield.policies.parts.polyline_tracker import (
 from wayfield.policies.parts.steering import Map
 from wayfield.policies.policy import check_gain
 
-CELLS = 256  # of a side of the grid
+# Of a side of the grid: as few as hold the world in cells no wider than FINE_CELL. Where not even the most do, cells
+# are wider. A world without a map of up to LARGE_WORLD has always been held by the fewest.
+CELLS = (256, 1024, 2048)
+FINE_CELL = 0.1  # m
+LARGE_WORLD = 80.0  # m
+ROOM = 1.0  # m, around what the grid holds
+# Between two neighbours with more clearance than this, in sides of a cell, there is no wall: half of the diagonal.
+SAFE = 0.7072
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the wanted margin, tried in turn
 
-MEMORY = np.dtype(
-    [
-        *PLAN,
-        ("held_up", np.int64),  # steps in a row in which patrols slowed it down
-        ("grid", np.uint8, (CELLS, CELLS)),
-    ],
-    align=True,
-)
+# steps in a row in which patrols slowed a robot down
+_HELD_UP = [("held_up", np.int64)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,11 +48,12 @@ class AstarTracker(PolylineTracker):
     """Plans with Theta* over the true obstacles, then tracks the polyline: an upper reference, not a fair rival.
 
     A grid of 256 x 256 cells holds the exact clearance of each cell's centre (to 5 mm, rounded down). Its cells are
-    `cell` wide, or as wide as it takes to hold start, goals and the obstacles up to `surroundings` around them. Cells
-    with less than hull radius + margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with
-    a way from goal to goal is taken, never the narrower and shorter one. The polyline is then let go like an elastic
-    band towards `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the
-    robot plans anew. A robot without a way stands still, and memory["no_path"] is 1.
+    `cell` wide, or as wide as it takes to hold start, goals and the obstacles up to `surroundings` around them, and all
+    of a map; it has 1,024 or 2,048 on a side where the cells would be too wide. Cells with less than hull radius +
+    margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with a way from goal to goal is
+    taken, never the narrower and shorter one. The polyline is then let go like an elastic band towards
+    `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the robot plans
+    anew. A robot without a way stands still, and memory["no_path"] is 1.
 
     Obstacles on patrol are left out of the map. Their scripts are known: the greatest of the speeds max_speed, half
     of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven. A robot so held up
@@ -80,8 +85,12 @@ class AstarTracker(PolylineTracker):
             check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns memory without plans, `MEMORY` records (b,): a robot plans when it first acts."""
-        return np.zeros(briefing.num_envs, MEMORY)
+        """Returns memory without plans, `memory_of` records (b,): a robot plans when it first acts.
+
+        Raises:
+            ValueError: if so many robots have no room for their grids.
+        """
+        return np.zeros(briefing.num_envs, memory_of(briefing, _HELD_UP))
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -95,6 +104,47 @@ class AstarTracker(PolylineTracker):
         told = Map.of(briefing)
         decide(p, prices, told, observation.pose, observation.goal_heading_error, observation.waypoints_left, memory)
         return self.twists(briefing, memory)
+
+
+def memory_of(briefing: Briefing, more: list[Any]) -> np.dtype[Any]:
+    """Returns the record that a robot's plan and grid are kept in, and `more` fields, large enough for its world.
+
+    Raises:
+        ValueError: if the robots together have no room for them.
+    """
+    told = Map.of(briefing)
+    side = max((world_side(told, i) for i in range(briefing.num_envs)), default=0.0)
+    cells = CELLS[0]
+    if len(told.cells) or side > LARGE_WORLD:
+        cells = next((each for each in CELLS if side <= FINE_CELL * (each - 2)), CELLS[-1])
+    kind = np.dtype([*plan_fields(2 * cells), *more, ("grid", np.uint8, (cells, cells))], align=True)
+    check_memory(
+        f"the grids of {briefing.num_envs} robots, {cells} x {cells} cells each,", briefing.num_envs * kind.itemsize
+    )
+    return kind
+
+
+def world_side(told: Map, i: int) -> float:
+    """Returns the greater side (m) of the box around all that robot i is told of, with ROOM around it."""
+    standing = told.obstacles[i, : told.counts[i]]
+    standing = standing[told.patrols[i, : told.counts[i]]["leg_time"] <= 0.0]
+    goals = told.goals[i, : told.num_goals[i], :2]
+    corners = corners_of(told.frames[i])
+    x, y, columns, rows = grid_over(standing, np.vstack([goals, corners]), ROOM, 1.0)
+    del x, y
+    return float(max(columns, rows))
+
+
+@compiled
+def corners_of(frame):
+    """Returns the corners (4, 2) of a scenario's grid, m; (0, 2) where there is none."""
+    corners = np.empty((4 if frame.grid_cell > 0.0 else 0, 2))
+    for k in range(corners.shape[0]):
+        u = frame.grid_cell * frame.grid_columns * (k & 1)
+        v = frame.grid_cell * frame.grid_rows * (k >> 1)
+        corners[k, 0] = frame.grid_x + frame.grid_cos * u - frame.grid_sin * v
+        corners[k, 1] = frame.grid_y + frame.grid_sin * u + frame.grid_cos * v
+    return corners
 
 
 @compiled
@@ -208,14 +258,60 @@ def lay_grid(p, m, told, i, x, y):
         high_x = max(high_x, min(o.x + half_x, bounds[1]))
         low_y = min(low_y, max(o.y - half_y, bounds[2]))
         high_y = max(high_y, min(o.y + half_y, bounds[3]))
-    room = 1.0  # m
-    side = max(high_x - low_x, high_y - low_y) + 2.0 * room
-    m.cell = max(p.cell, side / (CELLS - 1))
-    m.origin[0] = 0.5 * (low_x + high_x - m.cell * CELLS)
-    m.origin[1] = 0.5 * (low_y + high_y - m.cell * CELLS)
+    frame = told.frames[i]
+    corners = corners_of(frame)
+    for k in range(corners.shape[0]):
+        low_x = min(low_x, corners[k, 0])
+        high_x = max(high_x, corners[k, 0])
+        low_y = min(low_y, corners[k, 1])
+        high_y = max(high_y, corners[k, 1])
+    cells = m.grid.shape[0]
+    side = max(high_x - low_x, high_y - low_y) + 2.0 * ROOM
+    m.cell = max(p.cell, side / (cells - 1))
+    m.origin[0] = 0.5 * (low_x + high_x - m.cell * cells)
+    m.origin[1] = 0.5 * (low_y + high_y - m.cell * cells)
+    if corners.shape[0] > 0:
+        fit_grid(m, frame, side, low_x, low_y)
+        fill_grid(m, frame, told.cells)
     for j in range(told.counts[i]):
         if told.patrols[i, j].leg_time <= 0.0:
             stamp(m, told.obstacles[i, j], 0.0, 0.0, FARTHEST)
+
+
+@compiled
+def fit_grid(m, frame, side, low_x, low_y):
+    """Lays the cells so that the middles of a map's cells are middles of theirs: a way one cell wide is met.
+
+    A map's cell is an odd number of theirs, or theirs an odd number of the map's. A map that is turned is met anyhow.
+    """
+    least = max(m.cell, side / (m.grid.shape[0] - 3))
+    times = math.floor(frame.grid_cell / least)
+    if times >= 1:
+        m.cell = frame.grid_cell / (times - 1 if times % 2 == 0 else times)
+    else:
+        times = math.ceil(least / frame.grid_cell)
+        m.cell = frame.grid_cell * (times + 1 if times % 2 == 0 else times)
+    # without room to widen them so far, where they are
+    if m.cell > 1.5 * least:
+        m.cell = least
+    m.origin[0] = frame.grid_x + m.cell * math.floor((low_x - ROOM - frame.grid_x) / m.cell)
+    m.origin[1] = frame.grid_y + m.cell * math.floor((low_y - ROOM - frame.grid_y) / m.cell)
+
+
+@compiled
+def fill_grid(m, frame, cells):
+    """Sets the clearances in the grid to those of a map."""
+    for row in range(m.grid.shape[0]):
+        for column in range(m.grid.shape[1]):
+            x = m.origin[0] + (column + 0.5) * m.cell
+            y = m.origin[1] + (row + 0.5) * m.cell
+            m.grid[row, column] = safe_level(m, grid_clearance(frame, cells, x, y))
+
+
+@inlined
+def safe_level(m, clearance):
+    """Returns `level_of` a clearance (m), but that of no room at all where a wall could stand between neighbours."""
+    return np.uint8(255) if clearance < SAFE * m.cell and m.cell > FINE_CELL else level_of(clearance)
 
 
 @compiled
@@ -225,13 +321,14 @@ def stamp(m, o, shift_x, shift_y, reach):
     half_y = abs(o.sin) * o.half_length + abs(o.cos) * o.half_width + o.radius + reach
     x = m.origin[0] - shift_x
     y = m.origin[1] - shift_y
+    last = m.grid.shape[0] - 1
     low_column = max(math.floor((o.x - half_x - x) / m.cell - 0.5), 0)
-    high_column = min(math.ceil((o.x + half_x - x) / m.cell - 0.5), CELLS - 1)
+    high_column = min(math.ceil((o.x + half_x - x) / m.cell - 0.5), last)
     low_row = max(math.floor((o.y - half_y - y) / m.cell - 0.5), 0)
-    high_row = min(math.ceil((o.y + half_y - y) / m.cell - 0.5), CELLS - 1)
+    high_row = min(math.ceil((o.y + half_y - y) / m.cell - 0.5), last)
     for row in range(low_row, high_row + 1):
         for column in range(low_column, high_column + 1):
-            level = level_of(clearance_to(o, x + (column + 0.5) * m.cell, y + (row + 0.5) * m.cell))
+            level = safe_level(m, clearance_to(o, x + (column + 0.5) * m.cell, y + (row + 0.5) * m.cell))
             if level > m.grid[row, column]:
                 m.grid[row, column] = level
 

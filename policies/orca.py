@@ -14,9 +14,9 @@ from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import nearest_surface, sin_cos
 from wayfield.envs.grids import grid_clearance, grid_normal, grid_place, grid_ray
 from wayfield.envs.patrols import patrol_at
-from wayfield.policies.astar_tracker import CELLS, MARGIN_SHARES, lay_grid, plan_with_room
+from wayfield.policies.astar_tracker import MARGIN_SHARES, lay_grid, memory_of, plan_with_room
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.polyline_tracker import PLAN, clearance_at, clearance_prices, point_at, project
+from wayfield.policies.parts.polyline_tracker import clearance_at, clearance_prices, point_at, project
 from wayfield.policies.parts.steering import Map, velocity_twists
 from wayfield.policies.policy import check_gain, check_switch, check_whole
 
@@ -24,8 +24,6 @@ LOOKS = (3.0, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35)  # m along the way, tried as the po
 LOOKS_AROUND = 24  # directions in which a grid is looked at
 STRIDE = 0.05  # m, between the places at which a straight line is looked along
 ASTRAY = 0.5  # m, off the way, from which on it is planned anew
-
-MEMORY = np.dtype([*PLAN, ("grid", np.uint8, (CELLS, CELLS))], align=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,8 +116,8 @@ class Orca:
         check_whole(self, "seed", most=LAST_SEED)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns MEMORY records (b,): the number of decisions, by which it knows where things move to, and its way."""
-        return np.zeros(briefing.num_envs, MEMORY)
+        """Returns `memory_of` records (b,): the number of decisions, which tells where things move to, and its way."""
+        return np.zeros(briefing.num_envs, memory_of(briefing, []))
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]

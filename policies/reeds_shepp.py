@@ -225,7 +225,7 @@ def advance(m, poses, i):
 @compiled
 def make_plan(p, known, poses, goal, m, i):
     """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
-    obstacles, counts, patrols, *_ = known
+    obstacles, counts, patrols = known[:3]
     sine, cosine = sin_cos(poses[i, 2])
     at = np.empty(3)
     at[0] = poses[i, 0] + cosine * goal[0] - sine * goal[1]
@@ -279,7 +279,7 @@ def may_set_off(p, known, m, i, now):
     The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
     speeds of `tracked` and the same acceleration.
     """
-    obstacles, counts, patrols, *_ = known
+    obstacles, counts, patrols = known[:3]
     moves = False
     for j in range(counts[i]):
         moves = moves or patrols[i, j].leg_time > 0.0

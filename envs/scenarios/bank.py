@@ -93,7 +93,7 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
 def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of a file or a folder of the user's."""
     if spec.scenario is GoalScenario:
-        if os.path.isdir(name):
+        if os.path.isdir(name) and not _has_suffix(name):
             return mrpb_scenarios(name) if is_mrpb(name) else barn_scenarios(name)
         if name.lower().endswith(_PROBLEMS):
             return scenarios_of_problems(name)

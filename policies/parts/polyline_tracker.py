@@ -23,25 +23,30 @@ FARTHEST = 255 * UNIT  # m
 STRIDE = 0.04  # m, between the places at which an arc ahead is tried
 
 POINTS = 512  # of a plan
-TURNS = 128  # of a way, goals included
+TURN_SHARE = 4  # points of a plan for each turn of a way, goals included
 
-# A robot's part of a planner's memory, besides its `grid` of bytes.
-PLAN = [
-    ("command", np.float64, (3,)),  # the last twist asked for, m/s and rad/s
-    ("origin", np.float64, (2,)),  # corner of the grid's first cell, m, world frame
-    ("cell", np.float64),  # m
-    ("target", np.float64, (2,)),  # where the plan ends, m, world frame
-    ("points", np.float64, (POINTS, 2)),  # of the polyline, m, world frame
-    ("arc", np.float64, (POINTS,)),  # m, of the points along it
-    ("num_points", np.int64),  # 0: there is no plan
-    ("segment", np.int64),  # of the polyline, on which the robot is
-    ("arrived", np.int64),  # 1: at the goal, turning to its heading
-    ("steps", np.int64),  # since the episode began
-    ("stuck", np.int64),  # steps in a row without a way to move
-    ("no_path", np.int64),  # 1: the last search found no way
-    ("plans", np.int64),  # searches so far
-    ("planned_at", np.int64),  # step of the last search; of the A* tracker, of the last around patrols
-]
+
+def plan_fields(points: int) -> list[Any]:
+    """Returns the fields of a robot's part of a planner's memory, for plans of so many points, but for its `grid`."""
+    return [
+        ("command", np.float64, (3,)),  # the last twist asked for, m/s and rad/s
+        ("origin", np.float64, (2,)),  # corner of the grid's first cell, m, world frame
+        ("cell", np.float64),  # m
+        ("target", np.float64, (2,)),  # where the plan ends, m, world frame
+        ("points", np.float64, (points, 2)),  # of the polyline, m, world frame
+        ("arc", np.float64, (points,)),  # m, of the points along it
+        ("num_points", np.int64),  # 0: there is no plan
+        ("segment", np.int64),  # of the polyline, on which the robot is
+        ("arrived", np.int64),  # 1: at the goal, turning to its heading
+        ("steps", np.int64),  # since the episode began
+        ("stuck", np.int64),  # steps in a row without a way to move
+        ("no_path", np.int64),  # 1: the last search found no way
+        ("plans", np.int64),  # searches so far
+        ("planned_at", np.int64),  # step of the last search; of the A* tracker, of the last around patrols
+    ]
+
+
+PLAN = plan_fields(POINTS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -464,8 +469,9 @@ def plan_way(p, m, prices, straight, x, y, stops):
     size = m.grid.shape[1]
     scratch = scratch_for(size * size)
     reach = math.ceil(p.snap / m.cell)
-    corners = np.empty((TURNS, 2))
-    pinned = np.zeros(TURNS, np.bool_)
+    turns = m.points.shape[0] // TURN_SHARE
+    corners = np.empty((turns, 2))
+    pinned = np.zeros(turns, np.bool_)
     corners[0, 0] = x
     corners[0, 1] = y
     count = 1
@@ -486,7 +492,7 @@ def plan_way(p, m, prices, straight, x, y, stops):
                 return False
             cells = pulled(m.grid, straight, traced(scratch.parents, goal, size))
             enter = 1 if start == row * size + column else 0
-        if count + cells.shape[0] + 1 > TURNS:
+        if count + cells.shape[0] + 1 > turns:
             return False
         # the end cells stand for the ends, unless those lie in a blocked cell
         leave = cells.shape[0]
@@ -527,13 +533,14 @@ def lay(m, corners, pinned, spacing):
     Returns which points are held: the ends, and those at pinned corners.
     """
     points = m.points
+    most = points.shape[0]
     total = 0.0
     for k in range(corners.shape[0] - 1):
         dx = corners[k + 1, 0] - corners[k, 0]
         dy = corners[k + 1, 1] - corners[k, 1]
         total += math.sqrt(dx * dx + dy * dy)
-    spacing = max(spacing, total / max(POINTS - 2 * corners.shape[0], POINTS // 4))
-    held = np.zeros(POINTS, np.bool_)
+    spacing = max(spacing, total / max(most - 2 * corners.shape[0], most // 4))
+    held = np.zeros(most, np.bool_)
     points[0, 0] = corners[0, 0]
     points[0, 1] = corners[0, 1]
     held[0] = True
@@ -543,7 +550,7 @@ def lay(m, corners, pinned, spacing):
         dy = corners[k + 1, 1] - corners[k, 1]
         pieces = max(math.ceil(math.sqrt(dx * dx + dy * dy) / spacing - 1e-9), 1)
         for j in range(1, pieces + 1):
-            if n == POINTS:
+            if n == most:
                 break
             points[n, 0] = corners[k, 0] + dx * j / pieces
             points[n, 1] = corners[k, 1] + dy * j / pieces

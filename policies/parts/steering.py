@@ -52,7 +52,7 @@ class Map(NamedTuple):
     goals: Array
     num_goals: NDArray[np.int64]
     frames: NDArray[np.void]  # of the grids
-    cells: NDArray[np.uint32]
+    cells: NDArray[np.uint8]
 
     @classmethod
     def of(cls, briefing: Briefing) -> "Map":
