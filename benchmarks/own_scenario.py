@@ -81,7 +81,7 @@ def own_scenario(file: str, scale: float | None = None) -> OwnScenario:
 
 
 def _digests(file: str) -> str:
-    """Returns the SHA-256 of a scenario's file, and those of its map; what is wrong with them, their reader will say."""
+    """Returns the SHA-256 of a scenario's file, and of its map's; what is wrong with them, their reader will say."""
     found = [file]
     with contextlib.suppress(ValueError):
         if file.lower().endswith(".json") and (told := json_object(file).get("map")) is not None:

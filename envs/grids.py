@@ -7,6 +7,7 @@ without looking, and how far the nearest occupied cell of its column is.
 
 import dataclasses
 import functools
+import hashlib
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -113,8 +114,9 @@ class OccupancyGrid:
         return self
 
     def decisive(self) -> list[Any]:
-        """Returns all that tells this grid from others, as `GoalScenario.decisive` does; row by row."""
-        return [self.occupied.shape, self.occupied, self.resolution, self.origin, self.beyond == "occupied"]
+        """Returns all that tells this grid from others, as `GoalScenario.decisive` does: of the cells a SHA-256."""
+        cells = np.frombuffer(hashlib.sha256(np.packbits(self.occupied)).digest(), np.uint16)
+        return [self.occupied.shape, cells, self.resolution, self.origin, self.beyond == "occupied"]
 
     @property
     def corners(self) -> NDArray[np.float64]:
