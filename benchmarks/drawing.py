@@ -93,7 +93,7 @@ def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
 def wall_lines(axis: Any, walls: np.ndarray) -> None:
     """Draws the sides (k, 2, 2) of what a map has occupied."""
     if len(walls):
-        axis.add_collection(LineCollection(walls, colors=SOLID, linewidths=1.0))
+        axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=1.0))
 
 
 def floor_plan(axis: Any, title: str) -> None:

@@ -100,7 +100,7 @@ def blocks(share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
 def scanning() -> list[Contender]:
     """Returns the contenders that scan with 72 rays: among discs, and on large maps of cells of 0.1 m."""
     rng = np.random.default_rng(0)
-    found = []
+    found: list[Contender] = []
     with tempfile.TemporaryDirectory() as folder:
 
         def contender(name: str, scenario: dict[str, Any]) -> None:

@@ -115,7 +115,7 @@ class OccupancyGrid:
 
     def decisive(self) -> list[Any]:
         """Returns all that tells this grid from others, as `GoalScenario.decisive` does: of the cells a SHA-256."""
-        cells = np.frombuffer(hashlib.sha256(np.packbits(self.occupied)).digest(), np.uint16)
+        cells = np.frombuffer(hashlib.sha256(np.packbits(self.occupied).tobytes()).digest(), np.uint16)
         return [self.occupied.shape, cells, self.resolution, self.origin, self.beyond == "occupied"]
 
     @property
@@ -253,7 +253,7 @@ def _measure_rooms(occupied, planes):
                 j = b if step_column < 0 else columns - 1 - b
                 if occupied[i, j]:
                     continue
-                room = 0
+                room = np.int64(0)
                 # nothing is known to be free beyond the grid
                 if 0 <= i + step_row < rows and 0 <= j + step_column < columns:
                     room = min(
@@ -289,7 +289,7 @@ def _measure_columns(occupied, sides, nearest):
             sides[i, j, 0] = code & 255
             sides[i, j, 1] = code >> 8
             block = j // _BLOCK
-            least = nothing
+            least = np.int64(nothing)
             if j % _BLOCK > 0:
                 least = np.int64(nearest[i, block, 0]) | np.int64(nearest[i, block, 1]) << 8
             least = min(least, away)
