@@ -1,5 +1,6 @@
 """Scenarios from the user's own files: all that take part in a contest, on a path, to a goal or a dock of a file."""
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -15,10 +16,12 @@ from wayfield.benchmarks.contests import CONTESTS, OWN_SPLIT, TRAINED, Contest, 
 from wayfield.benchmarks.run_folder import file_digest
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.envs.checks import FINEST
+from wayfield.envs.objects import json_object
 from wayfield.envs.readers import reader
 from wayfield.envs.robots import AnyRobot, robot_of, shipped_name
 from wayfield.envs.scenarios import PathScenario, scenarios_of
 from wayfield.envs.scenarios.files import kind_of
+from wayfield.envs.scenarios.maps import map_files
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.policy import check_robot, lacks
@@ -31,7 +34,8 @@ _DOES = {"path": "follow paths", "goal": "reach goals among obstacles", "dock": 
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s
 _SLACK = 20.0  # s
-_DETOUR = 3.0  # times the straight way, that obstacles may make of it
+_DETOUR = 3.0  # times the straight way, that obstacles may make of it; times the shortest on a map
+_SLIM = 0.1  # m, radius of a hull that gets through where most do
 _LONGEST = 10_000.0  # m: several hours of driving, minutes of computing
 
 
@@ -73,12 +77,21 @@ def own_scenario(file: str, scale: float | None = None) -> OwnScenario:
         OSError: if it cannot be opened.
     """
     file = os.path.abspath(file)
-    return _own(file, scale, file_digest(Path(file)))
+    return _own(file, scale, _digests(file))
+
+
+def _digests(file: str) -> str:
+    """Returns the SHA-256 of a scenario's file, and of its map's; what is wrong with them, their reader will say."""
+    found = [file]
+    with contextlib.suppress(ValueError):
+        if file.lower().endswith(".json") and (told := json_object(file).get("map")) is not None:
+            found += map_files(file, told)
+    return " ".join(file_digest(Path(each)) for each in found if os.path.isfile(each))
 
 
 @functools.lru_cache(maxsize=1024)
 def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
-    """Returns the scenario of a file of that SHA-256."""
+    """Returns the scenario of a file with those digests."""
     del digest
     contest = OF_KIND[kind_of(file)]
     spec = contest.spec
@@ -88,6 +101,10 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
             raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
         (scenario,) = scenarios_of(spec, file, FINEST)
         length, shorter = _DETOUR * _straight_way(scenario), ""
+        if scenario.grid is not None:
+            # a maze can make more of it than obstacles
+            with contextlib.suppress(ValueError):
+                length = max(length, _DETOUR * shortest_way(scenario, _SLIM))
     else:
         scale = scale or 1.0
         (scenario,) = scenarios_of(spec, file, FINEST, scale)

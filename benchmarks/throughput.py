@@ -6,10 +6,14 @@ uniformly; resets are part of the work.
 """
 
 import dataclasses
+import json
+import math
 import os
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 # before NumPy is loaded, which reads it once
@@ -21,6 +25,7 @@ import numba
 import numpy as np
 import rich.console
 import rich.table
+from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.benchmarks.cases import DOCKING, GOAL_REACHING, PATH_FOLLOWING
@@ -32,6 +37,7 @@ CARTPOLE = "CartPole-v1"
 NUM_ENVS = 1024
 NUM_THREADED = 4096  # where threads are compared
 NUM_DECIDING = 512
+NUM_SCANNING = 256  # 72 rays each, among discs and on maps
 NUM_PYMUNK = 64  # its physics engine is called once a robot
 BLOCK = 16  # actions drawn beforehand, for each robot
 
@@ -79,6 +85,45 @@ def single_steps(env_id: str, **kwargs: Any) -> Steps:
     return steps
 
 
+def discs(count: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Returns the file of a field of discs as dense whatever their number, none near the start and the goal."""
+    side = 2.5 * math.sqrt(count)
+    places = rng.uniform(-0.5 * side, 0.5 * side, (4 * count, 2))
+    far = np.minimum(np.hypot(*places.T), np.hypot(*(places - (3.0, 0.0)).T)) > 1.0
+    obstacles = [{"kind": "circle", "x": x, "y": y, "radius": 0.2} for x, y in places[far][:count].tolist()]
+    return {"start": [0, 0, 0], "goal": [3, 0, 0], "obstacles": obstacles}
+
+
+def blocks(share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Returns a map of 2,000 x 2,000 cells, that share of them in blocks of 4 x 4; free around start and goal."""
+    occupied = np.kron(rng.random((500, 500)) < share, np.ones((4, 4), np.bool_)).astype(np.bool_)
+    occupied[980:1020, 980:1050] = False
+    return occupied
+
+
+def scanning() -> list[Contender]:
+    """Returns the contenders that scan with 72 rays: among discs, and on large maps of cells of 0.1 m."""
+    rng = np.random.default_rng(0)
+    found: list[Contender] = []
+    with tempfile.TemporaryDirectory() as folder:
+
+        def contender(name: str, scenario: dict[str, Any]) -> None:
+            file = Path(folder) / f"{len(found)}.json"
+            file.write_text(json.dumps(scenario), encoding="utf-8")
+            steps = vector_steps(GOAL_REACHING, NUM_SCANNING, scenario=str(file), num_beams=72, max_range=5.0)
+            found.append(Contender(name, NUM_SCANNING, steps))
+
+        for count in (16, 64, 1024):
+            contender(f"goal reaching, 72 rays, {count:,} discs", discs(count, rng))
+        for share in (0.001, 0.01, 0.1):
+            np.save(Path(folder) / "map.npy", blocks(share, rng))
+            told = {"file": "map.npy", "resolution": 0.1, "origin": [-100, -100, 0]}
+            scenario = {"start": [0, 0, 0], "goal": [3, 0, 0], "map": told}
+            contender(f"goal reaching, 72 rays, 2,000 x 2,000 cells, {share:.1%} occupied", scenario)
+    cartpole = vector_steps(CARTPOLE, NUM_SCANNING)
+    return [*found, Contender(CARTPOLE, NUM_SCANNING, cartpole, cartpole=True)]
+
+
 def contenders() -> list[Contender]:
     """Returns all that are timed; each has taken its first, slow steps."""
     goal: dict[str, Any] = {"scenario": "discs", "num_beams": 32}
@@ -90,6 +135,7 @@ def contenders() -> list[Contender]:
         Contender("goal reaching in the open", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, scenario="open_field")),
         Contender("docking in the open", NUM_ENVS, vector_steps(DOCKING, NUM_ENVS, scenario="open")),
         Contender(CARTPOLE, NUM_ENVS, vector_steps(CARTPOLE, NUM_ENVS), cartpole=True),
+        *scanning(),
         Contender("path following", 1, single_steps(PATH_FOLLOWING)),
         Contender("goal reaching, 32 rays", 1, single_steps(GOAL_REACHING, **goal)),
         Contender(CARTPOLE, 1, single_steps(CARTPOLE), cartpole=True),

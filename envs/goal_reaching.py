@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import records, sensing
-from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, truth, whole
+from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
 from wayfield.envs.grids import FRAME, Grids, clearance_around, frames_of, lay_grids, scan_grid
@@ -336,6 +336,8 @@ class GoalReaching(Task):
             raise ValueError(f"field_of_view must be above 0 and at most 2 pi rad, got {field_of_view!r}")
         field_of_view, max_range = float(field_of_view), float(max_range)
         self.scenarios: tuple[GoalScenario, ...] = field_scenarios(self.belongs_to, scenario, options.robot.hull_radius)
+        if options.dynamics == "coppelia" and any(each.grid is not None for each in self.scenarios):
+            raise ValueError(f'scenario {shown(scenario)} has a map; dynamics="coppelia" has none')
         self.options = options
         self.robot = options.robot
         self.max_obstacles = max(len(each.obstacles) for each in self.scenarios)

@@ -7,6 +7,7 @@ without looking, and how far the nearest occupied cell of its column is.
 
 import dataclasses
 import functools
+import hashlib
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -113,8 +114,9 @@ class OccupancyGrid:
         return self
 
     def decisive(self) -> list[Any]:
-        """Returns all that tells this grid from others, as `GoalScenario.decisive` does; row by row."""
-        return [self.occupied.shape, self.occupied, self.resolution, self.origin, self.beyond == "occupied"]
+        """Returns all that tells this grid from others, as `GoalScenario.decisive` does: of the cells a SHA-256."""
+        cells = np.frombuffer(hashlib.sha256(np.packbits(self.occupied).tobytes()).digest(), np.uint16)
+        return [self.occupied.shape, cells, self.resolution, self.origin, self.beyond == "occupied"]
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -251,7 +253,7 @@ def _measure_rooms(occupied, planes):
                 j = b if step_column < 0 else columns - 1 - b
                 if occupied[i, j]:
                     continue
-                room = 0
+                room = np.int64(0)
                 # nothing is known to be free beyond the grid
                 if 0 <= i + step_row < rows and 0 <= j + step_column < columns:
                     room = min(
@@ -287,7 +289,7 @@ def _measure_columns(occupied, sides, nearest):
             sides[i, j, 0] = code & 255
             sides[i, j, 1] = code >> 8
             block = j // _BLOCK
-            least = nothing
+            least = np.int64(nothing)
             if j % _BLOCK > 0:
                 least = np.int64(nearest[i, block, 0]) | np.int64(nearest[i, block, 1]) << 8
             least = min(least, away)

@@ -34,6 +34,10 @@ ALLOWED = {
     ("envs/objects.py", "json_object"): "called by the readers of scenarios and data sheets",
     ("envs/scenarios/tables.py", "_points"): "parses lines that were read already",
     ("envs/scenarios/splits.py", "_read"): "called by the reader of splits",
+    **{
+        ("envs/scenarios/maps.py", name): "called by the reader of maps"
+        for name in ("_ros_fields", "_octile", "_grey", "_array")
+    },
     ("envs/scenarios/splits.py", "_shipped"): "a sample",
     ("envs/scenarios/freeze.py", "_written"): "a developer's tool on the package's own files",
     ("policies/learned/reading.py", "read_bytes"): "called by the readers of agents and training runs",

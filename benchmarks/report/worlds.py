@@ -12,7 +12,7 @@ from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
-from wayfield.envs.scenarios import TASKS, TaskSpec, scenarios_of
+from wayfield.envs.scenarios import TASKS, TaskSpec, scenarios_of, wall
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.reading import is_number
 
@@ -94,12 +94,20 @@ def plain(scenario: Any, steps: int) -> World:
         "start": list(scenario.start),
         "goal": list(scenario.goal),
         "waypoints": [list(point) for point in scenario.waypoints],
-        "obstacles": [list(each) for each in scenario.obstacles.tolist()],
+        "obstacles": [list(each) for each in (*scenario.obstacles.tolist(), *_walls(scenario))],
         "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
         "position_tolerance": scenario.position_tolerance,
         "heading_tolerance": scenario.heading_tolerance,
         "waypoint_radius": scenario.waypoint_radius,
     }
+
+
+def _walls(scenario: Any) -> list[Any]:
+    """Returns the sides of what a map has occupied, as the walls that they are to a page that knows no maps."""
+    if scenario.grid is None:
+        return []
+    outline = scenario.grid.outline().reshape(-1, 4).tolist()
+    return [wall(*ends).tolist() for ends in outline]
 
 
 def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:

@@ -182,6 +182,8 @@ def path_table(path: Path) -> curves.Table:
 
 
 def _goal_world(scenario: GoalScenario, conditions: Conditions, robot: str = "p3dx") -> World:
+    if scenario.grid is not None:
+        raise ValueError(f"scenario {scenario.name!r} has a map; a scene has none")
     moving = bool((scenario.patrols["leg_time"] > 0.0).any()) if len(scenario.patrols) else False
     world = _world(scenario.name, conditions, scenario.start, robot, moving, len(scenario.obstacles))
     places = [scenario.start[:2], scenario.goal[:2], *scenario.waypoints]

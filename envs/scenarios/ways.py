@@ -17,7 +17,10 @@ from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance
 from wayfield.envs.scenarios.scenario import GoalScenario
 
-STEP = 0.02  # m, of the grid: a door of 0.65 m is then proven for a disc of 0.3 m
+STEP = (
+    0.02  # m, of the grid: a door of 0.65 m is then proven for a disc of 0.3 m; larger where there would be more than
+)
+MOST_NODES = 4_000_000
 _AROUND = 1.2  # m, that the grid goes beyond all that stands
 _WIDEST = 1.0  # m, wider ways are not told apart
 _FINENESS = 1e-4  # m, of the clear radius
@@ -31,6 +34,7 @@ class Grid(NamedTuple):
     ny: int
     x: float  # of the first node, m
     y: float
+    step: float  # m, between nodes
 
 
 def clear_radius(scenario: GoalScenario, sweeping: bool = False) -> float:
@@ -46,7 +50,9 @@ def clear_radius(scenario: GoalScenario, sweeping: bool = False) -> float:
     taken = taken_up(scenario, sweeping)
     ends = np.array([scenario.start[:2], scenario.goal[:2]])
     at_ends = [clearance(taken, len(taken), x, y) for x, y in ends.tolist()]
-    return float(_clear_radius(*_grid(scenario, sweeping and moving), ends, np.array(at_ends)))
+    if scenario.grid is not None:
+        at_ends = np.minimum(at_ends, scenario.grid.clearances(ends)).tolist()
+    return float(_clear_radius(_grid(scenario, sweeping and moving), ends, np.array(at_ends)))
 
 
 def way_length(scenario: GoalScenario, hull_radius: float, start: tuple[float, float] | None = None) -> float:
@@ -60,7 +66,7 @@ def way_length(scenario: GoalScenario, hull_radius: float, start: tuple[float, f
         start: x, y (m) instead of the scenario's.
     """
     x, y = start or scenario.start[:2]
-    return float(_way_length(*_grid(scenario, False), x, y, *scenario.goal[:2], hull_radius))
+    return float(_way_length(_grid(scenario, False), x, y, *scenario.goal[:2], hull_radius))
 
 
 def detour(scenario: GoalScenario, hull_radius: float) -> float:
@@ -70,11 +76,15 @@ def detour(scenario: GoalScenario, hull_radius: float) -> float:
     """
     (x0, y0), (x1, y1) = scenario.start[:2], scenario.goal[:2]
     standing = taken_up(scenario, False)
+    step = STEP if scenario.grid is None else _grid(scenario, False).step
     straight = math.hypot(x1 - x0, y1 - y0)
     stop, run = (x0, y0), 0.0
     for s in np.arange(0.0, straight, 0.01).tolist():
         at = x0 + (x1 - x0) * s / straight, y0 + (y1 - y0) * s / straight
-        if clearance(standing, len(standing), *at) < hull_radius + 1.5 * STEP:  # the nodes around are still clear
+        room = clearance(standing, len(standing), *at)
+        if scenario.grid is not None:
+            room = min(room, scenario.grid.clearances(np.array([at]))[0])
+        if room < hull_radius + 1.5 * step:  # the nodes around are still clear
             break
         stop, run = at, s
     else:
@@ -100,8 +110,18 @@ def taken_up(scenario: GoalScenario, sweeping: bool) -> NDArray[np.void]:
 def _grid(scenario: GoalScenario, sweeping: bool) -> Grid:
     """Returns the nodes over obstacles, start and goal."""
     taken = taken_up(scenario, sweeping)
-    x, y, nx, ny = grid_over(taken, [scenario.start[:2], scenario.goal[:2]], _AROUND, STEP)
-    return Grid(clearances(taken, x, y, STEP, nx, ny).ravel(), nx, ny, x, y)
+    ends = np.array([scenario.start[:2], scenario.goal[:2]])
+    if scenario.grid is None:
+        x, y, nx, ny = grid_over(taken, ends, _AROUND, STEP)
+        return Grid(clearances(taken, x, y, STEP, nx, ny).ravel(), nx, ny, x, y, STEP)
+    ends = np.vstack([ends, scenario.grid.corners])
+    x, y, nx, ny = grid_over(taken, ends, _AROUND, STEP)
+    step = STEP * max(1.0, math.sqrt(nx * ny / MOST_NODES))
+    x, y, nx, ny = grid_over(taken, ends, _AROUND, step)
+    i, j = np.divmod(np.arange(nx * ny), ny)
+    nodes = np.column_stack([x + i * step, y + j * step])
+    clear = np.minimum(clearances(taken, x, y, step, nx, ny).ravel(), scenario.grid.clearances(nodes))
+    return Grid(clear, nx, ny, x, y, step)
 
 
 def grid_over(
@@ -134,17 +154,17 @@ def clearances(obstacles, x, y, step, nx, ny):
 
 
 @compiled
-def _clear_radius(clear, nx, ny, x, y, ends, at_ends):
+def _clear_radius(grid, ends, at_ends):
     """Returns the largest radius for which the fill passes, by bisection."""
     high = min(_WIDEST, at_ends[0], at_ends[1])
-    if _passes(clear, nx, ny, x, y, ends, at_ends, high):
+    if _passes(grid, ends, at_ends, high):
         return high
     low = 0.0
-    if not _passes(clear, nx, ny, x, y, ends, at_ends, low):
+    if not _passes(grid, ends, at_ends, low):
         return low
     while high - low > _FINENESS:
         middle = 0.5 * (low + high)
-        if _passes(clear, nx, ny, x, y, ends, at_ends, middle):
+        if _passes(grid, ends, at_ends, middle):
             low = middle
         else:
             high = middle
@@ -152,18 +172,19 @@ def _clear_radius(clear, nx, ny, x, y, ends, at_ends):
 
 
 @compiled
-def _passes(clear, nx, ny, x, y, ends, at_ends, radius):
+def _passes(grid, ends, at_ends, radius):
     """Returns whether lines that are clear for a disc join the start, by way of nodes, to the goal."""
+    clear, nx, ny, x, y, step = grid
     near_goal = np.zeros(nx * ny, np.bool_)
     seen = np.zeros(nx * ny, np.bool_)
     waiting = np.empty(nx * ny, np.int64)
     size = 0
     for end in range(2):
-        i = int((ends[end, 0] - x) / STEP)
-        j = int((ends[end, 1] - y) / STEP)
+        i = int((ends[end, 0] - x) / step)
+        j = int((ends[end, 1] - y) / step)
         for node in (i * ny + j, i * ny + j + 1, (i + 1) * ny + j, (i + 1) * ny + j + 1):
-            dx = x + (node // ny) * STEP - ends[end, 0]
-            dy = y + (node % ny) * STEP - ends[end, 1]
+            dx = x + (node // ny) * step - ends[end, 0]
+            dy = y + (node % ny) * step - ends[end, 1]
             if 0.5 * (clear[node] + at_ends[end] - math.sqrt(dx * dx + dy * dy)) >= radius:
                 if end == 1:
                     near_goal[node] = True
@@ -182,7 +203,7 @@ def _passes(clear, nx, ny, x, y, ends, at_ends, radius):
             for dj in (-1, 0, 1):
                 if 0 <= i + di < nx and 0 <= j + dj < ny:
                     other = node + di * ny + dj
-                    gap = STEP * math.sqrt(di * di + dj * dj)
+                    gap = step * math.sqrt(di * di + dj * dj)
                     if not seen[other] and 0.5 * (clear[node] + clear[other] - gap) >= radius:
                         seen[other] = True
                         waiting[size] = other
@@ -203,18 +224,19 @@ def reached(a, b, cost):
 
 
 @compiled
-def _way_length(clear, nx, ny, x, y, x0, y0, x1, y1, radius):
+def _way_length(grid, x0, y0, x1, y1, radius):
     """Returns the arrival time at (x0, y0) of a front from (x1, y1) with unit speed through the clear nodes."""
+    clear, nx, ny, x, y, step = grid
     arrival = np.full(nx * ny, np.inf)
     done = np.zeros(nx * ny, np.bool_)
     front = [(0.0, 0)]
     front.pop()
-    i0 = int((x1 - x) / STEP)
-    j0 = int((y1 - y) / STEP)
+    i0 = int((x1 - x) / step)
+    j0 = int((y1 - y) / step)
     for i in range(max(i0 - 4, 0), min(i0 + 6, nx)):
         for j in range(max(j0 - 4, 0), min(j0 + 6, ny)):
             if clear[i * ny + j] >= radius:
-                arrival[i * ny + j] = math.sqrt((x + i * STEP - x1) ** 2 + (y + j * STEP - y1) ** 2)
+                arrival[i * ny + j] = math.sqrt((x + i * step - x1) ** 2 + (y + j * step - y1) ** 2)
                 heapq.heappush(front, (arrival[i * ny + j], i * ny + j))
     while len(front) > 0:
         time, node = heapq.heappop(front)
@@ -223,8 +245,8 @@ def _way_length(clear, nx, ny, x, y, x0, y0, x1, y1, radius):
         done[node] = True
         i = node // ny
         j = node - i * ny
-        gap = math.sqrt((x + i * STEP - x0) ** 2 + (y + j * STEP - y0) ** 2)
-        if gap < 1.5 * STEP:
+        gap = math.sqrt((x + i * step - x0) ** 2 + (y + j * step - y0) ** 2)
+        if gap < 1.5 * step:
             return time + gap
         for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
             p = i + di
@@ -236,7 +258,7 @@ def _way_length(clear, nx, ny, x, y, x0, y0, x1, y1, radius):
                 continue
             a = min(arrival[other - ny] if p > 0 else np.inf, arrival[other + ny] if p < nx - 1 else np.inf)
             b = min(arrival[other - 1] if q > 0 else np.inf, arrival[other + 1] if q < ny - 1 else np.inf)
-            new = reached(a, b, STEP)
+            new = reached(a, b, step)
             if new < arrival[other]:
                 arrival[other] = new
                 heapq.heappush(front, (new, other))
