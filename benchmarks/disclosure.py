@@ -34,7 +34,7 @@ _AGENT_ON_PATHS = (
 )
 _AGENT_AT_GOALS = (
     "where it was 1 to 30 s ago; a guard keeps it from nearing what it sees faster than it could stop; a law drives "
-    "the last 0.2 m and turns to the heading; holds a quicker base to what it knows; its reward used the shortest way"
+    "the last 0.5 m and turns to the heading; holds a quicker base to what it knows; its reward used the shortest way"
 )
 
 

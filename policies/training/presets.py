@@ -233,7 +233,7 @@ _PATH_TIERS = dataclasses.replace(
     validations=4,
 )
 
-_GOAL_FEATURES = GoalFeatures(frames=2, stride=5, arrival=0.2)
+_GOAL_FEATURES = GoalFeatures(frames=2, stride=5, arrival=0.5)
 _DIFF_GOAL = Preset(
     name="diff_drive_goal",
     env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
