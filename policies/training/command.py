@@ -149,14 +149,16 @@ def check_out(folder: Path) -> None:
         raise ValueError(
             f"--out {str(folder)!a} has characters that this locale cannot name; set PYTHONUTF8=1 or choose another"
         ) from None
-    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(each))
-    if not there.is_dir():
-        raise ValueError(f"--out {folder} cannot be a folder: {there} is a file")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise ValueError(f"--out {folder} cannot be written: no permission in {there}")
+    above = next(each for each in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(each))
+    if not above.is_dir():
+        raise ValueError(f"--out {folder} cannot be a folder: {above} is a file")
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise ValueError(f"--out {folder} cannot be written: no permission in {above}")
     if folder.exists():
-        names = [each.name for each in folder.iterdir() if not each.name.startswith(".")]
-        if names and not any(re.fullmatch(r"seed_\d+", name) for name in names):
+        there = [each for each in folder.iterdir() if not each.name.startswith(".")]
+        seeds = [each for each in there if re.fullmatch(r"seed_\d+", each.name)]
+        # what lies beside runs is theirs, the figure that is drawn again; beside nothing it is somebody else's
+        if len(there) > len(seeds) and not any((each / RUN).exists() for each in seeds):
             raise ValueError(f"--out {folder} is not empty and holds no training runs; choose another")
 
 
