@@ -45,7 +45,7 @@ class SharedStudy:
         with self._named():
             storage: Any = where
             if "://" not in where:
-                _check_journal(where)
+                _checked_journal(where)
                 storage = optuna.storages.JournalStorage(JournalFileBackend(where))
             # of no seed: processes that draw alike would try the same sets
             sampler = optuna.samplers.TPESampler()
@@ -104,11 +104,16 @@ _SAMPLE = {"found.journal": '{"op_code": 0, "worker_id": "a", "study_name": "b",
 
 
 @reader("journal of a search", "found.journal", _SAMPLE)
-def _check_journal(file: str) -> None:
-    """Raises ValueError if a file is there that is no journal: what is opened as one is written to."""
+def _checked_journal(file: str) -> dict[str, Any]:
+    """Returns the first entry of a journal, nothing where there is none yet: what is opened as one is written to.
+
+    Raises:
+        ValueError: if a file is there that is no journal.
+    """
     if not os.path.lexists(file) or not os.path.getsize(file):
-        return
+        return {}
     with open(file, "rb") as stream:
         line = stream.readline(_LONGEST)
     if not isinstance(found := parsed_object(line, file), dict) or "op_code" not in found:
         raise ValueError("it is there, and no journal of a search")
+    return found

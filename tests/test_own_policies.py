@@ -347,7 +347,8 @@ def test_a_new_law_takes_a_line_in_the_registry_and_one_in_the_contest(
     monkeypatch.setitem(policies.POLICIES, "new_law", Lookahead)
     contest = contests.CONTESTS["path-following"]
     more = dataclasses.replace(contest, policies=(*contest.policies, "new_law"))
-    monkeypatch.setitem(contests.CONTESTS, "path-following", more)  # type: ignore[arg-type]
+    for known in (contests.CONTESTS, contests.ALL_CONTESTS):
+        monkeypatch.setitem(known, "path-following", more)  # type: ignore[arg-type]
     named = ("--policies", "pure_pursuit,new_law")
     # the choices of --policies are made when the command is
     (option,) = [each for each in main.params if each.name == "policies"]
