@@ -48,7 +48,7 @@ def scan(
         max_range,
         np.empty((max(len(field), 1), 2)),
     )
-    scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0)
+    scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0, 0)
     return pose[2] + angles, ranges[0]
 
 
