@@ -64,7 +64,7 @@ class Batch:
         # two observations are alive at a time, and a policy is told the obstacles once more
         each = (
             task.state_dtype.itemsize
-            + 2 * OBSTACLE.itemsize * task.max_obstacles
+            + (2 if task.shared_obstacles is None else 1) * OBSTACLE.itemsize * task.max_obstacles
             + 8 * (rows * columns + 2 * task.layout.size)
         )
         memory(
@@ -73,7 +73,8 @@ class Batch:
             num_envs * each,
         )
         self.states = np.zeros(num_envs, task.state_dtype)
-        self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE)
+        shared = task.shared_obstacles
+        self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE) if shared is None else shared
         self.actions = np.zeros((num_envs, *self.action_shape))
         self.skip = np.zeros(num_envs, np.bool_)
         self.noise = np.zeros((num_envs, rows, columns))
@@ -278,8 +279,11 @@ class Batch:
         task = self.task
         told = task.told(self.states, knows)
         if knows == "map":
-            told |= {"obstacles": self.obstacles.copy(), "num_obstacles": task.obstacle_counts(self.states)}
-            told.setdefault("patrols", np.zeros(self.obstacles.shape, PATROL))
+            told |= {
+                "obstacles": self.obstacles[self.states["field"]],
+                "num_obstacles": task.obstacle_counts(self.states),
+            }
+            told.setdefault("patrols", np.zeros(told["obstacles"].shape, PATROL))
         return Briefing(
             num_envs=self.num_envs,
             robot=task.robot,
@@ -310,7 +314,7 @@ class Batch:
                 np.empty((max(count, 1), 2)),
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
-            scan_ranges(lidar, self.obstacles, i, count, pose, ranges, 0)
+            scan_ranges(lidar, self.obstacles, state["field"], count, pose, ranges, i, 0)
             grids = self.task.grids
             if len(grids.cells):
                 scan_grid(grids.frames[state["scenario"]], grids.cells, pose, lidar.beams, ranges, i, 0)
@@ -318,7 +322,7 @@ class Batch:
         return Scene(
             robot=self.task.robot,
             pose=(float(state["x"]), float(state["y"]), float(state["heading"])),
-            obstacles=self.obstacles[i, :count],
+            obstacles=self.obstacles[state["field"], :count],
             trail=trail,
             **(drawing | marks),
         )

@@ -70,6 +70,7 @@ PARAMS = [
     *((field.name, np.dtype(field.type)) for field in dataclasses.fields(Params)),
     ("first_beam", np.float64),  # rad, body frame
     ("beam_step", np.float64),  # rad
+    ("shared_field", np.int64),  # 1: nothing in the bank moves or is pushed, and all robots read its own records
 ]
 
 # One record a scenario of the bank.
@@ -182,7 +183,7 @@ def observe(p, s, course, world, robots, i, row, out):
     out[i, k + 2] = wrap_angle(goals[s.scenario, course.num_goals - 1, 2] - s.measured_heading)
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
     k += 4
-    sensing.scan_ranges(lidar, robots.obstacles, i, s.num_obstacles, (s.x, s.y, s.heading), out, k)
+    sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, (s.x, s.y, s.heading), out, i, k)
     # where nothing is in reach, no beam is looked along
     if robots.grids.cells.shape[0] > 0 and s.clearance + p.hull_radius < p.max_range:
         scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k)
@@ -241,8 +242,10 @@ def place(p, s, world, robots, i, draws, j):
     obstacles = robots.obstacles
     course = world.courses[s.scenario]
     s.num_obstacles = course.num_obstacles
-    for k in range(course.num_obstacles):
-        obstacles[i, k] = world.fields[s.scenario, k]
+    s.field = s.scenario if p.shared_field == 1 else i
+    if p.shared_field == 0:
+        for k in range(course.num_obstacles):
+            obstacles[i, k] = world.fields[s.scenario, k]
     if robots.patrols.shape[1] > 0:
         patrol(robots.patrols, s.scenario, obstacles, i, course.num_obstacles, 0.0)
     s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
@@ -361,6 +364,8 @@ class GoalReaching(Task):
         self.grids = lay_grids([each.grid for each in self.scenarios], courses)
         # no columns, and no work, in a bank where nothing moves
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
+        still = self.patrols.shape[1] == 0 and options.dynamics == "kinematic"
+        self.shared_obstacles = fields if still else None
         beams = sensing.beam_directions(self.beam_angles)
         self.world = (courses, goals, fields, self.patrols, self.grids.cells, beams)
         self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
@@ -372,6 +377,7 @@ class GoalReaching(Task):
                 "first_beam": self.beam_angles[0] if num_beams else 0.0,
                 "beam_step": self.beam_angles[1] - self.beam_angles[0] if num_beams > 1 else 2.0 * math.pi,
                 "max_range": max_range,
+                "shared_field": self.shared_obstacles is not None,
             },
         )
 

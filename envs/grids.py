@@ -405,7 +405,7 @@ def clearance_around(robots, i, s, x, y):
     Args:
         robots: `stepping.Robots`.
     """
-    nearest = row_clearance(robots.obstacles, i, s.num_obstacles, x, y)
+    nearest = row_clearance(robots.obstacles, s.field, s.num_obstacles, x, y)
     if robots.grids.cells.shape[0] > 0:
         nearest = min(nearest, grid_clearance(robots.grids.frames[s.scenario], robots.grids.cells, x, y))
     return nearest

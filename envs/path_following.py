@@ -222,6 +222,7 @@ def place(p, s, world, robots, i, draws, j):
     """Sets the pose at which a robot starts."""
     course = world.courses[s.scenario]
     s.num_obstacles = 0
+    s.field = i
     sine, cosine = sin_cos(course.start[2])
     aside = course.start_offset * (2.0 * draws[j, 1] - 1.0)
     s.x = course.start[0] - sine * aside

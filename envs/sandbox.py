@@ -82,6 +82,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, patrols, out, numb
         i = rows[j]
         s = states[i]
         records.halt(s)
+        s.field = i
         s.rolled_vx = 0.0
         s.rolled_vy = 0.0
         s.rolled_yaw_rate = 0.0

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import inlined
-from wayfield.envs.geometry import ray_to_box, ray_to_circle, sin_cos, sines, wrap_angle
+from wayfield.envs.geometry import MANY, beyond, ray_to_box, ray_to_circle, sin_cos, sines, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
 # Columns of a row of noise: x, y, heading, four encoders, then one a beam, and where beams drop out one more a beam.
@@ -169,7 +169,7 @@ class Lidar(NamedTuple):
 
 
 @inlined
-def scan_ranges(lidar, obstacles, i, count, pose, ranges, column):
+def scan_ranges(lidar, obstacles, field, count, pose, ranges, i, column):
     """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
 
     Each obstacle is taken into the body frame and asked only about the beams that can meet it, so that the cost goes
@@ -177,7 +177,7 @@ def scan_ranges(lidar, obstacles, i, count, pose, ranges, column):
 
     Args:
         lidar: a Lidar.
-        obstacles: (b, m) OBSTACLE records; the first `count` of row i are used.
+        obstacles: OBSTACLE records, (rows, m); the first `count` of row `field` are used.
         pose: x, y (m), heading (rad).
         ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
             from the end.
@@ -191,7 +191,11 @@ def scan_ranges(lidar, obstacles, i, count, pose, ranges, column):
     # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that
     # guesses wrong should not have to wait for an angle to find out.
     for j in range(count):
-        obstacle = obstacles[i, j]
+        obstacle = obstacles[field, j]
+        if count > MANY and beyond(obstacle, x, y, max_range):
+            spans[j, 0] = 1.0
+            spans[j, 1] = -1.0
+            continue
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy
@@ -214,7 +218,7 @@ def scan_ranges(lidar, obstacles, i, count, pose, ranges, column):
     for j in range(count):
         if not spans[j, 0] <= spans[j, 1]:
             continue  # out of range, or nowhere: what is no number has no beams
-        obstacle = obstacles[i, j]
+        obstacle = obstacles[field, j]
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy

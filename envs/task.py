@@ -170,6 +170,7 @@ class Task(abc.ABC):
     max_obstacles: int
     patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
     grids: Grids = NO_GRIDS
+    shared_obstacles: NDArray[np.void] | None = None  # (scenarios, max_obstacles) where none moves or is pushed
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
         """Returns the task itself: it never changes, and the maps of its bank are large."""

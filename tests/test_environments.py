@@ -630,7 +630,8 @@ def test_a_kinematic_hull_gets_into_nothing(robot: str, scale: float) -> None:
             actions = scale * actions_of(env, 1, seed=k)[0]
         _, _, _, _, info = env.step(actions)
         collisions += info["collision"].sum()
-        states, o = env.batch.states, env.batch.obstacles
+        states = env.batch.states
+        o = env.batch.obstacles[states["field"]]
         assert (info["clearance"] >= 0.0).all()
         # not the formula under test: the nearest point of each turned rectangle
         dx, dy = states["x"][:, None] - o["x"], states["y"][:, None] - o["y"]

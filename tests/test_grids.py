@@ -266,3 +266,21 @@ def test_obstacles_stand_on_top_of_a_grid() -> None:
     blocked[10, 16] = True
     with pytest.raises(ValueError, match="goal"):
         wayfield.envs.scenarios.check_clear(dataclasses.replace(scenario, grid=OccupancyGrid(blocked, 0.5)), 0.25)
+
+
+def test_obstacles_that_nothing_moves_are_kept_once_a_scenario(tmp_path: Path) -> None:
+    file = tmp_path / "scene.json"
+    circle = {"kind": "circle", "x": 3.0, "y": 3.0, "radius": 0.3}
+    for dynamics, mass, rows in (("kinematic", 0.0, 1), ("kinematic", 1.0, 1), ("pymunk", 1.0, 8)):
+        scene = {"goal": [4, 4, 0], "obstacles": [circle | {"mass": mass}]}
+        file.write_text(json.dumps(scene), encoding="utf-8")
+        envs: Any = gymnasium.make_vec(
+            "wayfield/DiffDriveGoalObstacles-v0",
+            8,
+            vectorization_mode="vector_entry_point",
+            scenario=str(file),
+            dynamics=dynamics,
+        )
+        envs.reset(seed=0)
+        assert len(envs.batch.obstacles) == rows
+        assert envs.briefing("map").obstacles["x"].tolist() == [[3.0]] * 8

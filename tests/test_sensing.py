@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import records
-from wayfield.envs.geometry import clearance
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import MANY, clearance, clearance_to, row_clearance
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
 from wayfield.envs.sensing import Lidar, beam_angles, scan_ranges
@@ -48,7 +49,7 @@ def scan(
         max_range,
         np.empty((max(len(field), 1), 2)),
     )
-    scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0)
+    scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0, 0)
     return pose[2] + angles, ranges[0]
 
 
@@ -352,3 +353,27 @@ def test_a_wall_longer_than_the_range_is_seen_by_every_beam_that_reaches_it(
     ahead = sines > gap / 5.0
     expected[ahead] = gap / sines[ahead]
     np.testing.assert_allclose(ranges, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [3, MANY, MANY + 1, 400])
+def test_many_obstacles_are_seen_as_each_alone(count: int) -> None:
+    """To the last bit: those out of reach are passed over, and a minimum does not depend on its order."""
+    rng = np.random.default_rng(count)
+    places = rng.uniform(-25.0, 25.0, (count, 2)).tolist()
+    made = [
+        circle(x, y, 0.3) if k % 3 == 0 else box(x, y, 1.0, 0.4, k) if k % 3 == 1 else wall(x, y, x + 3.0, y - 1.0)
+        for k, (x, y) in enumerate(places)
+    ]
+    field = obstacle_field(*made)
+    for x, y, heading in rng.uniform(-12.0, 12.0, (20, 3)).tolist():
+        _, ranges = scan(field, (x, y, heading), 72, FULL, 5.0)
+        alone = [scan(field[k : k + 1], (x, y, heading), 72, FULL, 5.0)[1] for k in range(count)]
+        np.testing.assert_array_equal(ranges, np.min(alone, axis=0))
+        nearest = min(float(clearance_to(each, x, y)) for each in field)
+        assert nearest_of(field[None], len(field), x, y) == nearest
+
+
+@compiled
+def nearest_of(obstacles, count, x, y):  # type: ignore[no-untyped-def]
+    """Returns the clearance among many as the kernels ask for it."""
+    return row_clearance(obstacles, 0, count, x, y)
