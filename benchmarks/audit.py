@@ -83,10 +83,12 @@ def entries(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def strata(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Returns the scenarios of each family; files of the user's own are one."""
+    """Returns the scenarios of each family; the user's own, or public ones each alone in one, are one."""
     found: dict[str, set[str]] = {}
+    families, scenarios = ({row[name] for row in rows} for name in ("family", "scenario"))
+    alone = rows[0]["split"] == "public" and len(families) == len(scenarios)
     for row in rows:
-        name = "own" if row["split"] == "own" else row["family"]
+        name = "own" if row["split"] == "own" or alone else row["family"]
         found.setdefault(name, set()).add(f"{row['scenario']} {row['episode']}")
     return {name: sorted(each) for name, each in found.items()}
 

@@ -80,6 +80,16 @@ MEANINGS: Mapping[str, Meaning] = {
     "least clearance (m)": (every, "min_clearance", middle_half, 1.0),
     "mean (m)": (every, "mean_clearance", middle_half, 1.0),
     "under 0.1 m (%)": (every, "near_share", average, 100.0),
+    # of public benchmarks
+    "score (2, 8)": (every, "barn_score", average, 1.0),
+    "score 2022 (4, 8)": (every, "barn_score_2022", average, 1.0),
+    "timeout (%)": (every, "timeout", average, 100.0),
+    "mean speed of successes (m/s)": (of_successes, "mean_speed", average, 1.0),
+    "safety: least clearance (m)": (every, "min_clearance", middle_half, 1.0),
+    "safety: under 0.1 m (% of time)": (every, "near_share", average, 100.0),
+    "motion efficiency (s)": (of_successes, "time", average, 1.0),
+    "velocity smoothness (m/s²)": (every, "velocity_smoothness", average, 1.0),
+    "path of successes (m)": (of_successes, "path_length", middle_half, 1.0),
 }
 
 

@@ -23,7 +23,7 @@ MRPB = dataclasses.replace(
         Column("velocity smoothness (m/s²)", "velocity_smoothness", 3, reduction="mean"),
         Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
         Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
-        Column("path of successes (m)", "path_length", 1, successes_only=True, reduction="mean"),
+        Column("path of successes (m)", "path_length", 1, successes_only=True),
         Column("LDLJ", "ldlj", 2),
         Column("faults", "faults", 2, reduction="mean"),
     ),
