@@ -39,7 +39,7 @@ def steps_of(source: Path) -> tuple[Any, Transitions]:
 
 
 def test_a_network_sees_in_the_data_what_it_saw_when_it_drove(recorded: Path) -> None:
-    """In each episode the recorded actions are those that an agent's network gives for the inputs made of the record."""
+    """In each episode the recorded actions are those of an agent whose network gets the inputs made of the record."""
     data, steps = steps_of(recorded)
     assert len(steps.inputs) == data.total_steps
     # episodes of equal length go side by side: the k-th row of each period is that of the k-th
