@@ -8,11 +8,13 @@ uniformly; resets are part of the work.
 import dataclasses
 import json
 import math
+import multiprocessing
 import os
 import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -189,6 +191,43 @@ def deciding_steps(policy: str, num_envs: int, num_threads: int) -> Steps:
     return steps
 
 
+def bytes_a_robot(env_id: str, few: int = 1_000, many: int = 21_000) -> float:
+    """Returns what a further robot adds to the memory (bytes) of a process that steps them, in this fresh process.
+
+    The observations and infos of a step are among it, and the generator of each robot.
+    """
+    grown = []
+    for count in (few, many):
+        before = _resident()
+        envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+        envs.reset(seed=0)
+        action = np.zeros(envs.action_space.shape or (), np.float32)
+        told = [envs.step(action) for _ in range(3)][-1]
+        grown.append(_resident() - before)
+        del told, envs
+    return (grown[1] - grown[0]) / (many - few)
+
+
+def _resident() -> int:
+    """Returns the memory (bytes) that this process has resident."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _print_memory() -> None:
+    """Prints the bytes a robot of every id."""
+    table = rich.table.Table(title="Memory, by default arguments", title_justify="left")
+    for header in ("id", "bytes a robot", "a million robots (GB)"):
+        table.add_column(header, justify="left" if header == "id" else "right")
+    ids = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
+    spawned = multiprocessing.get_context("spawn")
+    for env_id in ids:
+        with ProcessPoolExecutor(1, spawned) as pool:  # a process each: what another has let go would be used again
+            value = pool.submit(bytes_a_robot, env_id).result()
+        table.add_row(env_id, f"{value:,.0f}", f"{value / 1e3:.2f}")
+    rich.console.Console(width=100).print(table)
+
+
 def rate(steps: Steps, seconds: float) -> float:
     """Returns the steps per second over at least that time."""
     count = 0
@@ -221,10 +260,16 @@ def measured(chosen: list[Contender], rounds: int, seconds: float) -> list[tuple
     type=click.IntRange(2, MOST_THREADS),
     help="Instead: with one and with so many threads, at 4,096 robots, beside each other.",
 )
-def main(rounds: int, seconds: float, threads: int | None) -> None:
+@click.option("--memory", is_flag=True, help="Instead: the bytes a robot of every id (Linux).")
+def main(rounds: int, seconds: float, threads: int | None, memory: bool) -> None:
     """Prints the environments' steps per second, beside those of CartPole."""
     if not 0.0 < seconds <= 60.0:  # NaN is neither
         raise click.UsageError(f"--seconds {seconds} must be above 0 and at most 60")
+    if memory:
+        if not os.path.exists("/proc/self/statm"):
+            raise click.UsageError("--memory reads /proc, which this system does not have")
+        _print_memory()
+        return
     numba.set_num_threads(1)
     if threads is not None:
         _print_threaded(measured(threaded(threads), rounds, seconds), rounds)

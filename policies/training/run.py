@@ -284,26 +284,8 @@ class _Run:
 
     def _card(self, layers: Layers, row: Mapping[str, float], measured: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         preset, task = self.preset, self.learner.env.worlds.task
-        return {
-            "name": f"{preset.name}, seed {self.job.seed}",
-            "env_id": self.job.env_id,
-            "env_kwargs": self.kwargs,
-            "task": preset.task,
-            "robots": [task.robot.name],
-            "sheets": {task.robot.name: task.robot.digest},
-            "dt": task.options.dt,
-            "speed": preset.speed,
-            "observation": list(preset.features.fields),
-            "features": dataclasses.asdict(preset.features),
-            "actions": dataclasses.asdict(preset.actions),
-            **({} if preset.base is None else {"base": dataclasses.asdict(preset.base)}),
-            "network": {
-                "hidden": list(preset.hidden),
-                "activation": preset.activation,
-                "num_twist": len(task.robot.twist_axes),
-                "parameters": sum(weight.size + bias.size for weight, bias in layers),
-            },
-            "sha256": weights_digest(layers),
+        name = f"{preset.name}, seed {self.job.seed}"
+        return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
             "training": {
                 **self.job.described(),
                 **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.controller else {}),
@@ -333,6 +315,39 @@ def trained_on(preset: Preset) -> dict[str, list[Any]]:
 
 
 _SCORES = {field.name for field in dataclasses.fields(Score)} - {"reward"} | {"return"}
+
+
+def described_agent(
+    preset: Preset, task: Any, env_id: str, kwargs: Mapping[str, Any], name: str, layers: Layers
+) -> dict[str, Any]:
+    """Returns what the card of an agent of a preset says of it, but for its training and validation."""
+    return {
+        "name": name,
+        "env_id": env_id,
+        "env_kwargs": dict(kwargs),
+        "task": preset.task,
+        "robots": [task.robot.name],
+        "sheets": {task.robot.name: task.robot.digest},
+        "dt": task.options.dt,
+        "speed": preset.speed,
+        "observation": list(preset.features.fields),
+        "features": dataclasses.asdict(preset.features),
+        "actions": dataclasses.asdict(preset.actions),
+        **({} if preset.base is None else {"base": dataclasses.asdict(preset.base)}),
+        "network": {
+            "hidden": list(preset.hidden),
+            "activation": preset.activation,
+            "num_twist": len(task.robot.twist_axes),
+            "parameters": sum(weight.size + bias.size for weight, bias in layers),
+        },
+        "sha256": weights_digest(layers),
+    }
+
+
+def validated(score: Score) -> dict[str, float | None]:
+    """Returns what a card says of a validation."""
+    found = {name: value for name, value in dataclasses.asdict(score).items() if name != "reward"}
+    return {name: None if math.isnan(value) else value for name, value in (found | {"return": score.reward}).items()}
 
 
 def versions() -> dict[str, str]:

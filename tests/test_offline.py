@@ -1,0 +1,111 @@
+"""Agents from data: a network sees in a recorded set what it would have seen driving, and learns what it should."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+pytest.importorskip("pyarrow", reason='needs pip install "wayfield[record]"')
+pytest.importorskip("minari", reason='needs pip install "wayfield[record]"')
+
+from wayfield.benchmarks import record
+from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.training import offline
+from wayfield.policies.training.offline import Transitions, opened, task_of, transitions
+from wayfield.policies.training.presets import PRESETS
+
+PRESET = PRESETS["path_following"]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns the folder of a set that a shipped agent has driven, without exploration."""
+    home = tmp_path_factory.mktemp("minari")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINARI_DATASETS_PATH", str(home))
+        words = ["ppo", "--suite", "path-following", "--family", "splines", "--episodes", "3", "--dataset", "mine-v0"]
+        result = CliRunner().invoke(record.main, words)
+        assert result.exit_code == 0, result.output
+    return home / "mine-v0"
+
+
+def steps_of(source: Path) -> tuple[Any, Transitions]:
+    data = opened(str(source))
+    return data, transitions(data, task_of(data), PRESET)
+
+
+def test_a_network_sees_in_the_data_what_it_saw_when_it_drove(recorded: Path) -> None:
+    """In each episode the recorded actions are those of an agent whose network gets the inputs made of the record."""
+    data, steps = steps_of(recorded)
+    assert len(steps.inputs) == data.total_steps
+    # episodes of equal length go side by side: the k-th row of each period is that of the k-th
+    assert len({len(each["actions"]) for each in data.storage.get_episodes([0, 1, 2])}) == 1
+    drove = set()
+    for seed, folder in shipped("path_following", "p3dx").items():
+        agent = load_agent(folder)
+        assert agent.features == PRESET.features
+        errors = np.abs(np.clip(agent.network(steps.inputs), -1.0, 1.0) - steps.actions).reshape(-1, 3, 2)
+        drove |= {(k, seed) for k in np.flatnonzero(errors.max(axis=(0, 2)) < 2e-5).tolist()}
+    assert sorted(k for k, _ in drove) == [0, 1, 2]
+
+
+def test_what_follows_a_step_is_the_next_one_and_the_task_s_end_goes_on_to_nothing(recorded: Path) -> None:
+    data, steps = steps_of(recorded)
+    episodes = list(data.storage.get_episodes([int(k) for k in data.episode_indices]))
+    assert steps.going_on.sum() == len(steps.going_on) - sum(each["terminations"].sum() for each in episodes)
+    np.testing.assert_allclose(steps.rewards.sum(), sum(each["rewards"].sum() for each in episodes), rtol=1e-4)
+    seen = {row.tobytes() for row in steps.inputs}
+    later = sum(row.tobytes() in seen for row in steps.following)
+    assert later == len(steps.inputs) - len(episodes)
+
+
+def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_alone() -> None:
+    """Actions are even in [-1, 1] and the reward falls with (a - 0.6)^2: the mean of the data is 0."""
+    rng = np.random.default_rng(0)
+    n = 4000
+    inputs = rng.standard_normal((n, 3)).astype(np.float32)
+    actions = rng.uniform(-1.0, 1.0, (n, 2)).astype(np.float32)
+    rewards = -((actions - 0.6) ** 2).sum(axis=1)
+    steps = Transitions(inputs, actions, rewards, inputs, np.zeros(n, np.float32))
+    small = dataclasses.replace(PRESET, hidden=(32, 32))
+    found = {}
+    for name in offline.ALGORITHMS:
+        *_, (_, _, layers) = offline.LEARNERS[name](steps, small, 1000, 0)
+        hidden = inputs
+        for k, (weight, bias) in enumerate(layers):
+            hidden = hidden @ weight.T + bias
+            hidden = np.tanh(hidden) if k + 1 < len(layers) else hidden
+        found[name] = hidden.mean()
+    assert abs(found["bc"]) < 0.1
+    assert abs(found["td3bc"] - 0.6) < 0.35
+
+
+def test_a_seed_gives_one_agent_that_drives_and_is_not_overwritten(recorded: Path, tmp_path: Path) -> None:
+    words = ["bc", str(recorded), "--gradient-steps", "30", "--seeds", "2", "--out"]
+    for name in ("a", "b"):
+        result = CliRunner().invoke(offline.main, [*words, str(tmp_path / name)])
+        assert result.exit_code == 0, result.output
+        assert "seed 1: " in result.output
+    for seed in (0, 1):
+        weights = [tmp_path / name / f"seed_{seed}" / "best" / "weights.safetensors" for name in ("a", "b")]
+        assert weights[0].read_bytes() == weights[1].read_bytes()
+    agent = load_agent(tmp_path / "a" / "seed_1" / "best")
+    assert agent.card["training"]["algorithm"] == "bc"
+    assert agent.card["training"]["data"]["digest"] == opened(str(recorded)).storage.metadata[offline.KEY]["digest"]
+    again = CliRunner().invoke(offline.main, [*words, str(tmp_path / "a")])
+    assert again.exit_code == 2
+    assert "is there already" in again.output
+
+
+def test_what_is_no_set_of_ours_is_refused_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    (tmp_path / "mine" / "data").mkdir(parents=True)
+    for source in ("nothing/there-v0", str(tmp_path / "mine")):
+        result = CliRunner().invoke(offline.main, ["bc", source, "--out", str(tmp_path / "out")])
+        assert result.exit_code == 2, result.output
+        assert f"DATASET {source!r} cannot be read" in " ".join(result.output.split())
+    assert not (tmp_path / "out").exists()
