@@ -53,7 +53,7 @@ def box_clearance(p, robots, i, s, x, y, heading):
     half_width = 0.5 * p.hull_width
     nearest = np.inf
     for j in range(s.num_obstacles):
-        obstacle = robots.obstacles[i, j]
+        obstacle = robots.obstacles[s.field, j]
         # the discs around both are farther apart than what was found: most obstacles are no nearer
         dx = obstacle.x - x
         dy = obstacle.y - y
@@ -213,7 +213,7 @@ def touched(p, robots, i, s, j, x, y, heading):
     half_length = 0.5 * p.hull_length
     half_width = 0.5 * p.hull_width
     if j >= 0:
-        return -rectangle_distance(robots.obstacles[i, j], x, y, cosine, sine, half_length, half_width)
+        return -rectangle_distance(robots.obstacles[s.field, j], x, y, cosine, sine, half_length, half_width)
     frame = robots.grids.frames[s.scenario]
     return -grid_rectangle_distance(frame, robots.grids.cells, (x, y, cosine, sine), half_length, half_width)
 

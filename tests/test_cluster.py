@@ -292,7 +292,7 @@ def test_a_cluster_whose_workers_are_killed_makes_the_same_rows_and_none_twice(t
         kept.append(part.folder)
         keep(part, files)
         if len(kept) in kills:
-            running = list(engine._client.run(os.getpid).values())  # type: ignore[attr-defined]
+            running = list(engine._client.run(os.getpid, on_error="ignore").values())  # type: ignore[attr-defined]
             os.kill(chance.choice(running), signal.SIGKILL)
 
     with pytest.MonkeyPatch.context() as patch, cluster("local", 2) as engine:

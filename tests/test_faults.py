@@ -52,6 +52,7 @@ ALLOWED = {
     ("policies/tuned.py", "_read"): "reads bytes for read_gains",
     ("policies/tuned.py", "_read_sample"): "reads bytes for read_gains",
     ("benchmarks/parts.py", "_packed"): "takes what it has just written",
+    ("benchmarks/throughput.py", "_resident"): "the system's word about this process",
     ("benchmarks/pictures.py", "sheet_png"): "what it has just drawn",
     ("policies/training/slices.py", "files_of"): "takes a run's files along, whatever their content",
     ("benchmarks/parcels.py", "parcel"): "takes files that were read already along, whatever their content",

@@ -402,7 +402,7 @@ import os, sys, time
 from wayfield.envs.engines import workers
 
 def work(_):
-    print(os.getpid(), flush=True)
+    os.write(1, f"{os.getpid()}\\n".encode())  # at once, or the other's may come between
     time.sleep(60)
 
 if __name__ == "__main__":

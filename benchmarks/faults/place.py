@@ -32,7 +32,7 @@ ENTRIES = {
     **{name: f"{each.module}:{each.function}" for name, each in INSTALLED.items()},
     "onnx": "wayfield.policies.learned.onnx:main",
     "freeze": "wayfield.envs.scenarios.freeze:main",
-    "measured": "wayfield.policies.training.measured:main",
+    **{name: f"wayfield.policies.training.{name}:main" for name in ("measured", "offline")},
     "simulator": "wayfield.envs.coppelia.__main__:main",
     "report": "wayfield.benchmarks.report.__main__:main",
     **{name: f"wayfield.benchmarks.report.{name}:main" for name in ("demo", "speed", "wasm")},
