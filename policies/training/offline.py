@@ -22,7 +22,7 @@ from wayfield.envs.checks import shown
 from wayfield.envs.command_line import SEED, Choice, OneLineErrors, command_given
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import Agent, Network, save_agent
-from wayfield.policies.learned.perception import Perception
+from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.presets import Preset, preset_for
 from wayfield.policies.training.run import described_agent, validated, versions
@@ -83,6 +83,7 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
     numbers = [int(k) for k in data.episode_indices]
     episodes = sorted(data.storage.get_episodes(numbers), key=lambda each: -len(each["actions"]))
     perception = Perception(preset.features, preset.actions, len(task.robot.twist_axes), task.options.dt)
+    limits = limits_of(preset.features, task.options.actuators) if preset.features.limits else None
     memory = perception.fresh(len(episodes))
     lengths = np.array([len(each["actions"]) for each in episodes])
     found: list[list[NDArray[np.float32]]] = [[] for _ in Transitions._fields]
@@ -91,7 +92,7 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
         alive = int((lengths >= k).sum())  # the longest first: those that go on are in front
         observations = np.stack([each["observations"][k] for each in episodes[:alive]]).astype(np.float64)
         speeds = np.full(alive, preset.speed)
-        inputs, angles = perception.inputs(task.layout.unpack(observations), speeds, memory[:alive])
+        inputs, angles = perception.inputs(task.layout.unpack(observations), speeds, memory[:alive], limits=limits)
         if last is not None:
             for column, values in zip(found, (*last, inputs[: len(last[0])]), strict=False):
                 column.append(values)
