@@ -170,6 +170,7 @@ def test_every_policy_can_be_told_its_speed() -> None:
                 policies.make(name, **policies.cruising(name, {}, 0.45))
 
 
+@pytest.mark.slow
 def test_a_paper_s_law_is_held_by_a_trap_that_our_additions_leave() -> None:
     contest = CONTESTS["goal-obstacles"]
     for name in PAPER:

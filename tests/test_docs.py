@@ -324,6 +324,7 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert "wins" not in claims
 
 
+@pytest.mark.slow
 def test_the_audit_agrees_with_what_was_published_and_sees_a_changed_cell(repository: Path) -> None:
     assert run_publish(repository, "--no-run").returncode == 0
     command = [sys.executable, "-m", "wayfield.benchmarks.audit", str(repository / sections.KEPT)]

@@ -29,6 +29,7 @@ MODES = ("trinary", "scale", "raw")
 MOVINGAI_CELL = 1.0  # m, a side of a cell of a MovingAI map unless told otherwise: the sets have none of their own
 
 _FORMATS = ("PPM", "PNG", "BMP")  # that Pillow may try, whatever a file is called
+_MOST_NESTED = 100  # brackets and dashes behind dashes
 _MOST_YAML = 65_536  # characters
 _SETTINGS = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _FREE, _BLOCKED = ".GS", "@OTW"  # swamp can be driven on; water cannot be driven into from elsewhere
@@ -267,6 +268,9 @@ def _ros_fields(file: str) -> dict[str, Any]:
     text = read_text(file)
     if len(text) > _MOST_YAML:
         raise fault(file, f"has {len(text)} characters; a map's YAML must have at most {_MOST_YAML}")
+    # the parser takes time with the square of the depth, and a map's YAML is flat but for its origin
+    if sum(map(text.count, ("[", "{", "- -", "? ?"))) > _MOST_NESTED:
+        raise fault(file, "is nested too deeply")
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         if not isinstance(node, yaml.MappingNode):
