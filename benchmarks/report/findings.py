@@ -20,7 +20,7 @@ from wayfield.benchmarks.entries import (
     success_interval,
     values,
 )
-from wayfield.benchmarks.matrix import how_often_better
+from wayfield.benchmarks.matrix import how_often_better, success_difference
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.standings import Standings, front_points
@@ -64,7 +64,9 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     ranked = [standings[entry] for entry in in_order(Standings(contest, "", entries, ""))]
     rivals = [each for each in ranked if MAP not in each.told] or ranked
     best = rivals[0]
-    ps = holm([how_often_better(entries[best.entry], entries[each.entry], contest).p for each in rivals[1:]])
+    # of what they are ranked by: who fails more often and is quicker where it succeeds has not drawn
+    pairs = [(entries[best.entry], entries[each.entry]) for each in rivals[1:]]
+    ps = holm([(how_often_better(*pair, contest) if by_cost else success_difference(*pair)).p for pair in pairs])
     # who errs as little by driving slower has not drawn
     level = [each for each, p in zip(rivals[1:], ps, strict=True) if p >= SIGNIFICANT and each.away == best.away]
     told = not any(math.isnan(p) for p in ps)  # of too few scenarios nothing is said
@@ -122,7 +124,8 @@ def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost:
         return f"{label(best.entry)} wins: {won}."
     names = [label(each.entry) for each in level]
     with_whom = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"A draw: {label(best.entry)} ({won}) and {with_whom} cannot be told apart in pairs."
+    by = "in pairs" if by_cost else "by their success"
+    return f"A draw: {label(best.entry)} ({won}) and {with_whom} cannot be told apart {by}."
 
 
 def _first(best: _Standing, contest: Contest, by_cost: bool) -> str:
@@ -159,7 +162,7 @@ def _small(
     note = (
         f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals, where there are scenarios enough. "
         f"{name[0].upper()}{name[1:]} is the mean over all runs, a failure counted as {failing(contest)}. Speed is "
-        "that of the successes. Draws: not told apart from the first by a paired test after Holm's correction. "
+        "that of the successes. Draws: not told apart from the first by a paired test, after Holm's correction. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
     if any(each.away for each in shown):
