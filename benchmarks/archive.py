@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs.checks import MOST_BYTES
 
+_DENSEST = 100  # times; numbers of a robot that moves, or whose clock runs on, are packed less densely
+
 
 class Archive:
     """An .npz file that is open within a `with`; whatever is wrong with it there is a ValueError that names it.
-
-    Args:
-        densest: times that what is packed may be larger than the file.
 
     Raises:
         ValueError: on leaving the `with`, if the file is damaged or holds anything else; the message names file
@@ -24,9 +23,8 @@ class Archive:
         OSError: on entering it, if the file cannot be opened.
     """
 
-    def __init__(self, file: Path, densest: int) -> None:
+    def __init__(self, file: Path) -> None:
         self._file = file
-        self._densest = densest
         self._reading = ""  # the array
 
     def __enter__(self) -> "Archive":
@@ -35,7 +33,7 @@ class Archive:
             self._arrays = np.load(self._stream, allow_pickle=False)
             sizes = [(each.file_size, each.compress_size) for each in self._arrays.zip.infolist()]
             unpacked, packed = (sum(size) for size in zip((0, 0), *sizes, strict=True))
-            if unpacked > max(MOST_BYTES, self._densest * packed):
+            if unpacked > max(MOST_BYTES, _DENSEST * packed):
                 raise ValueError(f"it would unpack to {unpacked} bytes")
         except BaseException as error:
             self.__exit__(type(error), error)
@@ -70,4 +68,4 @@ class Archive:
         else:
             return
         where = f"{self._reading}: " if self._reading else ""
-        raise ValueError(f"{self._file}: {where}the file is damaged: {' '.join(problem.split())}")
+        raise ValueError(f"{self._file}: {where}the file is damaged: {' '.join(problem.split())[:200]}")

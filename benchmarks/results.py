@@ -103,9 +103,6 @@ def write_trajectories(folder: Path, trajectories: dict[str, Trajectory]) -> Non
     np.savez_compressed(folder / TRAJECTORIES, **arrays)  # type: ignore[arg-type]
 
 
-_DENSEST = 100  # times; numbers of a robot that stands still, whose clock runs on, are packed less densely
-
-
 def _sample_trajectories(folder: Path) -> None:
     driven = Trajectory(times=np.arange(5.0), poses=np.ones((5, 3)))
     write_trajectories(folder, {"00000": driven, "00001": driven})
@@ -120,7 +117,7 @@ def read_trajectories(folder: Path, keys: Container[str] | None = None) -> dict[
         OSError: if it cannot be opened.
     """
     fields: dict[str, dict[str, Any]] = {}
-    with Archive(folder / TRAJECTORIES, _DENSEST) as archive:
+    with Archive(folder / TRAJECTORIES) as archive:
         for name in archive.names:
             key, _, field = name.partition("/")
             if field not in _FIELDS:

@@ -64,7 +64,7 @@ class SharedStudy:
         try:
             yield
         except Exception as error:  # of whatever database
-            told = " ".join(str(error).split())[:300] or type(error).__name__
+            told = " ".join(str(error).split()).removeprefix(f"{self.where}: ")[:300] or type(error).__name__
             raise NoStudy(f"--study {self.where!r} cannot be used: {told}") from None
 
     @property
@@ -108,12 +108,12 @@ def _checked_journal(file: str) -> dict[str, Any]:
     """Returns the first entry of a journal, nothing where there is none yet: what is opened as one is written to.
 
     Raises:
-        ValueError: if a file is there that is no journal.
+        ValueError: if a file is there that is no journal; the message names it.
     """
     if not os.path.lexists(file) or not os.path.getsize(file):
         return {}
     with open(file, "rb") as stream:
         line = stream.readline(_LONGEST)
     if not isinstance(found := parsed_object(line, file), dict) or "op_code" not in found:
-        raise ValueError("it is there, and no journal of a search")
+        raise ValueError(f"{file}: it is there, and no journal of a search")
     return found

@@ -36,8 +36,9 @@ ALLOWED = {
     ("envs/scenarios/splits.py", "_read"): "called by the reader of splits",
     **{
         ("envs/scenarios/maps.py", name): "called by the reader of maps"
-        for name in ("_ros_fields", "_octile", "_grey", "_array")
+        for name in ("_ros_fields", "_octile", "_grey")
     },
+    ("envs/scenarios/arrays.py", "stored_array"): "called by the readers of maps and of BARN's paths",
     ("envs/scenarios/splits.py", "_shipped"): "a sample",
     ("envs/scenarios/freeze.py", "_written"): "a developer's tool on the package's own files",
     ("policies/learned/reading.py", "read_bytes"): "called by the readers of agents and training runs",

@@ -34,7 +34,9 @@ def damaged(content: bytes, name: str, rng: random.Random) -> bytes:
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         try:
             content = rng.choice(fitting)(content, rng)
-        except (ValueError, IndexError, KeyError, RecursionError, zipfile.BadZipFile, zlib.error, OSError, EOFError):
+        except (
+            ValueError, IndexError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error, OSError, EOFError
+        ):  # fmt: skip
             content = _flip(content, rng)  # what is no such file any more has no values to change
     return content
 

@@ -15,8 +15,6 @@ QUANTUM = 1e-3  # m and rad
 
 Drive = NDArray[np.int32]  # (n + 1, 3): x, y, heading without jumps, in quanta; of path followers (n + 1, 4), the error
 
-_DENSEST = 1000  # times; a robot that stands still is packed to next to nothing
-
 
 def drive_of(trajectory: Trajectory) -> Drive:
     """Returns the poses of a trajectory, and its cross-track errors where it has some, in quanta."""
@@ -52,7 +50,7 @@ def read_drives(folder: Path) -> dict[int, Drive]:
         ValueError: if the file is damaged or holds anything else; the message names it.
         OSError: if it cannot be opened.
     """
-    with Archive(folder / DRIVES, _DENSEST) as archive:
+    with Archive(folder / DRIVES) as archive:
         return _taken_apart(**{name: archive[name] for name in ("rows", "columns", "steps", "numbers")})
 
 

@@ -13,7 +13,6 @@ import gzip
 import math
 import os
 import re
-import tokenize
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
 from wayfield.envs.objects import fault
 from wayfield.envs.readers import reader
+from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.scenarios.scenario import GoalScenario
 
@@ -336,17 +336,14 @@ def read_path(file: Path) -> NDArray[np.float64]:
         OSError: if it cannot be opened.
     """
     try:
-        # mapped, so that a header which claims more than there is takes no memory
-        found = np.load(file, mmap_mode="r", allow_pickle=False)
-        if not isinstance(found, np.ndarray):
-            raise ValueError("it is an archive, not one array")
+        found = stored_array(str(file))
         if found.dtype.kind not in "iuf":
             raise ValueError(f"dtype is {shown(str(found.dtype))}; it must be numbers")
         if found.ndim != 2 or found.shape[1] != 2 or not 1 <= len(found) <= MOST_POINTS:
             raise ValueError(f"shape is {found.shape}; it must be (n, 2), rows and columns of 1 to {MOST_POINTS} cells")
         cells = np.asarray(found, np.float64)
-    except (ValueError, EOFError, OverflowError, MemoryError, SyntaxError, TypeError, tokenize.TokenError) as error:
-        raise fault(str(file), f"is no path: {' '.join(str(error).split()) or type(error).__name__}") from None
+    except ValueError as error:
+        raise fault(str(file), f"is no path: {error}") from None
     bad = np.flatnonzero(~(np.abs(cells) <= FARTHEST).all(axis=1))
     if len(bad):
         at = [real(each) for each in cells[bad[0]].tolist()]

@@ -21,6 +21,7 @@ from wayfield.envs.checks import MOST_OBSTACLES, choose, number, pose, real, sho
 from wayfield.envs.grids import BEYOND, MOST_CELLS, OccupancyGrid, check_size
 from wayfield.envs.objects import check_keys, fault, read_text
 from wayfield.envs.readers import reader
+from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.scenario import GoalScenario
 
 IMAGE_SUFFIXES = (".pgm", ".png", ".pbm", ".ppm", ".bmp")
@@ -29,11 +30,12 @@ MODES = ("trinary", "scale", "raw")
 MOVINGAI_CELL = 1.0  # m, a side of a cell of a MovingAI map unless told otherwise: the sets have none of their own
 
 _FORMATS = ("PPM", "PNG", "BMP")  # that Pillow may try, whatever a file is called
+_LONGEST_NAME = 255  # characters, as file systems have it
 _MOST_NESTED = 100  # brackets and dashes behind dashes
 _MOST_YAML = 65_536  # characters
 _SETTINGS = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _FREE, _BLOCKED = ".GS", "@OTW"  # swamp can be driven on; water cannot be driven into from elsewhere
-# what reading a damaged image or array raises; a SyntaxError is Pillow's of a broken PNG
+# what reading a damaged image raises; a SyntaxError is Pillow's of a broken PNG
 _DAMAGED = (OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError)
 _NUMERAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -119,7 +121,7 @@ def file_beside(file: str, field: str, name: Any) -> str:
     Raises:
         ValueError: naming the field, if it is no name or leads out of that folder.
     """
-    if not isinstance(name, str) or not name or not name.isprintable():
+    if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_NAME or not name.isprintable():
         raise ValueError(f"{field} is {shown(name)}; it must be the name of a file")
     if os.path.isabs(name) or re.match(r"[A-Za-z]:|[\\/~]", name):
         raise ValueError(f"{field} is {shown(name)}; it must be relative to the folder of {os.path.basename(file)}")
@@ -432,15 +434,10 @@ def _grey(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
 def _array(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Returns which cells of a stored array are occupied and which are known."""
     del settings
-    try:
-        # mapped, not read: what the head promises takes no memory before it is checked
-        stored = np.load(file, mmap_mode="r", allow_pickle=False)
-    except FileNotFoundError:
-        raise
-    except _DAMAGED as error:
-        raise ValueError(f"is no .npy file of an array: {' '.join(str(error).split())[:200]}") from None
-    if not isinstance(stored, np.ndarray) or stored.ndim != 2 or stored.dtype.kind not in "biu":
-        found = f"{stored.dtype} of shape {stored.shape}" if isinstance(stored, np.ndarray) else "an archive"
-        raise ValueError(f"holds {found}; it must be bool or whole numbers, (rows, columns)")
+    stored = stored_array(file)
+    if stored.ndim != 2 or stored.dtype.kind not in "biu":
+        held = f"{stored.dtype} of shape {stored.shape}"
+        raise ValueError(f"holds {shown(held)[1:-1]}; it must be bool or whole numbers, (rows, columns)")
     check_size("array", *stored.shape)
-    return np.asarray(stored > 0), np.asarray(stored >= 0)
+    cells = np.asarray(stored)
+    return np.asarray(cells > 0), np.asarray(cells >= 0)

@@ -1,0 +1,30 @@
+"""A lone array that somebody stored as .npy, read so that a damaged file is a line and nothing in it is executed."""
+
+import tokenize
+
+import numpy as np
+from numpy.typing import NDArray
+
+# what NumPy raises at a damaged head; the last of its repair of heads that Python 2 wrote
+_DAMAGED = (
+    ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, tokenize.TokenError
+)  # fmt: skip
+
+
+def stored_array(file: str) -> NDArray[np.generic]:
+    """Returns the array of a .npy file, of whatever type and shape, mapped and not read.
+
+    So what the head promises takes no memory before the caller has checked it.
+
+    Raises:
+        ValueError: if it is no such file; the message does not name it.
+        OSError: if it cannot be opened.
+    """
+    try:
+        stored = np.load(file, mmap_mode="r", allow_pickle=False)
+    except _DAMAGED as error:
+        raise ValueError(f"is no .npy file of an array: {' '.join(str(error).split())[:200]}") from None
+    if not isinstance(stored, np.ndarray):
+        stored.close()
+        raise ValueError("is no .npy file of an array: it is an archive")
+    return stored
