@@ -40,12 +40,12 @@ def compiled(function: Any) -> Any:
     IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits. It
     lets other threads of Python run: none may write what it is given.
     """
-    return _cached(numba.njit(error_model="numpy", nogil=True)(function))
+    return _cached(numba.njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function))
 
 
 def inlined(function: Any) -> Any:
     """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
-    return _cached(numba.njit(error_model="numpy", forceinline=True)(function))
+    return _cached(numba.njit(error_model="numpy", forceinline=True, no_cfunc_wrapper=True)(function))
 
 
 def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:

@@ -262,7 +262,8 @@ def begin(p, s, world, robots, i, outputs):
     course = world.courses[s.scenario]
     s.waypoint = 0
     track_goal(s, course, world.goals)
-    observe(p, s, course, world, robots, i, 0, outputs.observations)
+    # int64, not 0: for a literal numba compiles all that observes once more
+    observe(p, s, course, world, robots, i, np.int64(0), outputs.observations)
     report(p, s, 0.0, 0.0, 0.0, outputs.numbers, i)
 
 

@@ -240,7 +240,8 @@ def begin(p, s, world, robots, i, outputs):
     )
     s.measured_arc_length = s.arc_length
     s.measured_segment = s.segment
-    observe(p, s, world.vertices, run, robots.noise, i, 0, outputs.observations)
+    # int64, not 0: for a literal numba compiles all that observes once more
+    observe(p, s, world.vertices, run, robots.noise, i, np.int64(0), outputs.observations)
     report(p, s, course, 0.0, 0.0, outputs.numbers, i)
 
 
