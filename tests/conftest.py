@@ -1,7 +1,12 @@
 """Settings that all tests share."""
 
 import contextlib
+import os
 import signal
+
+# A test has one core: threads of torch and of BLAS that wait for each other would take the others' as well. Set before
+# either is loaded, and passed on to what the tests start.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings

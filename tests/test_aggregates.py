@@ -43,6 +43,11 @@ def test_equal_values_have_no_interval_and_strata_do_not_mix() -> None:
     assert interval([0.0] * 5 + [1.0] * 5, ["a"] * 5 + ["b"] * 5, mean) is None
     low, high = ends([0.0] * 5 + [1.0] * 5, ["a"] * 10, mean)
     assert low < 0.35 < 0.65 < high
+    # nearly all of it, and of agents too
+    values = np.repeat([0.0, 1.0], 10)[:, np.newaxis] + 0.01 * np.random.default_rng(0).normal(size=(20, 3))
+    for some in (values[:, 0], values):
+        low, high = ends(some, ["a"] * 10 + ["b"] * 10, mean)
+        assert 0.48 < low < 0.5 < high < 0.52
 
 
 def test_an_interval_covers_the_mean_as_often_as_it_says() -> None:
@@ -146,6 +151,18 @@ def test_a_turning_body_frame_is_no_jerk_of_its_own() -> None:
     twists = np.column_stack([np.cos(heading), -np.sin(heading), np.full(len(times), 2.0)])
     poses = np.column_stack([times, np.zeros(len(times)), heading])
     assert smoothness(Trajectory(times=times, poses=poses, twists=twists))["squared_jerk"] < 1e-15
+
+
+def test_a_velocity_that_keeps_its_size_is_smooth_whatever_its_direction() -> None:
+    """MRPB's measure is of the speed: an omni base that drives a circle without turning changes none of it."""
+    times = 0.05 * np.arange(101)
+    angle = 1.3 * times
+    twists = 0.4 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(101)])
+    poses = np.zeros((101, 3))
+    assert smoothness(Trajectory(times=times, poses=poses, twists=twists))["velocity_smoothness"] < 1e-12
+    faster = twists * (1.0 + times)[:, np.newaxis]  # 0.4 m/s^2 more, in whatever direction
+    found = smoothness(Trajectory(times=times, poses=poses, twists=faster))
+    assert found["velocity_smoothness"] == pytest.approx(0.4)
 
 
 def test_smoothness_does_not_depend_on_where_the_robot_goes() -> None:

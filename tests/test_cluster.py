@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner, Result
 
 from wayfield.benchmarks import comparison, parts
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
+from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.own_policies import own_policy
 from wayfield.benchmarks.parcels import in_order, parcel, sent
 from wayfield.benchmarks.suite import Setting, episodes
@@ -248,7 +250,7 @@ def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(tmp_path: P
     from wayfield.policies.training.slices import train_far
 
     first = sample_job(tmp_path / "far" / "seed_0")
-    settings = (*first.settings[:-2], "validations=3", "steps=288")
+    settings = (*first.settings[:-2], "validations=2", "steps=192")
     from wayfield.policies.training.presets import overridden, preset_for
 
     preset = overridden(preset_for(first.env_id, "path_following_plain"), settings)
@@ -259,7 +261,7 @@ def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(tmp_path: P
     seen: list[int] = []
     last = train_far(threads, jobs, lambda report: seen.append(report.seed), seconds=0.0)
     assert all(report.done for report in last)
-    assert sorted(seen) == [0] * 3 + [1] * 3
+    assert sorted(seen) == [0] * 2 + [1] * 2
     for job in jobs:
         alone = dataclasses.replace(job, folder=tmp_path / "near" / f"seed_{job.seed}")
         assert train(alone, lambda report: None).done
@@ -285,7 +287,7 @@ def test_a_cluster_whose_workers_are_killed_makes_the_same_rows_and_none_twice(t
     kept: list[Path] = []
     keep = parts.keep
     chance = random.Random(18)
-    kills = sorted(chance.sample(range(1, 18), 3))
+    kills = sorted(chance.sample(range(1, 18), 2))
 
     def noted(part: parts.Part, files: Any) -> None:
         assert not part.folder.exists()
@@ -362,10 +364,9 @@ def place(tmp_path: Path) -> Iterator[Place]:
     found.end()
 
 
-def evaluate(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Runs the command."""
-    command = [sys.executable, str(ROOT / "evaluate.py"), *words]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=600)
+def evaluate(*words: str) -> Result:
+    """Runs the command in this process."""
+    return CliRunner().invoke(main, words)
 
 
 def test_a_scheduler_and_two_workers_make_the_rows_of_one_process_and_refuse_a_third_by_name(
@@ -375,10 +376,11 @@ def test_a_scheduler_and_two_workers_make_the_rows_of_one_process_and_refuse_a_t
     place.worker("first")
     place.worker("second")
     place.worker("stranger", "from wayfield.envs import identity\nidentity.source_digest = lambda: '0' * 64\n")
-    found = evaluate(*ASKED, "--cluster", place.address, "--out", "far", folder=tmp_path)
+    command = [sys.executable, str(ROOT / "evaluate.py"), *ASKED, "--cluster", place.address, "--out", "far"]
+    found = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)
     assert found.returncode == 0, found.stderr
-    alone = evaluate(*ASKED, "--workers", "1", "--out", "near", folder=tmp_path)
-    assert alone.returncode == 0, alone.stderr
+    alone = evaluate(*ASKED, "--workers", "1", "--out", str(tmp_path / "near"))
+    assert alone.exit_code == 0, alone.stderr
     assert (tmp_path / "far/episodes.csv").read_bytes() == (tmp_path / "near/episodes.csv").read_bytes()
     assert not (tmp_path / "far/unfinished").exists()
     refused = [line for line in found.stderr.splitlines() if "refused" in line]
@@ -411,19 +413,22 @@ def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(place: P
     )
     assert "Traceback" not in errors
     assert len(list(kept.glob("[!.]*"))) >= 2
-    assert evaluate(*ASKED, "--workers", "1", "--out", "far", folder=tmp_path).returncode == 0
+    assert evaluate(*ASKED, "--workers", "1", "--out", str(tmp_path / "far")).exit_code == 0
 
 
 @pytest.mark.parametrize(
     ("address", "told"),
     [
-        ("tcp://127.0.0.1:9", "is no scheduler that can be reached within 10 s"),
+        ("tcp://127.0.0.1:9", "is no scheduler that can be reached within 1 s"),
         ("nonsense://x", "is no address; it must be like tcp://host:8786"),
     ],
 )
-def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, address: str, told: str) -> None:
-    found = evaluate(*ASKED, "--cluster", address, "--out", "far", folder=tmp_path)
-    assert found.returncode == 1, found.stderr
+def test_a_scheduler_that_is_not_there_is_one_line(
+    tmp_path: Path, address: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wayfield.envs.cluster._CONNECT", 1.0)
+    found = evaluate(*ASKED, "--cluster", address, "--out", str(tmp_path / "far"))
+    assert found.exit_code == 1, found.stderr
     (line,) = [line for line in found.stderr.splitlines() if not line.startswith("first run")]
     assert line.startswith(f"evaluate: --cluster '{address}' {told}")
     assert not (tmp_path / "far").exists()
@@ -434,8 +439,8 @@ def test_a_scheduler_of_another_version_is_one_line(place: Place, tmp_path: Path
         "from distributed import versions\nversions.get_package_info = "
         "lambda names, found=versions.get_package_info: {**found(names), 'distributed': '2020.1.0'}\n"
     )
-    found = evaluate(*ASKED, "--cluster", place.address, "--out", "far", folder=tmp_path)
-    assert found.returncode == 1, found.stderr
+    found = evaluate(*ASKED, "--cluster", place.address, "--out", str(tmp_path / "far"))
+    assert found.exit_code == 1, found.stderr
     (line,) = [line for line in found.stderr.splitlines() if not line.startswith("first run")]
     here = distributed.__version__
     assert line == (

@@ -71,8 +71,15 @@ def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) ->
     assert "compiled code is not kept: no folder can be written" in said[0]
 
 
-@pytest.mark.parametrize("error", ["errno.ENOSPC, 'No space left on device'", "errno.EACCES, 'Permission denied'"])
-@pytest.mark.parametrize("method", ["_save_index", "_save_data", "_load_index"])
+@pytest.mark.parametrize(
+    ("method", "error"),
+    [
+        ("_save_index", "errno.ENOSPC, 'No space left on device'"),
+        ("_save_data", "errno.ENOSPC, 'No space left on device'"),
+        ("_save_data", "errno.EACCES, 'Permission denied'"),
+        ("_load_index", "errno.EACCES, 'Permission denied'"),
+    ],
+)
 def test_a_cache_that_fails_is_said_once(tmp_path: Path, method: str, error: str) -> None:
     between = (
         f"import errno; from numba.core.caching import IndexDataCacheFile as F\n"

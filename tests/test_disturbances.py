@@ -394,11 +394,11 @@ def test_a_drawn_shove_comes_once_within_its_time(make: Any, dynamics: str) -> N
 
 
 def test_a_drawn_shove_comes_besides_a_given_one(make: Any) -> None:
-    env = make("omni3", Disturbance(shove=0.25), shove=(1.0, 0.0, 0.5, 0.2))
+    env = make("omni3", Disturbance(shove=0.25), shove=(1.0, 0.3, 0.5, 0.2))
     x, y, heading = drive(env, (0.0, 0.0, 0.0), 30)
-    assert (x, y, heading) == pytest.approx((0.0, 0.5, 0.2))
+    assert (x, y, heading) == pytest.approx((0.3, 0.5, 0.2))
     x, y, heading = drive(env, (0.0, 0.0, 0.0), 120)
-    assert (math.hypot(x, y - 0.5), heading) == pytest.approx((0.25, 0.2))
+    assert (math.hypot(x - 0.3, y - 0.5), heading) == pytest.approx((0.25, 0.2))
     # in the same step they add up
     env.batch.states["shove_step"] = env.batch.states["steps"] = 20
     again = drive(env, (0.0, 0.0, 0.0), 1)

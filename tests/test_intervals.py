@@ -55,6 +55,16 @@ def test_agents_and_scenarios_both_add_to_the_variance() -> None:
     assert np.mean(found) == pytest.approx(1.0 / 8 + 4.0 / 60 + 9.0 / 480, rel=0.07)
 
 
+@given(st.integers(0, 10_000), st.floats(0.0, 2.0), st.floats(0.0, 2.0))
+def test_what_is_taken_off_twice_never_takes_more_than_the_lesser_part(seed: int, agents: float, scenes: float) -> None:
+    """However much agents and scenarios do together: the variance is no less than that of either sample alone."""
+    rng = np.random.default_rng(seed)
+    table = agents * rng.normal(size=(1, 4)) + scenes * rng.normal(size=(60, 1)) + 5.0 * rng.normal(size=(60, 4))
+    of_agents = table.mean(axis=0).var(ddof=1) / 4.0
+    found = spread(table, STRATA).variance
+    assert found >= max(of_agents, spread(table.mean(axis=1), STRATA).variance) * (1.0 - 1e-12)
+
+
 @given(st.lists(st.floats(-100.0, 100.0), min_size=8, max_size=40))
 def test_winsorised_values_have_the_mean_that_is_reported(values: list[float]) -> None:
     array = np.array(values)

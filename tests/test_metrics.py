@@ -57,6 +57,14 @@ def test_right_of_the_path_is_negative():
     assert measure(on_straight(-0.1, np.linspace(0.0, 1.0, 21)))["steady_offset"] == pytest.approx(-0.1)
 
 
+def test_errors_to_either_side_do_not_cancel():
+    x = np.linspace(0.0, 8.0, 1601)
+    found = measure(on_straight(0.1 * np.sin(2.0 * math.pi * x), x))
+    assert found["steady_offset"] == pytest.approx(0.0, abs=1e-9)
+    assert found["cross_track_mean"] == pytest.approx(0.2 / math.pi, rel=1e-4)
+    assert found["cross_track_rms"] == pytest.approx(0.1 / math.sqrt(2.0), rel=1e-4)
+
+
 def test_waiting_where_the_error_is_small_gains_nothing():
     moving = np.linspace(0.0, 1.0, 21)
     x = np.concatenate([np.zeros(200), moving])

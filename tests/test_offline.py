@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner
 
 pytest.importorskip("pyarrow", reason='needs pip install "wayfield[record]"')
@@ -62,6 +63,28 @@ def test_what_follows_a_step_is_the_next_one_and_the_task_s_end_goes_on_to_nothi
     seen = {row.tobytes() for row in steps.inputs}
     later = sum(row.tobytes() in seen for row in steps.following)
     assert later == len(steps.inputs) - len(episodes)
+
+
+class _Says(torch.nn.Module):
+    """A network that answers by its last two inputs, an action."""
+
+    def __init__(self, answer: Any) -> None:
+        super().__init__()
+        self.answer = answer
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        found: torch.Tensor = self.answer(x)
+        return found
+
+
+def test_a_step_is_worth_its_reward_and_what_the_lower_critic_makes_of_what_follows() -> None:
+    actor = _Says(lambda x: torch.tensor([[3.0, -0.2]]).repeat(len(x), 1))  # beyond what can be asked for
+    critics = [_Says(lambda x: 5.0 + x[:, -2:-1]), _Says(lambda x: 4.0 + 10.0 * x[:, -1:])]
+    noise = torch.tensor([[0.4, 0.1], [-0.5, 0.4], [-0.5, 0.4]])
+    rewards, discounts = torch.tensor([1.0, 1.0, 1.0]), torch.tensor([0.9, 0.9, 0.0])
+    found = offline.worth(rewards, torch.zeros(3, 2), discounts, [actor, *critics], noise)
+    # actions (1, -0.1) and (0.5, 0.2): critics say 6 and 3, 5.5 and 6; the third step is the task's end
+    assert found.tolist() == pytest.approx([1.0 + 0.9 * 3.0, 1.0 + 0.9 * 5.5, 1.0])
 
 
 def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_alone() -> None:

@@ -204,6 +204,36 @@ def test_braking_distance(tmp_path: Path, robot: str) -> None:
     assert arena.state["x"] - start == pytest.approx(distance, rel=0.01)
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
+def test_braking_angle(tmp_path: Path, robot: str) -> None:
+    """A robot that spins on locked wheels turns by w^2 / 2 alpha, and in each sub-step by the mean of its yaw rates."""
+    arena = Arena(tmp_path, robot, actuators="ideal")
+    rates, headings = [20.0], [arena.pose[2]]
+    arena.set_twist(0.0, 0.0, rates[0])
+    while arena.state["yaw_rate"] > 0.0:
+        arena.drive(*[0.0] * len(ROBOTS[robot].max_twist))
+        rates.append(arena.state["yaw_rate"].item())
+        headings.append(arena.pose[2])
+    assert len(rates) > 4
+    alpha = (rates[0] - rates[1]) / DT
+    assert rates[2] == pytest.approx(rates[1] - alpha * DT, rel=1e-6)
+    # but for where the wheels come to hold, within a sub-step of 10 ms
+    turn = np.unwrap(headings)[-1] - headings[0]
+    assert turn == pytest.approx(rates[0] ** 2 / (2.0 * alpha), abs=0.5 * alpha * (DT / 5) ** 2)
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
+def test_slip_that_is_left_fades_within_a_sub_step(tmp_path: Path, robot: str) -> None:
+    arena = Arena(tmp_path, robot, actuators="ideal")
+    substep = DT / 5
+    slip = 0.9 * AHEAD[robot] * ROBOTS[robot].friction * GRAVITY * substep  # the wheels just hold at its end
+    arena.set_twist(slip, 0.0, 0.0)
+    start = arena.state["x"].item()
+    arena.drive(*[0.0] * len(ROBOTS[robot].max_twist))
+    assert arena.speed == 0.0
+    assert arena.state["x"] - start == pytest.approx(0.5 * slip * substep, rel=1e-6)
+
+
 def test_locked_plain_wheels_skid_straight_whatever_way_they_point(tmp_path: Path) -> None:
     arena = Arena(tmp_path, "p3dx", actuators="ideal")
     arena.set_twist(0.6, 0.7, 0.0)

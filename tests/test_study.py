@@ -7,17 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from wayfield.benchmarks.contests.contest import Score
 
 optuna = pytest.importorskip("optuna")
 
-from wayfield.benchmarks.shared_study import NoStudy, SharedStudy  # noqa: E402  needs optuna
+from wayfield.benchmarks import tune  # noqa: E402  needs optuna
+from wayfield.benchmarks.shared_study import NoStudy, SharedStudy  # noqa: E402
 
 COMMAND = ("lqr", "--suite", "path-following", "--trials", "6", "--scenarios", "1", "--workers", "1", "--force")
 
 
-def tune(*words: str, folder: Path) -> "subprocess.Popen[str]":
+def search(*words: str, folder: Path) -> "subprocess.Popen[str]":
     """Starts a search."""
     command = [sys.executable, "-m", "wayfield.benchmarks.tune", *COMMAND, *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
@@ -31,9 +33,11 @@ def trials(file: Path) -> list[Any]:
     return list(optuna.load_study(study_name=name, storage=storage).trials)
 
 
-def test_two_processes_search_one_study_and_a_third_goes_on_from_it(tmp_path: Path) -> None:
+def test_two_processes_search_one_study_and_a_third_goes_on_from_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = ("--study", "found.journal", "--out", "gains.json")
-    both = [tune(*asked, folder=tmp_path) for _ in range(2)]
+    both = [search(*asked, folder=tmp_path) for _ in range(2)]
     told = [process.communicate(timeout=600) for process in both]
     assert [process.returncode for process in both] == [0, 0], told
     complete = [each for each in trials(tmp_path / "found.journal") if each.state == optuna.trial.TrialState.COMPLETE]
@@ -43,9 +47,9 @@ def test_two_processes_search_one_study_and_a_third_goes_on_from_it(tmp_path: Pa
     written = json.loads((tmp_path / "gains.json").read_text())
     assert written["frames"] > sum(each.user_attrs["frames"] for each in complete)
     assert "--study found.journal" in written["command"]
-    again = tune(*asked, folder=tmp_path)
-    _, errors = again.communicate(timeout=600)
-    assert again.returncode == 0, errors
+    monkeypatch.chdir(tmp_path)
+    again = CliRunner().invoke(tune.main, [*COMMAND, *asked])
+    assert again.exit_code == 0, again.stderr
     assert json.loads((tmp_path / "gains.json").read_text()) == written
     after = trials(tmp_path / "found.journal")
     assert [each.params for each in after if each.state == optuna.trial.TrialState.COMPLETE] == [

@@ -74,6 +74,12 @@ def weights(folder: Path) -> list[Any]:
     return [array for name, array in sorted(arrays.items())]
 
 
+def counts(folder: Path) -> list[Any]:
+    """Returns the frames and updates of the last state, and where its random generators are."""
+    _, numbers = checkpoints.read_state(folder / checkpoints.LAST)
+    return [numbers[name] for name in ("frames", "updates", "random.numpy", "generators")]
+
+
 def curve_but_for_seconds(folder: Path) -> list[list[str]]:
     rows = [line.split(",") for line in (folder / checkpoints.CURVE).read_text().splitlines()]
     column = rows[0].index("seconds")
@@ -127,6 +133,7 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, env
         train(job(folder, preset, env_id=env_id, resume=True), quiet)
         for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
             np.testing.assert_array_equal(mine, other)
+        assert counts(folder) == counts(tmp_path / "whole")
         assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
 
 

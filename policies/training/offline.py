@@ -157,11 +157,8 @@ def improved(steps: Transitions, preset: Preset, count: int, seed: int) -> Itera
     scale = (1.0 - preset.discount) / max(float(steps.rewards.std()), 1e-6)
     loss = torch.zeros(())
     for k, (inputs, actions, rewards, following, going_on) in _batches(steps, count, seed):
-        with torch.no_grad():
-            noise = (TARGET_NOISE * torch.randn_like(actions)).clamp(-MOST_NOISE, MOST_NOISE)
-            later = torch.cat([following, (aims[0](following).clamp(-1.0, 1.0) + noise).clamp(-1.0, 1.0)], 1)
-            least = torch.minimum(aims[1](later), aims[2](later)).squeeze(1)
-            wanted = scale * rewards + preset.discount * going_on * least
+        noise = (TARGET_NOISE * torch.randn_like(actions)).clamp(-MOST_NOISE, MOST_NOISE)
+        wanted = worth(scale * rewards, following, preset.discount * going_on, aims, noise)
         both = torch.cat([inputs, actions], 1)
         errors = [torch.nn.functional.mse_loss(critic(both).squeeze(1), wanted) for critic in critics]
         _descend(of_critics, errors[0] + errors[1])
@@ -177,6 +174,27 @@ def improved(steps: Transitions, preset: Preset, count: int, seed: int) -> Itera
                         slow.lerp_(fast, TARGET_RATE)
         if k % _TOLD == 0 or k == count:
             yield k, loss.item(), layers_of(actor)
+
+
+def worth(
+    rewards: torch.Tensor,
+    following: torch.Tensor,
+    discounts: torch.Tensor,
+    aims: Sequence[torch.nn.Module],
+    noise: torch.Tensor,
+) -> torch.Tensor:
+    """Returns what steps (n,) are worth by TD3: r + discount min(Q_1, Q_2) of what follows, of an action with noise.
+
+    Args:
+        discounts: (n,), 0 where the task has ended the episode.
+        aims: the actor's target, and those of two critics.
+        noise: (n, 2), added to the target's action before both are cut to [-1, 1].
+    """
+    actor, *critics = aims
+    with torch.no_grad():
+        later = torch.cat([following, (actor(following).clamp(-1.0, 1.0) + noise).clamp(-1.0, 1.0)], 1)
+        one, other = (critic(later).squeeze(1) for critic in critics)
+        return rewards + discounts * torch.minimum(one, other)
 
 
 LEARNERS: Mapping[str, Callable[[Transitions, Preset, int, int], Iterator[tuple[int, float, Layers]]]] = {
