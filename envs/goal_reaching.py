@@ -11,7 +11,7 @@ from wayfield.envs import records, sensing
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
-from wayfield.envs.grids import FRAME, Grids, clearance_around, frames_of, lay_grids, scan_grid
+from wayfield.envs.grids import FRAME, SCRATCH, Grids, clearance_around, frames_of, lay_grids, scan_grid
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
@@ -186,7 +186,7 @@ def observe(p, s, course, world, robots, i, row, out):
     sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, (s.x, s.y, s.heading), out, i, k)
     # where nothing is in reach, no beam is looked along
     if robots.grids.cells.shape[0] > 0 and s.clearance + p.hull_radius < p.max_range:
-        scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k)
+        scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k, lidar.scratch)
     sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
     sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
 
@@ -286,7 +286,7 @@ def step_rows(
     flags,
 ):
     """Runs `stepping.step_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
+    world = World(courses, goals, fields, scanner(params[0], beams, obstacles, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
@@ -296,15 +296,17 @@ def reset_rows(
     params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, cells, beams, out, numbers, flags
 ):
     """Runs `stepping.reset_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
+    world = World(courses, goals, fields, scanner(params[0], beams, obstacles, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
 
 
 @inlined
-def scanner(p, beams, obstacles):
-    """Returns the range scanner, with scratch for the obstacles (b, m) of a batch."""
-    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
+def scanner(p, beams, obstacles, cells):
+    """Returns the range scanner, with scratch for the obstacles (b, m) of a batch and for its maps."""
+    spans = np.empty((obstacles.shape[1], 2))
+    scratch = np.empty(SCRATCH if cells.shape[0] > 0 else 0)
+    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, spans, scratch)
 
 
 class GoalReaching(Task):

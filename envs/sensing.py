@@ -166,6 +166,7 @@ class Lidar(NamedTuple):
     beam_step: float  # rad
     max_range: float  # m
     spans: NDArray[np.float64]  # (m, 2) scratch, for at most m obstacles
+    scratch: NDArray[np.float64]  # (grids.SCRATCH,), for maps; (0,) where there are none
 
 
 @inlined
@@ -182,7 +183,7 @@ def scan_ranges(lidar, obstacles, field, count, pose, ranges, i, column):
         ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
             from the end.
     """
-    beams, first_beam, beam_step, max_range, spans = lidar
+    beams, first_beam, beam_step, max_range, spans, _ = lidar
     x, y, heading = pose
     num_beams = beams.shape[0]
     for k in range(num_beams):

@@ -48,6 +48,7 @@ def scan(
         float(angles[1] - angles[0]) if num_beams > 1 else FULL,
         max_range,
         np.empty((max(len(field), 1), 2)),
+        np.empty(0),
     )
     scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0, 0)
     return pose[2] + angles, ranges[0]
