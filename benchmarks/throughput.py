@@ -6,6 +6,7 @@ uniformly; resets are part of the work.
 """
 
 import dataclasses
+import itertools
 import json
 import math
 import multiprocessing
@@ -119,7 +120,7 @@ def building(rng: np.random.Generator) -> NDArray[np.bool_]:
     walls = walls[walls < 1990]
     for a in walls:
         occupied[a : a + 2] = occupied[:, a : a + 2] = True
-    for first, last in zip(walls, walls[1:], strict=False):
+    for first, last in itertools.pairwise(walls.tolist()):
         for a in walls:
             door, other = rng.integers(first + 4, last - 14, 2)
             occupied[a : a + 2, door : door + 12] = occupied[other : other + 12, a : a + 2] = False
