@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.blocks import blocks_clearance
 from wayfield.envs.checks import FARTHEST, choose, number, pose, shown
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import row_clearance, sin_cos
@@ -421,7 +422,10 @@ def clearance_around(robots, i, s, x, y):
     Args:
         robots: `stepping.Robots`.
     """
-    nearest = row_clearance(robots.obstacles, s.field, s.num_obstacles, x, y)
+    if s.num_blocks > 0:
+        nearest = blocks_clearance(robots.obstacles, s.field, s.num_obstacles, s.num_blocks, x, y)
+    else:
+        nearest = row_clearance(robots.obstacles, s.field, s.num_obstacles, x, y)
     if robots.grids.cells.shape[0] > 0:
         nearest = min(nearest, grid_clearance(robots.grids.frames[s.scenario], robots.grids.cells, x, y))
     return nearest
