@@ -6,6 +6,7 @@ uniformly; resets are part of the work.
 """
 
 import dataclasses
+import itertools
 import json
 import math
 import multiprocessing
@@ -96,9 +97,39 @@ def discs(count: int, rng: np.random.Generator) -> dict[str, Any]:
     return {"start": [0, 0, 0], "goal": [3, 0, 0], "obstacles": obstacles}
 
 
-def blocks(share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Returns a map of 2,000 x 2,000 cells, that share of them in blocks of 4 x 4; free around start and goal."""
-    occupied = np.kron(rng.random((500, 500)) < share, np.ones((4, 4), np.bool_)).astype(np.bool_)
+def boxes(count: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Returns the file of `discs` with a box of that size in place of each, turned at random."""
+    scenario = discs(count, rng)
+    scenario["obstacles"] = [
+        {"kind": "box", "x": each["x"], "y": each["y"], "length": 0.4, "width": 0.3, "heading": heading}
+        for each, heading in zip(scenario["obstacles"], rng.uniform(-3.0, 3.0, count).tolist(), strict=True)
+    ]
+    return scenario
+
+
+def blocks(share: float, rng: np.random.Generator, side: int = 4) -> NDArray[np.bool_]:
+    """Returns a map of 2,000 x 2,000 cells, that share of them in blocks `side` wide; free around start and goal."""
+    count = 2000 // side
+    return _cleared(np.kron(rng.random((count, count)) < share, np.ones((side, side), np.bool_)).astype(np.bool_))
+
+
+def building(rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Returns a map of 2,000 x 2,000 cells: rooms 4 to 9 m wide with doors of 1.2 m and furniture, cells of 0.1 m."""
+    occupied = np.zeros((2000, 2000), np.bool_)
+    walls = np.cumsum(rng.integers(40, 90, 60))
+    walls = walls[walls < 1990]
+    for a in walls:
+        occupied[a : a + 2] = occupied[:, a : a + 2] = True
+    for first, last in itertools.pairwise(walls.tolist()):
+        for a in walls:
+            door, other = rng.integers(first + 4, last - 14, 2)
+            occupied[a : a + 2, door : door + 12] = occupied[other : other + 12, a : a + 2] = False
+    for row, column, length, width in rng.integers((0, 0, 2, 2), (1994, 1994, 7, 7), (1600, 4)):
+        occupied[row : row + width, column : column + length] = True
+    return _cleared(occupied)
+
+
+def _cleared(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     occupied[980:1020, 980:1050] = False
     return occupied
 
@@ -117,11 +148,15 @@ def scanning() -> list[Contender]:
 
         for count in (16, 64, 1024):
             contender(f"goal reaching, 72 rays, {count:,} discs", discs(count, rng))
-        for share in (0.001, 0.01, 0.1):
-            np.save(Path(folder) / "map.npy", blocks(share, rng))
+        for count in (64, 1024):
+            contender(f"goal reaching, 72 rays, {count:,} boxes", boxes(count, rng))
+        maps = {f"{share:.1%} in blocks": blocks(share, rng) for share in (0.001, 0.1, 0.3)}
+        maps |= {"10.0% in single cells": blocks(0.1, rng, side=1), "a building": building(rng)}
+        for name, occupied in maps.items():
+            np.save(Path(folder) / "map.npy", occupied)
             told = {"file": "map.npy", "resolution": 0.1, "origin": [-100, -100, 0]}
             scenario = {"start": [0, 0, 0], "goal": [3, 0, 0], "map": told}
-            contender(f"goal reaching, 72 rays, 2,000 x 2,000 cells, {share:.1%} occupied", scenario)
+            contender(f"goal reaching, 72 rays, 2,000 x 2,000 cells, {name}", scenario)
     cartpole = vector_steps(CARTPOLE, NUM_SCANNING)
     return [*found, Contender(CARTPOLE, NUM_SCANNING, cartpole, cartpole=True)]
 

@@ -11,7 +11,7 @@ from wayfield.envs.checks import choose, memory, shown
 from wayfield.envs.compiled import machine_code
 from wayfield.envs.crew import bounds, crew
 from wayfield.envs.geometry import OBSTACLE
-from wayfield.envs.grids import scan_grid
+from wayfield.envs.grids import SCRATCH, scan_grid
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.sensing import BEAM_NOISE_COLUMN, Lidar, beam_directions, scan_ranges
 from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
@@ -151,6 +151,13 @@ class Batch:
             raise ValueError(f"options['scenario'] must be {kinds} from 0 to {last}, got {shown(value)}")
         return np.broadcast_to(chosen.astype(np.int64), (self.num_envs,))
 
+    @property
+    def told_obstacles(self) -> NDArray[np.void]:
+        """Returns the obstacles (rows, max_obstacles) as the scenarios have them; states["field"] is a robot's row."""
+        found = self.obstacles if self.task.shared_obstacles is None else self.task.fields
+        assert found is not None
+        return found
+
     def reset(
         self,
         rows: NDArray[np.int64],
@@ -280,7 +287,7 @@ class Batch:
         told = task.told(self.states, knows)
         if knows == "map":
             told |= {
-                "obstacles": self.obstacles[self.states["field"]],
+                "obstacles": self.told_obstacles[self.states["field"]],
                 "num_obstacles": task.obstacle_counts(self.states),
             }
             told.setdefault("patrols", np.zeros(told["obstacles"].shape, PATROL))
@@ -311,18 +318,19 @@ class Batch:
                 p["first_beam"].item(),
                 p["beam_step"].item(),
                 p["max_range"].item(),
-                np.empty((max(count, 1), 2)),
+                np.empty((max(count, 1), 3)),
+                np.empty(SCRATCH),
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
-            scan_ranges(lidar, self.obstacles, state["field"], count, pose, ranges, i, 0)
+            scan_ranges(lidar, self.obstacles, state["field"], count, state["num_blocks"], pose, ranges, i, 0)
             grids = self.task.grids
             if len(grids.cells):
-                scan_grid(grids.frames[state["scenario"]], grids.cells, pose, lidar.beams, ranges, i, 0)
+                scan_grid(grids.frames[state["scenario"]], grids.cells, pose, lidar.beams, ranges, i, 0, lidar.scratch)
             drawing["ranges"] = ranges[i]
         return Scene(
             robot=self.task.robot,
             pose=(float(state["x"]), float(state["y"]), float(state["heading"])),
-            obstacles=self.obstacles[state["field"], :count],
+            obstacles=self.told_obstacles[state["field"], :count],
             trail=trail,
             **(drawing | marks),
         )

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import records, sensing
+from wayfield.envs.blocks import in_blocks
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
-from wayfield.envs.grids import FRAME, Grids, clearance_around, frames_of, lay_grids, scan_grid
+from wayfield.envs.grids import FRAME, SCRATCH, Grids, clearance_around, frames_of, lay_grids, scan_grid
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
 from wayfield.envs.patrols import PATROL, patrol
@@ -84,6 +85,7 @@ COURSE = np.dtype(
         ("waypoint_radius", np.float64),
         ("num_goals", np.int64),
         ("num_obstacles", np.int64),
+        ("num_blocks", np.int64),  # of those, where no robot has its own: see blocks.in_blocks
         *FRAME,
     ],
     align=True,
@@ -183,10 +185,11 @@ def observe(p, s, course, world, robots, i, row, out):
     out[i, k + 2] = wrap_angle(goals[s.scenario, course.num_goals - 1, 2] - s.measured_heading)
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
     k += 4
-    sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, (s.x, s.y, s.heading), out, i, k)
+    pose = (s.x, s.y, s.heading)
+    sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, s.num_blocks, pose, out, i, k)
     # where nothing is in reach, no beam is looked along
     if robots.grids.cells.shape[0] > 0 and s.clearance + p.hull_radius < p.max_range:
-        scan_grid(course, robots.grids.cells, (s.x, s.y, s.heading), lidar.beams, out, i, k)
+        scan_grid(course, robots.grids.cells, pose, lidar.beams, out, i, k, lidar.scratch)
     sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
     sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
 
@@ -243,6 +246,7 @@ def place(p, s, world, robots, i, draws, j):
     course = world.courses[s.scenario]
     s.num_obstacles = course.num_obstacles
     s.field = s.scenario if p.shared_field == 1 else i
+    s.num_blocks = course.num_blocks if p.shared_field == 1 else 0
     if p.shared_field == 0:
         for k in range(course.num_obstacles):
             obstacles[i, k] = world.fields[s.scenario, k]
@@ -287,7 +291,7 @@ def step_rows(
     flags,
 ):
     """Runs `stepping.step_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
+    world = World(courses, goals, fields, scanner(params[0], beams, obstacles, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
@@ -297,15 +301,17 @@ def reset_rows(
     params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, cells, beams, out, numbers, flags
 ):
     """Runs `stepping.reset_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, obstacles))
+    world = World(courses, goals, fields, scanner(params[0], beams, obstacles, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
 
 
 @inlined
-def scanner(p, beams, obstacles):
-    """Returns the range scanner, with scratch for the obstacles (b, m) of a batch."""
-    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, np.empty((obstacles.shape[1], 2)))
+def scanner(p, beams, obstacles, cells):
+    """Returns the range scanner, with scratch for the obstacles (b, m) of a batch and for its maps."""
+    spans = np.empty((obstacles.shape[1], 3))
+    scratch = np.empty(SCRATCH if cells.shape[0] > 0 else 0)
+    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, spans, scratch)
 
 
 class GoalReaching(Task):
@@ -366,7 +372,10 @@ class GoalReaching(Task):
         # no columns, and no work, in a bank where nothing moves
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
         still = self.patrols.shape[1] == 0 and options.dynamics == "kinematic"
-        self.shared_obstacles = fields if still else None
+        self.fields = fields
+        self.shared_obstacles = None
+        if still:
+            self.shared_obstacles, courses["num_blocks"] = in_blocks(fields, courses["num_obstacles"])
         beams = sensing.beam_directions(self.beam_angles)
         self.world = (courses, goals, fields, self.patrols, self.grids.cells, beams)
         self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)

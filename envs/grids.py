@@ -5,6 +5,7 @@ Woo, and the clearance is the distance to them, both exact but for rounding: a c
 without looking, and how far the nearest occupied cell of its column is.
 """
 
+import collections
 import dataclasses
 import functools
 import hashlib
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.blocks import blocks_clearance
 from wayfield.envs.checks import FARTHEST, choose, number, pose, shown
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import row_clearance, sin_cos
@@ -26,16 +28,26 @@ BEYOND = ("occupied", "free")
 
 # A cell in six bytes, in five planes one behind the other. Four hold its rooms, one for each way that a ray may go on
 # (up or down the rows and the columns): 0 where it is occupied, else the most n, up to 255, for which the n x n cells
-# from it on that way are free. The last, of two bytes, tells on which sides of its column the nearest occupied cell is,
-# and in the upper 14 bits how many rows away.
+# from it on that way are free. They have a rim, one cell wide, of zeros: a ray that leaves the grid ends there. The
+# last plane, of two bytes, tells on which sides of its column the nearest occupied cell is, and in the upper 14 bits
+# how many rows away.
 _PLANES = 4
-_BYTES = 6
 _MOST_ROOM = 255
 _ABOVE = 1
 _BELOW = 2
 _ROWS_AWAY = 2
 # and of each row so many columns at a time, in two bytes, how many rows away the nearest of them is
 _BLOCK = 16
+
+# So many beams go on side by side, by the same arithmetic without a branch: that a processor does for several at once.
+# No power of two, so that their numbers do not all want the same place in its cache.
+TOGETHER = 120
+# the numbers of a beam on its way, in rows of TOGETHER
+_BEAM = collections.namedtuple(
+    "_BEAM", "gone room place u v along_u along_v inverse_u inverse_v far_u far_v at_u at_v step_u step_v plane reach"
+)
+_AT = _BEAM(*(TOGETHER * row for row in range(len(_BEAM._fields))))
+SCRATCH = TOGETHER * len(_BEAM._fields)  # numbers that `scan_grid` needs room for
 
 # Where a scenario's grid lies: what a record of the bank has besides.
 FRAME = [
@@ -102,9 +114,10 @@ class OccupancyGrid:
         """Returns the cells, of a little more than six bytes each, as the compiled functions read them."""
         rows, columns = self.occupied.shape
         blocks = -(-columns // _BLOCK)
-        cells = np.zeros(_BYTES * rows * columns + 2 * rows * blocks, np.uint8)
-        planes, sides, nearest = np.split(cells, [_PLANES * rows * columns, _BYTES * rows * columns])
-        _measure_rooms(self.occupied, planes.reshape(_PLANES, rows, columns))
+        rooms = _PLANES * (rows + 2) * (columns + 2)
+        cells = np.zeros(rooms + 2 * rows * (columns + blocks), np.uint8)
+        planes, sides, nearest = np.split(cells, [rooms, rooms + 2 * rows * columns])
+        _measure_rooms(self.occupied, planes.reshape(_PLANES, rows + 2, columns + 2))
         _measure_columns(self.occupied, sides.reshape(rows, columns, 2), nearest.reshape(rows, blocks, 2))
         return cells
 
@@ -242,25 +255,23 @@ def frames_of(grids: Grids, scenarios: NDArray[np.int64]) -> Grids:
 
 @compiled
 def _measure_rooms(occupied, planes):
-    """Fills the planes (4, rows, columns) of rooms: a free square is the least of three a cell on, and one more."""
+    """Fills planes (4, rows + 2, columns + 2) of rooms: a free square is the least of three a cell on, and one more."""
     rows, columns = occupied.shape
     for plane in range(4):
         step_column = -1 if plane & 1 else 1
         step_row = -1 if plane & 2 else 1
         for a in range(rows):
-            i = a if step_row < 0 else rows - 1 - a
+            i = a + 1 if step_row < 0 else rows - a
             for b in range(columns):
-                j = b if step_column < 0 else columns - 1 - b
-                if occupied[i, j]:
+                j = b + 1 if step_column < 0 else columns - b
+                if occupied[i - 1, j - 1]:
                     continue
-                room = np.int64(0)
-                # nothing is known to be free beyond the grid
-                if 0 <= i + step_row < rows and 0 <= j + step_column < columns:
-                    room = min(
-                        np.int64(planes[plane, i + step_row, j]),
-                        np.int64(planes[plane, i, j + step_column]),
-                        np.int64(planes[plane, i + step_row, j + step_column]),
-                    )
+                # the rim is 0: nothing is known to be free beyond the grid
+                room = min(
+                    np.int64(planes[plane, i + step_row, j]),
+                    np.int64(planes[plane, i, j + step_column]),
+                    np.int64(planes[plane, i + step_row, j + step_column]),
+                )
                 planes[plane, i, j] = min(room + 1, _MOST_ROOM)
 
 
@@ -305,6 +316,12 @@ def grid_place(frame, x, y):
     u = (frame.grid_cos * dx + frame.grid_sin * dy) / frame.grid_cell
     v = (frame.grid_cos * dy - frame.grid_sin * dx) / frame.grid_cell
     return u, v
+
+
+@inlined
+def first_side(frame):
+    """Returns where the plane that tells of columns begins: behind those of the rooms."""
+    return frame.grid_first + _PLANES * (frame.grid_rows + 2) * (frame.grid_columns + 2)
 
 
 @inlined
@@ -359,9 +376,10 @@ def grid_clearance(frame, cells, x, y):
         best = side * side
     row = int(min(max(0.0, math.floor(v)), rows - 1.0))
     column = int(min(max(0.0, math.floor(u)), columns - 1.0))
-    start = frame.grid_first + _PLANES * rows * columns + 2 * row * columns
+    sides = first_side(frame)
+    start = sides + 2 * row * columns
     blocks = (columns + _BLOCK - 1) // _BLOCK
-    nearest = frame.grid_first + _BYTES * rows * columns + 2 * row * blocks
+    nearest = sides + 2 * rows * columns + 2 * row * blocks
     own = column // _BLOCK
     best = least_in_block(cells, start, own, columns, row, u, v, best)
     for k in range(1, blocks):
@@ -382,8 +400,7 @@ def grid_clearance(frame, cells, x, y):
 @inlined
 def rows_away(frame, cells, row, column):
     """Returns how many rows from a cell the nearest occupied one of its column is; -1 where the column has none."""
-    size = frame.grid_rows * frame.grid_columns
-    place = frame.grid_first + _PLANES * size + 2 * (row * frame.grid_columns + column)
+    place = first_side(frame) + 2 * (row * frame.grid_columns + column)
     code = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
     return code >> _ROWS_AWAY if code & (_ABOVE | _BELOW) else -1
 
@@ -405,7 +422,10 @@ def clearance_around(robots, i, s, x, y):
     Args:
         robots: `stepping.Robots`.
     """
-    nearest = row_clearance(robots.obstacles, s.field, s.num_obstacles, x, y)
+    if s.num_blocks > 0:
+        nearest = blocks_clearance(robots.obstacles, s.field, s.num_obstacles, s.num_blocks, x, y)
+    else:
+        nearest = row_clearance(robots.obstacles, s.field, s.num_obstacles, x, y)
     if robots.grids.cells.shape[0] > 0:
         nearest = min(nearest, grid_clearance(robots.grids.frames[s.scenario], robots.grids.cells, x, y))
     return nearest
@@ -434,11 +454,13 @@ def ray_from(cells, area, gone, i, j, place, way, reach):
     # a square's far side, from the place: at its first cell plus the room, or at that less the room and one more
     far_u = -u if du >= 0.0 else 1.0 - u
     far_v = -v if dv >= 0.0 else 1.0 - v
-    plane = first + ((0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2)) * rows * columns
+    width = columns + 2
+    plane = first + ((0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2)) * (rows + 2) * width + width + 1
     while gone < reach:
-        room = np.int64(cells[np.uint64(plane + i * columns + j)])
+        room = np.int64(cells[np.uint64(plane + i * width + j)])
         if room == 0:
-            return gone
+            inside = 0 <= j < columns and 0 <= i < rows
+            return gone if inside or closed == 1 else reach
         to_u = (j + step_u * room + far_u) * inverse_u
         to_v = (i + step_v * room + far_v) * inverse_v
         gone = min(to_u, to_v)
@@ -452,8 +474,6 @@ def ray_from(cells, area, gone, i, j, place, way, reach):
             i += step_v * room
             at = int(u + gone * du)
             j = min(max(at, j), j + room - 1) if du >= 0.0 else max(min(at, j), j - room + 1)
-        if not (0 <= j < columns and 0 <= i < rows):
-            return gone if closed == 1 else reach
     return reach
 
 
@@ -494,13 +514,16 @@ def grid_ray(frame, cells, u, v, du, dv, reach):
 
 
 @compiled
-def scan_grid(frame, cells, pose, beams, ranges, i, column):
+def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch):
     """Shortens ranges[i, column:] (m) to the distance along each beam to what is occupied in a scenario's grid.
+
+    `ray_from` for many beams at once, with the same bits: every beam leaps until the last has ended.
 
     Args:
         pose: x, y (m), heading (rad).
         beams: (n, 2) cosine and sine of the beams in the body frame.
         ranges: (b, n) array of any float type, as `sensing.scan_ranges` leaves it.
+        scratch: (SCRATCH,) room for numbers.
     """
     if frame.grid_cell == 0.0:
         return
@@ -510,22 +533,127 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column):
     # the heading in the grid's frame
     cosine = c * frame.grid_cos + s * frame.grid_sin
     sine = s * frame.grid_cos - c * frame.grid_sin
+    if not (abs(cosine) < 2.0 and abs(sine) < 2.0):
+        return  # no number, or one that is no angle: such beams meet nothing
     cell = frame.grid_cell
-    area = frame.grid_first, frame.grid_rows, frame.grid_columns, frame.grid_closed
-    within = 0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows
-    row = int(v) if within else 0
-    own = int(u) if within else 0
-    for k in range(beams.shape[0]):
-        place = np.uint64(column + k)
-        du = cosine * beams[k, 0] - sine * beams[k, 1]
-        dv = sine * beams[k, 0] + cosine * beams[k, 1]
-        reach = ranges[i, place] / cell
-        if within:
-            distance = ray_from(cells, area, 0.0, row, own, (u, v), (du, dv), reach)
-        else:
+    if not (0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows):
+        for k in range(beams.shape[0]):
+            place = np.uint64(column + k)
+            du = cosine * beams[k, 0] - sine * beams[k, 1]
+            dv = sine * beams[k, 0] + cosine * beams[k, 1]
+            reach = ranges[i, place] / cell
             distance = grid_ray(frame, cells, u, v, du, dv, reach)
-        if distance < reach:
-            ranges[i, place] = distance * cell
+            if distance < reach:
+                ranges[i, place] = distance * cell
+        return
+    for first in range(0, beams.shape[0], TOGETHER):
+        count = min(beams.shape[0] - first, TOGETHER)
+        for k in range(count):
+            scratch[_AT.along_u + k] = cosine * beams[first + k, 0] - sine * beams[first + k, 1]
+            scratch[_AT.along_v + k] = sine * beams[first + k, 0] + cosine * beams[first + k, 1]
+        for k in range(count):
+            scratch[_AT.reach + k] = ranges[i, np.uint64(column + first + k)] / cell
+        aim(frame, u, v, scratch, count)
+        while look(cells, scratch, count):
+            leap(scratch, count)
+        if frame.grid_closed == 0:
+            stop_inside(frame, scratch, count)
+        for k in range(count):
+            place = np.uint64(column + first + k)
+            if scratch[_AT.gone + k] < scratch[_AT.reach + k]:
+                ranges[i, place] = scratch[_AT.gone + k] * cell
+
+
+@inlined
+def aim(frame, u, v, scratch, count):
+    """Writes what `leap` reads of beams that begin at a place within the grid, along the vectors that stand there.
+
+    All as if each went up the rows and the columns: with the other sign where it goes down. A beam's place is that of
+    its room in the cells.
+    """
+    width = frame.grid_columns + 2.0
+    size = (frame.grid_rows + 2.0) * width
+    j = math.floor(u)
+    i = math.floor(v)
+    here = frame.grid_first + (i + 1.0) * width + j + 1.0
+    for k in range(count):
+        du = scratch[_AT.along_u + k]
+        dv = scratch[_AT.along_v + k]
+        left = du < 0.0
+        down = dv < 0.0
+        scratch[_AT.along_u + k] = abs(du)
+        scratch[_AT.along_v + k] = abs(dv)
+        scratch[_AT.inverse_u + k] = 1.0 / abs(du)
+        scratch[_AT.inverse_v + k] = 1.0 / abs(dv)
+        scratch[_AT.u + k] = -u if left else u
+        scratch[_AT.v + k] = -v if down else v
+        # a square's far side, from the place: at its first cell plus the room
+        scratch[_AT.far_u + k] = u - 1.0 if left else -u
+        scratch[_AT.far_v + k] = v - 1.0 if down else -v
+        scratch[_AT.at_u + k] = -j if left else j
+        scratch[_AT.at_v + k] = -i if down else i
+        scratch[_AT.step_u + k] = -1.0 if left else 1.0
+        scratch[_AT.step_v + k] = -width if down else width
+        plane = (size if left else 0.0) + (2.0 * size if down else 0.0)
+        scratch[_AT.plane + k] = frame.grid_first + width + 1.0 + plane
+        scratch[_AT.place + k] = here + plane
+        scratch[_AT.gone + k] = 0.0
+
+
+@inlined
+def look(cells, scratch, count):
+    """Writes the room of each beam; returns whether any has some."""
+    found = 0
+    for k in range(count):
+        room = np.int64(cells[np.uint64(np.int64(scratch[_AT.place + k]))])
+        scratch[_AT.room + k] = room
+        found |= room
+    return found != 0
+
+
+@inlined
+def leap(scratch, count):
+    """Lets beams go on to where they leave the free squares that they are in; one whose room is 0 stays."""
+    for k in range(count):
+        room = scratch[_AT.room + k]
+        side_u = scratch[_AT.at_u + k] + room
+        side_v = scratch[_AT.at_v + k] + room
+        to_u = (side_u + scratch[_AT.far_u + k]) * scratch[_AT.inverse_u + k]
+        to_v = (side_v + scratch[_AT.far_v + k]) * scratch[_AT.inverse_v + k]
+        across = to_u < to_v
+        gone = to_u if across else to_v
+        # said so that each is an instruction
+        at_u = np.trunc(scratch[_AT.u + k] + gone * scratch[_AT.along_u + k])
+        at_u = scratch[_AT.at_u + k] if at_u < scratch[_AT.at_u + k] else at_u
+        at_u = side_u - 1.0 if side_u - 1.0 < at_u else at_u
+        at_v = np.trunc(scratch[_AT.v + k] + gone * scratch[_AT.along_v + k])
+        at_v = scratch[_AT.at_v + k] if at_v < scratch[_AT.at_v + k] else at_v
+        at_v = side_v - 1.0 if side_v - 1.0 < at_v else at_v
+        at_u = side_u if across else at_u
+        at_v = at_v if across else side_v
+        place = scratch[_AT.plane + k] + at_u * scratch[_AT.step_u + k] + at_v * scratch[_AT.step_v + k]
+        stays = room == 0.0
+        scratch[_AT.at_u + k] = at_u
+        scratch[_AT.at_v + k] = at_v
+        # where the first cell of the rim is, there is no room either
+        place = 0.0 if gone >= scratch[_AT.reach + k] else place
+        scratch[_AT.place + k] = scratch[_AT.place + k] if stays else place
+        scratch[_AT.gone + k] = scratch[_AT.gone + k] if stays else gone
+
+
+@inlined
+def stop_inside(frame, scratch, count):
+    """Lets beams that have ended on the rim of a grid, beyond which all is free, go as far as they reach."""
+    width = frame.grid_columns + 2.0
+    height = frame.grid_rows + 2.0
+    for k in range(count):
+        place = scratch[_AT.place + k] - frame.grid_first
+        line = np.floor(place / width)
+        column = place - line * width
+        row = line - np.floor(line / height) * height
+        # without a branch, as all here
+        inside = (column >= 1.0) & (column <= frame.grid_columns) & (row >= 1.0) & (row <= frame.grid_rows)
+        scratch[_AT.gone + k] = scratch[_AT.gone + k] if inside else scratch[_AT.reach + k]
 
 
 @compiled
@@ -539,5 +667,7 @@ def _clearances(frames, cells, points):
 @compiled
 def _rays(frames, cells, points, headings, lengths):
     ahead = np.array([[1.0, 0.0]])
+    scratch = np.empty(SCRATCH)
     for k in range(points.shape[0]):
-        scan_grid(frames[0], cells, (points[k, 0], points[k, 1], headings[k]), ahead, lengths.reshape(-1, 1), k, 0)
+        pose = (points[k, 0], points[k, 1], headings[k])
+        scan_grid(frames[0], cells, pose, ahead, lengths.reshape(-1, 1), k, 0, scratch)

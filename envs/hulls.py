@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.blocks import BLOCK, nearest_block, next_block
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos
 from wayfield.envs.grids import clearance_around, grid_clearance, grid_place, rows_away
@@ -51,9 +52,37 @@ def box_clearance(p, robots, i, s, x, y, heading):
     sine, cosine = sin_cos(heading)
     half_length = 0.5 * p.hull_length
     half_width = 0.5 * p.hull_width
-    nearest = np.inf
-    for j in range(s.num_obstacles):
-        obstacle = robots.obstacles[s.field, j]
+    pose = (x, y, cosine, sine)
+    count = s.num_obstacles
+    blocks = s.num_blocks
+    if blocks == 0:
+        nearest = nearer_rectangle(p, robots.obstacles, s.field, 0, count, pose, np.inf)
+    else:
+        k = nearest_block(robots.obstacles, s.field, count, blocks, x, y)
+        last = min((k + 1) * BLOCK, count)
+        nearest = nearer_rectangle(p, robots.obstacles, s.field, k * BLOCK, last, pose, np.inf)
+        k = next_block(robots.obstacles, s.field, count, blocks, 0, x, y, nearest + p.hull_radius)
+        while k < blocks:
+            last = min((k + 1) * BLOCK, count)
+            nearest = nearer_rectangle(p, robots.obstacles, s.field, k * BLOCK, last, pose, nearest)
+            k = next_block(robots.obstacles, s.field, count, blocks, k + 1, x, y, nearest + p.hull_radius)
+    if robots.grids.cells.shape[0] > 0:
+        frame = robots.grids.frames[s.scenario]
+        nearest = min(nearest, grid_rectangle_distance(frame, robots.grids.cells, pose, half_length, half_width))
+    return nearest
+
+
+@inlined
+def nearer_rectangle(p, obstacles, i, first, last, pose, nearest):
+    """Returns the least of `nearest` and the signed distances (m) from a robot's rectangle to obstacles of row i.
+
+    Args:
+        first, last: the obstacles meant, from the first on and without the last.
+        pose: x, y (m), cosine and sine of the heading.
+    """
+    x, y, cosine, sine = pose
+    for j in range(first, last):
+        obstacle = obstacles[i, j]
         # the discs around both are farther apart than what was found: most obstacles are no nearer
         dx = obstacle.x - x
         dy = obstacle.y - y
@@ -65,11 +94,8 @@ def box_clearance(p, robots, i, s, x, y, heading):
         )
         if reach > 0.0 and dx * dx + dy * dy >= reach * reach:
             continue
-        nearest = min(nearest, rectangle_distance(obstacle, x, y, cosine, sine, half_length, half_width))
-    if robots.grids.cells.shape[0] > 0:
-        frame = robots.grids.frames[s.scenario]
-        pose = (x, y, cosine, sine)
-        nearest = min(nearest, grid_rectangle_distance(frame, robots.grids.cells, pose, half_length, half_width))
+        found = rectangle_distance(obstacle, x, y, cosine, sine, 0.5 * p.hull_length, 0.5 * p.hull_width)
+        nearest = min(nearest, found)
     return nearest
 
 

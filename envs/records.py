@@ -44,6 +44,7 @@ ROBOT_STATE = [
     ("measured_yaw_rate", np.float64),
     ("num_obstacles", np.int64),  # around it
     ("field", np.int64),  # the row that they stand in
+    ("num_blocks", np.int64),  # that those of the row are put into, behind which blocks.in_blocks has discs around them
     ("clearance", np.float64),  # m, from the hull to the nearest obstacle; inf without obstacles
     ("contact", np.int64),  # 1 when the hull touched something in this step
     ("saturated", np.int64),  # 1 when the wheels could not turn as fast as the action asked

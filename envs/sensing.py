@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import inlined
+from wayfield.envs.blocks import BLOCK, next_block
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import MANY, beyond, ray_to_box, ray_to_circle, sin_cos, sines, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
@@ -165,45 +166,31 @@ class Lidar(NamedTuple):
     first_beam: float  # rad, body frame
     beam_step: float  # rad
     max_range: float  # m
-    spans: NDArray[np.float64]  # (m, 2) scratch, for at most m obstacles
+    spans: NDArray[np.float64]  # (m, 3) scratch, for at most m obstacles
+    scratch: NDArray[np.float64]  # (grids.SCRATCH,), for maps; (0,) where there are none
 
 
 @inlined
-def scan_ranges(lidar, obstacles, field, count, pose, ranges, i, column):
-    """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
-
-    Each obstacle is taken into the body frame and asked only about the beams that can meet it, so that the cost goes
-    with what the robot sees, not with beams times obstacles.
+def add_spans(max_range, spans, obstacles, field, first, last, pose, seen):
+    """Writes the bearings of those obstacles of a row that are in reach behind the `seen` first; returns how many then.
 
     Args:
-        lidar: a Lidar.
-        obstacles: OBSTACLE records, (rows, m); the first `count` of row `field` are used.
-        pose: x, y (m), heading (rad).
-        ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
-            from the end.
+        first, last: the obstacles meant, from the first on and without the last.
+        pose: x, y (m), sine and cosine of the heading.
     """
-    beams, first_beam, beam_step, max_range, spans = lidar
-    x, y, heading = pose
-    num_beams = beams.shape[0]
-    for k in range(num_beams):
-        ranges[i, np.uint64(column + k)] = max_range
-    s, c = sin_cos(heading)
-    # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that
-    # guesses wrong should not have to wait for an angle to find out.
-    for j in range(count):
+    x, y, s, c = pose
+    for j in range(first, last):
         obstacle = obstacles[field, j]
-        if count > MANY and beyond(obstacle, x, y, max_range):
-            spans[j, 0] = 1.0
-            spans[j, 1] = -1.0
+        if last > MANY and beyond(obstacle, x, y, max_range):
             continue
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy
         py = c * dy - s * dx
         if obstacle.half_length == 0.0 and obstacle.half_width == 0.0:
-            spans[j, 0], spans[j, 1] = circle_bearings(px, py, obstacle.radius, max_range)
+            right, left = circle_bearings(px, py, obstacle.radius, max_range)
         else:
-            spans[j, 0], spans[j, 1] = box_bearings(
+            right, left = box_bearings(
                 px,
                 py,
                 obstacle.cos * c + obstacle.sin * s,
@@ -212,13 +199,59 @@ def scan_ranges(lidar, obstacles, field, count, pose, ranges, i, column):
                 obstacle.half_width,
                 max_range,
             )
+        spans[seen, 0] = right
+        spans[seen, 1] = left
+        spans[seen, 2] = j
+        # out of range, or nowhere: what is no number has no beams
+        seen += 1 if right <= left else 0
+    return seen
+
+
+@compiled
+def spans_of_blocks(max_range, spans, obstacles, field, count, blocks, pose):
+    """Writes what `add_spans` does of all obstacles of a row that is in blocks; returns how many bearings there are."""
+    x, y, _, _ = pose
+    seen = 0
+    block = next_block(obstacles, field, count, blocks, 0, x, y, max_range)
+    while block < blocks:
+        last = min((block + 1) * BLOCK, count)
+        seen = add_spans(max_range, spans, obstacles, field, block * BLOCK, last, pose, seen)
+        block = next_block(obstacles, field, count, blocks, block + 1, x, y, max_range)
+    return seen
+
+
+@inlined
+def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column):
+    """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
+
+    Each obstacle is taken into the body frame and asked only about the beams that can meet it, so that the cost goes
+    with what the robot sees, not with beams times obstacles.
+
+    Args:
+        lidar: a Lidar.
+        obstacles: OBSTACLE records, (rows, m); the first `count` of row `field` are used.
+        blocks: how many blocks those are in, see `blocks.in_blocks`; 0: in none.
+        pose: x, y (m), heading (rad).
+        ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
+            from the end.
+    """
+    beams, first_beam, beam_step, max_range, spans, _ = lidar
+    x, y, heading = pose
+    num_beams = beams.shape[0]
+    for k in range(num_beams):
+        ranges[i, np.uint64(column + k)] = max_range
+    s, c = sin_cos(heading)
+    # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that
+    # guesses wrong should not have to wait for an angle to find out.
+    if blocks > 0:
+        seen = spans_of_blocks(max_range, spans, obstacles, field, count, blocks, (x, y, s, c))
+    else:
+        seen = add_spans(max_range, spans, obstacles, field, 0, count, (x, y, s, c), 0)
     inverse_step = 1.0 / beam_step
     # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
     wraps = abs(num_beams * beam_step - 6.283185307179586) < 1e-9
-    for j in range(count):
-        if not spans[j, 0] <= spans[j, 1]:
-            continue  # out of range, or nowhere: what is no number has no beams
-        obstacle = obstacles[field, j]
+    for j in range(seen):
+        obstacle = obstacles[field, np.int64(spans[j, 2])]
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy

@@ -170,7 +170,9 @@ class Task(abc.ABC):
     max_obstacles: int
     patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
     grids: Grids = NO_GRIDS
-    shared_obstacles: NDArray[np.void] | None = None  # (scenarios, max_obstacles) where none moves or is pushed
+    # where none moves or is pushed, those of the bank: (scenarios, max_obstacles), and as `blocks.in_blocks` puts them
+    fields: NDArray[np.void] | None = None
+    shared_obstacles: NDArray[np.void] | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
         """Returns the task itself: it never changes, and the maps of its bank are large."""

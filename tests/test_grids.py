@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import wayfield.envs
-from wayfield.envs.geometry import OBSTACLE
-from wayfield.envs.grids import MOST_SIDE, OccupancyGrid
+from wayfield.envs.geometry import OBSTACLE, sines
+from wayfield.envs.grids import MOST_SIDE, NO_GRIDS, SCRATCH, TOGETHER, OccupancyGrid, lay_grids, scan_grid
 from wayfield.envs.scenarios import maps
 from wayfield.envs.scenarios.obstacles import box, obstacle_field
 
@@ -117,6 +117,44 @@ def test_a_clearance_changes_by_no_more_than_a_metre_per_metre_and_a_ray_ends_on
     assert (grid.clearances(points + lengths[:, None] * ways)[hits] <= 1e-9).all()
 
 
+def traversed(grid: OccupancyGrid, place: Array, way: Array, reach: float) -> float:
+    """Returns how far a ray goes, in cells, by the traversal of Amanatides and Woo from cell to cell."""
+    rows, columns = grid.occupied.shape
+    (u, v), (du, dv) = place.tolist(), way.tolist()
+    j, i, gone = int(u), int(v), 0.0
+    step_u, step_v = 1 if du >= 0.0 else -1, 1 if dv >= 0.0 else -1
+    inverse_u, inverse_v = (1.0 / each if each else math.inf for each in (du, dv))
+    while gone < reach:
+        if not (0 <= i < rows and 0 <= j < columns):
+            return gone if grid.beyond != FREE else reach
+        if grid.occupied[i, j]:
+            return gone
+        to_u = (j + step_u + (-u if du >= 0.0 else 1.0 - u)) * inverse_u
+        to_v = (i + step_v + (-v if dv >= 0.0 else 1.0 - v)) * inverse_v
+        gone = min(to_u, to_v)
+        i, j = (i, j + step_u) if to_u < to_v else (i + step_v, j)
+    return reach
+
+
+@pytest.mark.parametrize("beyond", ["occupied", "free"])
+@pytest.mark.parametrize("density", [0.0, 0.01, 0.1, 0.4])
+def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, beyond: str) -> None:
+    rng = np.random.default_rng(11)
+    grid = OccupancyGrid(rng.random((37, 53)) < density, 0.25, beyond=beyond)
+    grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
+    beams = np.ascontiguousarray(sines(np.linspace(-3.1, 3.1, 2 * TOGETHER + 3))[::-1].T)  # more than go at once
+    for point in rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25):
+        # what stands nearer than the map has been seen already
+        before = rng.uniform(0.0, 8.0, (1, len(beams)))
+        ranges = before.copy()
+        scan_grid(grids.frames[0], grids.cells, (*point, 0.0), beams, ranges, 0, 0, np.empty(SCRATCH))
+        place = grid.places(point)
+        for k, beam in enumerate(beams):
+            reach = before[0, k] / 0.25
+            gone = traversed(grid, place, beam, reach)
+            assert ranges[0, k] == (gone * 0.25 if gone < reach else before[0, k])
+
+
 def test_axis_aligned_rays_in_the_middle_of_cells() -> None:
     occupied = np.zeros((5, 9), np.bool_)
     occupied[2, 6] = True
@@ -149,7 +187,7 @@ def test_a_grid_takes_seven_bytes_a_cell_however_many_robots_there_are(tmp_path:
     envs: Any = gymnasium.make_vec(
         "wayfield/DiffDriveGoalObstacles-v0", 64, vectorization_mode="vector_entry_point", scenario=str(file)
     )
-    assert envs.task.grids.cells.size == 6 * 36 + 2 * 6
+    assert envs.task.grids.cells.size == 4 * 8 * 8 + 2 * 6 * 6 + 2 * 6
     assert envs.task.grids.cells is envs.task.scenarios[0].grid.cells
 
 

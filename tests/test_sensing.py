@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import records
+from wayfield.envs.blocks import FEW, blocks_clearance, in_blocks
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import MANY, clearance, clearance_to, row_clearance
 from wayfield.envs.robots import ROBOTS
@@ -47,9 +48,11 @@ def scan(
         float(angles[0]),
         float(angles[1] - angles[0]) if num_beams > 1 else FULL,
         max_range,
-        np.empty((max(len(field), 1), 2)),
+        np.empty((max(len(field), 1), 3)),
+        np.empty(0),
     )
-    scan_ranges(lidar, field[None], 0, len(field), pose, ranges, 0, 0)
+    fields, blocks = in_blocks(field[None], np.array([len(field)]))
+    scan_ranges(lidar, fields, 0, len(field), blocks[0], pose, ranges, 0, 0)
     return pose[2] + angles, ranges[0]
 
 
@@ -355,7 +358,7 @@ def test_a_wall_longer_than_the_range_is_seen_by_every_beam_that_reaches_it(
     np.testing.assert_allclose(ranges, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("count", [3, MANY, MANY + 1, 400])
+@pytest.mark.parametrize("count", [3, MANY, MANY + 1, FEW + 1, 700])
 def test_many_obstacles_are_seen_as_each_alone(count: int) -> None:
     """To the last bit: those out of reach are passed over, and a minimum does not depend on its order."""
     rng = np.random.default_rng(count)
@@ -370,10 +373,13 @@ def test_many_obstacles_are_seen_as_each_alone(count: int) -> None:
         alone = [scan(field[k : k + 1], (x, y, heading), 72, FULL, 5.0)[1] for k in range(count)]
         np.testing.assert_array_equal(ranges, np.min(alone, axis=0))
         nearest = min(float(clearance_to(each, x, y)) for each in field)
-        assert nearest_of(field[None], len(field), x, y) == nearest
+        for fields, blocks in (in_blocks(field[None], np.array([count])), (field[None], np.zeros(1, np.int64))):
+            assert nearest_of(fields, count, blocks[0], x, y) == nearest
 
 
 @compiled
-def nearest_of(obstacles, count, x, y):  # type: ignore[no-untyped-def]
+def nearest_of(obstacles, count, blocks, x, y):  # type: ignore[no-untyped-def]
     """Returns the clearance among many as the kernels ask for it."""
+    if blocks > 0:
+        return blocks_clearance(obstacles, 0, count, blocks, x, y)
     return row_clearance(obstacles, 0, count, x, y)
