@@ -15,7 +15,7 @@ from wayfield.envs.disturbances import DISTURBANCES, Disturbance
 from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered
-from wayfield.envs.scenarios.tasks import TaskSpec
+from wayfield.envs.specs import TaskSpec
 
 CONTROL_PERIOD = 0.05  # s
 

@@ -12,18 +12,13 @@ from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
-from wayfield.envs.scenarios import TASKS, TaskSpec, scenarios_of, wall
+from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.reading import is_number
 
 World = dict[str, Any]
 
 DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a shove
-
-
-def spec_of(env_id: str) -> TaskSpec:
-    """Returns the task of an environment's registered id."""
-    return next(spec for spec in TASKS.values() if env_id in spec.ids.values())
 
 
 def keys_of(setting: Setting) -> list[str]:
@@ -70,10 +65,10 @@ def _robot(setting: Setting) -> Robot:
 
 def plain(scenario: Any, steps: int) -> World:
     """Returns a scenario as lists and numbers that JSON keeps to the last bit, with its clock in control periods."""
-    kind = next(spec.kind for spec in TASKS.values() if spec.scenario is type(scenario))
+    spec = next(spec for spec in TASKS.values() if spec.scenario is type(scenario))
     quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
     world: World = {
-        "kind": kind,
+        "kind": spec.kind,
         "name": scenario.name,
         "family": scenario.family,
         "tier": scenario.tier,
@@ -82,7 +77,7 @@ def plain(scenario: Any, steps: int) -> World:
         "start_offset": scenario.start_offset,
         "start_turn": scenario.start_turn,
     }
-    if kind == "path":
+    if spec.on_path:
         return world | {
             "path": scenario.path.points.tolist(),
             "closed": scenario.path.closed,
