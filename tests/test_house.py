@@ -163,7 +163,8 @@ def test_nobody_guesses_which_task_it_is() -> None:
 
 # What a task that is another with other numbers takes, tests and pages aside; CONTRIBUTING.md has the same list.
 FILES_OF_A_TASK = {
-    *("envs/{task}.py", "envs/scenarios/{task}_families.py", "envs/scenarios/splits/{task}.json", "envs/specs.py"),
+    *("envs/{task}.py", "envs/scenarios/{task}_families.py", "envs/specs.py"),
+    *("envs/scenarios/splits/{task}.json", "envs/scenarios/splits/{task}_claims.json"),
     *("benchmarks/contests/{task}.py", "benchmarks/contests/__init__.py"),
 }
 # Where it is named besides, because somebody wanted to.
