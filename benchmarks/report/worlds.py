@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium.utils.seeding import np_random
 
 from wayfield.benchmarks.run_folder import WORLDS
@@ -85,16 +86,26 @@ def plain(scenario: Any, steps: int) -> World:
             "start": scenario.start and list(scenario.start),
             "corridor": scenario.corridor,
         }
-    return world | {
-        "start": list(scenario.start),
-        "goal": list(scenario.goal),
-        "waypoints": [list(point) for point in scenario.waypoints],
-        "obstacles": [list(each) for each in (*scenario.obstacles.tolist(), *_walls(scenario))],
-        "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
-        "position_tolerance": scenario.position_tolerance,
-        "heading_tolerance": scenario.heading_tolerance,
-        "waypoint_radius": scenario.waypoint_radius,
-    }
+    return (
+        world
+        | {
+            "start": list(scenario.start),
+            "goal": list(scenario.goal),
+            "waypoints": [list(point) for point in scenario.waypoints],
+            "obstacles": [list(each) for each in (*scenario.obstacles.tolist(), *_walls(scenario))],
+            "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
+            "position_tolerance": scenario.position_tolerance,
+            "heading_tolerance": scenario.heading_tolerance,
+            "waypoint_radius": scenario.waypoint_radius,
+        }
+        | _closing(scenario)
+    )
+
+
+def _closing(scenario: Any) -> World:
+    """Returns how far each obstacle is moved up to a smaller hull, (m, 2), where any is."""
+    closing = np.asarray(getattr(scenario, "closing", ()))
+    return {"closing": closing.tolist()} if closing.any() else {}
 
 
 def _walls(scenario: Any) -> list[Any]:
