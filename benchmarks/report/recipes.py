@@ -42,6 +42,8 @@ TO_POSES: Mapping[str, Decision] = {
     "smooth_pose": ("smooth_pose", "approach", "twists", "unicycle"),
     "smooth_pose_backward": ("smooth_pose", "approach", "twists", "unicycle"),
     "reeds_shepp": ("reeds_shepp", "drive", "twists", "unicycle"),
+    "waypoint": ("waypoint", "drive", "twists", "planar"),
+    "apf_corrected": ("potential_field", "steer", "twists", "planar"),
     "vfh_plus": ("vfh_plus", "steer", "twists", "planar"),
     "dwa": ("dwa", "choose_twists", "twists", "planar"),
     "mppi": ("mppi", "decide", "twists", "planar"),
