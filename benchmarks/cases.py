@@ -9,7 +9,6 @@ from wayfield.policies.policy import Policy
 
 PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"
-DOCKING = "wayfield/OmniDocking-v0"
 DIFF_DRIVE_GOAL_REACHING = "wayfield/DiffDriveGoalObstacles-v0"
 
 # One figure, or the lower and upper end of a published range.

@@ -85,7 +85,7 @@ def compare(
     Args:
         policies: names of POLICIES, objects with the four members of `Policy`, "module:Class key=value ...", or the
             model.zip of stable-baselines3, which can run code when it is loaded.
-        contest: "path-following", "goal-obstacles", "docking", or a folder of scenario files.
+        contest: a name of CONTESTS, such as "path-following", or a folder of scenario files.
         families: of the test split; None: all.
         robot: the name of one that ships, the .json file of a data sheet, or a `wayfield.envs.robots.Robot`.
         episodes: the first of each family; None: all. Of a file, how often it is driven; None: once.

@@ -14,9 +14,10 @@ import click
 
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contest_report import holding
+from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.document_figures import stem_of
 from wayfield.benchmarks.evaluate import _ended_by_signals, _print, _report
-from wayfield.benchmarks.own_scenario import OF_KIND, POLICIES, SUFFIXES, own_cases
+from wayfield.benchmarks.own_scenario import POLICIES, SUFFIXES, own_cases
 from wayfield.benchmarks.results import Row, readable, write_rows, write_trajectories
 from wayfield.benchmarks.run_folder import Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, episodes

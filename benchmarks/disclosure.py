@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 
 from wayfield.benchmarks.contests import PAPER, TRAINED, Contest
-from wayfield.envs.scenarios import PathScenario
 
 _TOLD: Mapping[str, str] = {
     "sensors": "nothing",
@@ -49,7 +48,7 @@ class Disclosure:
 
 def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Disclosure:
     """Returns what an entry has; of a policy from outside of the package, what it declares that it knows."""
-    on_path = contest.spec.scenario is PathScenario
+    on_path = contest.spec.on_path
     sees = _SEES_PATHS if on_path else _SEES_GOALS
     known = knows.removeprefix("own, ")
     # who knows the path is told the goal where there is none

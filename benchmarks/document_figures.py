@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.documents import TITLES
 from wayfield.benchmarks.drawing import (
     PATH_COLOUR,
@@ -30,7 +31,7 @@ _FLOOR = ("zero", "random")
 
 
 def draw(wanted: tuple[Path, str, str]) -> None:
-    """Draws one of the FIGURES as .svg and .png, given the folder of the run, the document and the figure's name.
+    """Draws one of the figures as .svg and .png, given the folder of the run, the document and the figure's name.
 
     The first episode of a case stands for it, and the first plant of the run; the tables compare the plants.
     """
@@ -44,7 +45,7 @@ def draw(wanted: tuple[Path, str, str]) -> None:
     for row in rows:
         experiments.setdefault(row["experiment"], []).append((row, trajectories[row["trajectory"]]))
     stem = f"{stem_of(document)}_{name}"
-    saved(lambda: FIGURES[document][name](experiments), folder / stem)
+    saved(lambda: figures_of(document)[name](experiments), folder / stem)
 
 
 def colours(experiments: Experiments) -> dict[str, str]:
@@ -54,7 +55,7 @@ def colours(experiments: Experiments) -> dict[str, str]:
 
 
 def stem_of(document: str) -> str:
-    """Returns what the names of a document's figures, or those of the user's own path, goal or dock, begin with."""
+    """Returns what the names of a document's figures, or those of a scenario of the user's own, begin with."""
     return f"document_{document.lower()}" if document in TITLES else document
 
 
@@ -171,14 +172,20 @@ def goal_seekers(experiments: Experiments) -> Figure:
     return figure
 
 
-FIGURES: Mapping[str, Mapping[str, Callable[[Experiments], Figure]]] = {
+Figures = Mapping[str, Callable[[Experiments], Figure]]
+
+FIGURES: Mapping[str, Figures] = {
     "A": {"trajectories": driven_paths, "errors": reference_errors},
     "B": {"waypoints": waypoints},
     "C": {"potential_field": goal_seekers},
-    "path": {"trajectories": driven_paths, "errors": reference_errors},
-    "goal": {"trajectories": goal_seekers},
-    "dock": {"trajectories": goal_seekers},
 }
+_ON_PATHS: Figures = {"trajectories": driven_paths, "errors": reference_errors}
+_TO_POSES: Figures = {"trajectories": goal_seekers}
+
+
+def figures_of(document: str) -> Figures:
+    """Returns the figures of a document, or those of a scenario of the user's own, by their names."""
+    return FIGURES[document] if document in FIGURES else _ON_PATHS if OF_KIND[document].spec.on_path else _TO_POSES
 
 
 def _label(row: Row) -> str:

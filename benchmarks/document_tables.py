@@ -6,12 +6,13 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 
 from wayfield.benchmarks.cases import Case, Figure
+from wayfield.benchmarks.contests import OF_KIND
+from wayfield.benchmarks.contests.contest import DEGREES
 from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.documents import TITLES
 from wayfield.benchmarks.results import Row, number
 from wayfield.benchmarks.table import Table
 
-_DEGREES = 180.0 / math.pi
 _OUTCOMES = ("success", "collision", "left_corridor", "timeout")
 
 
@@ -40,10 +41,10 @@ _COLUMNS = {
     "B": (
         Column("arrivals (s)", tuple(f"arrival_time_{i}" for i in range(1, 5)), 2),
         Column("path length then (m)", ("arrival_path_length",), 2),
-        Column("heading off then (deg)", ("arrival_heading_error",), 1, _DEGREES),
+        Column("heading off then (deg)", ("arrival_heading_error",), 1, DEGREES),
         Column("time (s)", ("time",), 2),
         Column("final error (m)", ("final_position_error",)),
-        Column("(deg)", ("final_heading_error",), 1, _DEGREES),
+        Column("(deg)", ("final_heading_error",), 1, DEGREES),
         Column("clearance (m)", ("min_clearance",), 2),
     ),
     "C": (
@@ -52,36 +53,11 @@ _COLUMNS = {
         Column("from centres (m)", ("centre_distance",), 2),
         Column("final x error (m)", ("final_x_error",)),
         Column("y (m)", ("final_y_error",)),
-        Column("heading (deg)", ("final_heading_error",), 1, _DEGREES),
+        Column("heading (deg)", ("final_heading_error",), 1, DEGREES),
         Column("ends at (m)", ("final_x", "final_y")),
-    ),
-    "path": (
-        Column("completion", ("completion",), 2),
-        *(column for column in _PATH_COLUMNS if column.header != "steady offset (m)"),
-        Column("p95 (m)", ("cross_track_p95",)),
-        Column("heading error (deg)", ("heading_error_rms",), 1, _DEGREES),
-    ),
-    "goal": (
-        Column("time (s)", ("time",), 2),
-        Column("driven (m)", ("path_length",), 2),
-        Column("mean speed (m/s)", ("mean_speed",), 2),
-        Column("least clearance (m)", ("min_clearance",), 2),
-        Column("final error (m)", ("final_position_error",)),
-        Column("(deg)", ("final_heading_error",), 1, _DEGREES),
-        Column("faults", ("faults",), 0),
-    ),
-    "dock": (
-        Column("time (s)", ("time",), 2),
-        Column("final error (m)", ("final_position_error",)),
-        Column("(deg)", ("final_heading_error",), 1, _DEGREES),
-        Column("driven (m)", ("path_length",), 2),
-        Column("changes of direction", ("direction_changes",), 0),
-        Column("least clearance (m)", ("min_clearance",), 2),
-        Column("faults", ("faults",), 0),
     ),
 }
 
-_OF_GOALS = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 _NOTES = {
     "A": (
         "Cross-track errors: RMS over the driven arc length, then over time as published; + is left of the path. "
@@ -94,9 +70,6 @@ _NOTES = {
         "the document's real runs, which were disturbed too, stopped short of the goal. Table 1 prints an x error of "
         "0.058 m for scenario 2, 0.020 m when a misprint is mended."
     ),
-    "path": "RMS error over the driven arc length, then over time; jumps are leaps of the reference point.",
-    "goal": _OF_GOALS,
-    "dock": f"A success is at rest within 0.05 m and 0.05 rad, unless the file says otherwise. {_OF_GOALS}",
 }
 
 
@@ -177,10 +150,19 @@ def _groups(rows: Sequence[Row]) -> dict[tuple[str, ...], list[Row]]:
     return groups
 
 
+def _shown(document: str) -> tuple[tuple[Column, ...], str]:
+    """Returns the columns of a document's table, or of that of a scenario of the user's own, and its note."""
+    if document in _COLUMNS:
+        return _COLUMNS[document], _NOTES[document]
+    contest = OF_KIND[document]
+    columns = (Column(each.header, (each.metric,), each.decimals, each.factor) for each in contest.own_columns)
+    return tuple(columns), contest.own_note
+
+
 def _table(
     document: str, rows: Sequence[Row], published: Mapping[tuple[str, str, str, str], Mapping[str, Figure]]
 ) -> Table:
-    columns = _COLUMNS[document]
+    columns, note = _shown(document)
     groups = _groups(rows)
     tiers = {row["actuators"] for row in rows}
     lines = []
@@ -195,7 +177,6 @@ def _table(
     header = ["experiment", "policy", "plant", "outcome", *(column.header for column in columns), "off by"]
     # a column that no row of this run fills only takes room
     filled = [i for i in range(len(header)) if i < 4 or any(line[i] for line in lines)]
-    note = _NOTES[document]
     if compared:
         note = "Cells read ours / published; off by is the largest deviation from a published figure. " + note
     return Table(

@@ -111,12 +111,12 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
     "--path",
     "path",
     metavar="FILE",
-    help="A path (.csv, .txt, .json), or a goal or docking scenario (.json), of your own, instead of a suite.",
+    help="A scenario of your own (.json; a path also .csv, .txt), instead of a suite.",
 )
 @click.option(
     "--scenarios",
     metavar="FOLDER",
-    help="A contest on the scenario files of a folder, paths, goals or docks (.csv, .txt, .json), instead of a suite.",
+    help="A contest on the scenario files of a folder (.json; paths also .csv, .txt), instead of a suite.",
 )
 @click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
 @click.option("--data", metavar="FOLDER", help="The official files of a public benchmark.")
@@ -154,9 +154,9 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 @on_cluster
 def main(**given: Any) -> None:
     """Runs a suite and prints its tables: the experiments of the three documents beside what they published
-    (documents); controllers and trained agents against each other on frozen test scenarios (path-following,
-    goal-obstacles, docking), and under growing disturbances (disturbances), or in public benchmarks whose files you
-    have (barn, mrpb, movingai, racetracks); or the documents and a test scenario a family (overview).
+    (documents); controllers and trained agents against each other on the frozen test scenarios of a task (its name),
+    and under growing disturbances (disturbances), or in public benchmarks whose files you have (barn, mrpb, movingai,
+    racetracks); or the documents and a test scenario a family (overview).
 
     Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
     (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
@@ -518,13 +518,13 @@ def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
 
 def _report(folder: Path, cases: Iterable[Case], engine: Engine) -> list[Table]:
     """Writes tables and figures into a folder, from its episodes and trajectories alone; returns the tables."""
-    from wayfield.benchmarks.document_figures import FIGURES, draw
+    from wayfield.benchmarks.document_figures import draw, figures_of
 
     rows = read_rows(folder)
     shown = document_tables(rows, cases)
     (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
     found = dict.fromkeys(row["document"] for row in rows)
-    wanted = [(folder, document, name) for document in found for name in FIGURES[document]]
+    wanted = [(folder, document, name) for document in found for name in figures_of(document)]
     for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
         pass
     return shown

@@ -11,7 +11,6 @@ import rich.table
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS, TIERS
-from wayfield.envs.scenarios.about import ABOUT_FAMILIES
 
 _PAPER = 1000  # characters, where nobody looks: one line an entry, for other commands to read
 
@@ -47,7 +46,7 @@ def scenarios() -> None:
         for family in spec.families:
             tiers = [tier for name in SPLITS for tier in splits.tiers(spec.name, family, name)]
             there = ", ".join(tier for tier in TIERS if tier in tiers)
-            rows.append([family, there, ABOUT_FAMILIES[family]])
+            rows.append([family, there, spec.repertoire.about[family]])
         _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
     sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())
     _say(

@@ -2,7 +2,7 @@
 
 Cross-track and heading errors are weighted by the arc length that was driven along the path, so that a policy gains
 nothing by dawdling where it tracks well (Snider, CMU-RI-TR-09-08); `cross_track_rms_time` is the plain mean over the
-control periods, as the source documents print it.
+control periods, as the source documents print it. What one task alone is measured by stands with its contest.
 """
 
 import math
@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 
 JUMP = 0.5  # m, by which a reference point must leap within one control period to count as jumping
 SETTLED = 1.0  # m along the path, after which a start beside it is no longer what is measured
-LEAST_SPEED = 0.02  # m/s, under which a robot drives neither forward nor backward
 NEAR = 0.1  # m, clearance under which a robot counts as close to an obstacle
 
 
@@ -26,7 +25,7 @@ METRICS = (
     *("completion", "cross_track_rms", "cross_track_rms_time", "cross_track_mean", "cross_track_max"),
     *("cross_track_p95", "steady_offset", "heading_error_rms", "reference_jumps", "settled_rms"),
     *("min_clearance", "mean_clearance", "near_share", "centre_distance"),
-    *("direction_changes", "final_x", "final_y", "final_x_error", "final_y_error"),
+    *("final_x", "final_y", "final_x_error", "final_y_error"),
     *("final_position_error", "final_heading_error"),
     *("effort", "saturated_share", "ldlj", "squared_jerk", "velocity_smoothness", "faults", "spl", "sct"),
     *("barn_score", "barn_score_2022"),
@@ -45,7 +44,6 @@ def measure(trajectory: Trajectory, arrival_radius: float | None = None) -> dict
         dict.fromkeys(METRICS, math.nan)
         | outcome(trajectory)
         | {"time": taken(trajectory), "path_length": length, "mean_speed": length / duration(trajectory)}
-        | {"direction_changes": float(direction_changes(trajectory.twists))}
         | tracking(trajectory)
         | clearance(trajectory)
         | final_pose(trajectory)
@@ -86,16 +84,6 @@ def taken(trajectory: Trajectory) -> float:
 def path_length(poses: Array) -> float:
     """Returns the length of the driven polyline through poses (n, 3), m."""
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-
-
-def direction_changes(twists: Array) -> int:
-    """Returns how often the motion along the robot's axis changes between forward and backward; twists (n, 3).
-
-    A creep under LEAST_SPEED is neither.
-    """
-    forward = twists[:, 0] if len(twists) else np.empty(0)
-    signs = np.sign(forward[np.abs(forward) >= LEAST_SPEED])
-    return int((np.diff(signs) != 0.0).sum())
 
 
 def tracking(trajectory: Trajectory) -> dict[str, float]:

@@ -12,24 +12,22 @@ import numpy as np
 
 from wayfield import policies
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.contests import CONTESTS, OWN_SPLIT, TRAINED, Contest, Course
+from wayfield.benchmarks.contests import OF_KIND, OWN_SPLIT, TRAINED, Contest, Course
 from wayfield.benchmarks.run_folder import file_digest
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.envs.checks import FINEST
 from wayfield.envs.objects import json_object
 from wayfield.envs.readers import reader
 from wayfield.envs.robots import AnyRobot, robot_of, shipped_name
-from wayfield.envs.scenarios import PathScenario, scenarios_of
+from wayfield.envs.scenarios import scenarios_of
 from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.scenarios.maps import map_files
 from wayfield.envs.task import CONTROL_PERIOD
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.policy import check_robot, lacks
 
-OF_KIND = {contest.spec.kind: contest for contest in CONTESTS.values()}
 POLICIES = {kind: tuple(dict.fromkeys((*contest.policies, "zero", "random"))) for kind, contest in OF_KIND.items()}
 SUFFIXES = (".csv", ".json", ".txt")
-_DOES = {"path": "follow paths", "goal": "reach goals among obstacles", "dock": "come to rest at a pose"}
 
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s
@@ -96,7 +94,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     contest = OF_KIND[kind_of(file)]
     spec = contest.spec
     scenario: Any
-    if spec.scenario is not PathScenario:
+    if not spec.on_path:
         if scale is not None:
             raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
         (scenario,) = scenarios_of(spec, file, FINEST)
@@ -137,10 +135,10 @@ def own_cases(
     for name in names or ():
         if name not in POLICIES[kind]:
             known = ", ".join(map(repr, POLICIES[kind]))
-            raise ValueError(f"--policies {name!r} does not {_DOES[kind]}; choose from {known}")
+            raise ValueError(f"--policies {name!r} does not {OF_KIND[kind].spec.asks}; choose from {known}")
         check_robot(policies.make(name), robot)
     own = own_scenario(file, scale)
-    if own.contest.spec.scenario is not PathScenario:
+    if not own.contest.spec.on_path:
         scenarios_of(own.contest.spec, own.file, robot.hull_radius)
     if names is None:
         agents = shipped(own.contest.spec.name, robot.name) if isinstance(shipped_name(robot), str) else {}
@@ -173,7 +171,7 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
     if not files:
         raise ValueError(f"{folder!r} holds no scenarios: no .csv, .json or .txt file")
-    own = [own_scenario(str(file), scale if kind_of(str(file)) == "path" else None) for file in files]
+    own = [own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.on_path else None) for file in files]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:
         found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
@@ -186,7 +184,7 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     contest = own[0].contest
     if scale is not None and own[0].scale is None:
         raise ValueError(f"--scale belongs to paths: the files hold {contest.spec.kind} scenarios")
-    if contest.spec.scenario is not PathScenario:
+    if not contest.spec.on_path:
         hull = robot_of(robot).hull_radius
         for each in own:
             scenarios_of(contest.spec, each.file, hull)

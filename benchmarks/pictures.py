@@ -9,6 +9,7 @@ import dataclasses
 import hashlib
 import io
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image, PngImagePlugin
 
+from wayfield.benchmarks.contests import CONTESTS, Film
 from wayfield.benchmarks.drawing import PATH_COLOUR, RC, SOLID, colour, goal_mark, obstacle_patches, plt
 from wayfield.benchmarks.drives import Drive, Place
 from wayfield.benchmarks.video import filmed, gif, picture
@@ -38,24 +40,8 @@ _PICTURE_PX, _FILM_PX = 560, 280
 _SKIP, _PACE = 5, 2.5  # control periods between two frames of a film; times the robot's
 
 
-@dataclasses.dataclass(frozen=True)
-class Shown:
-    """The drive that stands for an environment."""
-
-    policy: str
-    scenario: str
-    index: int
-    robot: str
-    seconds: float = 30.0  # at most
-
-
-SHOWN = {
-    "wayfield/DiffDrivePathFollowing-v0": Shown("regulated_pure_pursuit", "figure_eights_tangent/train", 1, "p3dx"),
-    "wayfield/OmniPathFollowing-v0": Shown("lqr", "s_curves_medium/train", 2, "mecanum4"),
-    "wayfield/DiffDriveGoalObstacles-v0": Shown("scan_planner", "rooms/train", 1, "turtlebot3", 60.0),
-    "wayfield/OmniGoalObstacles-v0": Shown("vfh_plus", "moving_crowd/train", 0, "omni4"),
-    "wayfield/DiffDriveDocking-v0": Shown("reeds_shepp", "berth/train", 3, "p3dx"),
-    "wayfield/OmniDocking-v0": Shown("apf_corrected", "wall/train", 2, "omni3"),
+FILMS: Mapping[str, Film] = {
+    contest.spec.ids[holonomic]: film for contest in CONTESTS.values() for holonomic, film in contest.films.items()
 }
 
 
@@ -79,7 +65,7 @@ def digest(spec: TaskSpec) -> str:
     told = hashlib.sha256()
     for family in spec.families:
         scenario = example(spec, family)
-        if spec.kind == "path":
+        if spec.on_path:
             numbers = scenario.path.points
         else:
             there = [scenario.obstacles[name] for name in ("x", "y", "half_length", "half_width", "radius")]
@@ -96,7 +82,7 @@ def sheet(spec: TaskSpec) -> Figure:
         axis.axis("off")
     for axis, family in zip(axes.flat, spec.families, strict=False):
         scenario = example(spec, family)
-        if spec.kind == "path":
+        if spec.on_path:
             _path(axis, scenario)
         else:
             _field(axis, scenario)
@@ -178,7 +164,7 @@ def sheet_png(spec: TaskSpec) -> bytes:
 
 def driven(env_id: str) -> tuple[bytes, bytes]:
     """Returns the whole way of the drive that stands for an environment, as a PNG, and a film of it as a GIF."""
-    shown = SHOWN[env_id]
+    shown = FILMS[env_id]
     place = Place(env_id, shown.scenario, shown.index, robot_of(shown.robot), "lagged", None, None, (), 0, "tuned")
     env = place.make(shown.policy)
     drive = Drive(env, place.policy(shown.policy, env))
@@ -196,7 +182,7 @@ def driven(env_id: str) -> tuple[bytes, bytes]:
 def files() -> dict[str, bytes]:
     """Returns all pictures by their names."""
     made = {sheet_name(spec): sheet_png(spec) for spec in TASKS.values()}
-    for env_id in SHOWN:
+    for env_id in FILMS:
         made[f"{stem_of(env_id)}.png"], made[f"{stem_of(env_id)}.gif"] = driven(env_id)
     return made
 

@@ -15,7 +15,6 @@ from wayfield.benchmarks.cases import Case, Rules
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.scenarios import PathScenario
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.pilot import Pilot
@@ -138,7 +137,7 @@ def _trajectory(
         success=flags["success"],
         collision=flags["collision"],
     )
-    if env.task.spec.scenario is PathScenario:
+    if env.task.spec.on_path:
         return _on_path(driven, env.task, briefing, policy, states, flags)
     assert briefing.goals is not None
     assert briefing.num_goals is not None

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 
 from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
 from wayfield.benchmarks.results import Row, readable, text
@@ -12,6 +13,7 @@ from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs import goal_reaching
 from wayfield.envs.engines import Map
+from wayfield.envs.scenarios import spec_of
 
 Episode = tuple[Row, Trajectory]
 WORST = 3  # episodes of each entry of a contest that are shown
@@ -83,7 +85,10 @@ def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
         "arrival_radius": "" if case.arrival_radius is None else text(case.arrival_radius),
     }
     conditions = {name: readable(value) for name, value in conditions.items()}
-    return conditions | {name: text(value) for name, value in measure(trajectory, case.arrival_radius).items()}
+    found = measure(trajectory, case.arrival_radius)
+    of_task = OF_KIND[spec_of(case.env_id).kind].metrics
+    found |= {name: metric(trajectory) for name, metric in of_task.items()}
+    return conditions | {name: text(value) for name, value in found.items()}
 
 
 def _compiling_once(settings: Iterable[Setting]) -> list[int]:

@@ -31,10 +31,11 @@ import rich.table
 from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
-from wayfield.benchmarks.cases import DOCKING, GOAL_REACHING, PATH_FOLLOWING
+from wayfield.benchmarks.cases import GOAL_REACHING, PATH_FOLLOWING
 from wayfield.benchmarks.progress import tracked
 from wayfield.envs.checks import MOST_THREADS
 from wayfield.envs.command_line import OneLineErrors
+from wayfield.envs.scenarios import TASKS
 
 CARTPOLE = "CartPole-v1"
 NUM_ENVS = 1024
@@ -165,12 +166,13 @@ def contenders() -> list[Contender]:
     """Returns all that are timed; each has taken its first, slow steps."""
     goal: dict[str, Any] = {"scenario": "discs", "num_beams": 32}
     pymunk: dict[str, Any] = {"dynamics": "pymunk"}
+    docking = TASKS["docking"].ids[True]
     chosen = [
         Contender("path following", NUM_ENVS, vector_steps(PATH_FOLLOWING, NUM_ENVS)),
         Contender("goal reaching, 32 rays", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, **goal)),
         # with as many obstacles, namely none
         Contender("goal reaching in the open", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, scenario="open_field")),
-        Contender("docking in the open", NUM_ENVS, vector_steps(DOCKING, NUM_ENVS, scenario="open")),
+        Contender("docking in the open", NUM_ENVS, vector_steps(docking, NUM_ENVS, scenario="open")),
         Contender(CARTPOLE, NUM_ENVS, vector_steps(CARTPOLE, NUM_ENVS), cartpole=True),
         *scanning(),
         Contender("path following", 1, single_steps(PATH_FOLLOWING)),

@@ -10,7 +10,7 @@ from wayfield.envs.grids import Grids
 from wayfield.envs.observation import Layout
 from wayfield.envs.paths import PathPool
 from wayfield.envs.robots import Actuators, Robot
-from wayfield.envs.scenarios.tasks import TaskSpec
+from wayfield.envs.specs import TaskSpec
 
 KNOWS = ("sensors", "path", "goal", "map")
 

@@ -40,7 +40,7 @@ def command(p, s, actions, i):
         vx *= 1e9 / largest
         vy *= 1e9 / largest
         yaw_rate *= 1e9 / largest
-    factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, vx, vy, yaw_rate)
+    factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, p.turn_speed, vx, vy, yaw_rate)
     s.saturated = factor < 1.0
     s.command_vx, s.command_vy, s.command_yaw_rate = limit_acceleration(
         s.command_vx,

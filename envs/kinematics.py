@@ -52,17 +52,21 @@ def plain_sum_matrix(matrix: ArrayLike, radii: ArrayLike) -> NDArray[np.float64]
 
 
 @inlined
-def saturation_factor(matrix, num_wheels, limit, vx, vy, yaw_rate):
+def saturation_factor(matrix, num_wheels, limit, turn_limit, vx, vy, yaw_rate):
     """Returns the one factor in (0, 1] by which a twist is scaled so that no wheel turns faster than `limit` (rad/s).
 
-    One factor for all wheels keeps the direction of motion and the ICC radius; clipping each wheel would bend the path.
+    Nor does the base turn faster than `turn_limit` (rad/s), which is the driver's. One factor for all keeps the
+    direction of motion and the ICC radius; clipping each wheel would bend the path.
     """
     fastest = 0.0
     for i in range(num_wheels):
         fastest = max(fastest, abs(matrix[i, 0] * vx + matrix[i, 1] * vy + matrix[i, 2] * yaw_rate))
+    factor = 1.0
     if fastest > limit:
-        return limit / fastest
-    return 1.0
+        factor = limit / fastest
+    if factor * abs(yaw_rate) > turn_limit:
+        factor = turn_limit / abs(yaw_rate)
+    return factor
 
 
 @inlined

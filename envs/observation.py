@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.scenarios.tasks import TaskSpec
+from wayfield.envs.specs import TaskSpec
 
 Fields = TypeVar("Fields", bound=tuple[Any, ...])
 

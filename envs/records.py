@@ -63,6 +63,7 @@ ROBOT_PARAMS = [
     ("wheel_matrix", np.float64, (MAX_WHEELS, 3)),  # twist to wheel speeds, rad/s
     ("forward_matrix", np.float64, (3, MAX_WHEELS)),  # wheel speeds to twist
     ("wheel_speed_limit", np.float64),  # rad/s
+    ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate; inf: it has none
     ("acceleration", np.float64),  # m/s^2
     ("yaw_acceleration", np.float64),  # rad/s^2
     ("lag_decay", np.float64),  # share of a deviation left after dt

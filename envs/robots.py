@@ -50,6 +50,7 @@ _RANGES: Mapping[str, tuple[float, float, str]] = {
     "peak_wheel_speed": (1e-3, 1e4, "rad/s"),
     "acceleration": (1e-3, 1e4, "m/s^2"),
     "yaw_acceleration": (1e-3, 1e5, "rad/s^2"),
+    "turn_speed": (1e-3, 1e4, "rad/s"),
     "lag": (0.0, 10.0, "s"),
     "range": (1e-3, 1e4, "m"),
     "angle": (1e-3, FULL_TURN, "rad"),
@@ -127,6 +128,8 @@ class Robot:
     friction: float  # of a wheel on the floor, along its traction
     rated_wheel_speed: float  # rad/s, what the motors hold in every tier but "ideal"
     peak_wheel_speed: float  # rad/s, in the tier "ideal"
+    # rad/s, at which the robot's driver stops turns, in every tier; inf: only the wheels do
+    turn_speed: float = math.inf
     # in the tier "lagged"; "slow" has half the accelerations and 2.5 times the lag
     acceleration: float = _NOMINAL.acceleration  # m/s^2
     yaw_acceleration: float = _NOMINAL.yaw_acceleration  # rad/s^2
@@ -150,6 +153,8 @@ class Robot:
             object.__setattr__(self, name, _number(name, getattr(self, name)))
         for name in ("acceleration", "yaw_acceleration", "lag", "wheelbase"):
             object.__setattr__(self, name, _number(name, getattr(self, name)))
+        if real(self.turn_speed) != math.inf:
+            object.__setattr__(self, "turn_speed", _number("turn_speed", self.turn_speed))
         if self.hull_box is not None:
             object.__setattr__(self, "hull_box", _box(self.hull_box))
             object.__setattr__(self, "hull_radius", 0.5 * math.hypot(*self.hull_box))
@@ -311,8 +316,13 @@ class Robot:
 
     @functools.cached_property
     def max_twist(self) -> NDArray[np.float64]:
-        """Returns the largest value of each commandable twist component alone at rated wheel speed, m/s and rad/s."""
-        return np.asarray(self.rated_wheel_speed / np.abs(self.wheel_matrix[:, self.twist_axes]).max(axis=0))
+        """Returns the largest value of each commandable twist component alone, m/s and rad/s.
+
+        At rated wheel speed, and no faster than the driver turns.
+        """
+        found = np.asarray(self.rated_wheel_speed / np.abs(self.wheel_matrix[:, self.twist_axes]).max(axis=0))
+        found[-1] = min(found[-1], self.turn_speed)
+        return found
 
     def actuators(self, tier: str) -> Actuators:
         """Returns the robot's actuators in a named tier: what `ACTUATORS` says, scaled by what the data sheet does."""
@@ -330,6 +340,8 @@ class Robot:
         content = dataclasses.asdict(self)
         for name in ("name", "title", "sources"):
             del content[name]
+        if self.turn_speed == math.inf:
+            del content["turn_speed"]  # sheets without it are what they were before there was one
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def __str__(self) -> str:
@@ -362,7 +374,7 @@ def wheel_matrix(wheels: Sequence[Wheel]) -> NDArray[np.float64]:
 
 _SHEET = (
     *("name", "title", "drive", "wheels", "hull", "mass", "inertia", "friction", "driven_load"),
-    *("rated_wheel_speed", "peak_wheel_speed", "acceleration", "yaw_acceleration", "lag"),
+    *("rated_wheel_speed", "peak_wheel_speed", "turn_speed", "acceleration", "yaw_acceleration", "lag"),
     *("encoders", "sensors", "sources"),
 )
 _REQUIRED = ("drive", "wheels", "hull", "mass", "inertia", "friction", "rated_wheel_speed")
@@ -372,8 +384,9 @@ _OMNI = ("x", "y", "direction", "radius")
 # Good ones of the user's, for those who check what becomes of bad ones.
 _SAMPLE = """{"name": "mine", "title": "My robot", "drive": "differential", "wheels": {"radius": 0.05, "track": 0.3,
 "effective_track": 0.4, "wheelbase": 0.2}, "hull": {"radius": 0.22}, "mass": 6, "inertia": 0.1, "friction": 0.7,
-"driven_load": 0.9, "rated_wheel_speed": 15, "peak_wheel_speed": 20, "acceleration": 1.5, "yaw_acceleration": 4,
-"lag": 0.05, "sensors": {"beams": 36, "range": 4, "angle": 4.71}, "sources": {"wheels": "measured"}}"""
+"driven_load": 0.9, "rated_wheel_speed": 15, "peak_wheel_speed": 20, "turn_speed": 6, "acceleration": 1.5,
+"yaw_acceleration": 4, "lag": 0.05, "sensors": {"beams": 36, "range": 4, "angle": 4.71}, "sources":
+{"wheels": "measured"}}"""
 _BOX = '{"kind": "box", "length": 0.5, "width": 0.4}'
 _OMNI_SAMPLE = """{"drive": "omni", "wheels": [{"x": 0.2, "y": 0, "direction": 1.57, "radius": 0.04}, {"x": -0.1,
 "y": 0.17, "direction": 3.67, "radius": 0.04}, {"x": -0.1, "y": -0.17, "direction": 5.76, "radius": 0.05}], "encoders":

@@ -15,7 +15,7 @@ from wayfield.envs.disturbances import DISTURBANCES, Disturbance
 from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.observation import Layout
 from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered
-from wayfield.envs.scenarios.tasks import TaskSpec
+from wayfield.envs.specs import TaskSpec
 
 CONTROL_PERIOD = 0.05  # s
 
@@ -82,6 +82,7 @@ class Options:
             "wheel_matrix": _padded(robot.wheel_matrix, (records.MAX_WHEELS, 3)),
             "forward_matrix": _padded(robot.forward_matrix, (3, records.MAX_WHEELS)),
             "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
+            "turn_speed": robot.turn_speed,
             "acceleration": actuators.acceleration,
             "yaw_acceleration": actuators.yaw_acceleration,
             "lag_decay": decay,

@@ -224,7 +224,9 @@ def fill_disc(p, command, aim, turn, fastest, candidates):
 @inlined
 def put(plant, candidates, c, vx, vy, w):
     """Enters a twist, cut to what the wheels can turn."""
-    factor = saturation_factor(plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, vx, vy, w)
+    factor = saturation_factor(
+        plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, vx, vy, w
+    )
     candidates[c, 0] = factor * vx
     candidates[c, 1] = factor * vy
     candidates[c, 2] = factor * w

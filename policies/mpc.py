@@ -36,6 +36,7 @@ MODEL = aligned(
         ("acceleration", np.float64),  # m/s^2
         ("yaw_acceleration", np.float64),  # rad/s^2
         ("wheel_speed_limit", np.float64),  # rad/s
+        ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate
         ("speed", np.float64),  # m/s
         ("turn_radius", np.float64),  # m
         ("position", np.float64),  # twice the weights in the sum over the steps: 1/m
@@ -211,6 +212,7 @@ class Mpc:
                 "acceleration": actuators.acceleration,
                 "yaw_acceleration": actuators.yaw_acceleration,
                 "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
+                "turn_speed": robot.turn_speed,
                 "speed": self.speed,
                 "turn_radius": self.turn_radius,
                 "position": 2.0 * self.position * step,
@@ -655,7 +657,7 @@ def apply(model, wheels, commands, brake, command, i, twists):
     v = 0.0 if brake else command[i, 0] + share * (commands[i, 0, 0] - command[i, 0])
     w = 0.0 if brake else command[i, 1] + share * (commands[i, 1, 0] - command[i, 1])
     v = min(max(v, 0.0), m.speed)
-    factor = saturation_factor(wheels, wheels.shape[0], m.wheel_speed_limit, v, 0.0, w)
+    factor = saturation_factor(wheels, wheels.shape[0], m.wheel_speed_limit, m.turn_speed, v, 0.0, w)
     command[i, 0], _, command[i, 1] = limit_acceleration(
         command[i, 0], 0.0, command[i, 1], factor * v, 0.0, factor * w, m.acceleration, m.yaw_acceleration, m.dt
     )

@@ -455,7 +455,7 @@ def apply(params, wheels, commands, command, i, twists):
     share = 1.0 / p.substeps
     v = command[i, 0] + share * (commands[i, 0, 0] - command[i, 0])
     w = command[i, 1] + share * (commands[i, 1, 0] - command[i, 1])
-    factor = saturation_factor(wheels, wheels.shape[0], p.plant.wheel_speed_limit, v, 0.0, w)
+    factor = saturation_factor(wheels, wheels.shape[0], p.plant.wheel_speed_limit, p.plant.turn_speed, v, 0.0, w)
     command[i, 0], _, command[i, 1] = limit_acceleration(
         command[i, 0], 0.0, command[i, 1], factor * v, 0.0, factor * w, p.plant.acceleration, p.plant.yaw_acceleration,
         p.dt,

@@ -533,7 +533,7 @@ def roll_out(p, plan, command, wheels, goal, clearances, ways):
         to_vy = plan[t, 1]
         to_yaw_rate = plan[t, 2]
         factor = saturation_factor(
-            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, to_vx, to_vy, to_yaw_rate
+            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, to_vx, to_vy, to_yaw_rate
         )
         vx, vy, yaw_rate = limit_acceleration(
             vx,

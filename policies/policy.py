@@ -10,7 +10,7 @@ from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import MOST_GAIN, MOST_WHOLE, real, refuse, truth, whole
 from wayfield.envs.robots import ROBOTS, Robot
-from wayfield.envs.scenarios import PathScenario, TaskSpec
+from wayfield.envs.scenarios import TaskSpec
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Policy(Protocol):
 
 def observation_of(task: TaskSpec) -> type:
     """Returns what a task gives its policies to observe."""
-    return path_following.Observation if task.scenario is PathScenario else goal_reaching.Observation
+    return path_following.Observation if task.on_path else goal_reaching.Observation
 
 
 def check_gain(

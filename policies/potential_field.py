@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import lengths, nearest_surface, sines
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import bearing, lengths, nearest_surface, sin_cos, sines
 from wayfield.envs.grids import grid_clearance, grid_normal
 from wayfield.envs.patrols import patrol
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import velocity_twists
+from wayfield.policies.parts.steering import Map, velocity_twists
 from wayfield.policies.policy import check_gain, check_switch
 
 MEMORY = np.dtype(
@@ -145,56 +145,87 @@ class CorrectedField:
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
-        to_goal = world_from_body(observation.goal, observation.pose)
-        force = np.empty_like(to_goal)
-        obstacles, counts = obstacles_now(briefing, observation.pose, memory)
-        corrected_forces(params(self, briefing), obstacles, counts, observation.pose, to_goal, memory, force)
-        return velocity_twists(
-            briefing.robot,
-            body_from_world(force, observation.pose),
-            observation.goal_heading_error,
-            self.k if briefing.robot.holonomic else self.turn_gain,
-        )
+        twists = np.empty((len(observation.pose), 3))
+        seen = observation.pose, observation.goal, observation.goal_heading_error
+        steer(params(self, briefing), Map.of(briefing), *seen, memory, twists)
+        return twists[:, briefing.robot.twist_axes]
 
 
 @compiled
-def corrected_forces(params, obstacles, counts, poses, to_goal, memory, forces):
-    """Fills the (b, 2) forces of `CorrectedField`, in the world frame, and keeps the sides up to date."""
+def steer(params, told, poses, goals, turns, memory, twists):
+    """Fills the (b, 3) twists of `CorrectedField.act` and keeps the sides up to date."""
     p = params[0]
+    here = np.zeros((1, told.obstacles.shape[1] + 1), told.obstacles.dtype)
     for i in range(poses.shape[0]):
-        m = memory[i]
-        ex, ey = to_goal[i]
-        d = math.sqrt(ex * ex + ey * ey)
-        shorten = min(p.k, p.max_speed / max(d, 1e-12))
-        fx = shorten * ex
-        fy = shorten * ey
-        ahead = False
-        for j in range(counts[i]):
-            distance, nx, ny = nearest_surface(obstacles[i, j], poses[i, 0], poses[i, 1])
-            # a touching hull is pushed away with the force of a millimetre's gap
-            rho = max(distance - p.plant.hull_radius, 1e-3)
-            if rho > p.rho_0:
-                continue
-            gap = 1.0 / rho - 1.0 / p.rho_0
-            push = p.eta * gap * d * d / (rho * rho)
-            pull = p.eta * gap * gap
-            fx += pull * ex
-            fy += pull * ey
-            if nx * ex + ny * ey < 0.0:
-                ahead = True
-                if m.side == 0.0:
-                    # left when the goal is left of the obstacle, or in line with it
-                    m.side = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
-                fx += push * m.side * ny
-                fy -= push * m.side * nx
-            else:
-                fx += push * nx
-                fy += push * ny
-        if not ahead:
-            m.side = 0.0
-        cut = min(1.0, p.max_speed / max(math.sqrt(fx * fx + fy * fy), 1e-12))
-        forces[i, 0] = cut * fx
-        forces[i, 1] = cut * fy
+        count = around(p, told, poses, memory, i, here)
+        sine, cosine = sin_cos(poses[i, 2])
+        ex = cosine * goals[i, 0] - sine * goals[i, 1]
+        ey = sine * goals[i, 0] + cosine * goals[i, 1]
+        fx, fy = corrected_force(p, here[0], count, poses[i], (ex, ey), memory[i])
+        vx = cosine * fx + sine * fy
+        vy = cosine * fy - sine * fx
+        if p.plant.holonomic:
+            twists[i, 0] = vx
+            twists[i, 1] = vy
+            twists[i, 2] = p.k * turns[i]
+        else:
+            # as `velocity_twists`
+            twists[i, 0] = max(vx, 0.0)
+            twists[i, 1] = 0.0
+            twists[i, 2] = p.turn_gain * (0.0 if math.sqrt(vx * vx + vy * vy) < 1e-9 else bearing(vy, vx))
+
+
+@inlined
+def around(p, told, poses, memory, i, here):
+    """Puts what stands around robot i now into `here`, (1, m), as `obstacles_now` does; returns how many they are."""
+    m = memory[i]
+    count = told.counts[i]
+    moves = False
+    for j in range(count):
+        here[0, j] = told.obstacles[i, j]
+        moves = moves or told.patrols[i, j].leg_time > 0.0
+    if moves:
+        patrol(told.patrols, i, here, 0, count, m.steps * p.plant.dt)
+        m.steps += 1.0
+    if told.cells.shape[0] > 0:
+        count = nearest_cell(told.frames[i], told.cells, poses[i], here[0], count)
+    return count
+
+
+@inlined
+def corrected_force(p, obstacles, count, pose, to_goal, m):
+    """Returns the force of `CorrectedField` in the world frame, and keeps the side up to date."""
+    ex, ey = to_goal
+    d = math.sqrt(ex * ex + ey * ey)
+    shorten = min(p.k, p.max_speed / max(d, 1e-12))
+    fx = shorten * ex
+    fy = shorten * ey
+    ahead = False
+    for j in range(count):
+        distance, nx, ny = nearest_surface(obstacles[j], pose[0], pose[1])
+        # a touching hull is pushed away with the force of a millimetre's gap
+        rho = max(distance - p.plant.hull_radius, 1e-3)
+        if rho > p.rho_0:
+            continue
+        gap = 1.0 / rho - 1.0 / p.rho_0
+        push = p.eta * gap * d * d / (rho * rho)
+        pull = p.eta * gap * gap
+        fx += pull * ex
+        fy += pull * ey
+        if nx * ex + ny * ey < 0.0:
+            ahead = True
+            if m.side == 0.0:
+                # left when the goal is left of the obstacle, or in line with it
+                m.side = 1.0 if ey * nx - ex * ny <= 1e-9 * d else -1.0
+            fx += push * m.side * ny
+            fy -= push * m.side * nx
+        else:
+            fx += push * nx
+            fy += push * ny
+    if not ahead:
+        m.side = 0.0
+    cut = min(1.0, p.max_speed / max(math.sqrt(fx * fx + fy * fy), 1e-12))
+    return cut * fx, cut * fy
 
 
 def obstacles_now(
@@ -224,13 +255,25 @@ def obstacles_now(
 def append_nearest(frames, cells, poses, obstacles, counts):
     """Puts the occupied point nearest to each of the poses (b, 3) behind its obstacles (b, m), and counts it."""
     for i in range(poses.shape[0]):
-        distance = grid_clearance(frames[i], cells, poses[i, 0], poses[i, 1])
-        if distance < np.inf:
-            nx, ny = grid_normal(frames[i], cells, poses[i, 0], poses[i, 1])
-            obstacles[i, counts[i]].x = poses[i, 0] - distance * nx
-            obstacles[i, counts[i]].y = poses[i, 1] - distance * ny
-            obstacles[i, counts[i]].cos = 1.0
-            counts[i] += 1
+        counts[i] = nearest_cell(frames[i], cells, poses[i], obstacles[i], counts[i])
+
+
+@inlined
+def nearest_cell(frame, cells, pose, obstacles, count):
+    """Puts the occupied point nearest to a pose, if any, behind the obstacles (m,); returns how many they are."""
+    distance = grid_clearance(frame, cells, pose[0], pose[1])
+    if not distance < np.inf:
+        return count
+    nx, ny = grid_normal(frame, cells, pose[0], pose[1])
+    obstacles[count].x = pose[0] - distance * nx
+    obstacles[count].y = pose[1] - distance * ny
+    obstacles[count].cos = 1.0
+    obstacles[count].sin = 0.0
+    obstacles[count].half_length = 0.0
+    obstacles[count].half_width = 0.0
+    obstacles[count].radius = 0.0
+    obstacles[count].mass = 0.0
+    return count + 1
 
 
 @compiled

@@ -110,17 +110,17 @@ class ReedsShepp:
             preview=briefing.actuators.lag + briefing.dt,
         )
         twists = np.empty((len(observation.pose), 2))
-        known = Map.of(briefing)
-        drive(p, known, observation.pose, observation.goal, observation.goal_heading_error, memory, twists)
+        told = Map.of(briefing)
+        drive(p, told, observation.pose, observation.goal, observation.goal_heading_error, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
 @compiled
-def drive(params, known, poses, goals, turns, memory, twists):
+def drive(params, told, poses, goals, turns, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""
     p = params[0]
-    targets = known.goals
-    num_goals = known.num_goals
+    targets = told.goals
+    num_goals = told.num_goals
     for i in range(poses.shape[0]):
         m = memory[i]
         now = m.steps * p.plant.dt
@@ -150,9 +150,9 @@ def drive(params, known, poses, goals, turns, memory, twists):
             continue
         twists[i, 1] = 0.0
         if m.radius == 0.0 or ended or not advance(m, poses, i):
-            make_plan(p, known, poses, (gx, gy, turns[i]), m, i)
+            make_plan(p, told, poses, (gx, gy, turns[i]), m, i)
         if m.off == 0.0:
-            if not may_set_off(p, known, m, i, now):
+            if not may_set_off(p, told, m, i, now):
                 continue
             m.off = 1.0
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
@@ -223,9 +223,9 @@ def advance(m, poses, i):
 
 
 @compiled
-def make_plan(p, known, poses, goal, m, i):
+def make_plan(p, told, poses, goal, m, i):
     """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
-    obstacles, counts, patrols = known[:3]
+    obstacles, counts, patrols = told[:3]
     sine, cosine = sin_cos(poses[i, 2])
     at = np.empty(3)
     at[0] = poses[i, 0] + cosine * goal[0] - sine * goal[1]
@@ -246,12 +246,12 @@ def make_plan(p, known, poses, goal, m, i):
     room = min(
         clearance(standing[0], count, at[0], at[1]), clearance(standing[0], count, poses[i, 0], poses[i, 1])
     ) - p.plant.hull_radius  # fmt: skip
-    frames = known.frames[i : i + 1]
-    if known.cells.shape[0] > 0:
-        room = min(room, grid_clearance(frames[0], known.cells, at[0], at[1]) - p.plant.hull_radius)
-        beside = grid_clearance(frames[0], known.cells, poses[i, 0], poses[i, 1]) - p.plant.hull_radius
+    frames = told.frames[i : i + 1]
+    if told.cells.shape[0] > 0:
+        room = min(room, grid_clearance(frames[0], told.cells, at[0], at[1]) - p.plant.hull_radius)
+        beside = grid_clearance(frames[0], told.cells, poses[i, 0], poses[i, 1]) - p.plant.hull_radius
         room = min(room, beside)
-    field = standing, scripts, count, frames, known.cells
+    field = standing, scripts, count, frames, told.cells
     for attempt in range(4):
         radius = p.radius if attempt % 2 == 0 else 0.5 * p.radius
         margin = min(p.margin, room - 0.02) if attempt < 2 else min(0.0, room - 0.02)
@@ -273,13 +273,13 @@ def make_plan(p, known, poses, goal, m, i):
 
 
 @compiled
-def may_set_off(p, known, m, i, now):
+def may_set_off(p, told, m, i, now):
     """Returns whether what moves leaves the robot its way, if it sets off now; in the end it does not ask.
 
     The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
     speeds of `tracked` and the same acceleration.
     """
-    obstacles, counts, patrols = known[:3]
+    obstacles, counts, patrols = told[:3]
     moves = False
     for j in range(counts[i]):
         moves = moves or patrols[i, j].leg_time > 0.0

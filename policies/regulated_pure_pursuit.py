@@ -117,8 +117,9 @@ def pursue(params, course, motion, commands):
         else:
             v_max = speed_ahead(p, vertices, run, along, segment, plant.lag * v0)
             v_max *= saturation_factor(
-                plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, v_max, 0.0, curvature * v_max
-            )
+                plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed,
+                v_max, 0.0, curvature * v_max,
+            )  # fmt: skip
             v_high = max(min(v0 + plant.acceleration * plant.dt, v_max), v_low)
             v, w = fastest_on_line(curvature, v_low, v_high, w_low, w_high)
         # off the line a wheel may still be asked for too much; braking makes room for at least a part of the last turn
@@ -133,7 +134,7 @@ def pursue(params, course, motion, commands):
 @inlined
 def widest_turn(plant, v):
     """Returns the yaw rate (rad/s) that is left, to either side, when wheels that turn at their limit drive v (m/s)."""
-    most = np.inf
+    most = plant.turn_speed
     for k in range(plant.num_wheels):
         left = plant.wheel_speed_limit - abs(plant.wheel_matrix[k, 0] * v)
         most = min(most, left / abs(plant.wheel_matrix[k, 2]))

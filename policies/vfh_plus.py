@@ -417,7 +417,7 @@ def fastest_that_stops(p, hits, command, wheels, heading, turn, fastest, primary
     for n in range(SPEEDS, -1, -1):
         v = fastest * n / SPEEDS
         factor = saturation_factor(
-            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, v * cosine, v * sine, w
+            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, v * cosine, v * sine, w
         )
         vx = factor * v * cosine
         vy = factor * v * sine

@@ -1,6 +1,7 @@
 """Document B's kinematic waypoint controller for omni robots."""
 
 import dataclasses
+import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,7 +9,10 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.geometry import lengths, sines
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import sin_cos
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Goals
 from wayfield.policies.policy import check_gain
 
 
@@ -48,22 +52,29 @@ class Waypoint:
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, 3): m/s, m/s, rad/s."""
-        assert briefing.goals is not None
-        assert briefing.num_goals is not None
-        rows = np.arange(len(memory))
-        last = briefing.num_goals - 1
-        position = observation.pose[:, :2]
-        error = briefing.goals[rows, memory, :2] - position
-        memory += (memory < last) & (lengths(error) < self.switching_radius)
-        error = briefing.goals[rows, memory, :2] - position
-        turn = np.where(memory == last, observation.goal_heading_error, 0.0)
-        arrived = (memory == last) & (lengths(error) <= self.final_tolerance) & (np.abs(turn) <= self.final_tolerance)
-        rate = np.where(arrived, 0.0, self.lam)
-        sine, cosine = sines(observation.pose[:, 2])
-        return np.column_stack(
-            [
-                rate * (cosine * error[:, 0] + sine * error[:, 1]),
-                rate * (cosine * error[:, 1] - sine * error[:, 0]),
-                rate * turn,
-            ]
-        )
+        twists = np.empty((len(memory), 3))
+        seen = observation.pose, observation.goal_heading_error
+        drive(params(self, briefing), Goals.of(briefing), *seen, memory, twists)
+        return twists
+
+
+@compiled
+def drive(params, told, poses, turns, memory, twists):
+    """Fills the (b, 3) twists of `Waypoint.act` and keeps the indices up to date."""
+    p = params[0]
+    for i in range(poses.shape[0]):
+        last = told.num_goals[i] - 1
+        x, y, heading = poses[i]
+        ex = told.goals[i, memory[i], 0] - x
+        ey = told.goals[i, memory[i], 1] - y
+        if memory[i] < last and math.sqrt(ex * ex + ey * ey) < p.switching_radius:
+            memory[i] += 1
+            ex = told.goals[i, memory[i], 0] - x
+            ey = told.goals[i, memory[i], 1] - y
+        turn = turns[i] if memory[i] == last else 0.0
+        near = math.sqrt(ex * ex + ey * ey) <= p.final_tolerance and abs(turn) <= p.final_tolerance
+        rate = 0.0 if memory[i] == last and near else p.lam
+        sine, cosine = sin_cos(heading)
+        twists[i, 0] = rate * (cosine * ex + sine * ey)
+        twists[i, 1] = rate * (cosine * ey - sine * ex)
+        twists[i, 2] = rate * turn

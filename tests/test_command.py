@@ -22,7 +22,6 @@ from wayfield.benchmarks.drives import Drive, Place
 from wayfield.envs.rendering import Renderer
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.scenarios.about import ABOUT_FAMILIES
 from wayfield.policies import ABOUT, POLICIES
 
 NOT_THERE = """
@@ -96,7 +95,7 @@ def test_a_fault_of_ours_is_no_missing_extra(monkeypatch: pytest.MonkeyPatch) ->
 def test_the_lists_name_all_that_there_is_and_fit_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(ABOUT) == list(POLICIES)
     families = [family for spec in TASKS.values() for family in spec.families]
-    assert list(ABOUT_FAMILIES) == families
+    assert all(list(spec.repertoire.about) == list(spec.families) for spec in TASKS.values())
     console = lists.rich.console.Console
     for listed, names in ((lists.policies, POLICIES), (lists.scenarios, families), (lists.robots, ROBOTS)):
         for width in (80, 100, 1000):

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
-from wayfield.benchmarks.metrics import direction_changes
+from wayfield.benchmarks.contests.docking import direction_changes
 from wayfield.benchmarks.own_scenario import own_cases
+from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.geometry import clearance
@@ -188,7 +189,10 @@ def test_a_contest_asks_of_a_robot_what_it_can() -> None:
 
 def test_direction_changes_are_counted_without_creeping() -> None:
     forward = np.array([0.0, 0.3, 0.3, 0.01, -0.01, 0.01, 0.2, -0.2, -0.3, 0.0, 0.1])
-    assert direction_changes(np.column_stack([forward, np.zeros((11, 2))])) == 2
+    twists = np.column_stack([forward, np.zeros((11, 2))])
+    run = Trajectory(times=np.arange(11.0), poses=np.zeros((11, 3)), twists=twists)
+    assert direction_changes(run) == 2.0
+    assert direction_changes(Trajectory(times=np.arange(2.0), poses=np.zeros((2, 3)))) == 0.0
 
 
 # ---- Reeds and Shepp

@@ -93,7 +93,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 REGISTRIES = {
-    *("wayfield.envs.robots.ROBOTS", "wayfield.envs.scenarios.TASKS", "wayfield.policies.POLICIES"),
+    *("wayfield.envs.robots.ROBOTS", "wayfield.envs.specs.TASKS", "wayfield.policies.POLICIES"),
     *("wayfield.benchmarks.contests.CONTESTS", "wayfield.policies.training.presets.PRESETS"),
     "wayfield.envs.scenarios.path_families.PATH_FAMILIES",
     "wayfield.envs.scenarios.goal_families.GOAL_FAMILIES",

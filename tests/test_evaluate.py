@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks import document_tables
-from wayfield.benchmarks.contests import CONTESTS
-from wayfield.benchmarks.document_figures import FIGURES
+from wayfield.benchmarks.contests import CONTESTS, COST, OF_KIND
+from wayfield.benchmarks.document_figures import figures_of
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.metrics import METRICS, measure
@@ -221,10 +221,16 @@ def test_a_dock_of_ones_own(tmp_path):
 
 
 def test_every_task_has_its_table_and_figures_of_a_file_of_ones_own():
-    kinds = {spec.kind for spec in TASKS.values()}
-    assert kinds <= set(document_tables._COLUMNS)
-    assert kinds <= set(document_tables._NOTES)
-    assert kinds <= set(FIGURES)
+    for spec in TASKS.values():
+        columns, note = document_tables._shown(spec.kind)
+        assert columns
+        assert note
+        assert figures_of(spec.kind)
+        # every metric that is shown is one that its rows have
+        known = {*METRICS, *OF_KIND[spec.kind].metrics}
+        assert {metric for column in columns for metric in column.metrics} <= known
+        shown = {column.metric for column in OF_KIND[spec.kind].columns} - {COST}
+        assert shown <= known
 
 
 @pytest.mark.skipif(os.name != "posix", reason="names are no bytes there")
@@ -274,7 +280,7 @@ def test_a_real_circuit(tmp_path):
         (("--path", ""), "--path is empty"),
         (("--path", "BEND", "--suite", "documents"), "--path takes the place of --suite"),
         (("--path", "GOAL", "--scale", "2"), "--scale belongs to paths"),
-        (("--path", "GOAL", "--policies", "lqr"), "'lqr' does not reach goals"),
+        (("--path", "GOAL", "--policies", "lqr"), "'lqr' does not reach a goal among obstacles"),
         (("--path", "SHUT"), "shut.json"),
         (("--scale", "2"), "--path"),
         (("--sweet", "documents"), "No such option"),
@@ -287,7 +293,7 @@ def test_a_real_circuit(tmp_path):
         (("--path", "BEND", "--scale", "inf"), "--scale"),
         (("--path", "BEND", "--scale", "1:0"), "--scale"),
         (("--path", "BEND", "--scale", "big"), "--scale"),
-        (("--path", "BEND", "--policies", "waypoint"), "'waypoint' does not follow paths"),
+        (("--path", "BEND", "--policies", "waypoint"), "'waypoint' does not follow a path"),
         (("--path", "BROKEN"), "broken.csv:3"),
     ],
 )

@@ -94,7 +94,8 @@ def joined(scenario: GoalScenario, obstacles: NDArray[np.void], radius: float, s
 
 def test_there_are_many_test_scenarios_a_task() -> None:
     for task, families in FAMILIES.items():
-        assert sum(len(split(task, family, "test")) for family in families) >= (50 if task == "docking" else 100)
+        count = sum(len(split(task, family, "test")) for family in families)
+        assert count == SPLITS["test"] * len(families) >= 50
         assert not set(families) & {*GOAL_SCENARIOS, *PATH_SCENARIOS}
 
 

@@ -159,3 +159,37 @@ def test_nobody_guesses_which_task_it_is() -> None:
                 if wanted & OF_ONE_TASK:
                     asking.add(name)
     assert asking <= set(ASKS_FOR_A_CLASS)
+
+
+# What a task that is another with other numbers takes, tests and pages aside; CONTRIBUTING.md has the same list.
+FILES_OF_A_TASK = {
+    *("envs/{task}.py", "envs/scenarios/{task}_families.py", "envs/specs.py"),
+    *("envs/scenarios/splits/{task}.json", "envs/scenarios/splits/{task}_claims.json"),
+    *("benchmarks/contests/{task}.py", "benchmarks/contests/__init__.py"),
+}
+# Where it is named besides, because somebody wanted to.
+NAMES_A_TASK = {"benchmarks/throughput.py": "its steps a second beside those of the others"}
+
+
+def words(tree: ast.Module) -> Iterator[str]:
+    """Yields what a module's code names: variables, attributes, modules, texts; not its comments and docstrings."""
+    told = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | Function) and ast.get_docstring(node) is not None:
+            told.add(node.body[0].value)  # type: ignore[attr-defined]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in told:
+            yield node.value
+        elif isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+        elif isinstance(node, ast.ImportFrom):
+            yield from (f"{node.module}.{each.name}" for each in node.names)
+
+
+def test_a_task_with_other_numbers_takes_few_files() -> None:
+    assert len(FILES_OF_A_TASK) <= 8
+    naming = {name for name, tree in trees().items() if any("docking" in word.lower() for word in words(tree))}
+    wanted = {name.format(task="docking") for name in FILES_OF_A_TASK if name.endswith(".py")}
+    assert wanted <= naming <= wanted | set(NAMES_A_TASK)

@@ -113,28 +113,31 @@ def test_the_printed_plain_sum_over_reads(robot: Robot, twist: tuple[float, floa
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
-def test_max_twist_is_what_the_rated_wheels_can_do(robot: Robot) -> None:
+def test_max_twist_is_what_the_rated_wheels_can_do_or_the_driver_lets_them(robot: Robot) -> None:
     for axis, most in enumerate(robot.max_twist):
         twist = np.zeros(len(robot.max_twist))
         twist[axis] = most
-        assert np.abs(robot.wheel_speeds_from_twist(twist)).max() == pytest.approx(robot.rated_wheel_speed)
+        fastest = np.abs(robot.wheel_speeds_from_twist(twist)).max() / robot.rated_wheel_speed
+        of_driver = abs(most) / robot.turn_speed if axis == len(robot.max_twist) - 1 else 0.0
+        assert max(fastest, of_driver) == pytest.approx(1.0)
 
 
 # Saturation.
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
-@given(twist=TWISTS, limit=st.floats(0.5, 60.0))
+@given(twist=TWISTS, limit=st.floats(0.5, 60.0), turn_limit=st.floats(0.1, 10.0) | st.just(math.inf))
 def test_saturation_keeps_direction_and_is_no_tighter_than_it_must(
-    robot: Robot, twist: tuple[float, float, float], limit: float
+    robot: Robot, twist: tuple[float, float, float], limit: float, turn_limit: float
 ) -> None:
-    factor = saturation_factor(robot.wheel_matrix, len(robot.wheel_matrix), limit, *twist)
-    asked = np.abs(robot.wheel_matrix @ twist).max()
+    factor = saturation_factor(robot.wheel_matrix, len(robot.wheel_matrix), limit, turn_limit, *twist)
+    # how many times too fast the wheels would turn, and the base
+    over = max(np.abs(robot.wheel_matrix @ twist).max() / limit, abs(twist[2]) / turn_limit)
     assert 0.0 < factor <= 1.0
-    if asked <= limit:
+    if over <= 1.0 - 1e-12:
         assert factor == 1.0
     else:
-        assert factor * asked == pytest.approx(limit)
+        assert factor * over == pytest.approx(1.0)
 
 
 # Acceleration and lag.

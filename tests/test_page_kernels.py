@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from wayfield.benchmarks import report
 from wayfield.benchmarks.contests import TRAINED
-from wayfield.benchmarks.report.recipes import DECISIONS, contest_of, environment
+from wayfield.benchmarks.report.recipes import contest_of, environment
 from wayfield.benchmarks.report.wasm import MODULE, TABLES, kernel_digest
 from wayfield.benchmarks.report.worlds import DRAWS, plain
 from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TASKS
 from wayfield.policies import Pilot, make
 
 PAGE = Path(report.__path__[0]) / "page"
@@ -45,7 +46,7 @@ def labels(task: str, robot: str, actuators: str) -> list[str]:
 
 def cases(every: bool) -> Iterator[dict[str, Any]]:
     """Yields the runs that are compared: each policy on five scenarios, or one of them."""
-    for task in DECISIONS:
+    for task in TASKS:
         contest = contest_of(task)
         families = list(contest.families("kinematic"))
         for robot in ROBOTS:

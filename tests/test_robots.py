@@ -126,6 +126,41 @@ def test_a_square_driven_sideways_and_ahead_closes() -> None:
     assert (x, y, heading) == pytest.approx((0.3, -0.2, 0.7), abs=1e-9)
 
 
+@pytest.mark.parametrize("actuators", ["ideal", "lagged"])
+@pytest.mark.parametrize("action_mode", ["twist", "wheel_speeds"])
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize(("name", "most"), [("jackal", 4.0), ("kobuki", math.pi), ("turtlebot3", 0.22 / 0.08)])
+def test_no_base_turns_faster_than_its_driver_lets_it(
+    tmp_path: Path, name: str, most: float, dynamics: str, action_mode: str, actuators: str
+) -> None:
+    """A twist beyond the driver's yaw rate is driven on its own arc: half as fast ahead where it asks for twice."""
+    robot = ROBOTS[name]
+    assert robot.max_twist[-1] == pytest.approx(most)
+    free = written(tmp_path, {"goal": [50, 50, 0]}, "free.json")
+    env = single(GOAL_ID, robot=name, scenario=free, dynamics=dynamics, action_mode=action_mode, actuators=actuators)
+    env.reset(seed=0)
+    # the wheels of the TurtleBot are slower than its driver: it turns on the spot
+    asked = np.array([0.0 if name == "turtlebot3" else 0.05, 2.0 * most])
+    for _ in range(120):
+        env.step(asked if action_mode == "twist" else robot.wheel_speeds_from_twist(asked))
+    state = env.batch.states[0]
+    assert state["saturated"]
+    slack = 0.01 if dynamics == "pymunk" or actuators == "lagged" else 1e-9  # wheels slip a little, and lag
+    assert float(state["yaw_rate"]) == pytest.approx(most, rel=slack)
+    assert float(state["vx"]) == pytest.approx(0.5 * asked[0], rel=slack, abs=2e-3 if dynamics == "pymunk" else 1e-12)
+
+
+def test_a_limit_of_turns_that_nothing_reaches_moves_nothing(tmp_path: Path) -> None:
+    robot = ROBOTS["p3dx"]
+    assert robot.turn_speed == math.inf
+    free = written(tmp_path, {"goal": [50, 50, 0]}, "free.json")
+    as_it_is = driven(single(GOAL_ID, scenario=free))
+    for turn_speed, same in ((1e4, True), (1.0, False)):
+        limited = dataclasses.replace(robot, name="limited", turn_speed=turn_speed)
+        assert limited.digest != robot.digest
+        assert (driven(single(GOAL_ID, scenario=free, robot=limited)) == as_it_is) == same
+
+
 @pytest.mark.parametrize("action_mode", ["twist", "wheel_speeds"])
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
 def test_a_square_driven_by_the_environment_closes(tmp_path: Path, dynamics: str, action_mode: str) -> None:
@@ -356,6 +391,8 @@ WRONG: list[tuple[Any, tuple[str, ...]]] = [
     (GOOD | {"rated_wheel_speed": 0.0}, ("rated_wheel_speed is 0.0;", "rad/s")),
     (GOOD | {"peak_wheel_speed": 6.0}, ("peak_wheel_speed is 6;", "at least rated_wheel_speed, 12 rad/s")),
     (GOOD | {"peak_wheel_speed": 9000.0}, ("peak_wheel_speed is 9000;", "at most 500 rad/s", "hull.radius")),
+    (GOOD | {"turn_speed": 0}, ("turn_speed is 0;", "0.001 to 10000 rad/s")),
+    (GOOD | {"turn_speed": "fast"}, ("turn_speed is 'fast';", "rad/s")),
     (GOOD | {"name": "a/b"}, ("name is 'a/b';", "letters")),
     (GOOD | {"name": 5}, ("name is 5;",)),
     (GOOD | {"title": 5}, ("title is 5;",)),

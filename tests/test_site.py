@@ -75,7 +75,7 @@ def test_pictures_are_small_and_nothing_else_is_there() -> None:
     made = {pictures.sheet_name(spec) for spec in TASKS.values()}
     made |= {f"{pictures.stem_of(env_id)}.{kind}" for env_id in IDS for kind in ("png", "gif")}
     assert set(there) == made
-    assert set(pictures.SHOWN) == set(IDS)
+    assert set(pictures.FILMS) == set(IDS)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from wayfield.benchmarks.contests.contest import (
     Contest,
     Course,
     Entrants,
+    Film,
     Published,
     Score,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "GAINS_NAMES",
     "LADDER_SCENARIOS",
     "LADDER_SETS",
+    "OF_KIND",
     "OVERVIEW",
     "OVERVIEW_SCENARIOS",
     "OWN_SPLIT",
@@ -58,11 +60,13 @@ __all__ = [
     "Contest",
     "Course",
     "Entrants",
+    "Film",
     "Published",
     "Score",
 ]
 
 CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES, DOCKING)}
+OF_KIND: Mapping[str, Contest] = {contest.spec.kind: contest for contest in CONTESTS.values()}
 ALL_CONTESTS: Mapping[str, Contest] = {  # and those of public benchmarks
     **CONTESTS,
     **{contest.name: contest for contest in (CHALLENGE, OWN_SPEED, MRPB, MOVINGAI, RACETRACKS)},

@@ -17,6 +17,7 @@ from typing import Any
 from wayfield import policies
 from wayfield.benchmarks.cases import Case, Entrant, Rules
 from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.task import CONTROL_PERIOD
@@ -26,6 +27,8 @@ from wayfield.policies.policy import lacks
 from wayfield.policies.tuned import PACE, tuned_set
 
 TRAINED = ("ppo",)
+DEGREES = 180.0 / math.pi
+FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own")
 _REACTIVE = {
     "patience": math.inf,
@@ -56,6 +59,17 @@ class Column:
     successes_only: bool = False
     reduction: str = "iqm"
     imputed: bool = False  # whether a failure counts as the task says, as it does in COST
+
+
+@dataclasses.dataclass(frozen=True)
+class Film:
+    """The drive that stands for an environment in the documentation."""
+
+    policy: str
+    scenario: str
+    index: int
+    robot: str
+    seconds: float = 30.0  # at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,6 +176,11 @@ class Contest:
     score: Callable[
         [Sequence[Row], Sequence[Any], float, float], Score
     ]  # of rows, scenarios, asked and least speed, m/s
+    own_columns: tuple[Column, ...]  # of the table of one scenario of the user's own
+    own_note: str  # what a reader of that table must know
+    films: Mapping[bool, Film]  # of the environment for robots that are holonomic, and that are not
+    # what only this task's drives are measured by, besides `wayfield.benchmarks.metrics`
+    metrics: Mapping[str, Callable[[Trajectory], float]] = dataclasses.field(default_factory=dict)
     # of a public benchmark
     label: str = ""  # the name of the suite; "": the task's
     heading: str = ""  # of its tables; "": the task's

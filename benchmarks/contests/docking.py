@@ -5,11 +5,25 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from wayfield.benchmarks.contests.contest import COST, Column, Contest, Heat, Score, driven
+import numpy as np
+
+from wayfield.benchmarks.contests.contest import COST, DEGREES, FAULTS_NOTE, Column, Contest, Film, Heat, Score, driven
 from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.scenarios import TASKS
 
 _SPEC = TASKS["docking"]
+LEAST_SPEED = 0.02  # m/s, under which a robot drives neither forward nor backward
+
+
+def direction_changes(trajectory: Trajectory) -> float:
+    """Returns how often the motion along the robot's axis changes between forward and backward.
+
+    A creep under LEAST_SPEED is neither.
+    """
+    forward = trajectory.twists[:, 0] if len(trajectory.twists) else np.empty(0)
+    signs = np.sign(forward[np.abs(forward) >= LEAST_SPEED])
+    return float((np.diff(signs) != 0.0).sum())
 
 
 def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
@@ -57,4 +71,19 @@ DOCKING = Contest(
     ),
     timed_on="open",
     score=score,
+    own_columns=(
+        Column("time (s)", "time", 2),
+        Column("final error (m)", "final_position_error"),
+        Column("(deg)", "final_heading_error", 1, DEGREES),
+        Column("driven (m)", "path_length", 2),
+        Column("changes of direction", "direction_changes", 0),
+        Column("least clearance (m)", "min_clearance", 2),
+        Column("faults", "faults", 0),
+    ),
+    own_note=f"A success is at rest within 0.05 m and 0.05 rad, unless the file says otherwise. {FAULTS_NOTE}",
+    films={
+        False: Film("reeds_shepp", "berth/train", 3, "p3dx"),
+        True: Film("apf_corrected", "wall/train", 2, "omni3"),
+    },
+    metrics={"direction_changes": direction_changes},
 )

@@ -5,7 +5,18 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from wayfield.benchmarks.contests.contest import COST, Bar, Column, Contest, Heat, Score, driven
+from wayfield.benchmarks.contests.contest import (
+    COST,
+    DEGREES,
+    FAULTS_NOTE,
+    Bar,
+    Column,
+    Contest,
+    Film,
+    Heat,
+    Score,
+    driven,
+)
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.scenarios import TASKS
 
@@ -68,4 +79,18 @@ GOAL_OBSTACLES = Contest(
     ),
     timed_on="clutter_10",
     score=score,
+    own_columns=(
+        Column("time (s)", "time", 2),
+        Column("driven (m)", "path_length", 2),
+        Column("mean speed (m/s)", "mean_speed", 2),
+        Column("least clearance (m)", "min_clearance", 2),
+        Column("final error (m)", "final_position_error"),
+        Column("(deg)", "final_heading_error", 1, DEGREES),
+        Column("faults", "faults", 0),
+    ),
+    own_note=FAULTS_NOTE,
+    films={
+        False: Film("scan_planner", "rooms/train", 1, "turtlebot3", 60.0),
+        True: Film("vfh_plus", "moving_crowd/train", 0, "omni4"),
+    },
 )

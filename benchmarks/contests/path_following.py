@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 
 from wayfield.benchmarks.aggregates import iqm
-from wayfield.benchmarks.contests.contest import COST, PACE_TOLERANCE, Bar, Column, Contest, Heat, Score, driven
+from wayfield.benchmarks.contests.contest import (
+    COST,
+    DEGREES,
+    PACE_TOLERANCE,
+    Bar,
+    Column,
+    Contest,
+    Film,
+    Heat,
+    Score,
+    driven,
+)
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies.tuned import PACE
@@ -88,4 +99,20 @@ PATH_FOLLOWING = Contest(
     ),
     timed_on="splines",
     score=score,
+    own_columns=(
+        Column("completion", "completion", 2),
+        Column("RMS error (m)", "cross_track_rms"),
+        Column("over time (m)", "cross_track_rms_time"),
+        Column("max (m)", "cross_track_max"),
+        Column("mean speed (m/s)", "mean_speed", 2),
+        Column("time (s)", "time", 2),
+        Column("jumps", "reference_jumps", 0),
+        Column("p95 (m)", "cross_track_p95"),
+        Column("heading error (deg)", "heading_error_rms", 1, DEGREES),
+    ),
+    own_note="RMS error over the driven arc length, then over time; jumps are leaps of the reference point.",
+    films={
+        False: Film("regulated_pure_pursuit", "figure_eights_tangent/train", 1, "p3dx"),
+        True: Film("lqr", "s_curves_medium/train", 2, "mecanum4"),
+    },
 )

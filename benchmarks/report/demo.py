@@ -6,10 +6,10 @@ import click
 from gymnasium.utils.seeding import np_random
 
 from wayfield.benchmarks.report.page import Content, made, rendered
-from wayfield.benchmarks.report.recipes import DECISIONS
 from wayfield.benchmarks.report.worlds import DRAWS, World, plain
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.scenarios import TASKS, splits
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.storage import write_whole
 
 DEMO = "docs/demo.html"
@@ -21,12 +21,12 @@ FIRST = "goal: clutter_10"
 def worlds() -> list[World]:
     """Returns the first scenarios of the training split of each family that the page's simulator can drive in."""
     found = []
-    for spec in (TASKS[name] for name in DECISIONS):
+    for spec in TASKS.values():
         for family in spec.families:
             if family not in spec.needs_pymunk:
                 for seed, scenario in enumerate(splits.split(spec.name, family, "train")[:SEEDS]):
                     draws = np_random(seed)[0].random(DRAWS).tolist()
-                    found.append(plain(scenario, spec.clock) | {"draws": draws, "seed": seed})
+                    found.append(plain(scenario, spec.clock) | {"draws": draws, "seed": seed, "hull": LARGEST_HULL})
     return found
 
 

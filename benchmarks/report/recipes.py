@@ -19,45 +19,50 @@ from wayfield.envs.grids import NO_GRIDS
 from wayfield.envs.paths import RUN, VERTEX
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.scenarios import TASKS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import driven_as, driven_speed
 from wayfield.policies.learned.perception import limits_of
 
-# The compiled decision of each policy that has one: module and function, and where the twist is read from afterwards.
-# "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a record of memory.
-DECISIONS: Mapping[str, Mapping[str, tuple[str, str, str, str]]] = {
-    "path_following": {
-        "pure_pursuit": ("pure_pursuit", "pursue", "twists", "unicycle"),
-        "regulated_pure_pursuit": ("regulated_pure_pursuit", "pursue", "commands", "unicycle"),
-        "smooth_pose": ("smooth_pose", "chase", "twists", "unicycle"),
-        "stanley": ("stanley", "steer_rows", "command", "unicycle"),
-        "lqr": ("lqr", "steer_rows", "command", "unicycle"),
-    },
-    "goal_reaching": {
-        "smooth_pose": ("smooth_pose", "approach", "twists", "unicycle"),
-        "vfh_plus": ("vfh_plus", "steer", "twists", "planar"),
-        "dwa": ("dwa", "choose_twists", "twists", "planar"),
-        "mppi": ("mppi", "decide", "twists", "planar"),
-        "scan_planner": ("scan_planner", "decide", "memory.command", "planar"),
-        "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
-    },
+# The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
+# twist is read from afterwards. "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a
+# record of memory.
+Decision = tuple[str, str, str, str]
+ALONG_PATHS: Mapping[str, Decision] = {
+    "pure_pursuit": ("pure_pursuit", "pursue", "twists", "unicycle"),
+    "regulated_pure_pursuit": ("regulated_pure_pursuit", "pursue", "commands", "unicycle"),
+    "smooth_pose": ("smooth_pose", "chase", "twists", "unicycle"),
+    "stanley": ("stanley", "steer_rows", "command", "unicycle"),
+    "lqr": ("lqr", "steer_rows", "command", "unicycle"),
 }
+TO_POSES: Mapping[str, Decision] = {
+    "polar": ("polar", "approach", "twists", "unicycle"),
+    "smooth_pose": ("smooth_pose", "approach", "twists", "unicycle"),
+    "smooth_pose_backward": ("smooth_pose", "approach", "twists", "unicycle"),
+    "reeds_shepp": ("reeds_shepp", "drive", "twists", "unicycle"),
+    "waypoint": ("waypoint", "drive", "twists", "planar"),
+    "apf_corrected": ("potential_field", "steer", "twists", "planar"),
+    "vfh_plus": ("vfh_plus", "steer", "twists", "planar"),
+    "dwa": ("dwa", "choose_twists", "twists", "planar"),
+    "mppi": ("mppi", "decide", "twists", "planar"),
+    "scan_planner": ("scan_planner", "decide", "memory.command", "planar"),
+    "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
+}
+OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
 # Of a trained agent, which puts together what several functions fill.
-NETWORK = {
-    "path_following": (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward")),
-    "goal_reaching": (
-        ("perception", "fill_goal"),
-        ("perception", "fill_trails"),
-        ("perception", "fill_crumbs"),
-        ("perception", "turn"),
-        ("perception", "arrive"),
-        ("perception", "guard"),
-        ("agent", "hold"),
-        ("agent", "forward"),
-    ),
-}
+NETWORK_ALONG_PATHS = (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward"))
+NETWORK_TO_POSES = (
+    ("perception", "fill_goal"),
+    ("perception", "fill_trails"),
+    ("perception", "fill_crumbs"),
+    ("perception", "turn"),
+    ("perception", "arrive"),
+    ("perception", "guard"),
+    ("agent", "hold"),
+    ("agent", "forward"),
+)
 
 # What an argument of a law is, by its name; all else is a constant.
 ROLES = {
@@ -143,6 +148,21 @@ def contest_of(task: str) -> Contest:
     return next(contest for contest in CONTESTS.values() if contest.spec.name == task)
 
 
+def decisions(task: str) -> dict[str, Decision]:
+    """Returns the compiled decisions of those that drive in the page in a task."""
+    contest = contest_of(task)
+    known = ALONG_PATHS if contest.spec.on_path else TO_POSES
+    return {name: each for name, each in known.items() if name in (*contest.policies, *OF_ANY_TASK)}
+
+
+def network(task: str) -> Sequence[tuple[str, str]]:
+    """Returns the compiled functions of the agents that ship for a task; none where none do."""
+    contest = contest_of(task)
+    if not set(TRAINED) & set(contest.policies):
+        return ()
+    return NETWORK_ALONG_PATHS if contest.spec.on_path else NETWORK_TO_POSES
+
+
 def environment(task: str, robot: str, actuators: str, scenario: str, disturbance: str = "none") -> NativeVectorEnv:
     """Returns an environment as the contest of the task has it, with one robot."""
     contest = contest_of(task)
@@ -197,7 +217,7 @@ class Blobs:
 
 def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
     """Returns how the page makes a policy decide: the export, its arguments, and where the twist is."""
-    module, function, out, kind = DECISIONS[task][name]
+    module, function, out, kind = decisions(task)[name]
     policy = make(name, **gains)
     ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
     arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
@@ -234,7 +254,7 @@ def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
 def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
     """Returns how the page makes a trained agent decide."""
     policy: Any = make("ppo", seed=seed)
-    functions = [(of_policies(module), name) for module, name in NETWORK[task]]
+    functions = [(of_policies(module), name) for module, name in network(task)]
     calls = {
         kernel.py_func.__name__: dict(leaves(names_of(kernel), values))
         for kernel, values in first_decision(env, policy, functions)
@@ -293,11 +313,16 @@ def layout(dtype: np.dtype[Any]) -> dict[str, Any]:
     return {"size": dtype.itemsize, "fields": fields}
 
 
+def rows_of(env: NativeVectorEnv) -> str:
+    """Returns what step and reset of a task are called in the module: tasks share them that differ in numbers alone."""
+    return str(type(env.task).step_rows.py_func.__module__).rpartition(".")[2]
+
+
 def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     """Returns what the page needs to step a task: layouts, and the constants of each robot, tier and disturbance."""
     contest = contest_of(task)
     scenario = f"{contest.timed_on}/test"
-    told: dict[str, Any] = {"params": {}, "beams": {}, "robots": {}}
+    told: dict[str, Any] = {"kind": contest.spec.kind, "steps": contest.spec.clock, "params": {}, "robots": {}}
     for robot in FITTING:
         for actuators in ACTUATORS:
             for disturbance in DISTURBANCES:
@@ -312,6 +337,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
             "max_twist": env.task.robot.max_twist.tolist(),
             "hull": env.task.robot.hull_radius,
         }
+    told["rows"] = rows_of(env)
     told["state"] = layout(env.task.state_dtype)
     told["course"] = layout(env.task.world[0].dtype)
     told["numbers"] = [*env.task.info_names, "reward"]
@@ -341,13 +367,13 @@ def tables() -> dict[str, Any]:
         "tiers": list(ACTUATORS),
         "records": {name: layout(each) for name, each in _RECORDS.items()},
     }
-    for task in DECISIONS:
+    for task in TASKS:
         told["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
         for robot in FITTING:
             for actuators in ACTUATORS:
                 env = environment(task, robot, actuators, f"{contest.timed_on}/test")
-                for name in DECISIONS[task]:
+                for name in decisions(task):
                     sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
                     for gains_name, gains in sets:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
@@ -378,7 +404,7 @@ Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an 
 
 def jobs() -> list[tuple[str, str]]:
     """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
-    return [(task, name) for task in DECISIONS for name in ("", *DECISIONS[task], *TRAINED)]
+    return [(task, name) for task in TASKS for name in ("", *decisions(task), *(TRAINED if network(task) else ()))]
 
 
 def exports(task: str, policy: str) -> dict[str, Export]:
@@ -386,9 +412,9 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     contest = contest_of(task)
     # a quick base shows all that an agent calls: it is held to what the agent knows
     tier = "ideal" if policy in TRAINED else "lagged"
-    env = environment(task, "omni3" if contest.spec.kind == "goal" else "p3dx", tier, f"{contest.timed_on}/test")
+    env = environment(task, "p3dx" if contest.spec.on_path else "omni3", tier, f"{contest.timed_on}/test")
     if policy in TRAINED:
-        functions = [(of_policies(module), name) for module, name in NETWORK[task]]
+        functions = [(of_policies(module), name) for module, name in network(task)]
         calls = first_decision(env, make(policy), functions)
         rooms = [kernel.py_func.__module__.split(".")[-1] for kernel, _ in calls]
         return {
@@ -396,7 +422,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
             for room, (kernel, values) in zip(rooms, calls, strict=True)
         }
     if policy:
-        module, function, *_ = DECISIONS[task][policy]
+        module, function, *_ = decisions(task)[policy]
         ((kernel, values),) = first_decision(env, make(policy), [(of_policies(module), function)])
         return {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
     batch, kinds = env.batch, type(env.task)
@@ -410,7 +436,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
         name: (kernel, leaves(names_of(kernel), values), values)
         for name, kernel, values in (
             ("fill_bearings", fill_bearings, corners),
-            (f"{task}_step", kinds.step_rows, step),
-            (f"{task}_reset", kinds.reset_rows, reset),
+            (f"{rows_of(env)}_step", kinds.step_rows, step),
+            (f"{rows_of(env)}_reset", kinds.reset_rows, reset),
         )
     }

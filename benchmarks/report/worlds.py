@@ -6,24 +6,20 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium.utils.seeding import np_random
 
 from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
-from wayfield.envs.scenarios import TASKS, TaskSpec, scenarios_of, wall
+from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.reading import is_number
 
 World = dict[str, Any]
 
 DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a shove
-
-
-def spec_of(env_id: str) -> TaskSpec:
-    """Returns the task of an environment's registered id."""
-    return next(spec for spec in TASKS.values() if env_id in spec.ids.values())
 
 
 def keys_of(setting: Setting) -> list[str]:
@@ -70,10 +66,10 @@ def _robot(setting: Setting) -> Robot:
 
 def plain(scenario: Any, steps: int) -> World:
     """Returns a scenario as lists and numbers that JSON keeps to the last bit, with its clock in control periods."""
-    kind = next(spec.kind for spec in TASKS.values() if spec.scenario is type(scenario))
+    spec = next(spec for spec in TASKS.values() if spec.scenario is type(scenario))
     quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
     world: World = {
-        "kind": kind,
+        "kind": spec.kind,
         "name": scenario.name,
         "family": scenario.family,
         "tier": scenario.tier,
@@ -82,7 +78,7 @@ def plain(scenario: Any, steps: int) -> World:
         "start_offset": scenario.start_offset,
         "start_turn": scenario.start_turn,
     }
-    if kind == "path":
+    if spec.on_path:
         return world | {
             "path": scenario.path.points.tolist(),
             "closed": scenario.path.closed,
@@ -90,16 +86,26 @@ def plain(scenario: Any, steps: int) -> World:
             "start": scenario.start and list(scenario.start),
             "corridor": scenario.corridor,
         }
-    return world | {
-        "start": list(scenario.start),
-        "goal": list(scenario.goal),
-        "waypoints": [list(point) for point in scenario.waypoints],
-        "obstacles": [list(each) for each in (*scenario.obstacles.tolist(), *_walls(scenario))],
-        "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
-        "position_tolerance": scenario.position_tolerance,
-        "heading_tolerance": scenario.heading_tolerance,
-        "waypoint_radius": scenario.waypoint_radius,
-    }
+    return (
+        world
+        | {
+            "start": list(scenario.start),
+            "goal": list(scenario.goal),
+            "waypoints": [list(point) for point in scenario.waypoints],
+            "obstacles": [list(each) for each in (*scenario.obstacles.tolist(), *_walls(scenario))],
+            "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
+            "position_tolerance": scenario.position_tolerance,
+            "heading_tolerance": scenario.heading_tolerance,
+            "waypoint_radius": scenario.waypoint_radius,
+        }
+        | _closing(scenario)
+    )
+
+
+def _closing(scenario: Any) -> World:
+    """Returns how far each obstacle is moved up to a smaller hull, (m, 2), where any is."""
+    closing = np.asarray(getattr(scenario, "closing", ()))
+    return {"closing": closing.tolist()} if closing.any() else {}
 
 
 def _walls(scenario: Any) -> list[Any]:

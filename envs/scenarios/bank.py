@@ -13,7 +13,7 @@ from wayfield.envs.scenarios.mrpb import is_mrpb, mrpb_scenarios
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
-from wayfield.envs.scenarios.tasks import TASKS, TaskSpec
+from wayfield.envs.specs import TASKS, TaskSpec
 
 _PROBLEMS = ".scen"
 _FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json", _PROBLEMS)
@@ -22,7 +22,7 @@ _PATHS, _GOALS = TASKS["path_following"], TASKS["goal_reaching"]
 
 def scenarios_of(spec: TaskSpec, name: str, hull_radius: float, scale: float = 1.0) -> tuple[Any, ...]:
     """Returns the scenarios of a task by a name, for a robot: `path_scenarios` or `field_scenarios`."""
-    if spec.scenario is PathScenario:
+    if spec.on_path:
         return path_scenarios(name, scale)
     return field_scenarios(spec, name, hull_radius)
 
@@ -97,7 +97,7 @@ def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
             return mrpb_scenarios(name) if is_mrpb(name) else barn_scenarios(name)
         if name.lower().endswith(_PROBLEMS):
             return scenarios_of_problems(name)
-    return (field_scenario_from_file(name, spec.scenario),)
+    return (field_scenario_from_file(name, spec),)
 
 
 # A vector of single environments asks for the same bank once per robot. Files are read anew: the user edits

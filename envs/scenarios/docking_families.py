@@ -7,10 +7,13 @@ found on which the hull is clear all along: the shortest of a car that goes both
 steady speed after some waiting.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import clearance, sin_cos
@@ -28,7 +31,8 @@ from wayfield.envs.scenarios.goal_families import (
     somewhere,
 )
 from wayfield.envs.scenarios.obstacles import box, obstacle_field, wall
-from wayfield.envs.scenarios.scenario import DockingScenario
+from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.envs.specs import Repertoire
 
 FARTHEST_START = 3.0  # m, from the pose to be reached
 WALL_GAP = 0.05  # m, between wall and hull
@@ -45,6 +49,42 @@ Pose = tuple[float, float, float]
 Dock = tuple[float, Pose, list[tuple[np.void | Moving, Point]]]
 _STILL = (0.0, 0.0)
 _STANDING = np.zeros(1, PATROL)[0]
+
+
+def _nothing_closes() -> NDArray[np.float64]:
+    return np.empty((0, 2))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DockingScenario(GoalScenario):
+    """A pose to come to rest at, exactly, from close by.
+
+    Raises:
+        ValueError: as a `GoalScenario`.
+    """
+
+    position_tolerance: float = 0.05  # m
+    heading_tolerance: float = 0.05  # rad
+    # (m, 2) of each obstacle of a family, how far in x and y (m) it is moved for a metre less of hull radius; (0, 2):
+    # all stand where they are
+    closing: NDArray[np.float64] = dataclasses.field(default_factory=_nothing_closes)
+    quantity: float = math.nan  # what the tier is read from: the length of the shortest proven way, m
+
+    def fitted(self, shrinkage: float) -> "DockingScenario":
+        """Returns the scenario for a hull that is smaller by `shrinkage` (m) than the one that it was made for.
+
+        What the hull docks at is moved up to it, so that the gaps stay; the rest stands.
+        """
+        if not self.closing.any():
+            return self
+        obstacles = self.obstacles.copy()
+        obstacles["x"] += shrinkage * self.closing[:, 0]
+        obstacles["y"] += shrinkage * self.closing[:, 1]
+        return dataclasses.replace(self, obstacles=obstacles)
+
+    def decisive(self) -> list[Any]:
+        """Returns all numbers that decide an episode, in an order of their own."""
+        return [*super().decisive(), self.closing]
 
 
 def _family(name: str, dock: Callable[[Draw, Frame], "Dock | None"]) -> Callable[[int], DockingScenario]:
@@ -193,14 +233,20 @@ DOCKING_SCENARIOS: Mapping[str, Callable[[float], tuple[DockingScenario, ...]]] 
 }
 
 DOCKING_FAMILIES: Mapping[str, Callable[[int], DockingScenario]] = {
-    # Nothing in the way, any direction and any heading.
     "open": _family("open", _open),
-    # The pose lies beside or behind the robot and looks its way.
     "behind": _family("behind", _behind),
-    # The back of the hull 0.05 m from a wall.
     "wall": _family("wall", _wall),
-    # Between two boxes, 0.05 to 0.2 m from the hull on either side; looking in or out.
     "berth": _family("berth", _berth),
-    # Beyond a disc that goes to and fro.
     "moving": _family("moving", _moving),
 }
+
+
+ABOUT: Mapping[str, str] = {
+    "open": "nothing in the way, from any direction to any heading, at most 3 m",
+    "behind": "the pose lies beside or behind the robot and looks its way",
+    "wall": "back up to a wall, 0.05 m from the hull",
+    "berth": "between two boxes, 0.05 to 0.2 m from the hull on either side",
+    "moving": "beyond a disc that goes to and fro",
+}
+
+REPERTOIRE = Repertoire(DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, ABOUT, manoeuvre, feasible)

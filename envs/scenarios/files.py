@@ -1,5 +1,6 @@
 """Scenarios from the user's files: JSON for every task, and bare path tables."""
 
+import functools
 import inspect
 import json
 import os
@@ -16,14 +17,13 @@ from wayfield.envs.patrols import PATROL
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.maps import map_of
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
-from wayfield.envs.scenarios.scenario import DockingScenario, GoalScenario, PathScenario
+from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
+from wayfield.envs.specs import TASKS, TaskSpec
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
-_GOAL_FIELDS = (
-    *("goal", "start", "waypoints", "obstacles", "map", "start_offset", "start_turn"),
-    *("position_tolerance", "heading_tolerance", "waypoint_radius"),
-)
+_GOAL = "goal"  # the field that a file of any pose may have
+_KINDS = {spec.kind: spec for spec in TASKS.values() if not spec.on_path}
 _OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box": box, "wall": wall}
 
 
@@ -31,7 +31,7 @@ _OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box"
 _TABLE = "x,y\n0,0\n1,0.5\n2,0\n3,1\n"
 _PATH = """{"path": [[0, 0], [2, 0], [2, 2], [0, 2]], "closed": true, "laps": 2, "start": [0.1, 0.05, 0.2],
 "start_offset": 0.1, "start_turn": 0.3, "corridor": 0.8}"""
-_GOAL = """{"goal": [3, 0, 0.5], "start": [0, 0, 0.1], "waypoints": [[1, 1], [2, -1]], "start_offset": 0.1,
+_POSE = """{"goal": [3, 0, 0.5], "start": [0, 0, 0.1], "waypoints": [[1, 1], [2, -1]], "start_offset": 0.1,
 "start_turn": 0.3, "position_tolerance": 0.1, "heading_tolerance": 0.2, "waypoint_radius": 0.5, "obstacles": [
 {"kind": "circle", "x": 1.5, "y": 2, "radius": 0.3}, {"kind": "box", "x": 1, "y": -2, "length": 1, "width": 0.5,
 "heading": 0.3, "mass": 2}, {"kind": "wall", "x1": -1, "y1": -3, "x2": 4, "y2": -3}, {"kind": "circle", "x": -2, "y": 0,
@@ -83,22 +83,30 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         raise fault(file, error) from None
 
 
-def _read_dock(read: Callable[..., Any], file: pathlib.Path) -> Any:
-    return read(str(file), DockingScenario)
+def _readers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Registers the reader of poses, once for each kind of them."""
+    for kind, spec in _KINDS.items():
+        read = functools.partial(_read, spec)
+        sample = {f"{kind}.json": _POSE.replace(_GOAL, kind)}
+        function = reader(f"{kind} scenario", f"{kind}.json", sample, read)(function)
+    return function
 
 
-@reader("goal scenario", "goal.json", {"goal.json": _GOAL})
-@reader("docking scenario", "dock.json", {"dock.json": _GOAL.replace("goal", "dock")}, _read_dock)
+def _read(spec: TaskSpec, read: Callable[..., Any], file: pathlib.Path) -> Any:
+    return read(str(file), spec)
+
+
+@_readers
 @reader("goal scenario on a map", "on_map.json", {"on_map.json": _ON_MAP, "room.map": _ROOM})
-def field_scenario_from_file(file: str, kind: type[Any] = GoalScenario) -> GoalScenario:
-    """Returns the goal-reaching or docking scenario of a .json file.
+def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"]) -> GoalScenario:
+    """Returns the scenario of a .json file, of a task in which a pose is reached.
 
-    It holds one object: "goal" [x, y, heading], for docking also called "dock", and as wanted "start" [x, y, heading],
-    "waypoints" [[x, y], ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and the arguments of
-    the constructor of that name; a circle may have a "patrol", an object with the further arguments of
-    `moving_circle`), "map" (the name of a map beside the file, or an object with its "file" and the settings of
-    `grid_from_file`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance" and "waypoint_radius",
-    with the meaning and defaults of `kind`.
+    It holds one object: "goal" [x, y, heading], also called as the task calls it ("dock"), and as wanted "start"
+    [x, y, heading], "waypoints" [[x, y], ...], "obstacles" (a list of objects with a "kind", circle, box or wall, and
+    the arguments of the constructor of that name; a circle may have a "patrol", an object with the further arguments
+    of `moving_circle`), "map" (the name of a map beside the file, or an object with its "file" and the settings of
+    `grid_from_file`), "start_offset", "start_turn", "position_tolerance", "heading_tolerance", "waypoint_radius" and
+    what else its class has in `file_fields`, with the meaning and defaults there.
 
     Raises:
         ValueError: if the file cannot be read as such; one line that starts with the file and names the field
@@ -109,14 +117,15 @@ def field_scenario_from_file(file: str, kind: type[Any] = GoalScenario) -> GoalS
     if suffix.lower() != ".json":
         raise fault(file, f"suffix {suffix!r} is not known; a goal scenario is read from .json")
     fields = json_object(file)
-    if issubclass(kind, DockingScenario):
-        if ("dock" in fields) == ("goal" in fields):
-            raise fault(file, "exactly one of the fields 'dock' and 'goal' must be given")
-        check_keys(file, "", fields, ("dock", *_GOAL_FIELDS))
-        if "dock" in fields:
-            fields["goal"] = _pose_of(file, "dock", fields.pop("dock"))
+    kind = spec.kind
+    if kind == _GOAL:
+        check_keys(file, "", fields, (_GOAL, *spec.scenario.file_fields), required=(_GOAL,))
     else:
-        check_keys(file, "", fields, _GOAL_FIELDS, required=("goal",))
+        if (kind in fields) == (_GOAL in fields):
+            raise fault(file, f"exactly one of the fields {kind!r} and {_GOAL!r} must be given")
+        check_keys(file, "", fields, (kind, _GOAL, *spec.scenario.file_fields))
+        if kind in fields:
+            fields[_GOAL] = _pose_of(file, kind, fields.pop(kind))
     for field in ("waypoints", "obstacles"):
         if not isinstance(fields.get(field, []), list):
             raise fault(file, f"{field} is {shown(fields[field])}; it must be a list")
@@ -128,7 +137,7 @@ def field_scenario_from_file(file: str, kind: type[Any] = GoalScenario) -> GoalS
         if "map" in fields:
             fields["grid"] = map_of(file, "map", fields.pop("map"))
         obstacles = obstacle_field(*(each for each, _ in records))
-        scenario: GoalScenario = kind(name, **fields, obstacles=obstacles, patrols=patrols)
+        scenario: GoalScenario = spec.scenario(name, **fields, obstacles=obstacles, patrols=patrols)
     except ValueError as error:
         raise fault(file, error) from None
     return scenario
@@ -205,5 +214,6 @@ def kind_of(file: str) -> str:
         content: Any = json.loads(read_text(file))
     except (ValueError, RecursionError):
         return "path"
-    kinds = (kind for kind in ("dock", "goal") if isinstance(content, dict) and kind in content)
+    # a word of its own tells more than the one that any pose may have
+    kinds = (kind for kind in sorted(_KINDS, key=_GOAL.__eq__) if isinstance(content, dict) and kind in content)
     return next(kinds, "path")

@@ -15,7 +15,7 @@ import click
 
 from wayfield.envs.command_line import Choice, OneLineErrors
 from wayfield.envs.scenarios import splits
-from wayfield.envs.scenarios.tasks import FAMILIES, TASKS, TaskSpec
+from wayfield.envs.specs import TASKS, TaskSpec
 from wayfield.envs.storage import write_whole
 
 # no seed is in two splits
@@ -50,7 +50,7 @@ def frozen(spec: TaskSpec, family: str, name: str) -> dict[str, Any]:
 @click.argument(
     "families",
     metavar="FAMILY...",
-    type=Choice("FAMILY", (name for families in FAMILIES.values() for name in families)),
+    type=Choice("FAMILY", (name for spec in TASKS.values() for name in spec.families)),
     nargs=-1,
     required=True,
 )

@@ -14,8 +14,10 @@ from wayfield.envs.geometry import bearing, clearance, clearance_to, sin_cos
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.scenarios import ways
 from wayfield.envs.scenarios.draws import Draw, Frame, rounded
+from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.envs.specs import Repertoire
 
 LARGEST_HULL = 0.3  # m, of the robot that every scenario has a way for
 ROOM = 0.1  # m, kept around the hull at start and goal
@@ -431,46 +433,52 @@ def feasible(scenario: GoalScenario) -> bool:
 
 
 GOAL_FAMILIES: Mapping[str, Callable[[int], GoalScenario]] = {
-    # Nothing in the way, 4 to 9 m.
     "open_fields": _family("open_fields", _open_field),
-    # One or two boxes or discs exactly on the straight line: document C's case, turned and scaled.
     "collinear_exact": _family("collinear_exact", _collinear(0.0)),
-    # The same, 1 mm beside the line.
     "collinear_1mm": _family("collinear_1mm", _collinear(0.001)),
-    # 2 cm beside it.
     "collinear_2cm": _family("collinear_2cm", _collinear(0.02)),
-    # Obstacles that leave the hull 0.05 to 0.25 m at the goal.
     "near_goal": _family("near_goal", _near_goal),
-    # Discs over 5 per cent of a walled square of 10 m.
     "clutter_5": _family("clutter_5", _clutter(0.05)),
-    # 10 per cent.
     "clutter_10": _family("clutter_10", _clutter(0.10)),
-    # 15 per cent.
     "clutter_15": _family("clutter_15", _clutter(0.15)),
-    # A wall from border to border of the square, with one door of 0.65 m.
     "doors_narrow": _family("doors_narrow", _door(0.65)),
-    # 0.8 m.
     "doors_medium": _family("doors_medium", _door(0.80)),
-    # 1 m.
     "doors_wide": _family("doors_wide", _door(1.00)),
-    # A U of walls 0.5 m deep across the straight line, open towards the robot.
     "u_traps_05": _family("u_traps_05", _u_trap(0.5)),
-    # 1.5 m deep.
     "u_traps_15": _family("u_traps_15", _u_trap(1.5)),
-    # 3 m deep.
     "u_traps_30": _family("u_traps_30", _u_trap(3.0)),
-    # Corridors with one bend or two, 0.9 to 1.4 m wide.
     "corridors": _family("corridors", _corridor),
-    # Four or six rooms with doors of 0.8 to 1.2 m.
     "rooms": _family("rooms", _rooms),
-    # One to three discs that cross the straight line.
     "moving_crossing": _family("moving_crossing", _crossing),
-    # A disc, or two behind one another, that come towards the robot.
     "moving_head_on": _family("moving_head_on", _along((0.2, 0.5), (0.65, 0.8), (0.15, 0.3), (0.0, 0.3))),
-    # A slow disc, or two behind one another, that go the robot's way.
     "moving_overtaking": _family("moving_overtaking", _along((0.1, 0.25), (0.2, 0.35), (0.7, 0.85), (0.0, 0.3))),
-    # 8 to 30 discs that go to and fro in the square.
     "moving_crowd": _family("moving_crowd", _crowd),
-    # Boxes light enough to be pushed, for dynamics="pymunk"; there is a way past them as well.
     "push_boxes": _family("push_boxes", _push_boxes),
 }
+
+
+ABOUT: Mapping[str, str] = {
+    "open_fields": "nothing in the way, 4 to 9 m",
+    "collinear_exact": "one or two boxes or discs exactly on the straight line",
+    "collinear_1mm": "the same, 1 mm beside the line",
+    "collinear_2cm": "the same, 2 cm beside the line",
+    "near_goal": "obstacles that leave the hull 0.05 to 0.25 m at the goal",
+    "clutter_5": "discs over 5 per cent of a walled square of 10 m",
+    "clutter_10": "discs over 10 per cent of it",
+    "clutter_15": "discs over 15 per cent of it",
+    "doors_narrow": "a wall across the square with one door of 0.65 m",
+    "doors_medium": "a wall across the square with one door of 0.8 m",
+    "doors_wide": "a wall across the square with one door of 1 m",
+    "u_traps_05": "a U of walls 0.5 m deep, open towards the robot",
+    "u_traps_15": "a U of walls 1.5 m deep",
+    "u_traps_30": "a U of walls 3 m deep",
+    "corridors": "one bend or two, 0.9 to 1.4 m wide",
+    "rooms": "four or six rooms with doors of 0.8 to 1.2 m",
+    "moving_crossing": "one to three discs that cross the straight line",
+    "moving_head_on": "one or two discs that come towards the robot",
+    "moving_overtaking": "one or two slow discs that go the robot's way",
+    "moving_crowd": "8 to 30 discs that go to and fro in the square",
+    "push_boxes": 'boxes that can be pushed, for dynamics="pymunk"',
+}
+
+REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, ABOUT, room_on_the_way, feasible)

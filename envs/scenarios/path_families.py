@@ -15,8 +15,10 @@ from wayfield.envs.geometry import bearing, sin_cos, sines
 from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.curves import SPACING
 from wayfield.envs.scenarios.draws import Draw, rounded
+from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import PathScenario
 from wayfield.envs.scenarios.tracing import arc, evenly, lengths, sharpness
+from wayfield.envs.specs import Repertoire
 
 Points = NDArray[np.float64]  # x and y, shape (2, k), m
 Curve = Callable[[Draw], "Points | None"]  # None: drawn in vain, draw again
@@ -213,30 +215,36 @@ def feasible(scenario: PathScenario) -> bool:
 
 
 PATH_FAMILIES: Mapping[str, Callable[[int], PathScenario]] = {
-    # 8 to 16 m, started up to 0.5 m beside and 0.8 rad off: the step response of a tracking law.
     "straights": _family("straights", _straight, offset=0.5, turn=0.8),
-    # Radius 0.8 to 3 m, to either side.
     "circles": _family("circles", _circle, closed=True),
-    # Bends of 40 to 160 degrees with continuous curvature of at most 2.2 1/m.
     "clothoids": _family("clothoids", _clothoids),
-    # Sines with a largest curvature of 0.3 to 1 1/m.
     "s_curves_wide": _family("s_curves_wide", _s_curve(0.3, 1.0, 5.0, 8.0)),
-    # 1 to 2.5 1/m.
     "s_curves_medium": _family("s_curves_medium", _s_curve(1.0, 2.5, 3.5, 5.5)),
-    # 2.5 to 4.5 1/m.
     "s_curves_tight": _family("s_curves_tight", _s_curve(2.5, 4.5, 2.0, 3.2)),
-    # Lemniscates of Gerono 2.8 to 5.6 m long.
     "figure_eights_gerono": _family("figure_eights_gerono", _gerono, closed=True),
-    # Two circles of radius 0.6 to 1.5 m that touch: the curvature jumps.
     "figure_eights_tangent": _family("figure_eights_tangent", _tangent_circles, closed=True),
-    # Four to six legs of 1.5 to 3 m, all corners of 90 degrees.
     "polylines_90": _family("polylines_90", _turns(90.0)),
-    # 120 degrees.
     "polylines_120": _family("polylines_120", _turns(120.0)),
-    # 150 degrees: almost back.
     "polylines_150": _family("polylines_150", _turns(150.0)),
-    # Smooth random paths, curvature at most 2 1/m.
     "splines": _family("splines", _spline),
-    # Smooth random loops that do not cross themselves, curvature at most 2 1/m.
     "circuits": _family("circuits", _circuit, closed=True),
 }
+
+
+ABOUT: Mapping[str, str] = {
+    "straights": "8 to 16 m, started up to 0.5 m beside and 0.8 rad off",
+    "circles": "radius 0.8 to 3 m, to either side",
+    "clothoids": "bends of 40 to 160 degrees, continuous curvature up to 2.2 1/m",
+    "s_curves_wide": "sines with a largest curvature of 0.3 to 1 1/m",
+    "s_curves_medium": "sines with a largest curvature of 1 to 2.5 1/m",
+    "s_curves_tight": "sines with a largest curvature of 2.5 to 4.5 1/m",
+    "figure_eights_gerono": "lemniscates of Gerono, 2.8 to 5.6 m long",
+    "figure_eights_tangent": "two circles that touch: the curvature jumps",
+    "polylines_90": "four to six legs, all corners of 90 degrees",
+    "polylines_120": "four to six legs, all corners of 120 degrees",
+    "polylines_150": "four to six legs, all corners of 150 degrees: almost back",
+    "splines": "smooth random paths, curvature up to 2 1/m",
+    "circuits": "smooth random loops that do not cross themselves",
+}
+
+REPERTOIRE = Repertoire(PathScenario, PATH_SCENARIOS, PATH_FAMILIES, ABOUT, path_sharpness, feasible)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,12 @@ class GoalScenario:
     quantity: float = math.nan  # what the tier is read from: the room on the way, m
     published_length: float = math.nan  # m, of the way that the makers of a public benchmark give; NaN: they give none
 
+    # what a file of one may say, besides the goal: the fields, but for "obstacles" with their patrols, and the "map"
+    file_fields: ClassVar[tuple[str, ...]] = (
+        *("start", "waypoints", "obstacles", "map", "start_offset", "start_turn"),
+        *("position_tolerance", "heading_tolerance", "waypoint_radius"),
+    )
+
     def __post_init__(self) -> None:
         _settle(self, "goal", pose("goal", self.goal))
         _settle(self, "start", pose("start", self.start))
@@ -161,42 +167,6 @@ class GoalScenario:
         grid = [] if self.grid is None else self.grid.decisive()
         published = [] if math.isnan(self.published_length) else [self.published_length]
         return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter, *grid, *published]
-
-
-def _nothing_closes() -> NDArray[np.float64]:
-    return np.empty((0, 2))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class DockingScenario(GoalScenario):
-    """A pose to come to rest at, exactly, from close by.
-
-    Raises:
-        ValueError: as a `GoalScenario`.
-    """
-
-    position_tolerance: float = 0.05  # m
-    heading_tolerance: float = 0.05  # rad
-    # (m, 2) of each obstacle of a family, how far in x and y (m) it is moved for a metre less of hull radius; (0, 2):
-    # all stand where they are
-    closing: NDArray[np.float64] = dataclasses.field(default_factory=_nothing_closes)
-    quantity: float = math.nan  # what the tier is read from: the length of the shortest proven way, m
-
-    def fitted(self, shrinkage: float) -> "DockingScenario":
-        """Returns the scenario for a hull that is smaller by `shrinkage` (m) than the one that it was made for.
-
-        What the hull docks at is moved up to it, so that the gaps stay; the rest stands.
-        """
-        if not self.closing.any():
-            return self
-        obstacles = self.obstacles.copy()
-        obstacles["x"] += shrinkage * self.closing[:, 0]
-        obstacles["y"] += shrinkage * self.closing[:, 1]
-        return dataclasses.replace(self, obstacles=obstacles)
-
-    def decisive(self) -> list[Any]:
-        """Returns all numbers that decide an episode, in an order of their own."""
-        return [*super().decisive(), self.closing]
 
 
 def check_clear(scenario: GoalScenario, hull_radius: float) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from wayfield.envs.checks import LAST_SEED, shown, suggestion
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.scenarios.tasks import FAMILIES, TASKS
+from wayfield.envs.specs import TASKS
 
 # scenarios a family; "claims" are test scenarios too, enough of them to tell differences of a point
 SPLITS = {"train": 64, "validation": 10, "test": 10, "claims": 100}
@@ -27,20 +27,20 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of a frozen split in their order, each with its tier and the quantity behind it.
 
     Args:
-        task: "path_following", "goal_reaching" or "docking".
-        family: a name of FAMILIES[task], or "all": the families one after the other, but for those that need pymunk.
+        task: a name of TASKS.
+        family: a name of its families, or "all": the families one after the other, but for those that need pymunk.
         name: "train", "validation", "test" or "claims".
 
     Raises:
         ValueError: if a name is unknown, or the file is damaged, or the scenarios are not those that were frozen.
     """
-    for what, value, known in (("task", task, FAMILIES), ("family", family, families(task)), ("split", name, SPLITS)):
+    for what, value, known in (("task", task, TASKS), ("family", family, families(task)), ("split", name, SPLITS)):
         if value not in known:
             raise ValueError(
                 f"{what} is {shown(value)}; it must be one of {', '.join(known)}.{suggestion(value, known)}"
             )
     if family == "all":
-        every = (each for each in FAMILIES[task] if each not in TASKS[task].needs_pymunk)
+        every = (each for each in TASKS[task].families if each not in TASKS[task].needs_pymunk)
         return tuple(scenario for each in every for scenario in split(task, each, name))
     return _split(file_of(task, name), task, family, name)
 
@@ -57,7 +57,7 @@ def tiers(task: str, family: str, name: str) -> tuple[str, ...]:
 
 def families(task: str) -> tuple[str, ...]:
     """Returns the names of a task's families, and "all"; none for an unknown task."""
-    return ("all", *FAMILIES[task]) if task in FAMILIES else ()
+    return ("all", *TASKS[task].families) if task in TASKS else ()
 
 
 def digest(scenarios: Iterable[PathScenario | GoalScenario]) -> str:
@@ -83,7 +83,7 @@ def _shipped(folder: pathlib.Path) -> None:
     "split",
     "path_following.json",
     _shipped,
-    lambda read, file: read(file, "path_following", next(iter(FAMILIES["path_following"])), "test"),
+    lambda read, file: read(file, "path_following", next(iter(TASKS["path_following"].families)), "test"),
 )
 @functools.lru_cache
 def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, ...]:
@@ -96,7 +96,7 @@ def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, 
         if len(seeds) != SPLITS[name]:
             raise ValueError(f"there are {len(seeds)} seeds, not {SPLITS[name]}")
         scenarios = tuple(
-            _with_tier(FAMILIES[task][family](seed), float(quantity), str(tier))
+            _with_tier(TASKS[task].families[family](seed), float(quantity), str(tier))
             for seed, quantity, tier in zip(seeds, quantities, tiers, strict=True)
         )
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:

@@ -223,7 +223,7 @@ def held_law(briefing: Briefing, slower: Actuators) -> tuple[NDArray[np.float64]
     robot, dt = briefing.robot, briefing.dt
     lag = lag_factors(slower.lag - briefing.actuators.lag, dt)
     limit = robot.rated_wheel_speed if slower.at_rated_speed else robot.peak_wheel_speed
-    law = np.array([slower.acceleration, slower.yaw_acceleration, dt, *lag, limit])
+    law = np.array([slower.acceleration, slower.yaw_acceleration, dt, *lag, limit, robot.turn_speed])
     return law, np.ascontiguousarray(robot.wheel_matrix)
 
 

@@ -590,16 +590,17 @@ def hold(law, matrix, held, twists):
     """Turns twists (b, t) into those that a slower base would drive by them, as the kinematic plant has it.
 
     law: acceleration (m/s^2), yaw acceleration (rad/s^2), control period (s), share of a deviation that its lag leaves
-    after that, mean share of it until then, and the limit of the wheel speeds (rad/s). matrix (n, 3): of the wheels.
+    after that, mean share of it until then, and the limits of the wheel speeds and of the yaw rate (rad/s). matrix
+    (n, 3): of the wheels.
     held (b, 2, 3): the command, and the twist at which the slower base's wheels would turn by now.
     """
-    acceleration, yaw_acceleration, dt, decay, mean, limit = law
+    acceleration, yaw_acceleration, dt, decay, mean, limit, turn_limit = law
     last = twists.shape[1] - 1
     for i in range(twists.shape[0]):
         x = twists[i, 0]
         y = twists[i, 1] if last == 2 else 0.0
         w = twists[i, last]
-        factor = saturation_factor(matrix, matrix.shape[0], limit, x, y, w)
+        factor = saturation_factor(matrix, matrix.shape[0], limit, turn_limit, x, y, w)
         x, y, w = limit_acceleration(
             held[i, 0, 0], held[i, 0, 1], held[i, 0, 2],
             factor * x, factor * y, factor * w, acceleration, yaw_acceleration, dt,

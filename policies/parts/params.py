@@ -22,6 +22,7 @@ PLANT = np.dtype(
         ("num_wheels", np.int64),
         ("wheel_matrix", np.float64, (MAX_WHEELS, 3)),  # twist to wheel speeds, rad/s
         ("wheel_speed_limit", np.float64),  # rad/s
+        ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate
         ("acceleration", np.float64),  # m/s^2
         ("yaw_acceleration", np.float64),  # rad/s^2
         ("lag", np.float64),  # s
@@ -82,6 +83,7 @@ def plant(robot: Robot, actuators: Actuators, dt: float) -> NDArray[np.void]:
     made["num_wheels"] = len(robot.wheel_matrix)
     made["wheel_matrix"][0, : len(robot.wheel_matrix)] = robot.wheel_matrix
     made["wheel_speed_limit"] = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
+    made["turn_speed"] = robot.turn_speed
     made["acceleration"] = actuators.acceleration
     made["yaw_acceleration"] = actuators.yaw_acceleration
     made["lag"] = actuators.lag

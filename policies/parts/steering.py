@@ -66,6 +66,20 @@ class Map(NamedTuple):
         return cls(briefing.obstacles, briefing.num_obstacles, patrols, briefing.goals, briefing.num_goals, *grids)
 
 
+class Goals(NamedTuple):
+    """Where b robots are told to go: waypoints and goal."""
+
+    goals: Array  # (b, m, 3)
+    num_goals: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, briefing: Briefing) -> "Goals":
+        """Returns the goals of a briefing that tells them."""
+        assert briefing.goals is not None
+        assert briefing.num_goals is not None
+        return cls(briefing.goals, briefing.num_goals)
+
+
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:
     """Returns the twists (b, t) of a law that drives forward and turns; an omni base is driven the same way.
 

@@ -383,7 +383,9 @@ def step_and_stop(plant, hits, command, wheels, vx, vy, yaw_rate):
 @inlined
 def set_command(plant, command, vx, vy, yaw_rate):
     """Turns the last command (3,) into what the plant makes of a new one: saturation, acceleration limits."""
-    factor = saturation_factor(plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, vx, vy, yaw_rate)
+    factor = saturation_factor(
+        plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, vx, vy, yaw_rate
+    )
     command[0], command[1], command[2] = limit_acceleration(
         command[0],
         command[1],

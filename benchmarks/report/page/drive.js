@@ -18,7 +18,7 @@ class Drive {
     };
     const [who, whoLabel] = select("who drives", []);
     const [from, fromLabel] = select("from", ["the start", "this moment of the chosen robot"]);
-    const [robot, robotLabel] = select("robot", robotsOf(kernels), () => { replay.robot = this.robot.value; this.offer(); });
+    const [robot, robotLabel] = select("robot", robotsOf(kernels), () => this.embody());
     const [tier, tierLabel] = select("actuators", kernels.tables.tiers, () => this.offer());
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
@@ -66,7 +66,7 @@ class Drive {
   }
 
   get task() {
-    return TASK_OF[this.replay.world.kind];
+    return taskOf(this.kernels, this.replay.world);
   }
 
   // Who can drive here, and who cannot and why.
@@ -84,8 +84,18 @@ class Drive {
     const unable = [...new Set(replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy))];
     const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : "decides in NumPy");
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
-    if (!this.task) this.cannot.textContent = "Docking is replayed; nobody can drive it in the page.";
+    if (!this.task) this.cannot.textContent = "Such scenarios are replayed; nobody can drive in them in the page.";
     this.goButton.disabled = !this.kernels || !this.task;
+  }
+
+  // Another robot drives: what a hull docks at comes up to it.
+  embody() {
+    const { replay } = this;
+    const world = fitted(replay.world, HULLS[this.robot.value]);
+    replay.robot = this.robot.value;
+    if (world === replay.world) { this.offer(); return; }
+    this.stop();
+    replay.show(world, replay.robot, [], replay.told_of.textContent);
   }
 
   conditions() {
@@ -243,6 +253,8 @@ class Drive {
     const { replay } = this;
     if (replay.world === this.original) {
       replay.world = structuredClone(this.original);
+      delete replay.world.made; // what was moved by hand stays there for every hull
+      delete replay.world.closing;
       for (const actor of replay.actors) if (actor.told) actor.ghost = true;
     }
     apply(replay.world);
@@ -258,7 +270,7 @@ class Drive {
   }
 
   put(shape) {
-    if (this.replay.world.kind !== "goal") { this.result.textContent = "Nothing stands beside a path; its points can be moved."; return; }
+    if (this.replay.world.path) { this.result.textContent = "Nothing stands beside a path; its points can be moved."; return; }
     const [x, y] = this.replay.view.centre;
     this.change((world) => {
       world.obstacles.push([x, y, ...shape.slice(2)]);

@@ -2,7 +2,8 @@
 
 const GOAL_FIELDS = ["goal", "start", "waypoints", "obstacles", "start_offset", "start_turn", "position_tolerance", "heading_tolerance", "waypoint_radius"];
 const PATH_FIELDS = ["path", "closed", "laps", "start", "start_offset", "start_turn", "corridor"];
-const GOAL_DEFAULTS = { start: [0, 0, 0], waypoints: [], obstacles: [], start_offset: 0, start_turn: 0, position_tolerance: 0.1, heading_tolerance: 0.1, waypoint_radius: 0.5 };
+// The word that a file has for its pose, and what it is asked within (m and rad), by the kind of the scenario.
+const TOLERANCES = { goal: 0.1, dock: 0.05 };
 const SHAPES = { circle: ["x", "y", "radius"], box: ["x", "y", "length", "width"], wall: ["x1", "y1", "x2", "y2"] };
 const MOST_POINTS = 20000;
 const MOST_OBSTACLES = 1000;
@@ -58,13 +59,17 @@ function worldOf(text, name) {
     throw new Error(`it is no JSON: ${error.message}`);
   }
   if (typeof content !== "object" || content === null || Array.isArray(content)) throw new Error("it must hold one object {...}");
-  const goal = "goal" in content;
-  if (!goal && !("path" in content)) throw new Error("it has neither the field goal nor path");
-  const known = goal ? GOAL_FIELDS : PATH_FIELDS;
+  const kinds = Object.keys(TOLERANCES).filter((each) => each in content);
+  if (kinds.length > 1) throw new Error(`it has both the fields ${kinds.join(" and ")}; there must be one of them`);
+  const [goal] = kinds;
+  if (!goal && !("path" in content)) throw new Error("it has none of the fields goal, dock and path");
+  if ("map" in content) throw new Error("it names a map, another file, which a page cannot open: python evaluate.py --path drives there");
+  if ("path_file" in content) throw new Error("it names a table, another file, which a page cannot open: put its points into path");
+  const known = goal ? GOAL_FIELDS.map((field) => (field === "goal" ? goal : field)) : PATH_FIELDS;
   for (const field of Object.keys(content)) if (!known.includes(field)) throw new Error(`field ${JSON.stringify(field)} is not known; the fields are ${known.join(", ")}`);
   const number = (field, fallback, least, most) => (content[field] === undefined ? fallback : asNumber(field, content[field], least, most));
   const world = { name, family: "", tier: "", quantity: null, start_offset: number("start_offset", 0, 0), start_turn: number("start_turn", 0, 0, 7) };
-  if (goal) return goalWorld(content, world, number);
+  if (goal) return goalWorld(goal, content, world, number);
   if (!Array.isArray(content.path) || content.path.length < 2 || content.path.length > MOST_POINTS) throw new Error(`path must be a list of 2 to ${MOST_POINTS} points [x, y]`);
   let path = content.path.map((point, k) => asNumbers(`path[${k}]`, point, 2));
   let closed = content.closed === true;
@@ -76,17 +81,17 @@ function worldOf(text, name) {
     start: content.start ? asNumbers("start", content.start, 3) : null };
 }
 
-function goalWorld(content, world, number) {
+function goalWorld(kind, content, world, number) {
   const list = (field, most) => {
     const value = content[field] === undefined ? [] : content[field];
     if (!Array.isArray(value) || value.length > most) throw new Error(`${field} must be a list of at most ${most}`);
     return value;
   };
   const each = list("obstacles", MOST_OBSTACLES).map((value, k) => asObstacle(`obstacles[${k}]`, value));
-  return { ...world, kind: "goal", steps: 1200, goal: asNumbers("goal", content.goal, 3), start: content.start ? asNumbers("start", content.start, 3) : [0, 0, 0],
+  return { ...world, kind, steps: 1200, goal: asNumbers(kind, content[kind], 3), start: content.start ? asNumbers("start", content.start, 3) : [0, 0, 0],
     waypoints: list("waypoints", MOST_OBSTACLES).map((point, k) => asNumbers(`waypoints[${k}]`, point, 2)),
     obstacles: each.map(({ shape }) => shape), patrols: each.some(({ patrol }) => patrol[4] > 0) ? each.map(({ patrol }) => patrol) : [],
-    position_tolerance: number("position_tolerance", 0.1, 1e-6), heading_tolerance: number("heading_tolerance", 0.1, 1e-6, 7), waypoint_radius: number("waypoint_radius", 0.5, 1e-6) };
+    position_tolerance: number("position_tolerance", TOLERANCES[kind], 1e-6), heading_tolerance: number("heading_tolerance", TOLERANCES[kind], 1e-6, 7), waypoint_radius: number("waypoint_radius", 0.5, 1e-6) };
 }
 
 // The file of a world, as the package reads it.
@@ -105,5 +110,5 @@ function fileOf(world) {
     if (w === 0) return { kind: "wall", x1: x - l * cos, y1: y - l * sin, x2: x + l * cos, y2: y + l * sin };
     return { kind: "box", x, y, length: 2 * l, width: 2 * w, heading: Math.atan2(sin, cos), ...weight };
   });
-  return JSON.stringify(Object.fromEntries(GOAL_FIELDS.map((field) => [field, field === "obstacles" ? obstacles : world[field]])), null, 1) + "\n";
+  return JSON.stringify(Object.fromEntries(GOAL_FIELDS.map((field) => [field === "goal" ? world.kind : field, field === "obstacles" ? obstacles : world[field]])), null, 1) + "\n";
 }

@@ -1,6 +1,7 @@
 // One robot in one world, stepped by the package's own kernels.
 
-const TASK_OF = { path: "path_following", goal: "goal_reaching" };
+// The task of a world; undefined where the kernels know none of its kind.
+const taskOf = ({ tables }, { kind }) => Object.keys(tables.tasks).find((task) => tables.tasks[task].kind === kind);
 // Robots that the kernels know for a task, or for any where nobody can drive.
 const robotsOf = ({ tables }, task) => Object.keys((tables.tasks[task] || Object.values(tables.tasks)[0]).robots);
 const NOISE_BLOCK = 64;
@@ -24,7 +25,7 @@ class Simulator {
   constructor(kernels, world, { robot, actuators, disturbance = "none", seed = 1 }) {
     this.kernels = kernels;
     this.world = world;
-    this.task = TASK_OF[world.kind];
+    this.task = taskOf(kernels, world);
     this.tables = kernels.tables.tasks[this.task];
     this.robot = robot;
     this.actuators = actuators;
@@ -150,7 +151,7 @@ class Simulator {
 
   reset() {
     this.fillNoise();
-    this.kernels.call(`${this.task}_reset`, this.arrays);
+    this.kernels.call(`${this.tables.rows}_reset`, this.arrays);
     return this.observe();
   }
 
@@ -164,7 +165,7 @@ class Simulator {
       const [s, segment] = this.along(recorded, step);
       set({ arc_length: s, segment, measured_arc_length: s, measured_segment: segment });
     } else set({ waypoint: this.passed(recorded, step) });
-    this.kernels.call(`${this.task}_step`, { phases: 4, ...this.arrays }); // judges where it is: no motion
+    this.kernels.call(`${this.tables.rows}_step`, { phases: 4, ...this.arrays }); // judges where it is: no motion
     return this.observe();
   }
 
@@ -225,7 +226,7 @@ class Simulator {
       this.fillNoise();
       state.set("noise_row", 0);
     }
-    kernels.call(`${this.task}_step`, { phases: 7, ...arrays });
+    kernels.call(`${this.tables.rows}_step`, { phases: 7, ...arrays });
     this.observe();
     const flags = new Uint8Array(kernels.memory.buffer, arrays.flags.at, this.tables.flags.length);
     return Object.fromEntries(this.tables.flags.map((name, k) => [name, flags[k] !== 0]));
