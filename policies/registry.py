@@ -13,6 +13,8 @@ from wayfield.policies.lqr import Lqr
 from wayfield.policies.mpc import Mpc
 from wayfield.policies.mpc_pose import MpcPose
 from wayfield.policies.mppi import Mppi
+from wayfield.policies.nav2_dwb import Nav2Dwb
+from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.orca import Orca
 from wayfield.policies.polar import Polar
 from wayfield.policies.policy import Policy
@@ -50,6 +52,8 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "dwa": Dwa,
     "vfh_plus": VfhPlus,
     "mppi": Mppi,
+    "nav2_dwb": Nav2Dwb,
+    "nav2_mppi": Nav2Mppi,
     "orca": Orca,
     "scan_planner": ScanPlanner,
     "astar_tracker": AstarTracker,
@@ -88,6 +92,8 @@ ABOUT: dict[str, About] = {
     "dwa": About("dynamic window approach on the scan", "Fox et al. 1997"),
     "vfh_plus": About("vector field histogram + on the scan", "Ulrich and Borenstein 1998"),
     "mppi": About("model predictive path integral control on the scan", "Williams et al. 2018"),
+    "nav2_dwb": About("Nav2's DWB as Nav2 configures it, on the scan planner's map and plan", "Nav2; Fox et al. 1997"),
+    "nav2_mppi": About("Nav2's MPPI as Nav2 configures it, on the same", "Nav2; Williams et al. 2018"),
     "orca": About("reciprocal velocity obstacles, with all of the responsibility", "van den Berg et al. 2011"),
     "scan_planner": About("plans on a map of its own scans, as if the unseen were free", "Koenig and Likhachev 2005"),
     "astar_tracker": About("Theta* on the whole map, then a tracker: the privileged reference", "Nash et al. 2007"),

@@ -44,8 +44,8 @@ def reached(rows: Sequence[Row]) -> bool | None:
 GOAL_OBSTACLES = Contest(
     spec=TASKS["goal_reaching"],
     policies=(
-        *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "orca", "scan_planner", "astar_tracker"),
-        "ppo",
+        *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "nav2_dwb", "nav2_mppi", "orca"),
+        *("scan_planner", "astar_tracker", "ppo"),
     ),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(

@@ -1,0 +1,526 @@
+"""MPPI as Nav2 configures it: 2,000 samples of its noise around the last plan, judged by its critics on a costmap."""
+
+import dataclasses
+import functools
+import math
+import threading
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import LAST_SEED
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.elementary import exponential
+from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.policies.mppi import scramble, two_normals
+from wayfield.policies.parts.costmap import (
+    INSCRIBED,
+    LETHAL,
+    MOST_POINTS,
+    POINT_SPACING,
+    CostmapController,
+    ahead_of,
+    cost_at,
+    perceive,
+)
+from wayfield.policies.policy import check_gain, check_switch, check_whole
+
+HISTORY = 4  # commands before the plan, which its filter reads
+FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0  # quadratic, of nine points
+FAR = math.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class Nav2Mppi(CostmapController):
+    """Nav2's MPPI controller with the gains and the critics of Nav2's own configuration, on the robot's own costmap.
+
+    A plan u holds a twist for each of `steps` steps of `step_time`. Samples u_k = u + e_k, with Gaussian noise e_k that
+    is drawn once and kept, are driven in thought within the limits of acceleration. What one costs is the sum of the
+    critics below and of gamma / std^2 sum_t u(t) e_k(t) for each channel; with w_k the weights of `Mppi`, the plan
+    becomes sum_k w_k u_k, is smoothed by a quadratic filter of nine points, cut to the limits, and its second twist is
+    driven, since the first is what the robot does now.
+
+    Critics, over the points of a trajectory at most 56 steps long, with L the way left along the plan, d the distance
+    to the goal and f the farthest point of the plan that any trajectory's end is nearest to:
+
+        constraint    weight x sum of the speed beyond its limits x step_time
+        cost          weight / 254 x mean over every second point of the cost there (not within 1 m of the goal), or
+                      of `collision_cost` from the first point in collision on
+        goal          L under 1.4 m: weight x mean distance to the goal
+        goal_angle    d under 0.5 m: weight x mean angle to the goal's heading
+        path_align    part of the plan ahead over 0.5 m, f at least 20 points on, and at most 5 % (and two) of the
+                      points up to it taken: weight x mean distance of every fourth point to the point of the plan that
+                      lies as far along
+        path_follow   that part over 1.4 m: weight x distance of the end to the first free point from f + 5 on
+        path_angle    d over 0.5 m, and the point f + 4 more than 1 rad aside: weight x angle at the end to that point
+        prefer_forward  d over 0.5 m: weight x way driven backward
+
+    Where all samples collide the plan is thrown away and sampled once more; where they still do, the robot stops. A
+    robot held so for half a second bars the gap that it did not fit through and plans anew.
+
+    Differences from Nav2: the map is that of `scan_map` (a hit is kept to a quarter of a cell), also its global one, so
+    that the plan is `ScanPlanner`'s and not NavFn's; the hull is a disc; acceleration limits are the robot's where they
+    are lower; max_speed is the asked one; there are no recovery behaviours.
+
+    Source: nav2_mppi_controller's README, the parameters of nav2_bringup (Jazzy), and its critics' formulas; Williams,
+    Drews, Goldfain, Rehg and Theodorou, IEEE T-RO 34(6), 2018.
+    """
+
+    samples: int = 2000
+    steps: int = 56
+    step_time: float = 0.05  # s
+    temperature: float = 0.3
+    gamma: float = 0.015
+    speed_noise: float = 0.2  # m/s
+    yaw_noise: float = 0.4  # rad/s
+    max_reverse: float = 0.35  # m/s
+    max_yaw_rate: float = 1.9  # rad/s
+    acceleration: float = 3.0  # m/s^2, at most, and at most what the base can do
+    yaw_acceleration: float = 3.5  # rad/s^2, likewise
+    open_loop: bool = False  # whether the robot is thought to do what it was last told, rather than what it measures
+    prune_distance: float = 1.7  # m, of the plan that is looked at
+    constraint: float = 4.0
+    cost: float = 3.81
+    critical_cost: float = 300.0
+    collision_cost: float = 1e6
+    near_goal: float = 1.0  # m, within which the cost critic only counts collisions
+    goal: float = 5.0
+    goal_within: float = 1.4  # m
+    goal_angle: float = 3.0
+    goal_angle_within: float = 0.5  # m
+    path_align: float = 14.0
+    path_align_from: float = 0.5  # m
+    path_align_offset: int = 20  # points
+    most_occupied: float = 0.05  # share of the plan ahead
+    path_follow: float = 5.0
+    path_follow_from: float = 1.4  # m
+    path_follow_offset: int = 5  # points
+    path_angle: float = 2.0
+    path_angle_from: float = 0.5  # m
+    path_angle_offset: int = 4  # points
+    path_angle_beyond: float = 1.0  # rad
+    prefer_forward: float = 5.0
+    prefer_forward_from: float = 0.5  # m
+    cost_stride: int = 2  # points
+    align_stride: int = 4  # points
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("samples", "cost_stride", "align_stride"):
+            check_whole(self, name, least=1)
+        check_whole(self, "steps", least=2)
+        for name in ("path_align_offset", "path_follow_offset", "path_angle_offset"):
+            check_whole(self, name)
+        check_whole(self, "seed", most=LAST_SEED)
+        check_switch(self, "open_loop")
+        above = ("step_time", "temperature", "speed_noise", "yaw_noise", "acceleration", "yaw_acceleration")
+        for name in (*above, "max_yaw_rate", "prune_distance"):
+            check_gain(self, name, above=0.0)
+        for field in dataclasses.fields(self):
+            if field.type is float:
+                check_gain(self, field.name, least=0.0)
+        most = POINT_SPACING * (MOST_POINTS - 1)
+        if not self.prune_distance <= most:
+            raise ValueError(f"Nav2Mppi: prune_distance must be at most {most:g} m, got {self.prune_distance!r}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns an empty map and no plan for each robot, (b,).
+
+        Raises:
+            ValueError: if there are no beams.
+        """
+        more = [("sequence", np.float64, (self.steps, 3)), ("history", np.float64, (HISTORY, 3))]
+        return self.remembered(briefing, more)
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t): m/s and rad/s.
+
+        Raises:
+            ValueError: if the scan has another number of beams than the briefing.
+        """
+        scan, seen = self.driven(observation, briefing, memory)
+        p = self.given(
+            briefing,
+            acceleration=min(self.acceleration, briefing.actuators.acceleration),
+            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
+        )
+        noise = drawn(self.seed, self.samples, self.steps, self.speed_noise, self.yaw_noise)
+        decide(p, self.maps(briefing), Samples.of(noise), scan, seen, memory["state"])
+        return memory["state"]["command"][:, list(briefing.robot.twist_axes)]
+
+
+class Samples(NamedTuple):
+    """The noise of K samples of T steps, and what becomes of them in a decision."""
+
+    noise: NDArray[np.float64]  # (K, T, 3) m/s and rad/s
+    controls: NDArray[np.float64]  # (K, T, 3) m/s and rad/s
+    places: NDArray[np.float64]  # (K, T, 3) m and rad
+    costs: NDArray[np.float64]  # (K,)
+
+    @classmethod
+    def of(cls, noise: NDArray[np.float64]) -> "Samples":
+        """Returns the samples of some noise, in arrays that the calling thread keeps: to make them anew took as long
+        as to fill them."""
+        held: Samples | None = getattr(_kept, "samples", None)
+        if held is None or held.noise is not noise:
+            held = _kept.samples = cls(noise, np.empty_like(noise), np.empty_like(noise), np.empty(len(noise)))
+        return held
+
+
+_kept = threading.local()
+
+
+@functools.lru_cache(maxsize=8)
+def drawn(seed: int, samples: int, steps: int, speed_noise: float, yaw_noise: float) -> NDArray[np.float64]:
+    """Returns the noise (samples, steps, 3) that all decisions share, m/s and rad/s, not to be written to."""
+    noise = np.empty((samples, steps, 3))
+    fill_noise(np.uint64(seed), noise)
+    noise *= (speed_noise, speed_noise, yaw_noise)
+    noise.setflags(write=False)
+    return noise
+
+
+@compiled
+def fill_noise(seed, noise):
+    """Fills an array (samples, steps, 3) with standard normal numbers."""
+    key = scramble(seed)
+    for k in range(noise.shape[0]):
+        for t in range(noise.shape[1]):
+            number = 2 * (k * noise.shape[1] + t)
+            noise[k, t, 0], noise[k, t, 2] = two_normals(key, number)
+            noise[k, t, 1], _ = two_normals(key, number + 1)
+
+
+@compiled
+def decide(params, maps, samples, scan, seen, memory):
+    """Sets the commands of all robots."""
+    p = params[0]
+    points = np.empty((MOST_POINTS, 2))
+    for i in range(memory.shape[0]):
+        m = memory[i]
+        pose, goal, s = perceive(p, m, maps, scan, seen, i)
+        count = ahead_of(m, s, p.prune_distance, FAR, pose[0], pose[1], points)
+        if p.open_loop:
+            now = m.command[0], m.command[1], m.command[2]
+        else:
+            now = seen.twists[i, 0], seen.twists[i, 1], seen.twists[i, 2]
+        found = False
+        for _ in range(2 if count > 0 else 0):
+            m.sequence[0, 0], m.sequence[0, 1], m.sequence[0, 2] = now
+            roll_out(p, m.sequence, samples, now, pose)
+            found = judge(p, m, maps.costs, points[:count], (pose, goal, m.arc[m.num_points - 1] - s), samples)
+            if found:
+                break
+            m.sequence[:] = 0.0
+            m.history[:] = 0.0
+        if not found:
+            m.stuck += 1
+            m.command[:] = 0.0
+            continue
+        m.stuck = 0
+        add_control_cost(p, m.sequence, samples)
+        average(p.temperature, samples, m.sequence)
+        smooth(m.history, m.sequence)
+        limit(p, now, m.sequence)
+        for c in range(3):
+            m.command[c] = m.sequence[1, c]
+            for t in range(HISTORY):
+                m.history[t, c] = m.history[t + 1, c] if t + 1 < HISTORY else m.command[c]
+            for t in range(p.steps - 1):
+                m.sequence[t, c] = m.sequence[t + 1, c]
+
+
+@compiled
+def roll_out(p, sequence, samples, now, pose):
+    """Fills the controls of the samples, and where they lead: x, y (m), heading (rad).
+
+    A control acts in the step after its own; the first step is driven at the twist that the robot has.
+    """
+    noise, controls, places, _ = samples
+    dt = p.step_time
+    change = p.acceleration * dt
+    turn_change = p.yaw_acceleration * dt
+    for k in range(controls.shape[0]):
+        vx, vy, w = now
+        x, y, heading = pose
+        sine, cosine = sin_cos(heading)
+        for t in range(p.steps):
+            x += (cosine * vx - sine * vy) * dt
+            y += (sine * vx + cosine * vy) * dt
+            heading += w * dt
+            places[k, t, 0] = x
+            places[k, t, 1] = y
+            places[k, t, 2] = heading
+            sine, cosine = sin_cos(heading)
+            vx = min(max(sequence[t, 0] + noise[k, t, 0], vx - change), vx + change)
+            w = min(max(sequence[t, 2] + noise[k, t, 2], w - turn_change), w + turn_change)
+            if p.plant.holonomic:
+                vy = min(max(sequence[t, 1] + noise[k, t, 1], vy - change), vy + change)
+            controls[k, t, 0] = vx
+            controls[k, t, 1] = vy
+            controls[k, t, 2] = w
+
+
+# The critics.
+
+
+@compiled
+def judge(p, m, costs_of, points, state, samples):
+    """Fills the costs of the samples by all critics; returns whether one of them does not collide.
+
+    Args:
+        points: (n, 2) m, of the plan ahead.
+        state: pose, goal, and the way (m) left along the plan.
+    """
+    pose, goal, left = state
+    _, controls, places, costs = samples
+    distance = math.sqrt((goal[0] - pose[0]) ** 2 + (goal[1] - pose[1]) ** 2)
+    free = False
+    for k in range(costs.shape[0]):
+        costs[k], collides = cost_critic(p, m, costs_of, places[k], distance < p.near_goal)
+        free = free or not collides
+    if not free:
+        return False
+    taken = np.empty(points.shape[0], np.bool_)
+    for j in range(points.shape[0]):
+        taken[j] = cost_at(m, costs_of, points[j, 0], points[j, 1]) >= INSCRIBED
+    length = POINT_SPACING * (points.shape[0] - 1)
+    farthest = farthest_reached(points, places)
+    aligns = length >= p.path_align_from and farthest >= p.path_align_offset and is_open(p, taken, farthest)
+    follows = length >= p.path_follow_from
+    turns, angle_at = is_aside(p, points, pose, farthest)
+    target = following(p, taken, farthest)
+    for k in range(costs.shape[0]):
+        cost = p.constraint * beyond_limits(p, controls[k])
+        if left <= p.goal_within:
+            cost += p.goal * mean_distance(places[k], goal)
+        if distance < p.goal_angle_within:
+            cost += p.goal_angle * mean_angle(places[k], goal[2])
+        if aligns:
+            cost += p.path_align * misalignment(p, points, taken, places[k])
+        if follows:
+            cost += p.path_follow * away_from(places[k], points[target])
+        if turns and distance >= p.path_angle_from:
+            cost += p.path_angle * angle_to(places[k], points[angle_at])
+        if distance >= p.prefer_forward_from:
+            cost += p.prefer_forward * backward_way(p, controls[k])
+        costs[k] += cost
+    return True
+
+
+@inlined
+def cost_critic(p, m, costs_of, places, near):
+    """Returns the cost of a trajectory by the costmap, and whether it collides; near: whether the goal is."""
+    steps = places.shape[0]
+    total = 0.0
+    looked = 0
+    collides = False
+    for t in range(0, steps, p.cost_stride):
+        looked += 1
+        if collides:
+            continue
+        here = cost_at(m, costs_of, places[t, 0], places[t, 1])
+        if here >= INSCRIBED:
+            total = p.collision_cost
+            collides = True
+        elif not near:
+            total += here
+    return p.cost / LETHAL * total / looked, collides
+
+
+@inlined
+def beyond_limits(p, controls):
+    """Returns the sum over the steps of what the speed exceeds its limits by, times the step, m."""
+    most = p.max_speed
+    least = -p.max_reverse
+    total = 0.0
+    for t in range(controls.shape[0] - 1):
+        v = controls[t, 0]
+        if p.plant.holonomic:
+            most = math.sqrt(2.0) * p.max_speed
+            least = -math.sqrt(p.max_reverse * p.max_reverse + p.max_speed * p.max_speed)
+            v = math.copysign(math.sqrt(v * v + controls[t, 1] * controls[t, 1]), v)
+        total += max(v - most, 0.0) + max(least - v, 0.0)
+    return total * p.step_time
+
+
+@inlined
+def mean_distance(places, goal):
+    """Returns the mean distance (m) of a trajectory's points from the goal."""
+    total = 0.0
+    for t in range(places.shape[0]):
+        dx = places[t, 0] - goal[0]
+        dy = places[t, 1] - goal[1]
+        total += math.sqrt(dx * dx + dy * dy)
+    return total / places.shape[0]
+
+
+@inlined
+def mean_angle(places, heading):
+    """Returns the mean angle (rad) between the headings of a trajectory and the goal's."""
+    total = 0.0
+    for t in range(places.shape[0]):
+        total += abs(wrap_angle(heading - places[t, 2]))
+    return total / places.shape[0]
+
+
+@compiled
+def farthest_reached(points, places):
+    """Returns the farthest of the points that the end of some trajectory is nearest to."""
+    farthest = 0
+    last = places.shape[1] - 1
+    for k in range(places.shape[0]):
+        nearest = np.inf
+        found = 0
+        for j in range(points.shape[0]):
+            dx = points[j, 0] - places[k, last, 0]
+            dy = points[j, 1] - places[k, last, 1]
+            d = dx * dx + dy * dy
+            if d < nearest:
+                nearest = d
+                found = j
+        farthest = max(farthest, found)
+    return farthest
+
+
+@inlined
+def is_open(p, taken, farthest):
+    """Returns whether at most two of the plan's points, or a small share of them, are taken up to the farthest."""
+    count = 0
+    for j in range(farthest):
+        count += taken[j]
+    return count <= 2 or count <= p.most_occupied * farthest
+
+
+@inlined
+def misalignment(p, points, taken, places):
+    """Returns the mean distance (m) of a trajectory's points from those of the plan that lie as far along."""
+    last = points.shape[0] - 2
+    gone = 0.0
+    total = 0.0
+    count = 0
+    for t in range(p.align_stride, places.shape[0], p.align_stride):
+        dx = places[t, 0] - places[t - p.align_stride, 0]
+        dy = places[t, 1] - places[t - p.align_stride, 1]
+        gone += math.sqrt(dx * dx + dy * dy)
+        j = max(min(int(gone / POINT_SPACING + 0.5), last), 0)
+        if not taken[j]:
+            dx = places[t, 0] - points[j, 0]
+            dy = places[t, 1] - points[j, 1]
+            total += math.sqrt(dx * dx + dy * dy)
+            count += 1
+    return total / max(count, 1)
+
+
+@inlined
+def following(p, taken, farthest):
+    """Returns the point of the plan that trajectories shall end at: the first free one from an offset on."""
+    last = taken.shape[0] - 1
+    j = min(farthest + p.path_follow_offset, last)
+    while j < last - 1 and taken[j]:
+        j += 1
+    return j
+
+
+@inlined
+def away_from(places, point):
+    """Returns the distance (m) of a trajectory's end from a point."""
+    dx = places[-1, 0] - point[0]
+    dy = places[-1, 1] - point[1]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@inlined
+def is_aside(p, points, pose, farthest):
+    """Returns whether the plan leads aside of where the robot looks, and the point of the plan that says so."""
+    j = min(farthest + p.path_angle_offset, points.shape[0] - 1)
+    aside = abs(wrap_angle(bearing(points[j, 1] - pose[1], points[j, 0] - pose[0]) - pose[2]))
+    return aside >= p.path_angle_beyond, j
+
+
+@inlined
+def angle_to(places, point):
+    """Returns the angle (rad) from a trajectory's last heading to a point."""
+    return abs(wrap_angle(bearing(point[1] - places[-1, 1], point[0] - places[-1, 0]) - places[-1, 2]))
+
+
+@inlined
+def backward_way(p, controls):
+    """Returns how far (m) a trajectory goes backward."""
+    total = 0.0
+    for t in range(controls.shape[0] - 1):
+        total += max(-controls[t, 0], 0.0)
+    return total * p.step_time
+
+
+# From costs to the next plan.
+
+
+@compiled
+def add_control_cost(p, sequence, samples):
+    """Adds to the costs what the noise costs beside the plan: gamma / std^2 sum_t u(t) e(t), for each channel."""
+    speed = p.gamma / (p.speed_noise * p.speed_noise)
+    turn = p.gamma / (p.yaw_noise * p.yaw_noise)
+    _, controls, _, costs = samples
+    for k in range(costs.shape[0]):
+        total = 0.0
+        for t in range(p.steps):
+            total += speed * sequence[t, 0] * (controls[k, t, 0] - sequence[t, 0])
+            total += turn * sequence[t, 2] * (controls[k, t, 2] - sequence[t, 2])
+            if p.plant.holonomic:
+                total += speed * sequence[t, 1] * (controls[k, t, 1] - sequence[t, 1])
+        costs[k] += total
+
+
+@compiled
+def average(temperature, samples, sequence):
+    """Makes the plan the mean of the samples' controls, weighted by exp(-(cost - least cost) / temperature)."""
+    _, controls, _, costs = samples
+    least = costs.min()
+    total = 0.0
+    sequence[:] = 0.0
+    for k in range(costs.shape[0]):
+        weight = exponential((least - costs[k]) / temperature)
+        if weight < 1e-12:
+            continue
+        total += weight
+        for t in range(sequence.shape[0]):
+            for c in range(3):
+                sequence[t, c] += weight * controls[k, t, c]
+    sequence /= total
+
+
+@compiled
+def smooth(history, sequence):
+    """Filters the plan (steps, 3): FILTER over four twists before, which the history keeps, and four after it."""
+    steps = sequence.shape[0]
+    raw = sequence.copy()
+    for t in range(steps):
+        for c in range(3):
+            total = 0.0
+            for j in range(FILTER.shape[0]):
+                at = t + j - HISTORY
+                value = history[HISTORY + at, c] if at < 0 else raw[min(at, steps - 1), c]
+                total += FILTER[j] * value
+            sequence[t, c] = total
+
+
+@compiled
+def limit(p, now, sequence):
+    """Cuts the plan to the limits of speed and, from the twist that the robot has on, of acceleration."""
+    change = p.acceleration * p.step_time
+    turn_change = p.yaw_acceleration * p.step_time
+    sequence[0, 0], sequence[0, 1], sequence[0, 2] = now
+    for t in range(1, sequence.shape[0]):
+        vx = min(max(sequence[t, 0], -p.max_reverse), p.max_speed)
+        sequence[t, 0] = min(max(vx, sequence[t - 1, 0] - change), sequence[t - 1, 0] + change)
+        w = min(max(sequence[t, 2], -p.max_yaw_rate), p.max_yaw_rate)
+        sequence[t, 2] = min(max(w, sequence[t - 1, 2] - turn_change), sequence[t - 1, 2] + turn_change)
+        vy = min(max(sequence[t, 1], -p.max_speed), p.max_speed)
+        sequence[t, 1] = min(max(vy, sequence[t - 1, 1] - change), sequence[t - 1, 1] + change)

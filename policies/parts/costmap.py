@@ -1,0 +1,197 @@
+"""What the controllers of Nav2 are given: a costmap that moves with the robot, and the part of a plan that lies in it.
+
+The map is that of `scan_map`, drawn of the robot's own scans; what was not seen is free. The plan is that of
+`ScanPlanner`, made anew every `replan` seconds, and at once where the goal changes.
+
+Source: costs as `nav2_costmap_2d` documents them for its inflation layer; the plan's period as that of Nav2's default
+behaviour tree.
+"""
+
+import dataclasses
+import math
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.geometry import sin_cos
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.polyline_tracker import FARTHEST, PLAN, UNIT, clearance_prices, point_at, project
+from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, stamps
+from wayfield.policies.parts.stopping import SIGHTS, Scan, Seen, remembering
+from wayfield.policies.policy import Policy, check_gain
+from wayfield.policies.scan_planner import place_grid, plan
+
+LETHAL = 254.0  # cost of a cell with an obstacle in it
+INSCRIBED = 253.0  # of one in which the centre of a round hull may not be
+POINT_SPACING = 0.025  # m, between the points of a plan, for which Nav2's offsets along it are documented
+MOST_POINTS = 161  # of the part of a plan that lies ahead
+
+STATE = [*PLAN, ("forgotten", np.int64), *SIGHTS, *CHART]
+
+# As the scan planner plans: room beside the hull that is wanted, least, and where there is no other way, m.
+WANTED, LEAST, GIVE = 0.2, 0.02, 0.03
+WEIGHT = 3.0  # of what lacks of the wanted room, in the price of a metre
+
+
+class Maps(NamedTuple):
+    """Tables that a costmap is kept and read by."""
+
+    prices: NDArray[np.float64]  # (3, 256) of a metre at each level of the grid, see `scan_planner.plan`
+    table: NDArray[np.uint8]  # of `scan_map.stamps`
+    costs: NDArray[np.float64]  # (256,) of a cell at each level of the grid, see `inflated`
+
+
+@dataclasses.dataclass(frozen=True)
+class CostmapController(Policy):
+    """What a controller of Nav2 is configured with beside its own law: gains that they share. They add act."""
+
+    max_speed: float = 0.6  # m/s
+    cell: float = 0.05  # m
+    inflation_radius: float = 0.7  # m, from an obstacle, within which cells cost something
+    cost_scaling: float = 3.0  # 1/m, by which that falls off
+    replan: float = 1.0  # s, between plans
+
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        for name in ("max_speed", "cell", "replan"):
+            check_gain(self, name, above=0.0)
+        for name in ("inflation_radius", "cost_scaling"):
+            check_gain(self, name, least=0.0)
+        if self.inflation_radius > FARTHEST:
+            raise ValueError(
+                f"{type(self).__name__}: inflation_radius must be at most {FARTHEST:g} m, got {self.inflation_radius!r}"
+            )
+
+    def remembered(self, briefing: Briefing, more: list[Any]) -> NDArray[Any]:
+        """Returns an empty map and no plan for each robot, (b,): a record of STATE and `more`, and the scans.
+
+        Raises:
+            ValueError: if there are no beams.
+        """
+        return remembering(self, briefing, [*STATE, *more])
+
+    def maps(self, briefing: Briefing) -> Maps:
+        """Returns the tables for a robot."""
+        radius = briefing.robot.hull_radius
+        prices = np.array(
+            [
+                clearance_prices(radius + LEAST, radius + WANTED, WEIGHT),
+                clearance_prices(radius - GIVE, radius + WANTED, WEIGHT),
+                clearance_prices(radius + 0.5 * WANTED, 0.0, 0.0),  # where lines are drawn straight
+            ]
+        )
+        reach = max(self.inflation_radius, radius + WANTED) + 1.5 * self.cell
+        costs = inflated(radius, self.inflation_radius, self.cost_scaling)
+        return Maps(prices, stamps(self.cell, reach), costs)
+
+    def given(self, briefing: Briefing, **more: float) -> NDArray[np.void]:
+        """Returns what the law reads, see `params.params`."""
+        return params(
+            self,
+            briefing,
+            theta=False,
+            snap=4.5 * self.cell,
+            spacing=1.0,
+            rounds=20,
+            wanted_clearance=WANTED,
+            margin=LEAST,
+            replan_steps=max(round(self.replan / briefing.dt), 1),
+            **more,
+        )
+
+    def driven(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> tuple[Scan, Seen]:
+        """Returns what is seen.
+
+        Raises:
+            ValueError: if the scan has another number of beams than the briefing.
+        """
+        return Scan.of(self, observation, briefing, memory), Seen.of(observation, briefing)
+
+
+def inflated(radius: float, inflation_radius: float, scaling: float) -> NDArray[np.float64]:
+    """Returns the costs (256,) of cells by the levels of a grid.
+
+    With d the distance of a cell from the nearest obstacle and r the radius of the hull,
+
+        LETHAL at d = 0, INSCRIBED up to r, floor(252 exp(-scaling (d - r))) up to the inflation radius, 0 beyond.
+    """
+    distance = FARTHEST - UNIT * np.arange(256)
+    cost = np.floor((INSCRIBED - 1.0) * np.exp(-scaling * np.maximum(distance - radius, 0.0)))
+    cost = np.where(distance <= inflation_radius, cost, 0.0)
+    cost = np.where(distance <= radius, INSCRIBED, cost)
+    return np.where(distance <= 1e-9, LETHAL, cost)
+
+
+@inlined
+def cost_at(m, costs, x, y):
+    """Returns the cost of the cell that a point lies in; 0 beyond the map."""
+    column = int(math.floor((x - m.origin[0]) / m.cell))
+    row = int(math.floor((y - m.origin[1]) / m.cell))
+    if row < 0 or column < 0 or row >= CELLS or column >= CELLS:
+        return 0.0
+    return costs[m.grid[row, column]]
+
+
+@compiled
+def perceive(p, m, maps, scan, seen, i):
+    """Enters robot i's scan into its map, plans where it is due, and returns (pose, goal, s): s (m) along the plan.
+
+    The goal is x, y (m) and heading (rad) in the frame of the pose.
+    """
+    x = seen.poses[i, 0]
+    y = seen.poses[i, 1]
+    pose = x, y, seen.poses[i, 2]
+    sine, cosine = sin_cos(seen.poses[i, 2])
+    goal_x = x + cosine * seen.goals[i, 0] - sine * seen.goals[i, 1]
+    goal_y = y + sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
+    goal = goal_x, goal_y, seen.poses[i, 2] + seen.heading_errors[i]
+    place_grid(p, m, x, y, goal_x, goal_y)
+    enter_scan(m, maps.table, scan, i, pose, p.plant.hull_radius)
+    # what is out of the map is headed for through the nearest cell within
+    inside_x = min(max(goal_x, m.origin[0] + 3.0 * p.cell), m.origin[0] + (CELLS - 3.0) * p.cell)
+    inside_y = min(max(goal_y, m.origin[1] + 3.0 * p.cell), m.origin[1] + (CELLS - 3.0) * p.cell)
+    waited = m.steps - m.planned_at
+    moved = m.plans > 0 and abs(m.target[0] - inside_x) + abs(m.target[1] - inside_y) > 0.5 * p.cell
+    # a goal that moves with a grid that is out of its reach is no reason to plan in every step
+    jumped = moved and inside_x == goal_x and inside_y == goal_y
+    if m.plans == 0 or waited >= p.replan_steps or jumped:
+        plan(p, m, maps.prices, maps.table, scan, i, pose, inside_x, inside_y)
+    s = 0.0
+    if m.num_points > 0:
+        s, _, _ = project(m, x, y)
+    m.steps += 1
+    return pose, goal, s
+
+
+@compiled
+def ahead_of(m, s, reach, half, x, y, points):
+    """Writes the points of the plan from arc length s (m) on, `reach` (m) far, and returns how many there are.
+
+    Args:
+        half: m, half the side of the square around (x, y) that the plan may not leave; the first point counts anyhow.
+        points: (MOST_POINTS, 2) m, POINT_SPACING apart, the last one at the end of the plan where that is reached.
+    """
+    if m.num_points == 0:
+        return 0
+    end = min(m.arc[m.num_points - 1], s + reach)
+    count = 0
+    at = s
+    while count < points.shape[0]:
+        px, py = point_at(m, m.segment, at)
+        if count > 0 and max(abs(px - x), abs(py - y)) > half:
+            break
+        points[count, 0] = px
+        points[count, 1] = py
+        count += 1
+        if at >= end:
+            break
+        at = min(at + POINT_SPACING, end)
+    return count
