@@ -12,6 +12,7 @@ import rich.progress
 T = TypeVar("T")
 
 _PAUSE = 5.0  # s, between lines where there is no terminal
+_FORETELLING = 0.1  # of all must be done before it is said how long the rest takes
 
 
 def tell_of_compiling(kernel: Any) -> None:
@@ -35,6 +36,8 @@ def tracked(items: Iterable[T], total: int, unit: str) -> Iterator[T]:
         now = time.perf_counter()
         if now - told >= _PAUSE or done == total:
             told = now
-            left = f", about {(now - start) * (total - done) / done:.0f} s left" if done < total else ""
+            # the first of a run may have compiled, which says nothing of the rest
+            known = _FORETELLING * total <= done < total
+            left = f", about {(now - start) * (total - done) / done:.0f} s left" if known else ""
             print(f"{done} of {total} {unit}, {now - start:.0f} s{left}", file=sys.stderr, flush=True)
         yield item
