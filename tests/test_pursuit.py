@@ -304,10 +304,19 @@ def test_regulated_pursuit_can_always_slow_down_before_a_corner(distance: float,
     v, _ = first_twist(policy, path, (3.0 - distance, 0.0, 0.0), 3.0 - distance)
     curvature = turn / policy.bend_span
     slow = max(policy.speed * min(1.0, 1.0 / (policy.min_radius * curvature)), policy.min_speed)
-    # bends are looked for every 5 cm
-    assert v <= math.sqrt(slow**2 + 2.0 * policy.deceleration * (distance + 0.05)) + 1e-9
+    # the corner lies in a bend that begins `bend_span` before it; bends are looked for every 5 cm
+    left = max(distance - policy.bend_span + 0.05, 0.0)
+    assert v <= math.sqrt(slow**2 + 2.0 * policy.deceleration * left) + 1e-9
     if distance > policy.bend_span + policy.speed**2 / (2.0 * policy.deceleration):
         assert v == policy.speed
+
+
+@pytest.mark.parametrize(("actuators", "deceleration"), [("ideal", 1.0), ("lagged", 1.0), ("slow", 0.5)])
+@pytest.mark.parametrize("left", [0.02, 0.1, 0.3, 2.0])
+def test_pure_pursuit_brakes_no_harder_than_the_base_can(actuators: str, deceleration: float, left: float) -> None:
+    path = Path([(0.0, 0.0), (4.0, 0.0)])
+    v, _ = first_twist(PurePursuit(deceleration=1.0), path, (4.0 - left, 0.0, 0.0), 4.0 - left, actuators)
+    assert v == pytest.approx(min(0.6, math.sqrt(2.0 * deceleration * left)))
 
 
 # The smooth pose law.
