@@ -432,6 +432,15 @@ def test_leaving_the_corridor_fails(tmp_path: Path, corridor: float, side: float
     assert corridor < side * info["cross_track_error"] <= corridor + 0.05
 
 
+@pytest.mark.parametrize(("aside", "left"), [(0.29, False), (0.31, True)])
+def test_who_comes_to_the_end_beside_the_corridor_has_left_it(tmp_path: Path, aside: float, left: bool) -> None:
+    env = base(PATH_ID, scenario=written(tmp_path, path=[[0, 0], [3, 0]], corridor=0.3))
+    env.batch.states["x"], env.batch.states["y"], env.batch.states["arc_length"] = 3.0, aside, 2.9
+    _, _, terminated, _, info = env.step(np.zeros(2, np.float32))
+    assert terminated
+    assert (info["success"], info["left_corridor"]) == (not left, left)
+
+
 @pytest.mark.parametrize("laps", [1, 2, 3])
 def test_laps_are_counted(tmp_path: Path, laps: int) -> None:
     square = [[0, 0], [2, 0], [2, 2], [0, 2]]
