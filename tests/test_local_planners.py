@@ -162,6 +162,22 @@ def test_the_free_time_is_when_the_arc_first_comes_within_the_radius(
         assert math.hypot(touching[0] - x, touching[1] - y) == pytest.approx(radius, abs=1e-5)
 
 
+@given(
+    speed=st.floats(0.2, 1.0), w=st.floats(0.5, 2.0), side=st.sampled_from([1.0, -1.0]),
+    turn=st.floats(0.4, 2.0 * math.pi - 0.4), beside=st.floats(-0.9, 0.9),
+)  # fmt: skip
+def test_a_hit_on_the_circle_is_met_after_the_way_round_to_it(
+    speed: float, w: float, side: float, turn: float, beside: float
+) -> None:
+    """Also one that lies behind the robot, which a circle leads to last: the centre is then (turn - edge) / w away."""
+    r, radius = speed / w, 0.2 * speed / w
+    rho = r + beside * radius
+    x, y = rho * math.sin(turn), side * (r - rho * math.cos(turn))
+    edge = math.acos((r * r + rho * rho - radius * radius) / (2.0 * r * rho))
+    until = free(np.array([[x, y, radius]]), speed, 0.0, side * w, 20.0)
+    assert until == pytest.approx((turn - edge) / w, abs=1e-9)
+
+
 # What comes nearer.
 
 
