@@ -181,6 +181,15 @@ def test_the_profile_keeps_every_limit(points: list[tuple[float, float]], closed
     assert (v**2 * np.abs(rate) <= LIMITS.yaw_acceleration + 1e-9).all()
     assert (v / LIMITS.max_speed + v * np.abs(kappa) / LIMITS.max_yaw_rate <= 1.0 + 1e-9).all()
     assert (np.abs(np.diff(v**2)) <= 2.0 * LIMITS.acceleration * step + 1e-7).all()
+    if not closed:
+        # and it is as fast as they allow: each bound, and what lets it slow down to and speed up from all others
+        with np.errstate(divide="ignore"):
+            bends = np.minimum(LIMITS.lateral_acceleration / np.abs(kappa), LIMITS.yaw_acceleration / np.abs(rate))
+        wheels = 1.0 / (1.0 / LIMITS.max_speed + np.abs(kappa) / LIMITS.max_yaw_rate)
+        cap = np.minimum(np.minimum(bends, wheels**2), LIMITS.speed**2)
+        fastest = (cap + 2.0 * LIMITS.acceleration * np.abs(s[:, None] - s)).min(axis=1)
+        fastest = np.minimum(fastest, 2.0 * LIMITS.acceleration * (run["length"] - s))
+        assert v**2 == pytest.approx(fastest, abs=1e-6)
 
 
 @given(st.floats(0.05, 2.5), st.sampled_from([0.05, 0.1, 0.2]))
