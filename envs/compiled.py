@@ -23,7 +23,10 @@ def _stamps(folder: pathlib.Path, files: str) -> tuple[tuple[str, int, int], ...
 
 
 def _sources(function: Any) -> tuple[tuple[tuple[str, int, int], ...], ...]:
-    """Returns the stamps of all that a function may call: of envs, and of its own room of the package or its folder."""
+    """Returns the stamps of all that a function may call: of envs, and of its own room of the package.
+
+    A function from elsewhere may call the laws too, and what lies in its own folder.
+    """
     package, *_ = here = __name__.split(".")[:-1]
     room = function.__module__.split(".")[:2]
     envs = _stamps(pathlib.Path(__file__).parent, "**/*.py")
@@ -31,7 +34,8 @@ def _sources(function: Any) -> tuple[tuple[tuple[str, int, int], ...], ...]:
         return (envs,)
     if room[0] == package:
         return envs, _stamps(pathlib.Path(sys.modules[".".join(room)].__file__ or "").parent, "**/*.py")
-    return envs, _stamps(pathlib.Path(function.__code__.co_filename).parent, "*.py")
+    policies = _stamps(pathlib.Path(__file__).parents[1] / "policies", "**/*.py")
+    return envs, policies, _stamps(pathlib.Path(function.__code__.co_filename).parent, "*.py")
 
 
 def compiled(function: Any) -> Any:

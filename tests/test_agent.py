@@ -417,6 +417,23 @@ def test_a_slow_base_is_kept_from_where_it_is_turning_to(w: float, left: bool) -
     assert speeds[1] < speeds[2]  # turning away from it is another thing
 
 
+@pytest.mark.parametrize("w", [-0.6, 0.3, 0.9])
+def test_a_slow_base_is_kept_from_all_that_lies_between_here_and_where_it_looks_when_it_stops(w: float) -> None:
+    """One point with 0.3 m of room, in each direction ahead: it counts in full as far as the base will have turned."""
+    most = 0.35 * (math.sqrt(0.35**2 + 2.0 * 0.3 / 0.35) - 0.35)
+    # later than the known base: it answers 0.15 s later, and takes longer to stop from 0.6 m/s
+    turned = w * (0.35 - 0.2 + 0.6 / 0.35 - 0.6 / 0.7)
+    for j in range(19, 54):
+        angle = j * 2.0 * math.pi / 72 - math.pi
+        ranges = np.full((1, 72), 50.0)
+        ranges[0, j] = 0.62
+        seen = goal_reaching.Observation(*[np.zeros((1, 1))] * 5, ranges)
+        v = GoalFeatures().guarded(seen, np.array([[0.6, w]]), 0.6, ACTUATORS["slow"])[0, 0]
+        between = angle * w > 0.0 and abs(angle) < abs(turned)
+        share = 1.0 if between else max(math.cos(angle), math.cos(angle - turned))
+        assert v == pytest.approx(min(0.6, most / share)), math.degrees(angle)
+
+
 @given(count=st.integers(32, 720), seed=st.integers(0, 2**32 - 1))
 def test_a_scan_of_any_number_of_beams_is_read_by_nearness(count: int, seed: int) -> None:
     """Of more beams the least within half a step of the known ones, of fewer the nearest."""

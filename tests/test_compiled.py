@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from wayfield.envs.compiled import _sources
+from wayfield.envs.geometry import sin_cos
+from wayfield.policies.parts.stopping import free_time
+
 KERNEL = """
 from wayfield.envs.compiled import compiled, inlined
 
@@ -55,6 +59,12 @@ def test_what_was_compiled_is_kept(tmp_path: Path) -> None:
     assert kept
     assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
     assert {file: file.stat().st_mtime_ns for file in cache.rglob("*.nbc")} == kept
+
+
+def test_what_is_compiled_elsewhere_is_void_once_any_kernel_that_it_may_call_has_changed() -> None:
+    stamped = [Path(name) for files in _sources(called) for name, *_ in files]  # of a function outside the package
+    for file in (sin_cos.py_func.__code__.co_filename, free_time.py_func.__code__.co_filename, __file__):
+        assert any(each.samefile(file) for each in stamped), file
 
 
 def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) -> None:

@@ -89,6 +89,22 @@ def test_who_drives_through_the_pose_has_not_docked(tmp_path: Path, robot: str) 
         assert terminated == info["success"] == (abs(turn) <= 0.05)
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+@pytest.mark.parametrize(
+    ("twist", "rests"),
+    [((0.019, 0.0), True), ((0.021, 0.0), False), ((-0.05, 0.0), False), ((0.0, 0.049), True), ((0.0, -0.051), False)],
+)
+def test_at_rest_is_slower_than_two_centimetres_and_a_twentieth_of_a_radian_a_second(
+    tmp_path: Path, robot: str, twist: tuple[float, float], rests: bool
+) -> None:
+    env: Any = gymnasium.make(env_id(robot), scenario=written(tmp_path, dock=[0.01, 0.0, 0.0]), robot=robot)
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape, np.float32)
+    action[0], action[-1] = twist
+    *_, terminated, _, info = env.step(action)
+    assert terminated == info["success"] == rests
+
+
 def test_an_observation_tells_the_pose_in_the_frame_of_the_robot(tmp_path: Path) -> None:
     file = written(tmp_path, dock=[1.0, 2.0, 1.0], start=[0.5, -0.5, 2.0])
     env: Any = gymnasium.make(DIFF_ID, scenario=file)
@@ -351,6 +367,24 @@ def test_backward_is_forward_in_a_frame_turned_by_half_a_turn(
     back = followed(law, (-start[0], -start[1], start[2]), 1.0, 0.05)
     assert back[:, :2] == pytest.approx(-there[:, :2], abs=1e-9)
     assert back[:, 2] == pytest.approx(there[:, 2], abs=1e-9)
+
+
+def test_who_is_pushed_off_its_pose_takes_the_nearer_way_back() -> None:
+    """It came forward, and now the pose lies beside and behind it: it backs, and does not turn to come as before."""
+    briefing, law = told(np.zeros((1, 3))), policies.make("polar")
+    memory = law.reset(briefing)
+
+    def asked(x: float, y: float) -> float:
+        seen = goal_reaching.Observation(
+            np.zeros((1, 3)), np.zeros((1, 2)), np.array([[x, y]]), np.zeros(1), np.zeros(1), np.empty((1, 0))
+        )
+        return float(law.act(seen, briefing, memory)[0, 0])
+
+    behind = -0.5 * math.cos(1.2), 0.5 * math.sin(1.2)  # at 111 degrees
+    assert asked(0.5, 0.0) > 0.0
+    assert asked(*behind) > 0.0  # on the way it goes on as it began
+    assert asked(0.0, 0.0) == 0.0
+    assert asked(*behind) < 0.0
 
 
 def test_scaled_speeds_leave_the_curve_as_it_is() -> None:

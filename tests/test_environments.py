@@ -305,6 +305,21 @@ def test_what_a_path_follower_sees(tmp_path: Path, env_id: str, closed: bool, nu
         assert abs(info["cross_track_error"]) == pytest.approx(np.hypot(*away), abs=1e-9)
 
 
+@pytest.mark.parametrize("options", [{"noise": 3.0}, {"pose_source": "odometry", "noise": 3.0}])
+def test_errors_from_the_path_are_those_of_the_measured_pose(tmp_path: Path, options: dict[str, Any]) -> None:
+    env = base(PATH_ID, scenario=written(tmp_path, path=[[0, 0], [9, 0]]), **options)
+    off = 0.0
+    for _ in range(60):
+        observation, *_, info = env.step(np.array([0.5, 0.2], np.float32))
+        seen = fields_of(env, observation)
+        x, y, heading = seen.pose
+        assert seen.heading_error == pytest.approx(heading, abs=1e-6)
+        assert seen.arc_length >= x - 1e-6  # never falls
+        assert seen.cross_track_error == pytest.approx(math.copysign(math.hypot(seen.arc_length - x, y), y), abs=1e-6)
+        off = max(off, abs(seen.heading_error - info["heading_error"]))
+    assert off > 0.01
+
+
 def test_left_of_the_path_is_positive(tmp_path: Path) -> None:
     line = written(tmp_path, path=[[0, 0], [0, 9]], start=[-0.2, 1.0, math.pi / 2 + 0.3])
     _, info = gymnasium.make(PATH_ID, scenario=line).reset(seed=0)
@@ -430,6 +445,15 @@ def test_leaving_the_corridor_fails(tmp_path: Path, corridor: float, side: float
     assert not info["success"]
     assert reward == pytest.approx(-10.0)
     assert corridor < side * info["cross_track_error"] <= corridor + 0.05
+
+
+@pytest.mark.parametrize(("aside", "left"), [(0.29, False), (0.31, True)])
+def test_who_comes_to_the_end_beside_the_corridor_has_left_it(tmp_path: Path, aside: float, left: bool) -> None:
+    env = base(PATH_ID, scenario=written(tmp_path, path=[[0, 0], [3, 0]], corridor=0.3))
+    env.batch.states["x"], env.batch.states["y"], env.batch.states["arc_length"] = 3.0, aside, 2.9
+    _, _, terminated, _, info = env.step(np.zeros(2, np.float32))
+    assert terminated
+    assert (info["success"], info["left_corridor"]) == (not left, left)
 
 
 @pytest.mark.parametrize("laps", [1, 2, 3])

@@ -7,7 +7,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from wayfield.envs.geometry import OBSTACLE, bearing, clearance, clearance_to, nearest_surface, sin_cos, wrap_angle
+from wayfield.envs.geometry import (
+    OBSTACLE,
+    bearing,
+    beyond,
+    clearance,
+    clearance_to,
+    nearest_surface,
+    sin_cos,
+    wrap_angle,
+)
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
 
 ANGLES = st.floats(-1e5, 1e5)
@@ -123,6 +132,19 @@ def test_stepping_back_along_the_normal_ends_on_the_surface(obstacle: np.void, x
     distance, nx, ny = nearest_surface(obstacle, x, y)
     assume(distance > 1e-9)
     assert clearance_to(obstacle, x - distance * nx, y - distance * ny) == pytest.approx(0.0, abs=1e-9)
+
+
+@given(OBSTACLES, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 6.0))
+def test_what_is_passed_over_is_farther_away(obstacle: np.void, x: float, y: float, reach: float) -> None:
+    assert not beyond(obstacle, x, y, reach) or clearance_to(obstacle, x, y) > reach
+
+
+@given(SIZES, st.floats(-7.0, 7.0), st.floats(0.1, 3.0))
+def test_a_corner_within_reach_is_not_passed_over(side: float, heading: float, reach: float) -> None:
+    """A square stands with a corner towards the point, at nine tenths of the reach."""
+    away = 0.9 * reach + 0.5 * math.sqrt(2.0) * side
+    x, y = away * math.cos(heading + 0.25 * math.pi), away * math.sin(heading + 0.25 * math.pi)
+    assert not beyond(box(0.0, 0.0, side, side, heading), x, y, reach)
 
 
 def test_obstacle_records_are_kept_in_one_layout() -> None:

@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,7 @@ from wayfield.envs.records import lag_factors
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.sensing import beam_angles
 from wayfield.policies import vfh_plus
-from wayfield.policies.dwa import Dwa
+from wayfield.policies.dwa import Dwa, heading_left
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time
 from wayfield.policies.pilot import Pilot
@@ -160,6 +160,22 @@ def test_the_free_time_is_when_the_arc_first_comes_within_the_radius(
     if until < longest:
         touching = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, until)
         assert math.hypot(touching[0] - x, touching[1] - y) == pytest.approx(radius, abs=1e-5)
+
+
+@given(
+    speed=st.floats(0.2, 1.0), w=st.floats(0.5, 2.0), side=st.sampled_from([1.0, -1.0]),
+    turn=st.floats(0.4, 2.0 * math.pi - 0.4), beside=st.floats(-0.9, 0.9),
+)  # fmt: skip
+def test_a_hit_on_the_circle_is_met_after_the_way_round_to_it(
+    speed: float, w: float, side: float, turn: float, beside: float
+) -> None:
+    """Also one that lies behind the robot, which a circle leads to last: the centre is then (turn - edge) / w away."""
+    r, radius = speed / w, 0.2 * speed / w
+    rho = r + beside * radius
+    x, y = rho * math.sin(turn), side * (r - rho * math.cos(turn))
+    edge = math.acos((r * r + rho * rho - radius * radius) / (2.0 * r * rho))
+    until = free(np.array([[x, y, radius]]), speed, 0.0, side * w, 20.0)
+    assert until == pytest.approx((turn - edge) / w, abs=1e-9)
 
 
 # What comes nearer.
@@ -432,6 +448,30 @@ def test_vfh_plus_decides_alike_with_few_beams_and_with_many(robot: str) -> None
         off = np.angle(np.exp(1j * (np.array(choices) - choices[-1])))
         assert np.abs(off).max() < math.radians(9.0)
         assert np.abs(np.array(twists) - twists[-1]).max() < 0.4
+
+
+class Brakes(NamedTuple):
+    """What `heading_left` reads of a plant."""
+
+    dt: float
+    yaw_acceleration: float
+
+
+class Turning(NamedTuple):
+    """What `heading_left` reads of the gains."""
+
+    sideways: bool
+    plant: Brakes
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-2.0, 2.0), st.floats(0.5, 6.0))
+def test_the_heading_of_dwa_is_that_after_a_period_and_the_brakes(aim: float, w: float, braking: float) -> None:
+    turned, rate, dt = w * 0.05, w, 1e-4
+    while abs(rate) > braking * dt:
+        slower = rate - math.copysign(braking * dt, rate)
+        turned, rate = turned + 0.5 * (rate + slower) * dt, slower
+    left = heading_left(Turning(False, Brakes(0.05, braking)), aim, 0.4, 0.0, w)
+    assert left == pytest.approx(abs(math.remainder(aim - turned, 2.0 * math.pi)), abs=1e-3)
 
 
 def test_the_thresholds_of_vfh_plus_have_hysteresis() -> None:

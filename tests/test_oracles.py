@@ -13,6 +13,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.optimize import brentq
@@ -295,6 +297,15 @@ def test_the_position_error_decays_exponentially(tmp_path: Path, lam: float, goa
         assert steps * DT == pytest.approx({0.5: 5.95, 1.0: 2.95}[lam])
 
 
+def test_the_heading_decays_on_after_the_position_has(tmp_path: Path) -> None:
+    """At the place and 0.5 rad off, with tolerances of the task that are never met: it rests within its own."""
+    scenario = written(tmp_path, goal=[0.001, 0.0, 0.5], heading_tolerance=1e-6, position_tolerance=1e-6)
+    run = drive(GOAL_ID, scenario, policies.make("waypoint", final_tolerance=0.01), 120)
+    left = np.abs(run["goal_heading_error"])
+    np.testing.assert_allclose(left[:60], 0.5 * (1.0 - DT) ** np.arange(60), rtol=1e-5)
+    assert 0.009 < left[-1] == left[-2] <= 0.01
+
+
 @pytest.mark.parametrize(("lam", "time"), [(1.0, 2.95), (0.5, 5.95)])
 def test_experiment_1_of_document_b(lam: float, time: float) -> None:
     run = drive(GOAL_ID, "omni3_goal", policies.make("waypoint", lam=lam))
@@ -514,6 +525,43 @@ def test_the_corrected_field_reaches_every_goal(scenario: str) -> None:
     assert time == pytest.approx(ARRIVALS[scenario], rel=0.1)
     assert run["goal_distance"][-1] < 0.02
     assert run["clearance"].min() > 0.05
+
+
+@given(
+    st.floats(0.3, 1.5), st.floats(-math.pi, math.pi), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)
+)
+def test_the_corrected_field_is_its_printed_sum(
+    away: float, direction: float, goal_x: float, goal_y: float, heading: float
+) -> None:
+    """k e + eta g d^2 / rho^2 n + eta g^2 e, g = 1/rho - 1/rho_0; where n opposes e it is turned towards the goal."""
+    centre, hull, size = away * np.array([math.cos(direction), math.sin(direction)]), ROBOTS["omni4"].hull_radius, 0.1
+    e, n = np.array([goal_x, goal_y]), -centre / away
+    rho, d = away - hull - size, math.hypot(goal_x, goal_y)
+    assume(d > 0.05)
+    assume(abs(n @ e) > 1e-6)
+    assume(abs(n[0] * e[1] - n[1] * e[0]) > 1e-6)
+    law: Any = policies.make("apf_corrected", max_speed=1e9)  # the sum is not cut
+    force = law.k * e
+    if rho <= law.rho_0:
+        g = 1.0 / max(rho, 1e-3) - 1.0 / law.rho_0
+        turned = np.array([-n[1], n[0]])
+        push = n if n @ e > 0.0 else turned if turned @ e > 0.0 else -turned
+        force = force + law.eta * g * (d / max(rho, 1e-3)) ** 2 * push + law.eta * g**2 * e
+    briefing = Briefing(
+        num_envs=1, robot=ROBOTS["omni4"], actuators=ACTUATORS["ideal"], dt=DT, action_mode="twist",
+        layout=goal_reaching.Observation.layout(3, 0, 5.0), beam_angles=np.empty(0), max_range=5.0,
+        goals=np.array([[[*e, 0.0]]]), num_goals=np.ones(1, np.int64),
+        obstacles=np.array([[circle(*centre.tolist(), size)]]), num_obstacles=np.ones(1, np.int64),
+    )  # fmt: skip
+    c, s = math.cos(heading), math.sin(heading)
+    into_body = np.array([[c, s], [-s, c]])
+    seen = goal_reaching.Observation(
+        np.array([[0.0, 0.0, heading]]), np.zeros((1, 3)), (into_body @ e)[None], np.array([0.3]), np.zeros(1),
+        np.empty((1, 0)),
+    )  # fmt: skip
+    twist = law.act(seen, briefing, law.reset(briefing))[0]
+    assert twist[:2] == pytest.approx(into_body @ force, rel=1e-6, abs=1e-9)
+    assert twist[2] == pytest.approx(law.k * 0.3)
 
 
 def test_the_corrected_field_moves_a_point_as_fast_as_stated() -> None:

@@ -181,6 +181,15 @@ def test_the_profile_keeps_every_limit(points: list[tuple[float, float]], closed
     assert (v**2 * np.abs(rate) <= LIMITS.yaw_acceleration + 1e-9).all()
     assert (v / LIMITS.max_speed + v * np.abs(kappa) / LIMITS.max_yaw_rate <= 1.0 + 1e-9).all()
     assert (np.abs(np.diff(v**2)) <= 2.0 * LIMITS.acceleration * step + 1e-7).all()
+    if not closed:
+        # and it is as fast as they allow: each bound, and what lets it slow down to and speed up from all others
+        with np.errstate(divide="ignore"):
+            bends = np.minimum(LIMITS.lateral_acceleration / np.abs(kappa), LIMITS.yaw_acceleration / np.abs(rate))
+        wheels = 1.0 / (1.0 / LIMITS.max_speed + np.abs(kappa) / LIMITS.max_yaw_rate)
+        cap = np.minimum(np.minimum(bends, wheels**2), LIMITS.speed**2)
+        fastest = (cap + 2.0 * LIMITS.acceleration * np.abs(s[:, None] - s)).min(axis=1)
+        fastest = np.minimum(fastest, 2.0 * LIMITS.acceleration * (run["length"] - s))
+        assert v**2 == pytest.approx(fastest, abs=1e-6)
 
 
 @given(st.floats(0.05, 2.5), st.sampled_from([0.05, 0.1, 0.2]))
@@ -265,6 +274,79 @@ def test_steering_keeps_its_angle_and_its_rate(limit: float) -> None:
     steering = np.arctan2(w * policy.axle_distance, v)
     assert np.abs(steering).max() <= limit + 1e-9
     assert np.abs(np.diff(steering, prepend=0.0)).max() <= 2.0 * 0.05 + 1e-9
+
+
+@pytest.fixture(scope="module")
+def on_a_line() -> Any:
+    """Returns the briefing of a lagged robot on a straight path along x, 12 m long, and what it may observe."""
+    env: Any = gymnasium.make(DIFF_ID, scenario="straight", actuators="lagged")
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(Stanley(), env)
+    pilot.reset()
+    line = PathPool.of([Path([(0.0, 0.0), (12.0, 0.0)])])
+    fields = pilot.briefing.layout.unpack(seen[None].astype(np.float64))
+    return dataclasses.replace(pilot.briefing, paths=line, path_index=np.zeros(1, np.int64)), fields
+
+
+@given(
+    y=st.floats(-1.0, 1.0), heading=st.floats(-1.5, 1.5), speed=st.floats(0.0, 0.8), yaw_rate=st.floats(-2.0, 2.0),
+    before=st.floats(-1.2, 1.2), rate=st.floats(0.5, 30.0),
+)  # fmt: skip
+def test_stanley_steers_by_its_printed_law(
+    on_a_line: Any, y: float, heading: float, speed: float, yaw_rate: float, before: float, rate: float
+) -> None:
+    briefing, fields = on_a_line
+    policy = Stanley(max_steering=1.2, max_steering_rate=rate)
+    seen = fields._replace(
+        pose=np.array([[3.0, y, heading]]), twist=np.array([[speed, yaw_rate]]), arc_length=np.array([3.0])
+    )
+    memory = np.full((1, 1), before)
+    ((v, w),) = policy.act(seen, briefing, memory)
+    d = policy.axle_distance
+    rolling = math.hypot(speed, yaw_rate * d)  # of the wheel, which turns with the robot
+    wanted = -heading - math.atan2(policy.k * (y + d * math.sin(heading)), policy.k_s + rolling)
+    angle = float(np.clip(np.clip(wanted, -1.2, 1.2), before - 0.05 * rate, before + 0.05 * rate))
+    assert memory[0, 0] == pytest.approx(angle, abs=1e-9)
+    # as fast as leaves the base room to end its turn: w^2 <= 2 alpha |angle|
+    alpha = 0.5 * briefing.actuators.yaw_acceleration
+    fastest = policy.speed
+    if abs(angle) > 1e-6:
+        fastest = min(fastest, d * math.sqrt(2.0 * alpha * abs(angle)) / abs(math.sin(angle)))
+    assert v == pytest.approx(fastest * math.cos(angle), abs=1e-6)
+    assert w == pytest.approx(fastest * math.sin(angle) / d, abs=1e-6)
+
+
+# The regulator's feed-forward.
+
+
+@pytest.mark.parametrize(("speed", "actuators"), [(0.5, "lagged"), (0.2, "slow"), (0.5, "slow")])
+def test_the_feed_forward_is_read_where_the_robot_is_when_its_wheels_answer(speed: float, actuators: str) -> None:
+    """On the path and along it, before, in and behind a bend: w is v kappa of a place lag + dt/2 ahead."""
+    env: Any = gymnasium.make(DIFF_ID, scenario="straight", actuators=actuators)
+    seen, _ = env.reset(seed=0)
+    policy = Lqr(speed=speed)
+    pilot = Pilot(policy, env)
+    pilot.reset()
+    fields = pilot.briefing.layout.unpack(seen[None].astype(np.float64))
+    turn = np.linspace(0.0, 0.5 * math.pi, 80)
+    bend = np.column_stack([3.0 + np.sin(turn), 1.0 - np.cos(turn)])
+    pool = PathPool.of([Path(np.vstack([[0.0, 0.0], bend, [4.0, 4.0]]))])
+    briefing, run = dataclasses.replace(pilot.briefing, paths=pool, path_index=np.zeros(1, np.int64)), pool.runs[0]
+    preview = speed * (briefing.actuators.lag + 0.5 * briefing.dt)
+    differ = 0
+    for s in np.arange(2.5, 5.2, 0.02):
+        here, ahead = (curvature_at(pool.vertices, run, each, policy.rounding) for each in (s, s + preview))
+        pose = [
+            *reference_at(pool.vertices, run, s, policy.rounding),
+            heading_at(pool.vertices, run, s, policy.rounding),
+        ]
+        observation = fields._replace(
+            pose=np.array([pose]), twist=np.array([[speed, speed * here]]), arc_length=np.array([s])
+        )
+        ((v, w),) = policy.act(observation, briefing, np.full((1, 1), speed))
+        assert w == pytest.approx(v * ahead, abs=0.02 * speed)
+        differ += abs(ahead - here) > 0.1
+    assert differ > 3
 
 
 # Both.

@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path as File
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -23,7 +23,7 @@ from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit, fastest_on_line
-from wayfield.policies.smooth_pose import SmoothPose, smooth_curvature
+from wayfield.policies.smooth_pose import SmoothPose, chosen_way, smooth_curvature
 
 Array = NDArray[np.float64]
 
@@ -304,13 +304,44 @@ def test_regulated_pursuit_can_always_slow_down_before_a_corner(distance: float,
     v, _ = first_twist(policy, path, (3.0 - distance, 0.0, 0.0), 3.0 - distance)
     curvature = turn / policy.bend_span
     slow = max(policy.speed * min(1.0, 1.0 / (policy.min_radius * curvature)), policy.min_speed)
-    # bends are looked for every 5 cm
-    assert v <= math.sqrt(slow**2 + 2.0 * policy.deceleration * (distance + 0.05)) + 1e-9
+    # the corner lies in a bend that begins `bend_span` before it; bends are looked for every 5 cm
+    left = max(distance - policy.bend_span + 0.05, 0.0)
+    assert v <= math.sqrt(slow**2 + 2.0 * policy.deceleration * left) + 1e-9
     if distance > policy.bend_span + policy.speed**2 / (2.0 * policy.deceleration):
         assert v == policy.speed
 
 
+@pytest.mark.parametrize(("actuators", "deceleration"), [("ideal", 1.0), ("lagged", 1.0), ("slow", 0.5)])
+@pytest.mark.parametrize("left", [0.02, 0.1, 0.3, 2.0])
+def test_pure_pursuit_brakes_no_harder_than_the_base_can(actuators: str, deceleration: float, left: float) -> None:
+    path = Path([(0.0, 0.0), (4.0, 0.0)])
+    v, _ = first_twist(PurePursuit(deceleration=1.0), path, (4.0 - left, 0.0, 0.0), 4.0 - left, actuators)
+    assert v == pytest.approx(min(0.6, math.sqrt(2.0 * deceleration * left)))
+
+
 # The smooth pose law.
+
+
+class Ways(NamedTuple):
+    """What `chosen_way` reads of the gains."""
+
+    backward: bool
+
+
+@given(angles, angles, distances)
+def test_the_way_is_changed_for_one_that_turns_a_quarter_turn_less(bearing: float, turn: float, r: float) -> None:
+    """|delta| + |phi| is what is turned on a way: of the line of sight, and of the pose against it."""
+    x, y = r * math.cos(bearing), r * math.sin(bearing)
+    turned = []
+    for way in (1.0, -1.0):
+        sight = math.atan2(way * y, way * x)
+        turned.append(abs(sight) + abs(math.remainder(turn - sight, 2.0 * math.pi)))
+    gain = turned[0] - turned[1]  # of driving backward
+    for way in (1.0, 0.0, -1.0):
+        least = 0.5 * math.pi * way
+        assume(abs(gain - least) > 1e-6)
+        assert chosen_way(Ways(True), way, x, y, turn) == (-1.0 if gain > least else 1.0)
+        assert chosen_way(Ways(False), way, x, y, turn) == 1.0
 
 
 @given(distances, angles, angles, st.floats(0.5, 3.0), st.floats(1.0, 8.0))

@@ -454,6 +454,23 @@ def grids(
     return clearances, ways, hits, count
 
 
+@pytest.mark.parametrize("wall_at", [0.6, 0.8, 1.0])
+def test_who_comes_to_stand_at_an_obstacle_pays_by_how_early(wall_at: float) -> None:
+    policy = Mppi(
+        steps=20, step_time=0.1, goal_weight=0.0, terminal_weight=0.0, obstacle_weight=0.0, turn_weight=0.0,
+        detour=False, collision_cost=300.0, margin=0.0,
+    )  # fmt: skip
+    angles = brief("p3dx", "ideal", num_beams=360).beam_angles
+    ranges = np.where(np.cos(angles) > 0.2, wall_at / np.maximum(np.cos(angles), 0.2), 5.0)
+    clearances, ways, _, _ = grids(policy, ranges, (4.0, 0.0))
+    plan, twist = np.zeros((20, 3)), np.array([0.5, 0.0, 0.0])
+    plan[:, 0] = 0.5
+    p = policy.params(brief("p3dx", "ideal", num_beams=360))[0]
+    cost = mppi.roll_out(p, plan, twist, twist, (4.0, 0.0, 0.0, True), clearances, ways)
+    driven = (wall_at - 0.25) / 0.05  # steps of 5 cm, until the hull touches
+    assert cost == pytest.approx(300.0 * (1.0 - driven / 20.0), abs=1.01 * 300.0 / 20.0)
+
+
 @given(st.lists(st.floats(0.3, 6.0), min_size=12, max_size=40))
 @settings(max_examples=3 * settings().max_examples // 10)
 def test_clearances_are_distances_to_the_nearest_hit(values: list[float]) -> None:
