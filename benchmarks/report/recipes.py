@@ -25,6 +25,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import driven_as, driven_speed
 from wayfield.policies.learned.perception import limits_of
+from wayfield.policies.policy import lacks
 
 # The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
 # twist is read from afterwards. "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a
@@ -374,6 +375,8 @@ def tables() -> dict[str, Any]:
             for actuators in ACTUATORS:
                 env = environment(task, robot, actuators, f"{contest.timed_on}/test")
                 for name in decisions(task):
+                    if lacks(make(name), ROBOTS[robot]):
+                        continue
                     sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
                     for gains_name, gains in sets:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
