@@ -101,6 +101,8 @@ ROLES = {
     "command": "out",
 }
 
+_UNREACHED = 1e9  # m/s and rad/s
+
 Leaf = tuple[str, Any]  # name, and the array or number
 Call = tuple[str, list[Leaf]]  # of an export
 
@@ -303,7 +305,8 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
     if "guard" in calls:
         told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:
-        told["hold"] = np.asarray(calls["hold"]["law"]).tolist()
+        # JSON has no infinity: a limit that nothing reaches serves as well
+        told["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
         told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
     return told
 
