@@ -3,7 +3,6 @@
 import csv
 import dataclasses
 import io
-import itertools
 import textwrap
 from collections.abc import Mapping
 from typing import Any
@@ -51,7 +50,8 @@ class Table:
         """Returns the table, or its first columns, for a rich console; a rule stands between experiments.
 
         Args:
-            stacked: whether intervals, and published figures, stand below what they belong to, which takes less room.
+            stacked: whether intervals, published figures and gains stand below what they belong to, which takes less
+                room.
             cell_width: characters after which the text of a cell goes on in another line.
         """
         table = rich.table.Table(
@@ -59,14 +59,26 @@ class Table:
             title_justify="left",
             box=rich.box.SIMPLE_HEAD,
             pad_edge=False,
+            padding=(0, 1, 0, 0) if stacked else (0, 1),
         )
-        for name in self.header[:columns]:
+        header, rows = self.header[:columns], [row[:columns] for row in self.rows]
+        if stacked:
+            header, *rows = (_stacked(self.header, row) for row in (header, *rows))
+        for name in header:
             table.add_column(name.replace(" (", "\n("), overflow="fold")
-        for row, following in itertools.zip_longest(self.rows, self.rows[1:]):
-            lines = [cell.replace(" [", "\n[").replace(" / ", " /\n") if stacked else cell for cell in row[:columns]]
+        first = [row[0] for row in self.rows]
+        for row, name, following in zip(rows, first, [*first[1:], None], strict=True):
+            lines = [cell.replace(" [", "\n[").replace(" / ", " /\n") if stacked else cell for cell in row]
             cells = [
                 "\n".join("\n".join(textwrap.wrap(line, cell_width, **_WHOLE_WORDS)) for line in cell.split("\n"))
                 for cell in lines
             ]
-            table.add_row(*cells, end_section=following is not None and following[0] != row[0])
+            table.add_row(*cells, end_section=following is not None and following != name)
         return table
+
+
+def _stacked(header: list[str], row: list[str]) -> list[str]:
+    """Returns a row, or the header itself, with the gains below the policy that they are of."""
+    if header[:2] != ["policy", "gains"]:
+        return row
+    return [f"{row[0]}\n  {row[1]}", *row[2:]]

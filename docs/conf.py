@@ -12,21 +12,18 @@ author = "The wayfield authors"
 release = version = wayfield.__version__
 html_title = "wayfield"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinxcontrib.mermaid"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
 extensions += ["registry_pages", "docstrings"]  # of this folder
 exclude_patterns = ["results/[a-z]*"]  # tables that results.md has
 source_suffix = {".md": "markdown"}
 
 myst_heading_anchors = 4  # as GitHub has them
 myst_enable_extensions = ["attrs_inline"]
-myst_fence_as_directive = ["mermaid"]
 
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_extra_path = ["demo.html"]
-mermaid_height = "760px"
-mermaid_fullscreen = False
 html_show_sourcelink = False
 html_show_copyright = False
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,7 @@ from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.disclosure import disclosed
+from wayfield.benchmarks.evaluate import _print as print_all
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.report.findings import found
 from wayfield.benchmarks.results import Row
@@ -376,6 +378,21 @@ def test_a_narrow_terminal_stacks_intervals_before_it_leaves_columns_out() -> No
     shown = capture.get()
     assert all(number in shown for cell in row for number in cell.split(" [")[0].split())
     assert shown.index("96.0") < shown.index("[92.3, 98.0]")
+
+
+def test_a_terminal_of_80_columns_shows_what_a_dock_is_judged_by(capsys: pytest.CaptureFixture[str]) -> None:
+    columns = CONTESTS["docking"].columns
+    cells = ["100.0 [96.4, 100.0]", *("123.4 [101.2, 145.6]" if each.with_interval else "12.3" for each in columns)]
+    header = ["policy", "gains", "success (%)", *(column.header for column in columns), "learned from"]
+    rows = [["smooth_pose_backward", gains, *cells, "not tuned"] for gains in ("default", "tuned")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.stdout, "isatty", lambda: True)
+        patch.setenv("COLUMNS", "80")
+        print_all([Table("Docking", header, rows, "Note.")])
+    shown, _, _ = re.sub("\x1b\\[[0-9;]*m", "", capsys.readouterr().out).partition("Note.")
+    assert max(map(len, shown.splitlines())) <= 80
+    for word in ("success", "collision", "position error", "heading error", "default", "tuned"):
+        assert word in shown
 
 
 def test_published_figures_stand_below_ours_and_texts_are_as_narrow_as_asked_for() -> None:

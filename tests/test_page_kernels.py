@@ -61,7 +61,7 @@ def cases(every: bool) -> Iterator[dict[str, Any]]:
 def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np.float64]]:
     """Returns the world of a run as the page has it, and the poses (n + 1, 3) that Python drives."""
     contest = contest_of(case["task"])
-    env = environment(case["task"], case["robot"], case["actuators"], f"{case['family']}/test")
+    env = environment(case["task"], case["robot"], case["actuators"], case.get("file", f"{case['family']}/test"))
     name, _, gains_name = case["policy"].partition(" ")
     wanted = gains_name.strip("()") or "default"
     sets = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))) if name not in TRAINED else {}
@@ -103,6 +103,29 @@ def compare(chosen: list[dict[str, Any]], steps: int) -> None:
 @node
 def test_the_page_drives_what_python_drives() -> None:
     compare(list(cases(every=False)), 40)
+
+
+ROOM = ("." * 40 + "\n") * 12 + ("." * 18 + "@@@@" + "." * 18 + "\n") * 8 + ("." * 40 + "\n") * 12
+
+
+@node
+def test_the_page_drives_among_the_cells_of_a_map(tmp_path: Path) -> None:
+    (tmp_path / "room.map").write_text(f"type octile\nheight 32\nwidth 40\nmap\n{ROOM}")
+    chosen = []
+    for task, word, policies in (
+        ("goal_reaching", "goal", ("vfh_plus", "scan_planner", "astar_tracker", "apf_corrected")),
+        ("docking", "dock", ("reeds_shepp", "polar")),
+    ):
+        file = tmp_path / f"{word}.json"
+        content = {word: [7.0, 2.0, 0.3], "start": [1.0, 4.0, 0.2], "map": {"file": "room.map", "resolution": 0.25}}
+        content["obstacles"] = [{"kind": "circle", "x": 3.0, "y": 3.0, "radius": 0.2}]
+        file.write_text(json.dumps(content))
+        case = {"task": task, "robot": "p3dx", "actuators": "lagged", "family": "map", "file": str(file)}
+        chosen += [case | {"policy": policy} for policy in policies]
+    world, _ = driven(chosen[0], 1)
+    assert world["grid"]
+    assert len(world["obstacles"]) == 1
+    compare(chosen, 120)
 
 
 @node

@@ -13,6 +13,7 @@ from wayfield.benchmarks.report import demo, page
 from wayfield.benchmarks.report.page import Content, made, rendered
 from wayfield.benchmarks.report.recipes import FITTING
 from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TASKS, scenarios_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is missing: apt-get install chromium")
@@ -40,8 +41,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     files["report"].write_text(rendered(HOSTILE, content, made("evaluate", content), page.BUDGET), encoding="utf-8")
     bare = Content(sentences=["a won"], missing=["old-run lacks drives.npz: nothing of it can be replayed."])
     files["bare"].write_text(rendered("bare", bare, made("evaluate", bare), page.BUDGET), encoding="utf-8")
-    driving = Content(worlds=demo.worlds()[::20])
-    first = driving.worlds[-1]
+    every = demo.worlds()
+    driving = Content(worlds=[*every[::20], next(each for each in every if each["family"] == "wall")])
+    first = [each for each in driving.worlds if each["kind"] == "goal"][-1]
     told = {"demo": {"first": f"{first['kind']}: {first['family']}"}}
     files["demo"].write_text(rendered("demo", driving, made("demo", driving), demo.BUDGET, told), encoding="utf-8")
     return files
@@ -199,7 +201,14 @@ def test_a_scenario_is_saved_and_loaded(browser: Browser, files: dict[str, Path]
 
 @pytest.mark.parametrize(
     ("text", "told"),
-    [("{", "no JSON"), ('{"goal": [1, 2]}', "goal"), ('{"goal": [1, 2, 0], "gaol": 3}', "gaol"), ("[]", "object")],
+    [
+        ('{"goal": [1, 2, 0], "map": "room.map"}', "it names a map, another file"),
+        ('{"goal": [1, 2, 0], "dock": [1, 2, 0]}', "goal and dock"),
+        ("{", "no JSON"),
+        ('{"goal": [1, 2]}', "goal"),
+        ('{"goal": [1, 2, 0], "gaol": 3}', "gaol"),
+        ("[]", "object"),
+    ],
 )
 def test_a_damaged_scenario_is_a_sentence(
     browser: Browser, files: dict[str, Path], tmp_path: Path, text: str, told: str
@@ -261,6 +270,46 @@ def test_every_robot_that_the_kernels_know_can_be_chosen_and_drives(browser: Bro
             assert tab.evaluate(moved) > 0.05
             # it is drawn as large as it is
             assert tab.evaluate("HULLS[replay.robot]") == pytest.approx(ROBOTS[robot].hull_radius)
+        assert watched.errors == []
+
+
+def test_docking_is_driven_by_laws_and_by_hand_up_to_the_wall_for_every_hull(
+    browser: Browser, files: dict[str, Path], tmp_path: Path
+) -> None:
+    with Watched(browser, files["demo"]) as watched:
+        tab = watched.page
+        tab.get_by_label("family").select_option("dock: wall")
+        able = tab.evaluate("[...drive.who.options].map((each) => each.value)")
+        assert {"polar", "smooth_pose", "smooth_pose_backward", "reeds_shepp", "apf_corrected"} <= set(able)
+        assert "waypoint" not in able  # drives bases that go sideways
+        for robot in ("p3dx", "turtlebot3"):
+            tab.get_by_label("robot").select_option(robot)
+            # the back of the hull stands as far from the wall as the family says, whatever the robot
+            gap = "clearanceAt(replay.world, 0, replay.world.goal[0], replay.world.goal[1], HULLS[replay.robot])"
+            assert tab.evaluate(gap) == pytest.approx(0.05, abs=1e-9)
+            tab.evaluate(
+                "drive.who.value = 'reeds_shepp'; drive.go(); replay.toggle(false); drive.advance(1300, 20000)"
+            )
+            assert tab.evaluate("drive.run.actor.outcome") == "success"
+        tab.get_by_label("robot").select_option("omni3")
+        assert "waypoint" in tab.evaluate("[...drive.who.options].map((each) => each.value)")
+        tab.evaluate("drive.who.value = KEYBOARD")
+        tab.get_by_role("button", name="drive", exact=True).click()
+        tab.keyboard.down("ArrowUp")
+        watched.until("drive.run.actor.x.length > 30 || drive.run.actor.outcome")
+        tab.keyboard.up("ArrowUp")
+        assert tab.evaluate("(({x, y}) => Math.hypot(x.at(-1) - x[0], y.at(-1) - y[0]))(drive.run.actor)") > 0.05
+        with tab.expect_download() as download:
+            tab.get_by_role("button", name="save scenario").click()
+        file = tmp_path / "mine.json"
+        download.value.save_as(file)
+        saved = json.loads(file.read_text())
+        assert "goal" not in saved
+        assert saved["position_tolerance"] == 0.05
+        (scenario,) = scenarios_of(TASKS["docking"], str(file), ROBOTS["omni3"].hull_radius)
+        assert list(scenario.goal) == tab.evaluate("replay.world.goal")
+        tab.locator("input[type=file]").set_input_files(file)
+        watched.until("replay.world.name === 'mine' && replay.world.kind === 'dock'")
         assert watched.errors == []
 
 

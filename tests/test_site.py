@@ -1,5 +1,6 @@
 """The documentation as a site: complete, small, of today, and without a warning."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -105,5 +106,8 @@ def test_it_is_built_without_a_warning(tmp_path: Path) -> None:
     built = subprocess.run(command, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
     assert (tmp_path / "demo.html").is_file()
+    loads = re.compile(r'<(?:script|img|iframe|link)\b[^>]*(?:src|href)="https?:[^"]*"')
+    for page in tmp_path.rglob("*.html"):
+        assert loads.findall(page.read_text(encoding="utf-8")) == [], page.name  # from the network
     for name in POLICIES:
         assert (tmp_path / f"generated/policies/{name}.html").is_file()

@@ -25,6 +25,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import driven_as, driven_speed
 from wayfield.policies.learned.perception import limits_of
+from wayfield.policies.policy import lacks
 
 # The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
 # twist is read from afterwards. "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a
@@ -99,6 +100,8 @@ ROLES = {
     "twists": "out",
     "command": "out",
 }
+
+_UNREACHED = 1e9  # m/s and rad/s
 
 Leaf = tuple[str, Any]  # name, and the array or number
 Call = tuple[str, list[Leaf]]  # of an export
@@ -302,7 +305,8 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
     if "guard" in calls:
         told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:
-        told["hold"] = np.asarray(calls["hold"]["law"]).tolist()
+        # JSON has no infinity: a limit that nothing reaches serves as well
+        told["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
         told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
     return told
 
@@ -374,6 +378,8 @@ def tables() -> dict[str, Any]:
             for actuators in ACTUATORS:
                 env = environment(task, robot, actuators, f"{contest.timed_on}/test")
                 for name in decisions(task):
+                    if lacks(make(name), ROBOTS[robot]):
+                        continue
                     sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
                     for gains_name, gains in sets:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"

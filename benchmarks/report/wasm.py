@@ -179,7 +179,7 @@ def main(out: Path | None) -> None:
         module, orders = built(Path(scratch))
     content = {"digest": kernel_digest(), "orders": orders, **tables()}
     write_whole(folder / MODULE, module)
-    write_whole(folder / TABLES, json.dumps(content, separators=(",", ":")).encode())
+    write_whole(folder / TABLES, json.dumps(content, separators=(",", ":"), allow_nan=False).encode())
     click.echo(f"{folder / MODULE}: {len(module)} bytes; {TABLES}: {(folder / TABLES).stat().st_size} bytes")
 
 

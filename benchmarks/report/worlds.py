@@ -1,5 +1,6 @@
 """The scenarios of a run as plain numbers, so that a page can draw them and drive in them without the package."""
 
+import base64
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -11,6 +12,7 @@ from gymnasium.utils.seeding import np_random
 
 from wayfield.benchmarks.run_folder import WORLDS
 from wayfield.benchmarks.suite import Setting
+from wayfield.envs.grids import NO_GRIDS, lay_grids
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
@@ -19,6 +21,7 @@ from wayfield.policies.learned.reading import is_number
 
 World = dict[str, Any]
 
+MOST_CELLS = 100_000  # bytes of a map's cells in a page; of a larger one the outline's walls are driven among
 DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a shove
 
 
@@ -92,13 +95,14 @@ def plain(scenario: Any, steps: int) -> World:
             "start": list(scenario.start),
             "goal": list(scenario.goal),
             "waypoints": [list(point) for point in scenario.waypoints],
-            "obstacles": [list(each) for each in (*scenario.obstacles.tolist(), *_walls(scenario))],
+            "obstacles": [list(each) for each in scenario.obstacles.tolist()],
             "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
             "position_tolerance": scenario.position_tolerance,
             "heading_tolerance": scenario.heading_tolerance,
             "waypoint_radius": scenario.waypoint_radius,
         }
         | _closing(scenario)
+        | _map(scenario)
     )
 
 
@@ -108,12 +112,16 @@ def _closing(scenario: Any) -> World:
     return {"closing": closing.tolist()} if closing.any() else {}
 
 
-def _walls(scenario: Any) -> list[Any]:
-    """Returns the sides of what a map has occupied, as the walls that they are to a page that knows no maps."""
-    if scenario.grid is None:
-        return []
-    outline = scenario.grid.outline().reshape(-1, 4).tolist()
-    return [wall(*ends).tolist() for ends in outline]
+def _map(scenario: Any) -> World:
+    """Returns what a map has occupied: its outline as walls, to be drawn, and unless it is large, what kernels read."""
+    grid = scenario.grid
+    if grid is None:
+        return {}
+    world: World = {"walls": [list(wall(*ends).tolist()) for ends in grid.outline().reshape(-1, 4).tolist()]}
+    if grid.cells.nbytes <= MOST_CELLS:
+        frames, cells = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
+        world["grid"] = {"frame": list(frames[0].tolist()), "cells": base64.b64encode(cells).decode()}
+    return world
 
 
 def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:

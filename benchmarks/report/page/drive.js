@@ -4,6 +4,9 @@ const KEYBOARD = "you, by the keyboard";
 const FAST = 8; // ms of a frame for the simulator
 const AHEAD = 3000; // ms to catch up after a change of the world
 
+// Whether the cells of a world's map are not in the page.
+const outlined = (world) => Boolean(world.walls && !world.grid);
+
 class Drive {
   constructor(replay, kernels, free) {
     this.replay = replay;
@@ -82,9 +85,10 @@ class Drive {
     who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each)));
     who.value = able.includes(before) || before === KEYBOARD ? before : able.find((each) => each.startsWith("ppo")) || able[0] || KEYBOARD;
     const unable = [...new Set(replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy))];
-    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : "decides in NumPy");
+    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; nobody can drive in them in the page.";
+    if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
     this.goButton.disabled = !this.kernels || !this.task;
   }
 
@@ -153,7 +157,7 @@ class Drive {
       return from ? "" : "in the page";
     }
     const told = from.told;
-    const same = told && this.replay.world === this.original && told.plant === "kinematic" && told.actuators === conditions.actuators && told.disturbance === "none" && conditions.disturbance === "none";
+    const same = told && !outlined(this.replay.world) && this.replay.world === this.original && told.plant === "kinematic" && told.actuators === conditions.actuators && told.disturbance === "none" && conditions.disturbance === "none";
     simulator.reset();
     const before = same ? pilotFor(simulator, from.policy) : null;
     if (before && (!from.told.agent || from.told.agent === "0")) {

@@ -100,7 +100,7 @@ function fileOf(world) {
     const { path, closed, laps, start_offset, start_turn, corridor } = world;
     return JSON.stringify({ path, closed, ...(closed ? { laps } : {}), ...(world.start ? { start: world.start } : {}), start_offset, start_turn, corridor }) + "\n";
   }
-  const obstacles = world.obstacles.map(([x, y, cos, sin, l, w, radius, mass], k) => {
+  const obstacles = [...world.obstacles, ...(world.walls || [])].map(([x, y, cos, sin, l, w, radius, mass], k) => {
     const patrol = (world.patrols || [])[k];
     const weight = mass > 0 ? { mass } : {};
     if (l === 0 && w === 0) {

@@ -210,14 +210,14 @@ class Replay {
     const pixel = 1 / view.pixels;
     drawWorld(context, world, step * DT, pixel);
     const shown = this.actors.filter((actor) => !actor.hidden);
-    if (this.scans && chosen && !chosen.hidden && world.obstacles && world.obstacles.length) {
+    if (this.scans && chosen && !chosen.hidden && (world.walls || (world.obstacles && world.obstacles.length))) {
       const k = Math.min(step, chosen.x.length - 1);
       drawScan(context, world, step * DT, chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
     }
     for (const actor of shown) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
     if (chosen && !chosen.hidden) drawActor(context, chosen, step, hull, pixel, true);
     if (this.overlay) this.overlay(context, pixel);
-    const able = this.traces.filter((trace) => trace.name !== "clearance" || (world.obstacles && world.obstacles.length));
+    const able = this.traces.filter((trace) => trace.name !== "clearance" || world.walls || (world.obstacles && world.obstacles.length));
     for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace) || !shown.length;
     for (const trace of able) if (shown.length) trace.draw(shown, world, step, this.last, chosen && !chosen.hidden ? chosen : null, changed);
   }

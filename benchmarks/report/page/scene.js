@@ -17,6 +17,12 @@ function obstaclesAt(world, time) {
   });
 }
 
+// And the walls of a map's outline.
+function solidsAt(world, time) {
+  const found = obstaclesAt(world, time);
+  return world.walls ? [...found, ...world.walls] : found;
+}
+
 function distanceTo([ox, oy, cos, sin, halfLength, halfWidth, radius], x, y) {
   const u = Math.abs(cos * (x - ox) + sin * (y - oy)) - halfLength;
   const v = Math.abs(cos * (y - oy) - sin * (x - ox)) - halfWidth;
@@ -26,7 +32,7 @@ function distanceTo([ox, oy, cos, sin, halfLength, halfWidth, radius], x, y) {
 
 function clearanceAt(world, time, x, y, hull) {
   let least = Infinity;
-  for (const obstacle of obstaclesAt(world, time)) least = Math.min(least, distanceTo(obstacle, x, y));
+  for (const obstacle of solidsAt(world, time)) least = Math.min(least, distanceTo(obstacle, x, y));
   return least - hull;
 }
 
@@ -58,7 +64,7 @@ function boundsOf(world, actors) {
   const put = (x, y, r = 0) => { xs.push(x - r, x + r); ys.push(y - r, y + r); };
   for (const point of world.path || []) put(point[0], point[1], Math.min(world.corridor, 0.5));
   for (const point of [world.start, world.goal, ...(world.waypoints || [])]) if (point) put(point[0], point[1], 0.6);
-  for (const [x, y, cos, sin, l, w, r] of world.obstacles || []) {
+  for (const [x, y, cos, sin, l, w, r] of [...(world.obstacles || []), ...(world.walls || [])]) {
     const [a, b] = [Math.abs(cos) * l + Math.abs(sin) * w + r, Math.abs(sin) * l + Math.abs(cos) * w + r];
     xs.push(x - a, x + a);
     ys.push(y - b, y + b);
@@ -91,7 +97,7 @@ function drawWorld(context, world, time, pixel) {
     const end = world.closed ? world.path[0] : world.path[world.path.length - 1];
     flag(context, end[0], end[1], 7 * pixel);
   }
-  for (const obstacle of obstaclesAt(world, time)) drawObstacle(context, obstacle, pixel);
+  for (const obstacle of solidsAt(world, time)) drawObstacle(context, obstacle, pixel);
   (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
   if (world.goal) {
     const [x, y, heading] = world.goal;
@@ -183,7 +189,7 @@ function failed(context, x, y, size, pixel) {
 }
 
 function drawScan(context, world, time, x, y, heading, pixel) {
-  const obstacles = obstaclesAt(world, time).filter((each) => distanceTo(each, x, y) < REACH);
+  const obstacles = solidsAt(world, time).filter((each) => distanceTo(each, x, y) < REACH);
   context.strokeStyle = ink("--accent");
   context.globalAlpha = 0.35;
   context.lineWidth = pixel;

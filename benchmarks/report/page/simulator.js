@@ -4,6 +4,8 @@
 const taskOf = ({ tables }, { kind }) => Object.keys(tables.tasks).find((task) => tables.tasks[task].kind === kind);
 // Robots that the kernels know for a task, or for any where nobody can drive.
 const robotsOf = ({ tables }, task) => Object.keys((tables.tasks[task] || Object.values(tables.tasks)[0]).robots);
+// What a robot runs into besides the cells of a map; of a map that is too large for the page, its outline.
+const solidsOf = (world) => [...(world.obstacles || []), ...((!world.grid && world.walls) || [])];
 const NOISE_BLOCK = 64;
 const POSE_COLUMNS = 7;
 
@@ -44,7 +46,8 @@ class Simulator {
       new Uint8Array(kernels.memory.buffer).fill(0, at, at + bytes);
       return { at, shape };
     };
-    const obstacles = (world.obstacles || []).length;
+    this.solids = solidsOf(world);
+    const obstacles = this.solids.length;
     this.beams = tables.beams;
     this.rows = disturbance.noisy ? NOISE_BLOCK : 1;
     this.columns = POSE_COLUMNS + this.beams * (disturbance.drops ? 2 : 1);
@@ -61,7 +64,7 @@ class Simulator {
       params: { at: kernels.put(kernels.blob(tables.params[conditions])), shape: [1] },
       states: this.state.array,
       courses: this.course.array,
-      obstacles: { ...field(world.obstacles || [], "obstacle"), shape: [1, obstacles] },
+      obstacles: { ...field(this.solids, "obstacle"), shape: [1, obstacles] },
       actions: room(8 * actions, [1, actions]),
       noise: room(8 * this.rows * this.columns, [1, this.rows, this.columns]),
       skip: room(1, [1]),
@@ -81,20 +84,23 @@ class Simulator {
   }
 
   layGoals(field, memory) {
-    const { kernels, tables, world, course, arrays } = this;
-    const obstacles = (world.obstacles || []).length;
+    const { kernels, tables, world, course, arrays, solids } = this;
+    const obstacles = solids.length;
     const points = (world.waypoints || []).map(([x, y]) => [x, y, 0]).concat([world.goal]);
     for (const name of ["start", "start_offset", "start_turn", "position_tolerance", "heading_tolerance", "waypoint_radius"]) course.set(name, world[name]);
     course.set("num_goals", points.length);
     course.set("num_obstacles", obstacles);
     arrays.goals = { ...memory(points.flat(), Float64Array), shape: [1, points.length, 3] };
-    arrays.fields = { ...field(world.obstacles || [], "obstacle"), shape: [1, obstacles] };
-    const patrols = world.patrols && world.patrols.length ? world.patrols : [];
+    arrays.fields = { ...field(solids, "obstacle"), shape: [1, obstacles] };
+    const standing = solids.map((_, k) => (world.patrols && world.patrols[k]) || [0, 0, 0, 0, 0, 0]);
+    const patrols = world.patrols && world.patrols.length ? standing : [];
     arrays.patrols = { ...field(patrols, "patrol"), shape: [1, patrols.length] };
-    arrays.cells = { at: kernels.room(8), shape: [0] }; // a world of the page has no grid
-    this.toldFrames = { ...field([new Array(9).fill(0)], "frame"), shape: [1] };
+    const { frame, cells } = world.grid || { frame: new Array(9).fill(0), cells: "" };
+    const bytes = bytesOf(cells);
+    arrays.cells = { at: bytes.length ? kernels.put(bytes) : kernels.room(8), shape: [bytes.length] };
+    this.toldFrames = { ...field([frame], "frame"), shape: [1] };
+    Object.keys(kernels.tables.records.frame.fields).forEach((name, k) => course.set(name, frame[k]));
     arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [this.beams, 2] };
-    const standing = world.obstacles ? world.obstacles.map((_, k) => patrols[k] || [0, 0, 0, 0, 0, 0]) : [];
     this.toldPatrols = { ...field(standing, "patrol"), shape: [1, obstacles] };
   }
 
