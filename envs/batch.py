@@ -318,8 +318,7 @@ class Batch:
                 p["first_beam"].item(),
                 p["beam_step"].item(),
                 p["max_range"].item(),
-                np.empty((max(count, 1), 3)),
-                np.empty(SCRATCH),
+                np.empty(max(3 * count, SCRATCH)),
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
             scan_ranges(lidar, self.obstacles, state["field"], count, state["num_blocks"], pose, ranges, i, 0)

@@ -309,9 +309,8 @@ def reset_rows(
 @inlined
 def scanner(p, beams, obstacles, cells):
     """Returns the range scanner, with scratch for the obstacles (b, m) of a batch and for its maps."""
-    spans = np.empty((obstacles.shape[1], 3))
-    scratch = np.empty(SCRATCH if cells.shape[0] > 0 else 0)
-    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, spans, scratch)
+    scratch = np.empty(max(3 * obstacles.shape[1], SCRATCH if cells.shape[0] > 0 else 0))
+    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, scratch)
 
 
 class GoalReaching(Task):

@@ -166,13 +166,14 @@ class Lidar(NamedTuple):
     first_beam: float  # rad, body frame
     beam_step: float  # rad
     max_range: float  # m
-    spans: NDArray[np.float64]  # (m, 3) scratch, for at most m obstacles
-    scratch: NDArray[np.float64]  # (grids.SCRATCH,), for maps; (0,) where there are none
+    scratch: NDArray[np.float64]  # (3 m,) for at most m obstacles, and for maps at least (grids.SCRATCH,)
 
 
 @inlined
 def add_spans(max_range, spans, obstacles, field, first, last, pose, seen):
     """Writes the bearings of those obstacles of a row that are in reach behind the `seen` first; returns how many then.
+
+    Each takes three numbers of the spans: the bearings (rad, body frame) of both ends, and its index.
 
     Args:
         first, last: the obstacles meant, from the first on and without the last.
@@ -199,9 +200,10 @@ def add_spans(max_range, spans, obstacles, field, first, last, pose, seen):
                 obstacle.half_width,
                 max_range,
             )
-        spans[seen, 0] = right
-        spans[seen, 1] = left
-        spans[seen, 2] = j
+        place = np.uint64(3 * seen)
+        spans[place] = right
+        spans[place + np.uint64(1)] = left
+        spans[place + np.uint64(2)] = j
         # out of range, or nowhere: what is no number has no beams
         seen += 1 if right <= left else 0
     return seen
@@ -235,7 +237,7 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
         ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
             from the end.
     """
-    beams, first_beam, beam_step, max_range, spans, _ = lidar
+    beams, first_beam, beam_step, max_range, spans = lidar
     x, y, heading = pose
     num_beams = beams.shape[0]
     for k in range(num_beams):
@@ -251,7 +253,8 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
     # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
     wraps = abs(num_beams * beam_step - 6.283185307179586) < 1e-9
     for j in range(seen):
-        obstacle = obstacles[field, np.int64(spans[j, 2])]
+        place = np.uint64(3 * j)
+        obstacle = obstacles[field, np.uint64(spans[place + np.uint64(2)])]
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy
@@ -259,8 +262,8 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
         is_circle = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
         cosine = obstacle.cos * c + obstacle.sin * s
         sine = obstacle.sin * c - obstacle.cos * s
-        right = spans[j, 0] - first_beam
-        left = spans[j, 1] - first_beam
+        right = spans[place] - first_beam
+        left = spans[place + np.uint64(1)] - first_beam
         for turn in range(0 if wraps else -1, 1 if wraps else 2):
             first = (right + turn * 6.283185307179586) * inverse_step
             last = (left + turn * 6.283185307179586) * inverse_step
@@ -283,9 +286,9 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
                     distance = ray_to_circle(px, py, obstacle.radius, ux, uy)
                 else:
                     distance = ray_to_box(px, py, cosine, sine, obstacle.half_length, obstacle.half_width, ux, uy)
-                place = np.uint64(column + beam)
-                if distance < ranges[i, place]:
-                    ranges[i, place] = distance
+                at = np.uint64(column + beam)
+                if distance < ranges[i, at]:
+                    ranges[i, at] = distance
 
 
 @inlined

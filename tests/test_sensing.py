@@ -48,8 +48,7 @@ def scan(
         float(angles[0]),
         float(angles[1] - angles[0]) if num_beams > 1 else FULL,
         max_range,
-        np.empty((max(len(field), 1), 3)),
-        np.empty(0),
+        np.empty(3 * len(field)),
     )
     fields, blocks = in_blocks(field[None], np.array([len(field)]))
     scan_ranges(lidar, fields, 0, len(field), blocks[0], pose, ranges, 0, 0)
