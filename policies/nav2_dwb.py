@@ -217,8 +217,7 @@ def best_twist(p, m, costs, told, pose, now):
 def scored(p, m, costs, told, pose, now, twist):
     """Returns the score of a twist, or ILLEGAL."""
     cells, nose, goal, keeps = told
-    vx, vy, w = twist
-    speed_squared = vx * vx + vy * vy
+    speed_squared = twist[0] * twist[0] + twist[1] * twist[1]
     if m.near == 1:
         slower = speed_squared < now[0] * now[0] + now[1] * now[1]
         if (m.rotating == 1 and speed_squared > 0.0) or (m.rotating == 0 and not slower):
@@ -283,7 +282,7 @@ def towards(speed, wanted, change):
 @inlined
 def cell_of(p, x, y):
     """Returns the row and the column of the local costmap's cell that a point lies in."""
-    return int(math.floor(y / p.local_cell)), int(math.floor(x / p.local_cell))
+    return math.floor(y / p.local_cell), math.floor(x / p.local_cell)
 
 
 @compiled
@@ -319,7 +318,7 @@ def nose_cell(p, m, points, pose, goal):
 
 @inlined
 def nearest(cells, row, column):
-    """Returns how many cells, along both axes, the nearest of the plan's cells lies away, the nearest as the crow flies."""
+    """Returns how many cells, along both axes, that of the plan lies away that is nearest as the crow flies."""
     least = np.inf
     found = 0
     for k in range(cells.shape[0]):
@@ -367,6 +366,8 @@ def note_flips(p, m, pose):
         for c in range(3):
             m.flipped_at[c] = pose[c]
     moved = math.sqrt((pose[0] - m.flipped_at[0]) ** 2 + (pose[1] - m.flipped_at[1]) ** 2)
-    if moved > p.reset_distance or abs(wrap_angle(pose[2] - m.flipped_at[2])) > p.reset_angle:
+    turned = abs(wrap_angle(pose[2] - m.flipped_at[2]))
+    restricted = m.forbidden[0] != 0.0 or m.forbidden[1] != 0.0 or m.forbidden[2] != 0.0
+    if restricted and (moved > p.reset_distance or turned > p.reset_angle):
         m.signs[:] = 0.0
         m.forbidden[:] = 0.0

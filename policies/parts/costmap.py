@@ -154,8 +154,8 @@ def inflated(radius: float, inflation_radius: float, scaling: float) -> NDArray[
     """
     distance = FARTHEST - UNIT * np.arange(256)
     cost = np.floor((INSCRIBED - 1.0) * np.exp(-scaling * np.maximum(distance - radius, 0.0)))
-    cost = np.where(distance <= inflation_radius, cost, 0.0)
-    cost = np.where(distance <= radius, INSCRIBED, cost)
+    cost = np.where(distance <= inflation_radius + 1e-9, cost, 0.0)
+    cost = np.where(distance <= radius + 1e-9, INSCRIBED, cost)
     return np.where(distance <= 1e-9, LETHAL, cost)
 
 
