@@ -294,6 +294,8 @@ def audit_conditions(audit: Audit, rows: Sequence[Row], where: str) -> None:
             audit.ask(
                 f"{where}: {name} was tuned for another condition than {', '.join(elsewhere)}: at its best there?"
             )
+        if any(each["searched_on"]["split"] == "validation" for row in group[:1] for each in _files(row)):
+            audit.ask(f"{where}: {name} was searched for on the split that it was chosen by: what would another give?")
         if len({row["disturbance"] for row in group} - {"none"}) and group[0]["gains_name"] == "tuned":
             audit.ask(f"{where}: {name} was tuned without disturbances: where are gains that were tuned under them?")
         if len({row["speed"] for row in group if row["speed"]}) > 1 and len(_other_gains(group)) == 1:
@@ -313,9 +315,14 @@ def audit_conditions(audit: Audit, rows: Sequence[Row], where: str) -> None:
         audit.ask(f"{where}: entries are told {', '.join(sorted(known))}: which of them may be compared?")
 
 
+def _files(row: Row) -> list[dict[str, Any]]:
+    """Returns the files of gains that a row was driven with."""
+    return [each for each in _shipped_gains() if each["policy"] == row["policy"] and _same(each, row["gains"])]
+
+
 def _tuned_elsewhere(row: Row) -> list[str]:
     """Returns the robot and the asked speed of a row, if the gains that it was driven with were tuned for others."""
-    files = [each for each in _shipped_gains() if each["policy"] == row["policy"] and _same(each, row["gains"])]
+    files = _files(row)
     found = []
     for key, shown, unsaid in (("robot", row["robot"], "p3dx"), ("speed", row["speed"] or "0.6", 0.6)):
         if files and shown not in {f"{each.get(key, unsaid)}" for each in files}:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from wayfield.policies.policy import Policy
+from wayfield.policies.tuned import PACE
 
 PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"
@@ -80,6 +81,13 @@ class Case:
         if self.split:
             return {"contest": self.document, "family": self.experiment}
         return {"document": self.document, "experiment": self.experiment}
+
+    @property
+    def asked(self) -> float:
+        """Returns the speed (m/s) that policies are asked for; inf outside of contests, where none is."""
+        if self.rules is not None:
+            return self.rules.speed
+        return (self.speed or PACE) if self.split else math.inf
 
     @property
     def gains_text(self) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.crossed import LEAST
-from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, grouped, label, mean_speed
+from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, by_slowness, grouped, label, mean_speed
 from wayfield.benchmarks.matrix import cost_difference, cost_unit, difference_cells, shown_as, success_difference
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
@@ -42,12 +42,8 @@ class Comparison:
         """Returns the verdict on the cost, by a corrected p."""
         fewer = self.cost.value < 0.0
         found = _verdict(p, fewer)
-        if found in (WINS, LOSES) and self.contest.pace is not None:
-            # whoever errs less must not be the slower one
-            ahead, behind = self.speeds if fewer else self.speeds[::-1]
-            if ahead < (1.0 - PACE_TOLERANCE) * behind:
-                return SLOWER
-        return found
+        ahead, behind = self.speeds if fewer else self.speeds[::-1]
+        return SLOWER if found in (WINS, LOSES) and by_slowness(ahead, behind, self.contest) else found
 
 
 def _verdict(p: float, ahead: bool) -> str:

@@ -14,12 +14,15 @@ _TOLD: Mapping[str, str] = {
 _SEES_PATHS = "its exact pose, errors and twist; the true path, a metre ahead"
 _SEES_GOALS = "its exact pose and twist, where the goal is, its scan"
 _SCANS = "remembers what it has seen, leaves traps by a way around, foresees what moves"
+_NAV2 = "a map of all its scans and the scan planner's plan, slows before what it sees, recovers where it is stuck"
 
 # By policy; nothing stands here for laws that keep at most their last command.
 _PROTECTED: Mapping[str, str] = {
     "mpc": "its plan; stops where no plan is found",
     "vfh_plus": _SCANS,
     "dwa": _SCANS,
+    "nav2_dwb": _NAV2,
+    "nav2_mppi": _NAV2,
     "mppi": "its plan and how long the way is around what it sees",
     "scan_planner": "a map of all its scans, foresees what moves, brakes before what it cannot see past",
     "orca": "gives up no half-plane of what stands",

@@ -128,6 +128,11 @@ def off_pace(rows: Sequence[Row], asked: float | None) -> bool:
     return not math.isnan(speed) and abs(speed - asked) > PACE_TOLERANCE * asked
 
 
+def by_slowness(ahead: float, behind: float, contest: Contest) -> bool:
+    """Returns whether who does better is the slower one, by its mean speed (m/s), where a contest asks for a speed."""
+    return contest.pace is not None and ahead < (1.0 - PACE_TOLERANCE) * behind
+
+
 def success_cell(rows: Sequence[Row]) -> str:
     """Returns the share of successes in per cent with its 95 % interval."""
     return _with_ends(float(values(rows, "success").mean()), success_interval(rows), 100.0, 1)

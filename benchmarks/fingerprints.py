@@ -31,7 +31,7 @@ from wayfield.policies.pilot import Pilot
 DRIVEN = ("p3dx", "omni3", "omni4", "mecanum4")  # the documents' robots, and one of each other drive
 ROBOTS = 4  # of a batch
 FEW_ROBOTS = 2  # of a batch of a policy that takes its time
-SLOW = ("mpc", "mppi")
+SLOW = ("mpc", "mppi", "nav2_mppi")
 STEPS = 200
 CLOCK = 120  # steps of an episode, so that every run sees a reset
 

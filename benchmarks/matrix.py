@@ -6,8 +6,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wayfield.benchmarks.contests import Contest
-from wayfield.benchmarks.entries import Entry, by_scenario, costs, label, scenario, values
+from wayfield.benchmarks.contests import PACE_TOLERANCE, Contest
+from wayfield.benchmarks.entries import (
+    OFF_PACE,
+    Entry,
+    by_scenario,
+    by_slowness,
+    costs,
+    label,
+    mean_speed,
+    scenario,
+    values,
+)
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, advantage, difference, holm
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.table import Table
@@ -18,15 +28,26 @@ def better_table(contest: Contest, title: str, entries: Mapping[Entry, list[Row]
     pairs = list(itertools.combinations(entries, 2))
     found = [how_often_better(entries[a], entries[b], contest) for a, b in pairs]
     decided = [p < SIGNIFICANT for p in holm([each.p for each in found])]  # of NaN it is false
+    speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
     often: dict[tuple[Entry, Entry], str] = {}
     for (a, b), each, sure in zip(pairs, found, decided, strict=True):
-        often[a, b] = f"{0.5 + each.value:.2f}{'*' * sure}"
-        often[b, a] = f"{0.5 - each.value:.2f}{'*' * sure}"
+        ahead, behind = (a, b) if each.value > 0.0 else (b, a)
+        mark = "*" * sure
+        if sure and by_slowness(speeds[ahead], speeds[behind], contest):
+            mark = OFF_PACE
+        often[a, b] = f"{0.5 + each.value:.2f}{mark}"
+        often[b, a] = f"{0.5 - each.value:.2f}{mark}"
     lines = [[label(a), *(often.get((a, b), "") for b in entries)] for a in entries]
+    slower = (
+        ""
+        if contest.pace is None
+        else f" {OFF_PACE} in its place: who does better is the slower one by over {100.0 * PACE_TOLERANCE:.0f} %."
+    )
     note = (
         "Share of the scenarios in which the policy of the line does better than that of the column, draws "
         f"counted half: success first, then the lower {contest.spec.cost.name}; a star marks a paired test whose p, "
-        f"corrected by Holm's method for the {len(pairs)} pairs of this table, is under {SIGNIFICANT:g}. {source}"
+        f"corrected by Holm's method for the {len(pairs)} pairs of this table, is under {SIGNIFICANT:g}."
+        f"{slower} {source}"
     )
     return Table(f"{title}: better than", ["policy", *map(label, entries)], lines, note)
 

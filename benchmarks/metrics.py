@@ -229,7 +229,8 @@ def against_the_best(trajectory: Trajectory) -> dict[str, float]:
     `fastest_time` (Yokoyama et al., arXiv 2103.08022); BARN = S OT / clip(T, 2 OT, 8 OT), as the BARN challenge scores
     from 2024 on, or clip(T, 4 OT, 8 OT), as in 2022, with T the time on the clock. In the worlds of the challenge OT
     and the clock are its own (`optimal_time` and `clock_from` of the trajectory); everywhere else the formula alone is
-    the challenge's, with OT = l / v_max of the base, so that scores compare with each other and with no others.
+    the challenge's, with OT = l / v, so that scores compare with each other and with no others. All times are against
+    v = `max_speed` of the trajectory, the speed that a contest asks for, or the base's where none is asked for.
     """
     if math.isnan(trajectory.shortest):
         return {}

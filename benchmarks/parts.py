@@ -35,7 +35,7 @@ from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.ppo import shipped, trained
-from wayfield.policies.tuned import PACE, tuned_set
+from wayfield.policies.tuned import tuned_set
 
 _ROWS, _DIGESTS = "rows.json", "part.json"  # of a part, beside its trajectories
 _MARK = ".parts"  # in the folder of the parts
@@ -148,7 +148,7 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         training = agent.card["training"]
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
         knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
-        learned = f"{training['steps'] / 1e6:.1f} M frames{taught}"
+        learned = f"{in_frames(training['steps'])}{taught}"
     else:
         made: Any = make(case.policy)
         knows, parameters, learned = made.knows, str(len(dataclasses.fields(made))), _searched(contest, case)
@@ -160,14 +160,18 @@ def _searched(contest: Contest, case: Case) -> str:
     level = ROBUST_LEVEL if case.gains_name == "robust" else "none"
     if case.gains_name not in ("tuned", "robust", "default") or case.policy in ("zero", "random"):
         return ""
-    pace = case.speed or (case.rules.speed if case.rules else PACE)
     robot = case.env_kwargs["robot"]  # a name where it ships
-    found = tuned_set(case.policy, contest.spec.suite, robot, pace, level) if isinstance(robot, str) else None
+    found = tuned_set(case.policy, contest.spec.suite, robot, case.asked, level) if isinstance(robot, str) else None
     if found is None:
         return "not tuned"
     if case.gains_name == "default" and found.chosen == "search":
         return ""
-    return f"{found.frames / 1e6:.1f} M frames" + (", best of them" if case.gains_name == "default" else "")
+    return in_frames(found.frames) + (", best of them" if case.gains_name == "default" else "")
+
+
+def in_frames(count: int) -> str:
+    """Returns a budget in words: millions, and enough digits of few frames to tell them from none."""
+    return f"{count / 1e6:.1f} M frames" if count >= 100_000 else f"{count / 1e6:.2g} M frames"
 
 
 def play(setting: Setting) -> dict[str, bytes]:

@@ -144,7 +144,7 @@ def _trajectory(
     scenario = env.task.scenarios[int(states["scenario"][0])]
     driven = dataclasses.replace(
         driven,
-        max_speed=float(briefing.robot.max_twist[0]),
+        max_speed=min(case.asked, float(briefing.robot.max_twist[0])),
         acceleration=briefing.actuators.acceleration,
         clearances=states["clearance"].copy(),
         goals=briefing.goals[i, : briefing.num_goals[i]],
@@ -163,7 +163,6 @@ def _under(rules: Rules, driven: Trajectory, scenario: Any) -> Trajectory:
     return dataclasses.replace(
         driven,
         shortest=scenario.published_length if rules.published_way else math.nan,
-        max_speed=min(rules.speed, driven.max_speed),
         optimal_time=scenario.published_length / rules.optimal_speed,
         clock_from=rules.clock_from,
         limit=rules.limit,

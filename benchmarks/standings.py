@@ -118,8 +118,14 @@ def contest_tables(
 
 
 def ranked(standings: Standings) -> dict[Entry, list[Row]]:
-    """Returns the entries in the order of the contest's ranking; those off the asked speed come after the others."""
+    """Returns the entries in the order of the contest's ranking.
+
+    Those off the asked speed come after the others, the nearest to it first: who errs less by driving slower is not
+    ahead. Where no entry holds it, all are ranked alike.
+    """
     contest = standings.contest
+    asked = contest.pace
+    off = {entry: off_pace(rows, asked) for entry, rows in standings.entries.items()}
 
     def key(entry: Entry) -> tuple[float, ...]:
         rows = standings.entries[entry]
@@ -127,7 +133,9 @@ def ranked(standings: Standings) -> dict[Entry, list[Row]]:
             sign * float((costs(rows, contest) if metric == COST else values(rows, metric)).mean())
             for metric, sign in contest.ranked
         ]
-        return (float(off_pace(rows, contest.pace)), *found)
+        if asked is None or not off[entry] or all(off.values()):
+            return (0.0, *found)
+        return (abs(mean_speed(rows) - asked), *found)
 
     return {entry: standings.entries[entry] for entry in sorted(standings.entries, key=key)}
 
@@ -175,7 +183,8 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         ""
         if contest.pace is None
         else f" {OFF_PACE}: the mean speed is off the {contest.pace:g} m/s asked for by more than "
-        f"{100.0 * PACE_TOLERANCE:.0f} %; such entries stand below the others and are not ranked with them."
+        f"{100.0 * PACE_TOLERANCE:.0f} %; such entries stand below the others, the nearest to it first, and are not "
+        "ranked."
     )
     return (
         f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors, "

@@ -19,6 +19,8 @@ from wayfield.policies.parts.costmap import (
     ahead_of,
     cost_at,
     perceive,
+    recovers,
+    slow_down,
 )
 from wayfield.policies.policy import check_gain, check_whole
 
@@ -45,7 +47,7 @@ class Nav2Dwb(CostmapController):
     n'_p and n'_g those of a point `forward_point` before the end, the latter from a last point moved on by as much,
     and c the cost at the end,
 
-        score = obstacle c + cell/2 (path_distance n_p + goal_distance n_g + path_align n'_p + goal_align n'_g)
+        score = obstacle c + local_cell/2 (path_distance n_p + goal_distance n_g + path_align n'_p + goal_align n'_g)
                 + rotate_to_goal r
 
     path_align counts no more within `forward_point` of the goal. A trajectory with a point in collision is illegal,
@@ -71,6 +73,7 @@ class Nav2Dwb(CostmapController):
     linear_step: float = 0.05  # m
     angular_step: float = 0.025  # rad
     window: float = 3.0  # m
+    local_cell: float = 0.05  # m, in which distances from the plan are counted
     prune_distance: float = 2.0  # m, of the plan that is looked at
     obstacle: float = 0.02
     path_distance: float = 32.0
@@ -91,7 +94,7 @@ class Nav2Dwb(CostmapController):
         for name in ("speeds", "sideways", "turns"):
             check_whole(self, name, least=2, most=1000)
         above = ("max_yaw_rate", "acceleration", "yaw_acceleration", "horizon", "linear_step", "angular_step")
-        for name in (*above, "window", "prune_distance"):
+        for name in (*above, "window", "local_cell", "prune_distance"):
             check_gain(self, name, above=0.0)
         for field in dataclasses.fields(self):
             if field.type is float:
@@ -139,16 +142,20 @@ def decide(params, maps, scan, seen, memory):
         distance = math.sqrt((goal[0] - pose[0]) ** 2 + (goal[1] - pose[1]) ** 2)
         if seen.waypoints_left[i] < 0.5:
             note_arrival(p, m, distance, math.sqrt(now[0] * now[0] + now[1] * now[1]))
+        if recovers(p, m, pose, goal):
+            slow_down(p, m, scan, i)
+            continue
         if count == 0:
             m.stuck += 1
             m.command[:] = 0.0
             continue
-        cells = cells_of(m, points[:count])
+        cells = cells_of(p, points[:count])
         nose = nose_cell(p, m, points[:count], pose, goal)
         wanted = best_twist(p, m, maps.costs, (cells, nose, goal, distance > p.forward_point), pose, now)
         m.stuck = 0 if wanted[3] < ILLEGAL else m.stuck + 1
         m.command[0], m.command[1], m.command[2] = wanted[0], wanted[1], wanted[2]
         note_flips(p, m, pose)
+        slow_down(p, m, scan, i)
 
 
 # What a robot may drive.
@@ -210,8 +217,7 @@ def best_twist(p, m, costs, told, pose, now):
 def scored(p, m, costs, told, pose, now, twist):
     """Returns the score of a twist, or ILLEGAL."""
     cells, nose, goal, keeps = told
-    vx, vy, w = twist
-    speed_squared = vx * vx + vy * vy
+    speed_squared = twist[0] * twist[0] + twist[1] * twist[1]
     if m.near == 1:
         slower = speed_squared < now[0] * now[0] + now[1] * now[1]
         if (m.rotating == 1 and speed_squared > 0.0) or (m.rotating == 0 and not slower):
@@ -219,16 +225,16 @@ def scored(p, m, costs, told, pose, now, twist):
     end, cost = driven(p, m, costs, pose, now, twist)
     if cost >= INSCRIBED:
         return ILLEGAL
-    row, column = cell_of(m, end[0], end[1])
+    row, column = cell_of(p, end[0], end[1])
     sine, cosine = sin_cos(end[2])
-    nose_row, nose_column = cell_of(m, end[0] + p.forward_point * cosine, end[1] + p.forward_point * sine)
+    nose_row, nose_column = cell_of(p, end[0] + p.forward_point * cosine, end[1] + p.forward_point * sine)
     last = cells.shape[0] - 1
     total = p.path_distance * nearest(cells, row, column)
     total += p.goal_distance * (abs(cells[last, 0] - row) + abs(cells[last, 1] - column))
     if keeps:
         total += p.path_align * nearest(cells, nose_row, nose_column)
     total += p.goal_align * (abs(nose[0] - nose_row) + abs(nose[1] - nose_column))
-    score = p.obstacle * cost + 0.5 * m.cell * total
+    score = p.obstacle * cost + 0.5 * p.local_cell * total
     if m.near == 1:
         turn = abs(wrap_angle(goal[2] - end[2]))
         score += p.rotate_to_goal * (turn + (p.slowing * speed_squared if m.rotating == 0 else 0.0))
@@ -274,18 +280,18 @@ def towards(speed, wanted, change):
 
 
 @inlined
-def cell_of(m, x, y):
-    """Returns the row and the column of the cell that a point lies in, of the map's grid or of one that goes on."""
-    return int(math.floor((y - m.origin[1]) / m.cell)), int(math.floor((x - m.origin[0]) / m.cell))
+def cell_of(p, x, y):
+    """Returns the row and the column of the local costmap's cell that a point lies in."""
+    return math.floor(y / p.local_cell), math.floor(x / p.local_cell)
 
 
 @compiled
-def cells_of(m, points):
+def cells_of(p, points):
     """Returns the cells (n, 2), row and column, that points (k, 2) lie in, each once in a row."""
     cells = np.empty((points.shape[0], 2), np.int64)
     n = 0
     for k in range(points.shape[0]):
-        row, column = cell_of(m, points[k, 0], points[k, 1])
+        row, column = cell_of(p, points[k, 0], points[k, 1])
         if n == 0 or cells[n - 1, 0] != row or cells[n - 1, 1] != column:
             cells[n, 0] = row
             cells[n, 1] = column
@@ -307,12 +313,12 @@ def nose_cell(p, m, points, pose, goal):
         sine, cosine = sin_cos(bearing(goal[1] - pose[1], goal[0] - pose[0]))
         x += p.forward_point * cosine
         y += p.forward_point * sine
-    return cell_of(m, x, y)
+    return cell_of(p, x, y)
 
 
 @inlined
 def nearest(cells, row, column):
-    """Returns how many cells, along both axes, the nearest of the plan's cells lies away, the nearest as the crow flies."""
+    """Returns how many cells, along both axes, that of the plan lies away that is nearest as the crow flies."""
     least = np.inf
     found = 0
     for k in range(cells.shape[0]):
@@ -360,6 +366,8 @@ def note_flips(p, m, pose):
         for c in range(3):
             m.flipped_at[c] = pose[c]
     moved = math.sqrt((pose[0] - m.flipped_at[0]) ** 2 + (pose[1] - m.flipped_at[1]) ** 2)
-    if moved > p.reset_distance or abs(wrap_angle(pose[2] - m.flipped_at[2])) > p.reset_angle:
+    turned = abs(wrap_angle(pose[2] - m.flipped_at[2]))
+    restricted = m.forbidden[0] != 0.0 or m.forbidden[1] != 0.0 or m.forbidden[2] != 0.0
+    if restricted and (moved > p.reset_distance or turned > p.reset_angle):
         m.signs[:] = 0.0
         m.forbidden[:] = 0.0

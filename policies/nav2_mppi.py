@@ -15,6 +15,7 @@ from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.elementary import exponential
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.envs.kinematics import integrate_arc
 from wayfield.policies.mppi import scramble, two_normals
 from wayfield.policies.parts.costmap import (
     INSCRIBED,
@@ -25,6 +26,8 @@ from wayfield.policies.parts.costmap import (
     ahead_of,
     cost_at,
     perceive,
+    recovers,
+    slow_down,
 )
 from wayfield.policies.policy import check_gain, check_switch, check_whole
 
@@ -206,10 +209,14 @@ def decide(params, maps, samples, scan, seen, memory):
         m = memory[i]
         pose, goal, s = perceive(p, m, maps, scan, seen, i)
         count = ahead_of(m, s, p.prune_distance, FAR, pose[0], pose[1], points)
-        if p.open_loop:
-            now = m.command[0], m.command[1], m.command[2]
-        else:
-            now = seen.twists[i, 0], seen.twists[i, 1], seen.twists[i, 2]
+        if recovers(p, m, pose, goal):
+            m.sequence[:] = 0.0
+            m.history[:] = 0.0
+            slow_down(p, m, scan, i)
+            continue
+        now = speed_of(p, m, seen, i)
+        if not p.open_loop:
+            pose = after_period(p, seen, i, pose)
         found = False
         for _ in range(2 if count > 0 else 0):
             m.sequence[0, 0], m.sequence[0, 1], m.sequence[0, 2] = now
@@ -234,6 +241,27 @@ def decide(params, maps, samples, scan, seen, memory):
                 m.history[t, c] = m.history[t + 1, c] if t + 1 < HISTORY else m.command[c]
             for t in range(p.steps - 1):
                 m.sequence[t, c] = m.sequence[t + 1, c]
+        slow_down(p, m, scan, i)
+
+
+@inlined
+def speed_of(p, m, seen, i):
+    """Returns the twist from which robot i's samples start: the measured one, moved on to the last command."""
+    vx, vy, w = m.command[0], m.command[1], m.command[2]
+    if not p.open_loop:
+        change = p.acceleration * p.plant.dt
+        turn_change = p.yaw_acceleration * p.plant.dt
+        vx = min(max(vx, seen.twists[i, 0] - change), seen.twists[i, 0] + change)
+        vy = min(max(vy, seen.twists[i, 1] - change), seen.twists[i, 1] + change)
+        w = min(max(w, seen.twists[i, 2] - turn_change), seen.twists[i, 2] + turn_change)
+    return vx, vy, w
+
+
+@inlined
+def after_period(p, seen, i, pose):
+    """Returns where robot i will be after a control period at the measured twist."""
+    twist = seen.twists[i]
+    return integrate_arc(pose[0], pose[1], pose[2], twist[0], twist[1], twist[2], p.plant.dt)
 
 
 @compiled

@@ -12,6 +12,7 @@ from wayfield.benchmarks.entries import (
     Entry,
     by_entry,
     by_scenario,
+    by_slowness,
     costs,
     failing,
     label,
@@ -168,7 +169,7 @@ def _small(
     if any(each.away for each in shown):
         note += (
             f" {OFF_PACE}: off the {contest.pace:g} m/s asked for by more than {100.0 * PACE_TOLERANCE:.0f} %; such "
-            "entries stand below the others and are not ranked with them."
+            "entries stand below the others, the nearest to it first, and are not ranked."
         )
     return Table(f"{contest.title}, {robot}", header, lines, note)
 
@@ -200,8 +201,10 @@ def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> 
     for i, a in enumerate(names):
         for j in range(i):
             pairs[i, j] = how_often_better(entries[a], entries[names[j]], contest)
+    speeds = [mean_speed(rows) for rows in entries.values()]
     for ((i, j), each), p in zip(pairs.items(), holm([each.p for each in pairs.values()]), strict=True):
-        sure = float(p < SIGNIFICANT)
+        ahead, behind = (speeds[i], speeds[j]) if each.value > 0.0 else (speeds[j], speeds[i])
+        sure = float(p < SIGNIFICANT and not by_slowness(ahead, behind, contest))
         cells[i][j], cells[j][i] = [0.5 + each.value, sure], [0.5 - each.value, sure]
     return {
         "kind": "duels",

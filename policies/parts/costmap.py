@@ -19,9 +19,17 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.polyline_tracker import FARTHEST, PLAN, UNIT, clearance_prices, point_at, project
-from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, stamps
-from wayfield.policies.parts.stopping import SIGHTS, Scan, Seen, remembering
+from wayfield.policies.parts.polyline_tracker import (
+    FARTHEST,
+    PLAN,
+    UNIT,
+    clearance_at,
+    clearance_prices,
+    point_at,
+    project,
+)
+from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, forget, stamps
+from wayfield.policies.parts.stopping import SIGHTS, Scan, Seen, free_time, remembering
 from wayfield.policies.policy import Policy, check_gain
 from wayfield.policies.scan_planner import place_grid, plan
 
@@ -30,7 +38,27 @@ INSCRIBED = 253.0  # of one in which the centre of a round hull may not be
 POINT_SPACING = 0.025  # m, between the points of a plan, for which Nav2's offsets along it are documented
 MOST_POINTS = 161  # of the part of a plan that lies ahead
 
-STATE = [*PLAN, ("forgotten", np.int64), *SIGHTS, *CHART]
+STATE = [
+    *PLAN,
+    ("forgotten", np.int64),  # how often the map was
+    ("anchor", np.float64, (2,)),  # m, from where the robot has to get on
+    ("anchored", np.int64),  # step at which it was there
+    ("recoveries", np.int64),  # begun so far
+    ("recovering", np.int64),  # which is under way, a number of RECOVERIES; 0: none
+    ("recovering_until", np.int64),  # step
+    *SIGHTS,
+    *CHART,
+]
+
+# What a robot does in turn that does not get on, as Nav2's default behaviour tree: it forgets its map, turns on the
+# spot, waits, backs away.
+RECOVERIES = CLEAR, SPIN, WAIT, BACK_UP = 1, 2, 3, 4
+FAILED = 0.3  # s, without a command that is safe
+PROGRESS, PROGRESS_TIME = 0.5, 10.0  # m, that a robot has to move in so many s
+SPIN_TURN, SPIN_RATE = 1.57, 1.0  # rad, rad/s
+WAIT_TIME = 5.0  # s
+BACK_UP_WAY, BACK_UP_SPEED = 0.3, 0.15  # m, m/s
+ARRIVED = 0.25  # m, from the goal, within which a robot need not get on
 
 # As the scan planner plans: room beside the hull that is wanted, least, and where there is no other way, m.
 WANTED, LEAST, GIVE = 0.2, 0.02, 0.03
@@ -50,10 +78,11 @@ class CostmapController(Policy):
     """What a controller of Nav2 is configured with beside its own law: gains that they share. They add act."""
 
     max_speed: float = 0.6  # m/s
-    cell: float = 0.05  # m
+    cell: float = 0.08  # m, of the map
     inflation_radius: float = 0.7  # m, from an obstacle, within which cells cost something
     cost_scaling: float = 3.0  # 1/m, by which that falls off
     replan: float = 1.0  # s, between plans
+    time_before_collision: float = 1.2  # s, from which on commands are slowed down; 0 for not at all
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -61,7 +90,7 @@ class CostmapController(Policy):
     def __post_init__(self) -> None:
         for name in ("max_speed", "cell", "replan"):
             check_gain(self, name, above=0.0)
-        for name in ("inflation_radius", "cost_scaling"):
+        for name in ("inflation_radius", "cost_scaling", "time_before_collision"):
             check_gain(self, name, least=0.0)
         if self.inflation_radius > FARTHEST:
             raise ValueError(
@@ -125,19 +154,16 @@ def inflated(radius: float, inflation_radius: float, scaling: float) -> NDArray[
     """
     distance = FARTHEST - UNIT * np.arange(256)
     cost = np.floor((INSCRIBED - 1.0) * np.exp(-scaling * np.maximum(distance - radius, 0.0)))
-    cost = np.where(distance <= inflation_radius, cost, 0.0)
-    cost = np.where(distance <= radius, INSCRIBED, cost)
+    cost = np.where(distance <= inflation_radius + 1e-9, cost, 0.0)
+    cost = np.where(distance <= radius + 1e-9, INSCRIBED, cost)
     return np.where(distance <= 1e-9, LETHAL, cost)
 
 
 @inlined
 def cost_at(m, costs, x, y):
-    """Returns the cost of the cell that a point lies in; 0 beyond the map."""
-    column = int(math.floor((x - m.origin[0]) / m.cell))
-    row = int(math.floor((y - m.origin[1]) / m.cell))
-    if row < 0 or column < 0 or row >= CELLS or column >= CELLS:
-        return 0.0
-    return costs[m.grid[row, column]]
+    """Returns the cost at a point, by the clearance between those of the four cells around it; 0 beyond the map."""
+    clearance = clearance_at(m, x, y)
+    return costs[int((FARTHEST - clearance) / UNIT + 0.5)]
 
 
 @compiled
@@ -195,3 +221,68 @@ def ahead_of(m, s, reach, half, x, y, points):
             break
         at = min(at + POINT_SPACING, end)
     return count
+
+
+@compiled
+def slow_down(p, m, scan, i):
+    """Slows robot i's command where it leads into what the beams hit now: by the time until then over the one wanted.
+
+    The approach mode of Nav2's collision monitor, for the hull's disc and a single hit.
+    """
+    if p.time_before_collision <= 0.0:
+        return
+    reach = p.time_before_collision * p.max_speed + p.plant.hull_radius
+    beams = scan.directions.shape[0]
+    hits = np.empty((beams, 3))
+    count = 0
+    for k in range(beams):
+        distance = scan.ranges[i, k]
+        if distance < min(reach, (1.0 - 1e-6) * scan.reach):
+            hits[count, 0] = distance * scan.directions[k, 0]
+            hits[count, 1] = distance * scan.directions[k, 1]
+            # who is that near already may leave it
+            hits[count, 2] = min(p.plant.hull_radius, (1.0 - 1e-6) * distance)
+            count += 1
+    left = free_time(hits[:count], m.command[0], m.command[1], m.command[2], p.time_before_collision)
+    for c in range(3):
+        m.command[c] *= left / p.time_before_collision
+
+
+@compiled
+def recovers(p, m, pose, goal):
+    """Begins and goes on with what helps a robot that does not get on; returns whether the command is that of it."""
+    dt = p.plant.dt
+    away = math.sqrt((pose[0] - m.anchor[0]) ** 2 + (pose[1] - m.anchor[1]) ** 2)
+    left = math.sqrt((pose[0] - goal[0]) ** 2 + (pose[1] - goal[1]) ** 2)
+    if m.anchored == 0 or away > PROGRESS or left < ARRIVED:
+        m.anchor[0] = pose[0]
+        m.anchor[1] = pose[1]
+        m.anchored = m.steps
+    held = m.stuck * dt >= FAILED or (m.steps - m.anchored) * dt > PROGRESS_TIME
+    if m.recovering == 0 and held:
+        m.recovering = RECOVERIES[m.recoveries % 4]
+        m.recoveries += 1
+        m.stuck = 0
+        m.anchored = m.steps
+        lasts = 0.0
+        if m.recovering == CLEAR:
+            m.forgotten += 1
+            forget(m)
+            m.planned_at = m.steps - p.replan_steps
+        elif m.recovering == SPIN:
+            lasts = SPIN_TURN / SPIN_RATE
+        elif m.recovering == WAIT:
+            lasts = WAIT_TIME
+        else:
+            lasts = BACK_UP_WAY / BACK_UP_SPEED
+        m.recovering_until = m.steps + int(lasts / dt + 0.5)
+    if m.recovering == 0:
+        return False
+    if m.steps >= m.recovering_until:
+        m.recovering = 0
+        m.anchored = m.steps
+        return False
+    m.command[0] = -BACK_UP_SPEED if m.recovering == BACK_UP else 0.0
+    m.command[1] = 0.0
+    m.command[2] = SPIN_RATE if m.recovering == SPIN else 0.0
+    return True
