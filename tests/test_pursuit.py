@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path as File
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
 from wayfield.envs.paths import Path, PathPool
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.curves import circle_path
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
+from wayfield.policies.parts.params import params
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 from wayfield.policies.pure_pursuit import PurePursuit
@@ -322,10 +324,7 @@ def test_pure_pursuit_brakes_no_harder_than_the_base_can(actuators: str, deceler
 # The smooth pose law.
 
 
-class Ways(NamedTuple):
-    """What `chosen_way` reads of the gains."""
-
-    backward: bool
+chosen = compiled(lambda params, way, x, y, turn: chosen_way(params[0], way, x, y, turn))
 
 
 @given(angles, angles, distances)
@@ -340,8 +339,9 @@ def test_the_way_is_changed_for_one_that_turns_a_quarter_turn_less(bearing: floa
     for way in (1.0, 0.0, -1.0):
         least = 0.5 * math.pi * way
         assume(abs(gain - least) > 1e-6)
-        assert chosen_way(Ways(True), way, x, y, turn) == (-1.0 if gain > least else 1.0)
-        assert chosen_way(Ways(False), way, x, y, turn) == 1.0
+        for backward in (True, False):
+            p = params(SmoothPose(backward=backward), told(1))
+            assert chosen(p, way, x, y, turn) == (-1.0 if backward and gain > least else 1.0)
 
 
 @given(distances, angles, angles, st.floats(0.5, 3.0), st.floats(1.0, 8.0))
