@@ -465,6 +465,22 @@ def test_the_heading_of_dwa_is_that_after_a_period_and_the_brakes(aim: float, w:
     assert left == pytest.approx(abs(math.remainder(aim - turned, 2.0 * math.pi)), abs=1e-3)
 
 
+@every_planner
+@every_robot
+@pytest.mark.parametrize("left", [0.12, 0.2, 0.3])
+def test_at_its_goal_a_planner_drives_no_faster_than_it_can_stop_there(planner: Any, robot: str, left: float) -> None:
+    """v (lag + dt) + v^2 / 2 a = distance, with 0.7 of the base's acceleration: it comes and goes on at that speed."""
+    briefing = briefing_of(robot)
+    delay, braking = briefing.actuators.lag + 0.05, 0.7 * briefing.actuators.acceleration
+    fastest = -braking * delay + math.sqrt((braking * delay) ** 2 + 2.0 * braking * left)
+    policy = planner()
+    memory = policy.reset(briefing)
+    memory["state"]["command"][0, 0] = fastest
+    twist = [fastest, *[0.0] * (len(briefing.robot.twist_axes) - 1)]
+    seen = observed(briefing, np.full((1, 72), MAX_RANGE), (left, 0.0), twist=[twist])
+    assert 0.8 * fastest <= policy.act(seen, briefing, memory)[0, 0] <= fastest + 1e-9
+
+
 objective = compiled(
     lambda params, hits, twist, aim, d, goal_x, goal_y: score(params[0], hits, twist, aim, d, goal_x, goal_y)
 )

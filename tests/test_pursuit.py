@@ -317,8 +317,24 @@ def test_regulated_pursuit_can_always_slow_down_before_a_corner(distance: float,
 @pytest.mark.parametrize("left", [0.02, 0.1, 0.3, 2.0])
 def test_pure_pursuit_brakes_no_harder_than_the_base_can(actuators: str, deceleration: float, left: float) -> None:
     path = Path([(0.0, 0.0), (4.0, 0.0)])
-    v, _ = first_twist(PurePursuit(deceleration=1.0), path, (4.0 - left, 0.0, 0.0), 4.0 - left, actuators)
+    v, w = first_twist(PurePursuit(deceleration=1.0), path, (4.0 - left, -0.05, 0.0), 4.0 - left, actuators)
     assert v == pytest.approx(min(0.6, math.sqrt(2.0 * deceleration * left)))
+    assert w == pytest.approx(v * 2.0 * 0.05 / 0.5**2)  # slow or fast, it is the same arc
+
+
+@pytest.mark.parametrize("v0", [0.0, 0.3, 0.5])
+def test_regulated_pursuit_looks_as_far_ahead_as_it_drives_in_its_time(v0: float) -> None:
+    policy = RegulatedPurePursuit()
+    briefing = told(1, "ideal", [Path([(0.0, 0.0), (8.0, 0.0)])])
+    zero = np.zeros(1)
+    seen = path_following.Observation(
+        np.array([[2.0, 0.1, 0.0]]), np.array([[v0, 0.0]]), zero, zero, np.array([2.0]), np.zeros((1, 0, 2))
+    )
+    memory = policy.reset(briefing)
+    memory[0, 0] = v0
+    ((v, w),) = policy.act(seen, briefing, memory)
+    ahead = min(max(policy.lookahead_time * v0, policy.min_lookahead), policy.max_lookahead)
+    assert w / v == pytest.approx(-2.0 * 0.1 / (ahead**2 + 0.1**2))
 
 
 # The smooth pose law.
