@@ -14,6 +14,7 @@ from wayfield import policies
 from wayfield.benchmarks.aggregates import interval, iqm, mean
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests.path_following import BAR
 from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.evaluate import _print as print_all
@@ -162,6 +163,16 @@ def test_a_seed_that_is_under_the_documented_controller_has_failed() -> None:
     assert [line[-1] for line in table.rows] == ["yes", "no", "no", "no"]
     # a failure counts as the corridor
     assert [line[4] for line in table.rows] == ["0.0200", "0.0600", f"{(14 * 0.001 + 2.0) / 16:.4f}", "0.0500"]
+
+
+def test_each_seed_is_held_against_the_bar_by_its_own_validation() -> None:
+    rows = made(PATHS, "lookahead_documented", {"success": 1.0, "cross_track_rms": 0.05})
+    for seed, error in (("0", 0.9 * BAR), ("1", 1.1 * BAR), ("2", 0.5 * BAR)):
+        for split, shown in (("test", 0.02), ("validation", error)):
+            cells = {"success": 1.0, "cross_track_rms": shown}
+            rows += made(PATHS, "ppo", cells, split=split, agent_seed=seed, gains_name="trained")
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx_seeds"]
+    assert [line[5] for line in table.rows] == ["yes", "no", "yes"]
 
 
 def test_success_of_several_seeds_is_not_that_of_as_many_scenarios() -> None:

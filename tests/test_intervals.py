@@ -99,6 +99,17 @@ def test_two_policies_that_never_fail_are_not_told_apart_to_the_last_digit() -> 
     assert found.p == 1.0
 
 
+def test_a_difference_of_shares_is_that_with_a_win_and_a_loss_more() -> None:
+    """Agresti and Min: of n pairs with b wins and c losses the interval lies about (b - c) / (n + 2)."""
+    a, b = np.ones((60, 1)), np.ones((60, 1))
+    a[:3], b[3:15] = 0.0, 0.0
+    found = difference(a, b, STRATA, "share")
+    assert found.value == pytest.approx((12 - 3) / 60)
+    assert 0.5 * (found.low + found.high) == pytest.approx((12 - 3) / 62)
+    reverse = difference(b, a, STRATA, "share")
+    assert (reverse.low, reverse.high, reverse.p) == pytest.approx((-found.high, -found.low, found.p))
+
+
 def test_the_interval_of_a_share_is_of_one_kind_and_never_a_point() -> None:
     one = np.ones(60)
     assert share_interval(one, STRATA) == share_interval(np.ones((60, 10)), STRATA)

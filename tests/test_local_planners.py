@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,7 @@ from wayfield.envs.records import lag_factors
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.sensing import beam_angles
 from wayfield.policies import vfh_plus
-from wayfield.policies.dwa import Dwa, heading_left
+from wayfield.policies.dwa import Dwa, heading_left, score
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time
 from wayfield.policies.pilot import Pilot
@@ -450,28 +450,86 @@ def test_vfh_plus_decides_alike_with_few_beams_and_with_many(robot: str) -> None
         assert np.abs(np.array(twists) - twists[-1]).max() < 0.4
 
 
-class Brakes(NamedTuple):
-    """What `heading_left` reads of a plant."""
-
-    dt: float
-    yaw_acceleration: float
+left_over = compiled(lambda params, aim, w: heading_left(params[0], aim, 0.4, 0.0, w))
 
 
-class Turning(NamedTuple):
-    """What `heading_left` reads of the gains."""
-
-    sideways: bool
-    plant: Brakes
-
-
-@given(st.floats(-3.0, 3.0), st.floats(-2.0, 2.0), st.floats(0.5, 6.0))
-def test_the_heading_of_dwa_is_that_after_a_period_and_the_brakes(aim: float, w: float, braking: float) -> None:
+@given(st.floats(-3.0, 3.0), st.floats(-2.0, 2.0), st.sampled_from(["lagged", "slow"]))
+def test_the_heading_of_dwa_is_that_after_a_period_and_the_brakes(aim: float, w: float, actuators: str) -> None:
+    briefing = briefing_of("p3dx", actuators=actuators)
+    braking = briefing.actuators.yaw_acceleration
     turned, rate, dt = w * 0.05, w, 1e-4
     while abs(rate) > braking * dt:
         slower = rate - math.copysign(braking * dt, rate)
         turned, rate = turned + 0.5 * (rate + slower) * dt, slower
-    left = heading_left(Turning(False, Brakes(0.05, braking)), aim, 0.4, 0.0, w)
+    left = left_over(params(Dwa(), briefing, all_round=True, sideways=False), aim, w)
     assert left == pytest.approx(abs(math.remainder(aim - turned, 2.0 * math.pi)), abs=1e-3)
+
+
+@every_planner
+@every_robot
+@pytest.mark.parametrize("left", [0.12, 0.2, 0.3])
+def test_at_its_goal_a_planner_drives_no_faster_than_it_can_stop_there(planner: Any, robot: str, left: float) -> None:
+    """v (lag + dt) + v^2 / 2 a = distance, with 0.7 of the base's acceleration: it comes and goes on at that speed."""
+    briefing = briefing_of(robot)
+    delay, braking = briefing.actuators.lag + 0.05, 0.7 * briefing.actuators.acceleration
+    fastest = -braking * delay + math.sqrt((braking * delay) ** 2 + 2.0 * braking * left)
+    policy = planner()
+    memory = policy.reset(briefing)
+    memory["state"]["command"][0, 0] = fastest
+    twist = [fastest, *[0.0] * (len(briefing.robot.twist_axes) - 1)]
+    seen = observed(briefing, np.full((1, 72), MAX_RANGE), (left, 0.0), twist=[twist])
+    assert 0.8 * fastest <= policy.act(seen, briefing, memory)[0, 0] <= fastest + 1e-9
+
+
+objective = compiled(
+    lambda params, hits, twist, aim, d, goal_x, goal_y: score(params[0], hits, twist, aim, d, goal_x, goal_y)
+)
+
+
+@given(
+    st.floats(0.05, 0.6), st.floats(-1.0, 1.0), st.floats(1.0, 3.0), st.floats(0.5, 2.2), st.floats(-0.5, 0.5),
+    st.tuples(*[st.floats(0.0, 2.0)] * 5),
+)  # fmt: skip
+def test_the_objective_of_dwa_is_its_printed_sum(
+    v: float, aim: float, d: float, x: float, y: float, weights: tuple[float, ...]
+) -> None:
+    """Straight ahead past one hit, or up to it: shares of half a turn, of the horizon, of the speed, and so on."""
+    law = Dwa(**dict(zip(("heading", "clearance", "velocity", "progress", "room"), weights, strict=True)))
+    briefing, radius = briefing_of("p3dx", actuators="ideal"), 0.28
+    room = math.sqrt(radius * radius - y * y) if abs(y) < radius else math.nan
+    free = law.horizon if math.isnan(room) else min(law.horizon, max(x - room, 0.0) / v)
+    goal = d * math.cos(aim), d * math.sin(aim)
+    found = objective(
+        params(law, briefing, all_round=True, sideways=False), np.array([[x, y, radius]]), np.array([v, 0.0, 0.0]),
+        aim, d, *goal,
+    )  # fmt: skip
+    if free <= 0.05:  # a control period
+        assert found == -math.inf
+        return
+    until = min(free, d / v)
+    nearer = d - math.hypot(goal[0] - v * until, goal[1])
+    ahead = v * min(until, 1.0)
+    hull = briefing.robot.hull_radius
+    gap = max(min(math.hypot(x - ahead, y) - hull, law.room_range), 0.0)
+    shares = [
+        1.0 - abs(aim) / math.pi,
+        free / law.horizon,
+        v / law.max_speed,
+        nearer / (law.max_speed * law.horizon),
+        gap / law.room_range if law.room else 1.0,
+    ]
+    assert found == pytest.approx(float(np.dot(weights, shares)), abs=1e-9)
+
+
+@pytest.mark.parametrize("magnitude", [0.05, 0.15, 0.25])
+@pytest.mark.parametrize("slowing", [0.0, 0.5, 1.0])
+def test_vfh_plus_slows_down_by_the_histogram_of_its_direction(magnitude: float, slowing: float) -> None:
+    briefing, policy = briefing_of("p3dx", actuators="ideal"), VfhPlus(slowing=slowing)
+    ranges = np.full((1, 72), MAX_RANGE)
+    distance = policy.window * math.sqrt(1.0 - magnitude)  # too far away to block
+    ranges[0, 36] = distance
+    v, w = first_twist(policy, briefing, ranges)
+    assert (v, w) == pytest.approx((policy.max_speed * (1.0 - slowing * magnitude), 0.0), abs=1e-6)
 
 
 def test_the_thresholds_of_vfh_plus_have_hysteresis() -> None:

@@ -197,6 +197,10 @@ def test_a_goal_passed_before_its_waypoint_does_not_count():
     assert found["arrival_time_1"] == pytest.approx(190 * DT)
     assert math.isnan(found["arrival_time_2"])
     assert math.isnan(found["arrival_path_length"])
+    # nor does one that is reached though its waypoint never was
+    goals = np.array([[1.0, 0.5, 0.0], [2.0, 0.0, 0.0]])
+    found = measure(driven(np.linspace(0.0, 2.0, 201), 0.0, 0.0, goals=goals), arrival_radius=0.105)
+    assert all(math.isnan(found[f"arrival_{name}"]) for name in ("time_1", "time_2", "path_length", "heading_error"))
 
 
 def test_final_heading_error_goes_the_short_way_round():

@@ -108,6 +108,24 @@ def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_al
     assert abs(found["td3bc"] - 0.6) < 0.35
 
 
+def test_what_ends_the_task_is_left_alone_though_it_pays_as_well_as_anything_else() -> None:
+    """Every step pays alike, and half of the actions end the episode: those that do not are worth more."""
+    rng = np.random.default_rng(0)
+    n = 4000
+    inputs = np.zeros((n, 3), np.float32)
+    actions = rng.uniform(-1.0, 1.0, (n, 2)).astype(np.float32)
+    rewards = (1.0 + 0.2 * rng.standard_normal(n)).astype(np.float32)
+    going_on = (actions[:, 0] < 0.0).astype(np.float32)
+    small = dataclasses.replace(PRESET, hidden=(32, 32))
+    *_, (_, _, layers) = offline.improved(Transitions(inputs, actions, rewards, inputs, going_on), small, 600, 0)
+    hidden = inputs[:1]
+    for k, (weight, bias) in enumerate(layers):
+        hidden = hidden @ weight.T + bias
+        hidden = np.tanh(hidden) if k + 1 < len(layers) else hidden
+    assert hidden[0, 0] < -0.25
+    assert abs(hidden[0, 1]) < 0.15
+
+
 def test_a_seed_gives_one_agent_that_drives_and_is_not_overwritten(recorded: Path, tmp_path: Path) -> None:
     words = ["bc", str(recorded), "--gradient-steps", "30", "--seeds", "2", "--out"]
     for name in ("a", "b"):

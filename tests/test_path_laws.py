@@ -16,6 +16,7 @@ from scipy.linalg import eigvals, solve_discrete_lyapunov
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.path_following import Observation
 from wayfield.envs.paths import Path, PathPool
+from wayfield.envs.records import record
 from wayfield.envs.scenarios.curves import circle_path
 from wayfield.policies import Pilot
 from wayfield.policies.lqr import Lqr, gain_table, model
@@ -128,15 +129,24 @@ def test_feed_forward_beside_a_circle_is_that_of_the_concentric_circle(e: float)
     assert sum(asked) == pytest.approx(v / (radius - e) + v / (radius + e), rel=3e-3)
     # a robot on the left, inside, is led to the right
     assert asked[0] < v / (radius - e)
+    # and nearly without feedback each has its own
+    free = Lqr(speed=v, q_e=1e-9, q_th=1e-9)
+    for offset in (e, -e):
+        place = [(radius - offset) * math.cos(2.0), (radius - offset) * math.sin(2.0), 2.0 + math.pi / 2]
+        observation = fields._replace(
+            pose=np.array([place]), twist=np.array([[v, v / (radius - offset)]]), arc_length=np.array([2.0 * radius])
+        )
+        twists = free.act(observation, pilot.briefing, np.full((1, 1), v))
+        assert twists[0, 1] == pytest.approx(v / (radius - offset), rel=3e-3)
 
 
 def test_the_regulator_stops_at_an_open_end() -> None:
     pool = PathPool.of([Path([(0.0, 0.0), (3.0, 0.0)])])
     run = pool.runs[0]
-    assert speed_at(pool.vertices, run, 3.0, 0.1, LIMITS) == 0.0
-    assert speed_at(pool.vertices, run, 3.5, 0.1, LIMITS) == 0.0
-    assert speed_at(pool.vertices, run, 2.9, 0.1, LIMITS) == pytest.approx(math.sqrt(2.0 * 0.8 * 0.1))
-    assert speed_at(pool.vertices, run, 1.0, 0.1, LIMITS) == pytest.approx(0.6)
+    assert speed_at(pool.vertices, run, 3.0, 0.1, READ) == 0.0
+    assert speed_at(pool.vertices, run, 3.5, 0.1, READ) == 0.0
+    assert speed_at(pool.vertices, run, 2.9, 0.1, READ) == pytest.approx(math.sqrt(2.0 * 0.8 * 0.1))
+    assert speed_at(pool.vertices, run, 1.0, 0.1, READ) == pytest.approx(0.6)
 
 
 # The speed profile.
@@ -154,6 +164,8 @@ class Limits(NamedTuple):
 
 
 LIMITS = Limits()
+# a record, whose type every process can read back: a class of this file would spoil the laws' compiled code for others
+READ = record([(name, np.float64) for name in Limits._fields], LIMITS._asdict())[0]
 coordinates = st.integers(-8, 8).map(lambda k: 0.25 * k)
 polylines = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=8).filter(
     lambda points: all(a != b for a, b in zip(points, points[1:] + points[:1], strict=True))
@@ -169,7 +181,7 @@ def test_the_profile_keeps_every_limit(points: list[tuple[float, float]], closed
     run = pool.runs[0]
     step = SPACING * rounding
     s = np.arange(0.5 * step, run["length"], step)
-    v = np.array([speed_at(pool.vertices, run, each, rounding, LIMITS) for each in s])
+    v = np.array([speed_at(pool.vertices, run, each, rounding, READ) for each in s])
     kappa = np.array([curvature_at(pool.vertices, run, each, rounding) for each in s])
     assert (v >= 0.0).all()
     assert (v <= LIMITS.speed).all()
@@ -314,6 +326,25 @@ def test_stanley_steers_by_its_printed_law(
         fastest = min(fastest, d * math.sqrt(2.0 * alpha * abs(angle)) / abs(math.sin(angle)))
     assert v == pytest.approx(fastest * math.cos(angle), abs=1e-6)
     assert w == pytest.approx(fastest * math.sin(angle) / d, abs=1e-6)
+
+
+@pytest.mark.parametrize("outside", [0.05, 0.2])
+def test_stanley_goes_on_along_the_leg_that_leaves_a_corner(on_a_line: Any, outside: float) -> None:
+    """The wheel is outside of a right angle, whose corner is nearest to it: it turns along the leg behind."""
+    briefing, fields = on_a_line
+    corner = PathPool.of([Path([(0.0, 0.0), (3.0, 0.0), (3.0, 3.0)])])
+    policy = Stanley(max_steering_rate=1000.0, max_steering=1.5)
+    heading = 1.2
+    wheel = np.array([3.0 + outside, -outside])
+    centre = wheel - policy.axle_distance * np.array([math.cos(heading), math.sin(heading)])
+    seen = fields._replace(
+        pose=np.array([[*centre, heading]]), twist=np.array([[0.5, 0.0]]), arc_length=np.array([2.9])
+    )
+    memory = np.zeros((1, 1))
+    policy.act(seen, dataclasses.replace(briefing, paths=corner), memory)
+    e = -math.sqrt(2.0) * outside  # to the right of the leg
+    wanted = 0.5 * math.pi - heading - math.atan2(policy.k * e, policy.k_s + 0.5)
+    assert memory[0, 0] == pytest.approx(min(wanted, 1.5))
 
 
 # The regulator's feed-forward.

@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path as File
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
 from wayfield.envs.paths import Path, PathPool
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.curves import circle_path
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
+from wayfield.policies.parts.params import params
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
 from wayfield.policies.pure_pursuit import PurePursuit
@@ -315,17 +317,30 @@ def test_regulated_pursuit_can_always_slow_down_before_a_corner(distance: float,
 @pytest.mark.parametrize("left", [0.02, 0.1, 0.3, 2.0])
 def test_pure_pursuit_brakes_no_harder_than_the_base_can(actuators: str, deceleration: float, left: float) -> None:
     path = Path([(0.0, 0.0), (4.0, 0.0)])
-    v, _ = first_twist(PurePursuit(deceleration=1.0), path, (4.0 - left, 0.0, 0.0), 4.0 - left, actuators)
+    v, w = first_twist(PurePursuit(deceleration=1.0), path, (4.0 - left, -0.05, 0.0), 4.0 - left, actuators)
     assert v == pytest.approx(min(0.6, math.sqrt(2.0 * deceleration * left)))
+    assert w == pytest.approx(v * 2.0 * 0.05 / 0.5**2)  # slow or fast, it is the same arc
+
+
+@pytest.mark.parametrize("v0", [0.0, 0.3, 0.5])
+def test_regulated_pursuit_looks_as_far_ahead_as_it_drives_in_its_time(v0: float) -> None:
+    policy = RegulatedPurePursuit()
+    briefing = told(1, "ideal", [Path([(0.0, 0.0), (8.0, 0.0)])])
+    zero = np.zeros(1)
+    seen = path_following.Observation(
+        np.array([[2.0, 0.1, 0.0]]), np.array([[v0, 0.0]]), zero, zero, np.array([2.0]), np.zeros((1, 0, 2))
+    )
+    memory = policy.reset(briefing)
+    memory[0, 0] = v0
+    ((v, w),) = policy.act(seen, briefing, memory)
+    ahead = min(max(policy.lookahead_time * v0, policy.min_lookahead), policy.max_lookahead)
+    assert w / v == pytest.approx(-2.0 * 0.1 / (ahead**2 + 0.1**2))
 
 
 # The smooth pose law.
 
 
-class Ways(NamedTuple):
-    """What `chosen_way` reads of the gains."""
-
-    backward: bool
+chosen = compiled(lambda params, way, x, y, turn: chosen_way(params[0], way, x, y, turn))
 
 
 @given(angles, angles, distances)
@@ -340,8 +355,9 @@ def test_the_way_is_changed_for_one_that_turns_a_quarter_turn_less(bearing: floa
     for way in (1.0, 0.0, -1.0):
         least = 0.5 * math.pi * way
         assume(abs(gain - least) > 1e-6)
-        assert chosen_way(Ways(True), way, x, y, turn) == (-1.0 if gain > least else 1.0)
-        assert chosen_way(Ways(False), way, x, y, turn) == 1.0
+        for backward in (True, False):
+            p = params(SmoothPose(backward=backward), told(1))
+            assert chosen(p, way, x, y, turn) == (-1.0 if backward and gain > least else 1.0)
 
 
 @given(distances, angles, angles, st.floats(0.5, 3.0), st.floats(1.0, 8.0))

@@ -354,6 +354,23 @@ def test_noise_has_the_spread_and_the_memory_it_says() -> None:
     assert abs(np.corrcoef(noise[:, 5, 0], again[:, 5, 0])[0, 1]) < 0.06
 
 
+def test_every_decision_draws_noise_of_its_own() -> None:
+    """From the same memory but for its count of decisions, which each adds one to, other twists come."""
+    briefing = brief("p3dx")
+    policy = Mppi(samples=64, steps=10)
+    seen = goal_reaching.Observation(
+        pose=np.zeros((1, 3)), twist=np.zeros((1, 2)), goal=np.array([[2.0, 1.0]]), goal_heading_error=np.zeros(1),
+        waypoints_left=np.zeros(1), ranges=np.full((1, 72), 5.0),
+    )  # fmt: skip
+    asked = []
+    for decisions in range(3):
+        memory = policy.reset(briefing)
+        memory["decisions"] = decisions
+        asked.append(policy.act(seen, briefing, memory)[0].tolist())
+        assert memory["decisions"] == decisions + 1
+    assert len({tuple(twist) for twist in asked}) == 3
+
+
 @pytest.mark.parametrize("robot", ["p3dx", "omni3"])
 def test_samples_and_their_mean_keep_the_bounds(robot: str) -> None:
     """A plan at its bounds, with noise far beyond them."""
