@@ -5,7 +5,10 @@ from pathlib import Path
 import click
 from gymnasium.utils.seeding import np_random
 
+from wayfield.benchmarks.contests import CONTESTS, TRAINED
+from wayfield.benchmarks.documents import FLOOR
 from wayfield.benchmarks.report.page import Content, made, rendered
+from wayfield.benchmarks.report.recipes import decisions
 from wayfield.benchmarks.report.worlds import DRAWS, World, plain
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.scenarios import TASKS, splits
@@ -30,6 +33,15 @@ def worlds() -> list[World]:
     return found
 
 
+def unable() -> dict[str, list[str]]:
+    """Returns who enters a contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
+    found = {}
+    for contest in CONTESTS.values():
+        able = {*decisions(contest.spec.name), *TRAINED, *FLOOR}
+        found[contest.spec.kind] = [name for name in contest.policies if name not in able]
+    return found
+
+
 @click.command("demo", cls=OneLineErrors)
 @click.option("--out", type=click.Path(path_type=Path), default=DEMO, show_default=True, help="The file.")
 def main(out: Path) -> None:
@@ -41,7 +53,7 @@ def main(out: Path) -> None:
         "move obstacles, goal or path, switch actuators and disturbances, save the scenario."
     )
     how = made("python -m wayfield.benchmarks.report.demo", content)
-    text = rendered("wayfield: drive", content, how, BUDGET, {"demo": {"first": FIRST}})
+    text = rendered("wayfield: drive", content, how, BUDGET, {"demo": {"first": FIRST, "unable": unable()}})
     if len(text.encode()) > BUDGET:
         raise click.ClickException(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
     write_whole(out, text.encode())

@@ -319,7 +319,8 @@ def layout(dtype: np.dtype[Any]) -> dict[str, Any]:
 
 def rows_of(env: NativeVectorEnv) -> str:
     """Returns what step and reset of a task are called in the module: tasks share them that differ in numbers alone."""
-    return str(type(env.task).step_rows.py_func.__module__).rpartition(".")[2]
+    kernel: Any = type(env.task).step_rows
+    return str(kernel.py_func.__module__).rpartition(".")[2]
 
 
 def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:

@@ -120,7 +120,7 @@ def _map(scenario: Any) -> World:
     world: World = {"walls": [list(wall(*ends).tolist()) for ends in grid.outline().reshape(-1, 4).tolist()]}
     if grid.cells.nbytes <= MOST_CELLS:
         frames, cells = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
-        world["grid"] = {"frame": list(frames[0].tolist()), "cells": base64.b64encode(cells).decode()}
+        world["grid"] = {"frame": list(frames[0].tolist()), "cells": base64.b64encode(cells.tobytes()).decode()}
     return world
 
 

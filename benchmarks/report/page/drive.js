@@ -84,7 +84,8 @@ class Drive {
     const before = who.value;
     who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each)));
     who.value = able.includes(before) || before === KEYBOARD ? before : able.find((each) => each.startsWith("ppo")) || able[0] || KEYBOARD;
-    const unable = [...new Set(replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy))];
+    const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
+    const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
     const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; nobody can drive in them in the page.";
