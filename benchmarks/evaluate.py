@@ -23,7 +23,7 @@ from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, GAINS, OVERVIEW
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_policies import own_policy, told_of_models
-from wayfield.benchmarks.own_scenario import own_cases, own_courses
+from wayfield.benchmarks.own_scenario import own_cases, own_courses, without_way
 from wayfield.benchmarks.parcels import in_order
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.public_suites import PUBLIC, racetrack_courses
@@ -358,11 +358,15 @@ class Asked:
         assert self.path is not None
         with _one_line("--path", self.path):
             cases = own_cases(self.path, self.scale, self.names, self.robot or "p3dx")
+            hopeless = without_way(self.path, self.robot or "p3dx") if self.scale is None else ""
+        if hopeless:  # before hours of driving
+            click.echo(f"evaluate: {hopeless}", err=True)
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
         with _ended_by_signals(), shared_out(self.processes) as engine:
             shown = self._run_cases(cases[0].document, cases, folder, engine)
-        self._tell(shown, [ranked(read_rows(folder))], folder)
+        sentence, table = ranked(read_rows(folder))
+        self._tell(shown, [(f"{hopeless}. {sentence}" if hopeless else sentence, table)], folder)
 
     def run_scenarios(self) -> None:
         """Runs a contest on the scenario files of a folder."""

@@ -159,6 +159,20 @@ def own_cases(
     )
 
 
+def without_way(file: str, robot: AnyRobot = "p3dx") -> str:
+    """Returns a line that says that the file's scenario leaves the robot no way to its goal; "" if there is one.
+
+    Of a path, and where the file cannot be read or the robot does not fit, it says nothing: `own_cases` does.
+    """
+    try:
+        scenario = own_scenario(file).scenario
+        if not isinstance(scenario, PathScenario):
+            shortest_way(scenario, robot_of(robot).hull_radius)
+    except ValueError as error:
+        return f"{file}: {error}: whoever drives there, nobody arrives"
+    return ""
+
+
 def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Contest, tuple[Course, ...]]:
     """Returns the contest that a folder of scenario files is for, and a course for each file, called like it.
 

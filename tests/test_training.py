@@ -26,7 +26,8 @@ torch = pytest.importorskip("torch")
 
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from wayfield.envs.scenarios import GOAL_SCENARIOS
+from wayfield.envs.grids import OccupancyGrid
+from wayfield.envs.scenarios import GOAL_SCENARIOS, GoalScenario, box, circle, obstacle_field
 from wayfield.policies.learned.agent import Agent, Network, load_agent
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
@@ -281,6 +282,23 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
     column, row = np.rint((np.array(held.start[:2]) - low) / 0.1).astype(int)
     # around the end of a wall of 3 m halfway, 0.3 m off it: two legs of at least hypot(1.5, 1.8) m
     assert 2.0 * np.hypot(1.5, 1.8) < ways[row, column] < 2.0 * np.hypot(1.5, 1.8) + 1.5
+
+
+def test_the_way_left_goes_round_the_walls_of_a_map_as_round_boxes() -> None:
+    occupied = np.zeros((40, 60), np.bool_)
+    occupied[:30, 28:32] = True
+    ends: dict[str, Any] = {"goal": (5.0, 1.0, 0.0), "start": (1.0, 1.0, 0.0)}
+    on_map = GoalScenario("map", **ends, grid=OccupancyGrid(occupied, 0.1, beyond="free"))
+    corners = [circle(x, y, 1e-3) for x in (0.0, 6.0) for y in (0.0, 4.0)]  # so that both grids are as large
+    boxed = GoalScenario("box", **ends, obstacles=obstacle_field(box(3.0, 1.5, 0.4, 3.0), *corners))
+    (ways, low), (others, lowest) = (way_field(each, 0.25) for each in (on_map, boxed))
+    column, row = np.rint((np.array([1.0, 1.0]) - low) / 0.1).astype(int)
+    other, line = np.rint((np.array([1.0, 1.0]) - lowest) / 0.1).astype(int)
+    assert ways[row, column] == pytest.approx(others[line, other], abs=0.1)
+    assert ways[row, column] > 2.0 * np.hypot(1.8, 2.0)  # over the end of the wall, not through it
+    vast = OccupancyGrid(np.zeros((300, 300), np.bool_), 1.0)
+    with pytest.raises(ValueError, match=r"'vast' is 302 m x 302 m"):
+        way_field(GoalScenario("vast", **ends, grid=vast), 0.25)
 
 
 def test_every_robot_of_every_world_is_told_its_own_way() -> None:

@@ -209,6 +209,7 @@ def rendered(
         "missing": content.missing,
         "made": how,
         "hulls": {name: robot.hull_radius for name, robot in ROBOTS.items()},
+        "boxes": {name: robot.hull_box for name, robot in ROBOTS.items() if robot.hull_box is not None},
         **(extra or {}),
     }
     template = asset("page.html")

@@ -14,6 +14,7 @@ CELL = 0.1  # m
 MARGIN = 1.0  # m, that a grid goes beyond all that stands
 DEAR = 0.35  # m of clearance beyond the hull, under which a metre costs more
 SWEEPS = 200  # at most; a maze needs a few dozen
+MOST_NODES = 2**22  # of a scenario's grid: 200 m x 200 m
 
 
 class Ways:
@@ -53,10 +54,26 @@ class Ways:
 
 
 def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Returns the way (rows, columns) from each node of a grid to the goal, m, and the grid's first node (x, y)."""
+    """Returns the way (rows, columns) from each node of a grid to the goal, m, and the grid's first node (x, y).
+
+    Raises:
+        ValueError: if the scenario is too large for a grid.
+    """
     standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
-    x, y, columns, rows = grid_over(standing, [scenario.start[:2], scenario.goal[:2]], MARGIN, CELL)
-    spare = np.ascontiguousarray(clearances(standing, x, y, CELL, columns, rows).T) - hull_radius
+    ends = [scenario.start[:2], scenario.goal[:2]]
+    corners = ends if scenario.grid is None else np.vstack([ends, scenario.grid.corners])
+    x, y, columns, rows = grid_over(standing, corners, MARGIN, CELL)
+    if columns * rows > MOST_NODES:
+        raise ValueError(
+            f"shortest_ways: scenario {scenario.name!r} is {CELL * columns:.0f} m x {CELL * rows:.0f} m; a teacher who "
+            f"knows the way needs a world of at most {MOST_NODES:,} cells of {CELL:g} m"
+        )
+    spare = np.ascontiguousarray(clearances(standing, x, y, CELL, columns, rows).T)
+    if scenario.grid is not None:
+        row, column = np.indices(spare.shape)
+        nodes = np.column_stack([x + CELL * column.ravel(), y + CELL * row.ravel()])
+        spare = np.minimum(spare, scenario.grid.clearances(nodes).reshape(spare.shape))
+    spare -= hull_radius
     price = np.where(spare < 0.0, 10.0, 1.0 + np.clip(1.0 - spare / DEAR, 0.0, 1.0))
     ways = np.full((rows, columns), np.inf)
     low = np.array([x, y])

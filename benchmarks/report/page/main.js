@@ -14,6 +14,7 @@ async function main() {
   }
   const { told, packed } = payload;
   Object.assign(HULLS, told.hulls);
+  Object.assign(BOXES, told.boxes);
   for (const each of told.missing) byId("player").append(el("p", { class: "problem" }, each));
   let picks = null;
   // policies get their colours in the order of the first figure that shows them

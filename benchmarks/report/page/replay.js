@@ -217,7 +217,9 @@ class Replay {
     for (const actor of shown) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
     if (chosen && !chosen.hidden) drawActor(context, chosen, step, hull, pixel, true);
     if (this.overlay) this.overlay(context, pixel);
-    const able = this.traces.filter((trace) => trace.name !== "clearance" || world.walls || (world.obstacles && world.obstacles.length));
+    // that of a rectangle is not what is drawn: it turns
+    const clear = (world.walls || (world.obstacles && world.obstacles.length)) && !BOXES[this.robot];
+    const able = this.traces.filter((trace) => trace.name !== "clearance" || clear);
     for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace) || !shown.length;
     for (const trace of able) if (shown.length) trace.draw(shown, world, step, this.last, chosen && !chosen.hidden ? chosen : null, changed);
   }

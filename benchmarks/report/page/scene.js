@@ -1,6 +1,7 @@
 // What stands in a world, and the robots in it.
 
 const HULLS = {}; // m, by robot: the payload tells them
+const BOXES = {}; // m, length and width of the hulls that are rectangles
 const REACH = 5.0; // m, of the scan that is drawn
 const BEAMS = 72;
 
@@ -162,7 +163,12 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.setLineDash([]);
   const [x, y, heading] = [actor.x[last], actor.y[last], actor.heading[last]];
   context.beginPath();
-  context.arc(x, y, hull, 0, 2 * Math.PI);
+  if (BOXES[actor.robot]) {
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    const [a, b] = BOXES[actor.robot].map((side) => side / 2);
+    for (const [u, v] of [[a, b], [-a, b], [-a, -b], [a, -b]]) context.lineTo(x + c * u - s * v, y + s * u + c * v);
+    context.closePath();
+  } else context.arc(x, y, hull, 0, 2 * Math.PI);
   context.globalAlpha *= 0.25;
   context.fillStyle = colour;
   context.fill();
