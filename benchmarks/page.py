@@ -218,8 +218,9 @@ def _contenders(kept: Kept) -> list[str]:
     rows = {(row["policy"], row["gains"]): row for row in kept.rows("path_following_p3dx")}
     if made is None or not rows:
         return ["No run of this version is published."]
-    header = ["policy", "gains", "is told", "success (%)", "RMS error (m)", "typical (m)", "mean speed (m/s)"]
-    columns = ("policy", "gains", "knows", "success", "RMS error", "typical", "mean speed")
+    header = ["policy", "gains", "learned from", "is told"]
+    header += ["success (%)", "RMS error (m)", "typical (m)", "mean speed (m/s)"]
+    columns = ("policy", "gains", "learned from", "knows", "success", "RMS error", "typical", "mean speed")
     lines = [[_cell(rows[entry], each) for each in columns] for entry in CONTENDERS if entry in rows]
     for line in lines:
         line[0] = f"`{line[0]}`"

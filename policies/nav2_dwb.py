@@ -54,8 +54,8 @@ class Nav2Dwb(CostmapController):
     and one that leaves the local costmap, a square of side `window`. Within `tolerance` of the goal the robot may only
     slow down, r = slowing v^2 + the angle left at the end, and below `stopped_speed` only turn, r that angle. What
     flips the sign of a component of the twist (of the yaw rate only at 0.05 m/s or less) may not flip it back before
-    the robot has moved 0.05 m or turned 0.2 rad. Where nothing is legal the robot stops; held so for half a second it
-    bars the gap that it did not fit through and plans anew.
+    the robot has moved 0.05 m or turned 0.2 rad. Where nothing is legal the robot stops. Who does not get on recovers
+    (`costmap.recovers`), and commands pass the collision monitor (`costmap.slow_down`).
 
     Differences from Nav2: those of `Nav2Mppi`, and `tolerance`, which is 0.25 m there, too far for the tasks here.
 
@@ -143,19 +143,19 @@ def decide(params, maps, scan, seen, memory):
         if seen.waypoints_left[i] < 0.5:
             note_arrival(p, m, distance, math.sqrt(now[0] * now[0] + now[1] * now[1]))
         if recovers(p, m, pose, goal):
-            slow_down(p, m, scan, i)
-            continue
-        if count == 0:
+            pass
+        elif count == 0:
             m.stuck += 1
             m.command[:] = 0.0
-            continue
-        cells = cells_of(p, points[:count])
-        nose = nose_cell(p, m, points[:count], pose, goal)
-        wanted = best_twist(p, m, maps.costs, (cells, nose, goal, distance > p.forward_point), pose, now)
-        m.stuck = 0 if wanted[3] < ILLEGAL else m.stuck + 1
-        m.command[0], m.command[1], m.command[2] = wanted[0], wanted[1], wanted[2]
-        note_flips(p, m, pose)
-        slow_down(p, m, scan, i)
+        else:
+            cells = cells_of(p, points[:count])
+            nose = nose_cell(p, m, points[:count], pose, goal)
+            told = cells, nose, goal, distance > p.forward_point
+            wanted = best_twist(p, m, maps.costs, told, pose, now)
+            m.stuck = 0 if wanted[3] < ILLEGAL else m.stuck + 1
+            m.command[0], m.command[1], m.command[2] = wanted[0], wanted[1], wanted[2]
+            note_flips(p, m, pose)
+        slow_down(p, m, scan, seen, i)
 
 
 # What a robot may drive.

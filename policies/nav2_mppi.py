@@ -61,12 +61,12 @@ class Nav2Mppi(CostmapController):
         path_angle    d over 0.5 m, and the point f + 4 more than 1 rad aside: weight x angle at the end to that point
         prefer_forward  d over 0.5 m: weight x way driven backward
 
-    Where all samples collide the plan is thrown away and sampled once more; where they still do, the robot stops. A
-    robot held so for half a second bars the gap that it did not fit through and plans anew.
+    Where all samples collide the plan is thrown away and sampled once more; where they still do, the robot stops. Who
+    does not get on recovers (`costmap.recovers`), and commands pass the collision monitor (`costmap.slow_down`).
 
     Differences from Nav2: the map is that of `scan_map` (a hit is kept to a quarter of a cell), also its global one, so
     that the plan is `ScanPlanner`'s and not NavFn's; the hull is a disc; acceleration limits are the robot's where they
-    are lower; max_speed is the asked one; there are no recovery behaviours.
+    are lower; max_speed is the asked one.
 
     Source: nav2_mppi_controller's README, the parameters of nav2_bringup (Jazzy), and its critics' formulas; Williams,
     Drews, Goldfain, Rehg and Theodorou, IEEE T-RO 34(6), 2018.
@@ -212,36 +212,50 @@ def decide(params, maps, samples, scan, seen, memory):
         if recovers(p, m, pose, goal):
             m.sequence[:] = 0.0
             m.history[:] = 0.0
-            slow_down(p, m, scan, i)
-            continue
-        now = speed_of(p, m, seen, i)
-        if not p.open_loop:
-            pose = after_period(p, seen, i, pose)
-        found = False
-        for _ in range(2 if count > 0 else 0):
-            m.sequence[0, 0], m.sequence[0, 1], m.sequence[0, 2] = now
-            roll_out(p, m.sequence, samples, now, pose)
-            found = judge(p, m, maps.costs, points[:count], (pose, goal, m.arc[m.num_points - 1] - s), samples)
-            if found:
-                break
-            m.sequence[:] = 0.0
-            m.history[:] = 0.0
-        if not found:
-            m.stuck += 1
-            m.command[:] = 0.0
-            continue
-        m.stuck = 0
-        add_control_cost(p, m.sequence, samples)
-        average(p.temperature, samples, m.sequence)
-        smooth(m.history, m.sequence)
-        limit(p, now, m.sequence)
-        for c in range(3):
-            m.command[c] = m.sequence[1, c]
-            for t in range(HISTORY):
-                m.history[t, c] = m.history[t + 1, c] if t + 1 < HISTORY else m.command[c]
-            for t in range(p.steps - 1):
-                m.sequence[t, c] = m.sequence[t + 1, c]
-        slow_down(p, m, scan, i)
+        else:
+            now = speed_of(p, m, seen, i)
+            if not p.open_loop:
+                pose = after_period(p, seen, i, pose)
+            state = pose, goal, m.arc[max(m.num_points - 1, 0)] - s
+            if optimise(p, m, maps.costs, points[:count], state, samples, now):
+                m.stuck = 0
+            else:
+                m.stuck += 1
+                m.command[:] = 0.0
+        slow_down(p, m, scan, seen, i)
+
+
+@compiled
+def optimise(p, m, costs_of, points, state, samples, now):
+    """Sets the command to the next twist of the plan, made anew; returns whether there is one that does not collide.
+
+    Args:
+        points: (n, 2) m, of the way ahead.
+        state: pose, goal, and the way (m) left.
+        now: the twist that samples start from.
+    """
+    found = False
+    for _ in range(2 if points.shape[0] > 0 else 0):
+        m.sequence[0, 0], m.sequence[0, 1], m.sequence[0, 2] = now
+        roll_out(p, m.sequence, samples, now, state[0])
+        found = judge(p, m, costs_of, points, state, samples)
+        if found:
+            break
+        m.sequence[:] = 0.0
+        m.history[:] = 0.0
+    if not found:
+        return False
+    add_control_cost(p, m.sequence, samples)
+    average(p.temperature, samples, m.sequence)
+    smooth(m.history, m.sequence)
+    limit(p, now, m.sequence)
+    for c in range(3):
+        m.command[c] = m.sequence[1, c]
+        for t in range(HISTORY):
+            m.history[t, c] = m.history[t + 1, c] if t + 1 < HISTORY else m.command[c]
+        for t in range(p.steps - 1):
+            m.sequence[t, c] = m.sequence[t + 1, c]
+    return True
 
 
 @inlined

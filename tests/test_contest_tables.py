@@ -1,5 +1,6 @@
 """The tables of a contest from rows made by hand, whose aggregates are known; and episodes rolled out one by one."""
 
+import dataclasses
 import math
 import re
 import sys
@@ -19,6 +20,7 @@ from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.disclosure import disclosed
 from wayfield.benchmarks.evaluate import _print as print_all
 from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.parts import in_frames
 from wayfield.benchmarks.report.findings import found
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.rollout import roll_out
@@ -240,6 +242,37 @@ def test_who_drives_at_another_speed_is_marked_and_stands_below() -> None:
     assert column(table, "mean speed (m/s)") == speeds
 
 
+def test_of_those_off_the_speed_the_nearest_to_it_is_first_however_it_errs() -> None:
+    cells = {"success": 1.0, "cross_track_rms": 0.001, "mean_speed": 0.4}
+    rows = made(PATHS, "stanley", cells)
+    rows += made(PATHS, "lqr", cells | {"cross_track_rms": 0.03, "mean_speed": 0.65})
+    rows += made(PATHS, "mpc", cells | {"cross_track_rms": 0.02, "mean_speed": 0.52})
+    rows += made(PATHS, "smooth_pose", cells | {"cross_track_rms": 0.9, "mean_speed": 0.6})
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
+    assert [line[0] for line in table.rows] == ["smooth_pose", "lqr", "mpc", "stanley"]
+    # where nobody holds it, nobody is set back
+    table = contest_tables(rows[: 3 * 2 * COUNT], [], "x", False)["path_following_p3dx"]
+    assert [line[0] for line in table.rows] == ["stanley", "mpc", "lqr"]
+
+
+def test_no_star_is_won_by_driving_slower() -> None:
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": 0.01, "mean_speed": 0.5})
+    rows += made(PATHS, "stanley", {"success": 1.0, "cross_track_rms": 0.02, "mean_speed": 0.6})
+    rows += made(PATHS, "mpc", {"success": 1.0, "cross_track_rms": 0.005, "mean_speed": 0.6})
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx_better"]
+    assert column(table, "stanley")["lqr"] == "1.00‡"
+    assert column(table, "lqr")["stanley"] == "0.00‡"
+    assert column(table, "lqr")["mpc"] == "1.00*"  # quicker, and it errs less
+    assert column(table, "stanley")["mpc"] == "1.00*"
+    duels = next(each for each in found(CONTESTS[PATHS], "p3dx", rows).charts if each["kind"] == "duels")
+    assert duels["cells"][0][1] == [1.0, 0.0]
+    assert duels["cells"][2][0] == [1.0, 1.0]
+    # goals are asked for no mean speed: who takes its time pays in seconds
+    rows = made(GOALS, "dwa", {"success": 1.0, "time": 10.0, "mean_speed": 0.3})
+    rows += made(GOALS, "orca", {"success": 1.0, "time": 20.0, "mean_speed": 0.6})
+    assert column(contest_tables(rows, [], "x", False)["goal_obstacles_p3dx_better"], "orca")["dwa"] == "1.00*"
+
+
 def test_a_failure_makes_no_mean_better() -> None:
     easy = np.where(WON == 1.0, 0.01, 0.5)
     whole = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": easy, "settled_rms": easy, "cross_track_max": easy})
@@ -329,6 +362,20 @@ def test_every_slot_gives_its_first_episode_and_no_other(
             assert each.clearances[-1] == info["clearance"]
             assert 0.0 < each.shortest < math.dist(each.poses[0, :2], each.goals[-1, :2]) * 2.0
     assert len(lengths) > 1 or scenario == "circle"
+
+
+def test_a_contest_compares_with_the_speed_that_it_asks_for() -> None:
+    case = Case("goal-obstacles", "clutter_5", GOAL_ID, "clutter_5/validation", "waypoint", {}, {"num_beams": 0}, 300)
+    for asked, more in ((0.6, {}), (0.9, {"speed": 0.9}), (1.7320508, {"speed": 9.0})):
+        there = dataclasses.replace(case, split="validation", every_scenario=True, **more)
+        (run,) = roll_out(there, actuators="lagged", seed=0, episodes=1)
+        assert run.max_speed == pytest.approx(asked, abs=1e-6)
+
+
+def test_small_budgets_are_told_from_none() -> None:
+    assert [in_frames(count) for count in (8_000_000, 123_456, 32_644, 900)] == [
+        *("8.0 M frames", "0.1 M frames", "0.033 M frames", "0.0009 M frames")
+    ]
 
 
 def test_faults_are_counted_robot_by_robot() -> None:

@@ -44,7 +44,7 @@ scored = compiled(
 )
 driven = compiled(lambda p, m, costs, pose, now, twist: nav2_dwb.driven(p[0], m[0], costs, pose, now, twist))
 recovers = compiled(lambda p, m, pose, goal: costmap.recovers(p[0], m[0], pose, goal))
-slow_down = compiled(lambda p, m, seen: costmap.slow_down(p[0], m[0], seen, 0))
+slow_down = compiled(lambda p, m, scan, seen: costmap.slow_down(p[0], m[0], scan, seen, 0))
 
 
 def gains(controller: Any, **more: Any) -> NDArray[Any]:
@@ -98,12 +98,12 @@ def test_a_command_is_slowed_by_the_share_of_the_time_that_is_free(controller: A
     policy = controller()
     ahead = 0.25 + 0.6 * 0.6  # half of 1.2 s at 0.6 m/s until the hull is there
     seen = observed(briefing, scan(briefing.beam_angles, [(ahead, -0.01, ahead, 0.01)]))
-    sighted, _ = policy.driven(seen, briefing, policy.reset(briefing))
+    sighted = policy.driven(seen, briefing, policy.reset(briefing))
     m["command"] = 0.6, 0.0, 0.0
-    slow_down(p, m, sighted)
+    slow_down(p, m, *sighted)
     assert m["command"][0].tolist() == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
     m["command"] = -0.6, 0.0, 0.0  # nothing is there
-    slow_down(p, m, sighted)
+    slow_down(p, m, *sighted)
     assert m["command"][0].tolist() == [-0.6, 0.0, 0.0]
 
 

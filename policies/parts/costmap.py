@@ -29,7 +29,7 @@ from wayfield.policies.parts.polyline_tracker import (
     project,
 )
 from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, forget, stamps
-from wayfield.policies.parts.stopping import SIGHTS, Scan, Seen, free_time, remembering
+from wayfield.policies.parts.stopping import SECTORS, SIGHTS, Scan, Seen, find_hits, free_time, remembering
 from wayfield.policies.policy import Policy, check_gain
 from wayfield.policies.scan_planner import place_grid, plan
 
@@ -83,6 +83,7 @@ class CostmapController(Policy):
     cost_scaling: float = 3.0  # 1/m, by which that falls off
     replan: float = 1.0  # s, between plans
     time_before_collision: float = 1.2  # s, from which on commands are slowed down; 0 for not at all
+    recall: float = 2.0  # s, for which that knows what is near and out of sight
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -90,7 +91,7 @@ class CostmapController(Policy):
     def __post_init__(self) -> None:
         for name in ("max_speed", "cell", "replan"):
             check_gain(self, name, above=0.0)
-        for name in ("inflation_radius", "cost_scaling", "time_before_collision"):
+        for name in ("inflation_radius", "cost_scaling", "time_before_collision", "recall"):
             check_gain(self, name, least=0.0)
         if self.inflation_radius > FARTHEST:
             raise ValueError(
@@ -224,28 +225,19 @@ def ahead_of(m, s, reach, half, x, y, points):
 
 
 @compiled
-def slow_down(p, m, scan, i):
-    """Slows robot i's command where it leads into what the beams hit now: by the time until then over the one wanted.
+def slow_down(p, m, scan, seen, i):
+    """Slows robot i's command where it leads into what the beams hit: by the time until then over the one wanted.
 
-    The approach mode of Nav2's collision monitor, for the hull's disc and a single hit.
+    The approach mode of Nav2's collision monitor, for the hull's disc and a single hit, which also counts for `recall`
+    after it was seen. It is called in every step, so that what is near is kept.
     """
-    if p.time_before_collision <= 0.0:
-        return
     reach = p.time_before_collision * p.max_speed + p.plant.hull_radius
-    beams = scan.directions.shape[0]
-    hits = np.empty((beams, 3))
-    count = 0
-    for k in range(beams):
-        distance = scan.ranges[i, k]
-        if distance < min(reach, (1.0 - 1e-6) * scan.reach):
-            hits[count, 0] = distance * scan.directions[k, 0]
-            hits[count, 1] = distance * scan.directions[k, 1]
-            # who is that near already may leave it
-            hits[count, 2] = min(p.plant.hull_radius, (1.0 - 1e-6) * distance)
-            count += 1
-    left = free_time(hits[:count], m.command[0], m.command[1], m.command[2], p.time_before_collision)
-    for c in range(3):
-        m.command[c] *= left / p.time_before_collision
+    hits = np.empty((scan.directions.shape[0] + SECTORS, 3))
+    count = find_hits(p, scan, seen, m, i, reach, p.plant.hull_radius, hits)
+    if p.time_before_collision > 0.0:
+        left = free_time(hits[:count], m.command[0], m.command[1], m.command[2], p.time_before_collision)
+        for c in range(3):
+            m.command[c] *= left / p.time_before_collision
 
 
 @compiled
