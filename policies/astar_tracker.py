@@ -17,6 +17,8 @@ from wayfield.envs.patrols import patrol_at
 from wayfield.envs.scenarios.ways import grid_over
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
+    FINE_CELL,
+    UNIT,
     PolylineTracker,
     clearance_prices,
     level_of,
@@ -32,7 +34,6 @@ from wayfield.policies.policy import check_gain
 # Of a side of the grid: as few as hold the world in cells no wider than FINE_CELL. Where not even the most do, cells
 # are wider. A world without a map of up to LARGE_WORLD has always been held by the fewest.
 CELLS = (256, 1024, 2048)
-FINE_CELL = 0.1  # m
 LARGE_WORLD = 80.0  # m
 ROOM = 1.0  # m, around what the grid holds
 # Between two neighbours with more clearance than this, in sides of a cell, there is no wall: half of the diagonal.
@@ -51,7 +52,8 @@ class AstarTracker(PolylineTracker):
     `cell` wide, or as wide as it takes to hold start, goals and the obstacles up to `surroundings` around them, and all
     of a map; it has 1,024 or 2,048 on a side where the cells would be too wide. Cells with less than hull radius +
     margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with a way from goal to goal is
-    taken, never the narrower and shorter one. The polyline is then let go like an elastic band towards
+    taken, never the narrower and shorter one; where cells are wider than 0.1 m, first of ways that keep so much along
+    all of their lines, not only at the middles of cells. The polyline is then let go like an elastic band towards
     `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the robot plans
     anew. A robot without a way stands still, and memory["no_path"] is 1.
 
@@ -205,6 +207,13 @@ def moves(told, i):
 def plan_with_room(p, m, prices, x, y, stops):
     """Lays the way with the widest of the margins, a row of prices each, that has one; returns whether one has."""
     found = False
+    if m.cell > FINE_CELL:
+        # between the middles of wide cells there may be less room than at them: first where there is enough anyhow
+        short = math.ceil(SAFE * m.cell / UNIT)
+        for choice in range(prices.shape[0]):
+            stricter = np.full(256, np.inf)
+            stricter[: max(256 - short, 0)] = prices[choice, short:]
+            found = found or plan_way(p, m, stricter, stricter, x, y, stops)
     for choice in range(prices.shape[0]):
         found = found or plan_way(p, m, prices[choice], prices[choice], x, y, stops)
     return found

@@ -391,14 +391,14 @@ def test_who_is_pushed_off_its_pose_takes_the_nearer_way_back() -> None:
 @pytest.mark.parametrize("turn", [-2.0, -0.3, 0.05, 1.2])
 def test_the_turn_at_the_pose_ends_as_the_base_can_brake(turn: float) -> None:
     """|w| = min(turn_gain e, sqrt(2 alpha e), max_yaw_rate), with no more alpha than the base has: 1.5 rad/s^2."""
-    law = policies.make("polar", yaw_acceleration=5.0)
+    law = policies.make("polar", yaw_acceleration=5.0, turn_gain=5.0)
     briefing = dataclasses.replace(told(np.zeros((1, 3))), actuators=ACTUATORS["slow"])
     seen = goal_reaching.Observation(
         np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((1, 2)), np.array([turn]), np.zeros(1), np.empty((1, 0))
     )
     ((v, w),) = law.act(seen, briefing, law.reset(briefing))
     assert v == 0.0
-    assert w == pytest.approx(math.copysign(min(2.0 * abs(turn), math.sqrt(3.0 * abs(turn)), 1.5), turn))
+    assert w == pytest.approx(math.copysign(min(5.0 * abs(turn), math.sqrt(3.0 * abs(turn)), 1.5), turn))
 
 
 def test_scaled_speeds_leave_the_curve_as_it_is() -> None:

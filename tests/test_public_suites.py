@@ -4,19 +4,24 @@ import dataclasses
 import gzip
 import io
 import itertools
+import json
 import math
 import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
+import scipy.ndimage
 from click.testing import CliRunner
+from numpy.typing import NDArray
 
 from wayfield.benchmarks import evaluate
-from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Entrants
+from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Course, Entrants
 from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.own_scenario import without_way
 from wayfield.benchmarks.public_suites import PUBLIC, barn_courses, movingai_courses, mrpb_courses, racetrack_courses
 from wayfield.benchmarks.results import read_rows
 from wayfield.benchmarks.rollout import roll_out
@@ -25,6 +30,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import goal_scenarios
 from wayfield.envs.scenarios.barn import CYLINDERS, barn_scenarios, read_cylinders, read_path, read_world, way_length
+from wayfield.policies import Pilot, make
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 BARN = SHARED / "barn"
@@ -500,6 +506,95 @@ def test_maps_are_run_as_other_contests_are(tmp_path: Path) -> None:
         words = ["--suite", "movingai", "--data", str(SHARED / "movingai"), "--policies", "vfh_plus", "--episodes", "2"]
         told = run([*words, "--gains", "default"], tmp_path / "movingai")
         assert len(read_rows(tmp_path / "movingai")) == 6
+
+
+def scattered(rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Returns 512 x 512 cells of which two in five are blocked, as random512 of MovingAI has them."""
+    return rng.random((512, 512)) < 0.38
+
+
+def warehouse(rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Returns shelves of 10 x 2 cells with aisles of one cell, as the warehouses of MovingAI have them."""
+    del rng
+    occupied = np.zeros((84, 170), np.bool_)
+    for row in range(4, 80, 3):
+        for column in range(10, 158, 11):
+            occupied[row : row + 2, column : column + 10] = True
+    return occupied
+
+
+def den(rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Returns caves of 256 x 256 cells, grown by a cellular automaton, as the dens of MovingAI look."""
+    occupied = rng.random((256, 256)) < 0.47
+    for _ in range(6):
+        occupied = scipy.ndimage.convolve(occupied.astype(int), np.ones((3, 3), int), mode="constant", cval=1) >= 5
+    return occupied
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drawn", [scattered, warehouse, den])
+def test_the_planner_told_the_map_arrives_wherever_there_is_a_way(
+    tmp_path: Path, drawn: Callable[[np.random.Generator], NDArray[np.bool_]]
+) -> None:
+    """In maps of cells of 1 m so large that the planner's own cells are wide, through gaps of one cell."""
+    rng = np.random.default_rng(7)
+    occupied = drawn(rng)
+    parts, _ = scipy.ndimage.label(~occupied)
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    free = np.argwhere(parts == sizes.argmax())
+    height, width = occupied.shape
+    rows = "\n".join("".join("@" if each else "." for each in row) for row in occupied)
+    (tmp_path / "m.map").write_text(f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}\n", encoding="utf-8")
+    lines = ["version 1"]
+    while len(lines) < 5:
+        start = free[rng.integers(len(free))]
+        near = free[(np.abs(free - start).sum(axis=1) > 15) & (np.abs(free - start).sum(axis=1) < 30)]
+        goal = near[rng.integers(len(near))]
+        lines.append(f"0\tm.map\t{width}\t{height}\t{start[1]}\t{start[0]}\t{goal[1]}\t{goal[0]}\t30.0")
+    (tmp_path / "m.scen").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    robot, contest = ROBOTS["p3dx"], PUBLIC["movingai"].contest("problems")
+    # the ways may be several times the straight ones
+    course = Course("m", PUBLIC_SPLIT, str(tmp_path / "m.scen"), 16_000, members=(0, 1, 2, 3))
+    (case,) = contest.cases(robot, course, Entrants(("astar_tracker",), ("default",)))
+    for each in roll_out(case, actuators="lagged", episodes=4, members=course.members):
+        found = measure(each)
+        assert found["success"] == 1.0
+        assert found["min_clearance"] > 0.03
+
+
+@pytest.mark.slow
+def test_the_planner_told_the_map_says_that_there_is_no_way(tmp_path: Path) -> None:
+    rows = ["." * 240 if k != 100 else "@" * 240 for k in range(240)]
+    (tmp_path / "m.map").write_text("type octile\nheight 240\nwidth 240\nmap\n" + "\n".join(rows), encoding="utf-8")
+    told = {"start": [20.5, 20.5, 0.0], "goal": [20.5, 200.5, 0.0], "map": {"file": "m.map", "resolution": 1.0}}
+    file = tmp_path / "m.json"
+    file.write_text(json.dumps(told), encoding="utf-8")
+    assert "'m' has no way for a hull of 0.25 m" in without_way(str(file))
+    env = gymnasium.make_vec(
+        "wayfield/DiffDriveGoalObstacles-v0", 1, vectorization_mode="vector_entry_point", scenario=str(file)
+    )
+    pilot = Pilot(make("astar_tracker"), env)
+    observations, _ = env.reset(seed=0)
+    pilot.reset()
+    for _ in range(20):
+        action = pilot.command(observations)
+        observations, *_ = env.step(action)
+        assert (action == 0.0).all()
+    assert pilot.memory["no_path"].all()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.exists(), reason="the maps are not here")
+def test_the_planner_told_the_map_arrives_in_every_public_problem() -> None:
+    """Twelve problems of each list of MovingAI's, and every case of MRPB."""
+    robot = ROBOTS["p3dx"]
+    for suite, mode, folder in (("movingai", "problems", "movingai"), ("mrpb", "cases", "mrpb")):
+        for course in PUBLIC[suite].courses(str(SHARED / folder), robot):
+            entrants = Entrants(("astar_tracker",), ("default",))
+            (case,) = PUBLIC[suite].contest(mode).cases(robot, course, entrants)
+            driven = roll_out(case, actuators="lagged", episodes=len(course.members), members=course.members)
+            assert [measure(each)["success"] for each in driven] == [1.0] * len(course.members), course.family
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from wayfield.policies.policy import Policy, check_gain
 # A grid's bytes hold how near the obstacles are: the clearance of a cell's centre falls short of FARTHEST by so many
 # units. Zero, what fresh memory holds, is clear.
 UNIT = 0.005  # m
+FINE_CELL = 0.1  # m, a side of a cell at whose middle is known what is at all of it, nearly
 FARTHEST = 255 * UNIT  # m
 
 STRIDE = 0.04  # m, between the places at which an arc ahead is tried
@@ -460,8 +461,8 @@ def plan_way(p, m, prices, straight, x, y, stops):
 
     Without one the polyline stays as it was. Of p it reads, beside the hull's radius and `wanted_clearance`: `theta`,
     whether the ways are Theta*'s over all cells that have a price, or A*'s for those prices, drawn straight; `snap`
-    (m, rounded up to cells), how far a free cell may lie from a blocked stop; `spacing` (cells) of the points; and
-    `rounds` of the elastic band.
+    (m, rounded up to cells), how far a free cell may lie from a blocked stop; `spacing` (cells, none taken for wider
+    than FINE_CELL) of the points; and `rounds` of the elastic band.
 
     Args:
         prices, straight: (256,) of a metre at each level of the grid, for the search and for lines of sight.
@@ -506,7 +507,8 @@ def plan_way(p, m, prices, straight, x, y, stops):
         corners[count, 1] = stops[k, 1]
         pinned[count] = True
         count += 1
-    held = lay(m, corners[:count], pinned, p.spacing * m.cell)
+    # among wide cells no farther apart than among fine ones: between points the band looks at nothing
+    held = lay(m, corners[:count], pinned, p.spacing * min(m.cell, FINE_CELL))
     relax(m, held, p.plant.hull_radius + p.wanted_clearance, p.plant.hull_radius, p.rounds)
     return True
 
