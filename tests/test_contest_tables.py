@@ -297,6 +297,14 @@ def test_the_start_beside_the_path_is_left_out_after_a_metre() -> None:
     assert found["cross_track_rms"] == pytest.approx(0.1, abs=0.001)
 
 
+def test_where_a_run_has_no_number_the_mean_of_the_others_has_no_interval() -> None:
+    settled = np.where(np.arange(2 * COUNT) == 3, np.nan, 0.02)
+    rows = made(PATHS, "lqr", {"success": 1.0, "cross_track_rms": ERRORS, "settled_rms": settled})
+    rows = [row | {"settled_rms": row["settled_rms"].replace("nan", "")} for row in rows]
+    table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
+    assert column(table, "after 1 m (m)") == {"lqr": "0.0200"}
+
+
 def test_a_point_of_the_front_is_marked_where_a_single_run_is_lost() -> None:
     points = []
     for speed, success in (("0.3", 1.0), ("0.6", WON), ("0.9", 0.0)):

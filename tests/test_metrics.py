@@ -132,6 +132,11 @@ def test_the_steady_offset_is_that_of_the_last_quarter():
     assert late == pytest.approx((0.5 * 0.5 + 2.0 * 0.1) / 2.5, abs=1e-3)
 
 
+def test_the_last_quarter_is_that_of_what_was_driven():
+    x = np.linspace(4.0, 8.0, 401)  # begun in the middle of the path
+    assert measure(on_straight(np.where(x >= 7.0, 0.1, -0.3), x))["steady_offset"] == pytest.approx(0.1)
+
+
 def test_the_heading_error_is_a_root_of_mean_squares():
     x = np.linspace(0.0, 1.0, 2001)
     found = measure(dataclasses.replace(on_straight(0.0, x), heading_errors=x - 0.5))
