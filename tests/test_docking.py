@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -26,6 +26,7 @@ from wayfield.envs.reeds_shepp import MOST_PIECES, pose_along, shortest_word
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios import FAMILIES, TASKS, split
 from wayfield.envs.scenarios.docking_families import FARTHEST_START, manoeuvre
+from wayfield.policies.parts.arriving import is_there
 from wayfield.policies.pilot import Pilot
 
 DIFF_ID, OMNI_ID = "wayfield/DiffDriveDocking-v0", "wayfield/OmniDocking-v0"
@@ -399,6 +400,14 @@ def test_the_turn_at_the_pose_ends_as_the_base_can_brake(turn: float) -> None:
     ((v, w),) = law.act(seen, briefing, law.reset(briefing))
     assert v == 0.0
     assert w == pytest.approx(math.copysign(min(5.0 * abs(turn), math.sqrt(3.0 * abs(turn)), 1.5), turn))
+
+
+@given(st.floats(0.0, 0.1), st.floats(-math.pi, math.pi), st.booleans())
+def test_who_is_there_stays_there_and_who_is_just_past_it_too(r: float, bearing: float, was_there: bool) -> None:
+    """Within a radius; and within two for who was there, or has the pose no longer ahead."""
+    x, y = r * math.cos(bearing), r * math.sin(bearing)
+    assume(min(abs(math.hypot(x, y) - radius) for radius in (0.03, 0.06)) > 1e-9)
+    assert is_there(was_there, x, y, 0.03) == (r < 0.03 or (r < 0.06 and (was_there or x <= 0.0)))
 
 
 def test_scaled_speeds_leave_the_curve_as_it_is() -> None:

@@ -528,10 +528,11 @@ def test_the_corrected_field_reaches_every_goal(scenario: str) -> None:
 
 
 @given(
-    st.floats(0.3, 1.5), st.floats(-math.pi, math.pi), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)
-)
+    st.floats(0.3, 1.5), st.floats(-math.pi, math.pi), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0),
+    st.sampled_from([0.3, 1e9]),
+)  # fmt: skip
 def test_the_corrected_field_is_its_printed_sum(
-    away: float, direction: float, goal_x: float, goal_y: float, heading: float
+    away: float, direction: float, goal_x: float, goal_y: float, heading: float, most: float
 ) -> None:
     """k e + eta g d^2 / rho^2 n + eta g^2 e, g = 1/rho - 1/rho_0; where n opposes e it is turned towards the goal."""
     centre, hull, size = away * np.array([math.cos(direction), math.sin(direction)]), ROBOTS["omni4"].hull_radius, 0.1
@@ -540,13 +541,14 @@ def test_the_corrected_field_is_its_printed_sum(
     assume(d > 0.05)
     assume(abs(n @ e) > 1e-6)
     assume(abs(n[0] * e[1] - n[1] * e[0]) > 1e-6)
-    law: Any = policies.make("apf_corrected", max_speed=1e9)  # the sum is not cut
-    force = law.k * e
+    law: Any = policies.make("apf_corrected", max_speed=most)
+    force = min(law.k, most / d) * e  # what attracts is no longer than max_speed, nor is the sum
     if rho <= law.rho_0:
         g = 1.0 / max(rho, 1e-3) - 1.0 / law.rho_0
         turned = np.array([-n[1], n[0]])
         push = n if n @ e > 0.0 else turned if turned @ e > 0.0 else -turned
         force = force + law.eta * g * (d / max(rho, 1e-3)) ** 2 * push + law.eta * g**2 * e
+    force *= min(1.0, most / np.linalg.norm(force))
     briefing = Briefing(
         num_envs=1, robot=ROBOTS["omni4"], actuators=ACTUATORS["ideal"], dt=DT, action_mode="twist",
         layout=goal_reaching.Observation.layout(3, 0, 5.0), beam_angles=np.empty(0), max_range=5.0,

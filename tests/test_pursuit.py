@@ -337,6 +337,26 @@ def test_regulated_pursuit_looks_as_far_ahead_as_it_drives_in_its_time(v0: float
     assert w / v == pytest.approx(-2.0 * 0.1 / (ahead**2 + 0.1**2))
 
 
+@given(st.floats(0.05, 1.5), st.floats(0.6, 3.0))
+def test_regulated_pursuit_brakes_from_where_its_wheels_answer(distance: float, turn: float) -> None:
+    """Before a corner, driving at 0.4 m/s: what it drives within the lag of 0.1 s is no room to slow down in."""
+    policy, v0 = RegulatedPurePursuit(deceleration=0.5), 0.4
+    path = Path([(0.0, 0.0), (3.0, 0.0), (3.0 + 3.0 * math.cos(turn), 3.0 * math.sin(turn))])
+    briefing, zero = told(1, "lagged", [path]), np.zeros(1)
+    seen = path_following.Observation(
+        np.array([[3.0 - distance, 0.0, 0.0]]), np.array([[v0, 0.0]]), zero, zero, np.array([3.0 - distance]),
+        np.zeros((1, 0, 2)),
+    )  # fmt: skip
+    memory = policy.reset(briefing)
+    memory[0, 0] = v0
+    ((v, _),) = policy.act(seen, briefing, memory)
+    slow = max(policy.speed * min(1.0, policy.bend_span / (policy.min_radius * turn)), policy.min_speed)
+    room = max(distance - policy.bend_span + 0.05 - 0.1 * v0, 0.0)
+    # no slower within a control period than it can brake
+    least = v0 - briefing.actuators.acceleration * 0.05
+    assert v <= max(math.sqrt(slow**2 + 2.0 * policy.deceleration * room), least) + 1e-9
+
+
 # The smooth pose law.
 
 
