@@ -165,9 +165,9 @@ def without_way(file: str, robot: AnyRobot = "p3dx") -> str:
     Of a path, and where the file cannot be read or the robot does not fit, it says nothing: `own_cases` does.
     """
     try:
-        scenario = own_scenario(file).scenario
-        if not isinstance(scenario, PathScenario):
-            shortest_way(scenario, robot_of(robot).hull_radius)
+        own = own_scenario(file)
+        if own.contest.spec.scenario is not PathScenario:
+            shortest_way(own.scenario, robot_of(robot).hull_radius)
     except ValueError as error:
         return f"{file}: {error}: whoever drives there, nobody arrives"
     return ""

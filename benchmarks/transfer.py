@@ -145,14 +145,15 @@ def main(names: tuple[str, ...], rooms: int, data: str | None, seed: int, count:
             title_justify="left",
         )
         for header in ("policy", "gains", *(place for place, *_ in tried)):
-            table.add_column(header, justify="left" if header in ("policy", "gains") else "right")
+            named = header in ("policy", "gains")
+            table.add_column(header, justify="left" if named else "right", no_wrap=named)
         for name, gains_name, _ in entries:
             cells = []
             for *_, courses in tried:
                 found = [each for _ in courses for each in next(done)]
                 share = sum(found) / len(found)
                 low, high = exact_interval(share, len(found))
-                cells.append(f"{100.0 * share:.1f}\n[{100.0 * low:.1f}, {100.0 * high:.1f}]")
+                cells.append(f"{100.0 * share:.1f}\n[{100.0 * low:.0f}, {100.0 * high:.0f}]")
             table.add_row(name, gains_name, *cells)
     rich.console.Console(width=100).print(table)
 

@@ -603,7 +603,7 @@ def aim(frame, u, v, scratch, count):
 @inlined
 def look(cells, scratch, count):
     """Writes the room of each beam; returns whether any has some."""
-    found = 0
+    found = np.int64(0)
     for k in range(count):
         room = np.int64(cells[np.uint64(np.int64(scratch[_AT.place + k]))])
         scratch[_AT.room + k] = room
