@@ -634,3 +634,16 @@ def test_real_circuits_are_run_as_other_contests_are(tmp_path: Path) -> None:
     told = run(words, tmp_path / "out")
     assert "Racetracks, path following, p3dx" in told
     assert all(row["success"] == "1" for row in read_rows(tmp_path / "out"))
+
+
+def test_a_goal_that_no_way_leads_to_is_told_of(tmp_path: Path) -> None:
+    file = tmp_path / "shut.json"
+    corners = [(3, -1), (5, -1), (5, 1), (3, 1), (3, -1)]
+    walls = [{"kind": "wall", "x1": a, "y1": b, "x2": c, "y2": d} for (a, b), (c, d) in itertools.pairwise(corners)]
+    for standing, told in ((walls, "scenario 'shut' has no way for a hull of 0.25 m"), (walls[:2], "")):
+        file.write_text(json.dumps({"goal": [4, 0, 0], "obstacles": standing}), encoding="utf-8")
+        said = without_way(str(file))
+        assert told in said
+        assert bool(said) == bool(told)
+    file.write_text('{"path": [[0, 0], [2, 0]]}', encoding="utf-8")
+    assert without_way(str(file)) == ""
