@@ -166,7 +166,7 @@ def without_way(file: str, robot: AnyRobot = "p3dx") -> str:
     """
     try:
         own = own_scenario(file)
-        if own.contest.spec.scenario is not PathScenario:
+        if not own.contest.spec.on_path:
             shortest_way(own.scenario, robot_of(robot).hull_radius)
     except ValueError as error:
         return f"{file}: {error}: whoever drives there, nobody arrives"
