@@ -237,7 +237,7 @@ def test_who_drives_at_another_speed_is_marked_and_stands_below() -> None:
     rows += made(PATHS, "mpc", cells | {"cross_track_rms": 0.02, "mean_speed": 0.61})
     rows += made(PATHS, "pure_pursuit", cells | {"cross_track_rms": 0.002, "mean_speed": 0.62})  # too fast is off too
     table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
-    assert [line[0] for line in table.rows] == ["mpc", "lqr", "stanley", "pure_pursuit"]
+    assert [line[0] for line in table.rows] == ["mpc", "lqr", "pure_pursuit", "stanley"]
     speeds = {"mpc": "0.610", "lqr": "0.585", "stanley": "0.400‡", "pure_pursuit": "0.620‡"}
     assert column(table, "mean speed (m/s)") == speeds
 
