@@ -19,7 +19,7 @@ from wayfield.envs.checks import FINEST
 from wayfield.envs.objects import json_object
 from wayfield.envs.readers import reader
 from wayfield.envs.robots import AnyRobot, robot_of, shipped_name
-from wayfield.envs.scenarios import PathScenario, scenarios_of
+from wayfield.envs.scenarios import scenarios_of
 from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.scenarios.maps import map_files
 from wayfield.envs.task import CONTROL_PERIOD
