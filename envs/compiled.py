@@ -15,7 +15,7 @@ import numba
 from numba.core.caching import FunctionCache
 from numba.core.sigutils import normalize_signature
 
-# division as in IEEE; no second entry for callers in C, of which there are none: it takes an eighth of the compiler's time
+# division as in IEEE; no entry for callers in C, of which there are none: it takes an eighth of the compiler's time
 _SETTINGS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True}
 
 
