@@ -75,7 +75,7 @@ class Nav2Mppi(CostmapController):
     samples: int = 2000
     steps: int = 56
     step_time: float = 0.05  # s
-    temperature: float = 0.3
+    temperature: float = 0.3  # of the weights: the lower, the more the best samples count
     gamma: float = 0.015
     speed_noise: float = 0.2  # m/s
     yaw_noise: float = 0.4  # rad/s
@@ -87,7 +87,6 @@ class Nav2Mppi(CostmapController):
     prune_distance: float = 1.7  # m, of the plan that is looked at
     constraint: float = 4.0
     cost: float = 3.81
-    critical_cost: float = 300.0
     collision_cost: float = 1e6
     near_goal: float = 1.0  # m, within which the cost critic only counts collisions
     goal: float = 5.0

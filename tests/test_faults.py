@@ -145,7 +145,7 @@ def test_damage_is_the_same_for_the_same_seed_and_nearly_always_damage(name: str
 def test_the_same_seed_draws_the_same_trials(group: str) -> None:
     def drawn(seed: int) -> list[object]:
         trials = campaign.GROUPS[group].trials(random.Random(seed))
-        return [each for each, _ in zip(trials, range(120), strict=False)]
+        return [each for each, _ in zip(trials, range(400), strict=False)]
 
     assert drawn(3) == drawn(3)
     assert drawn(3) != drawn(4)

@@ -38,7 +38,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs import storage
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.engines import HERE, workers
-from wayfield.envs.scenarios import freeze, splits
+from wayfield.envs.scenarios import FAMILIES, freeze, splits
 
 SUITE = Run("a test", "python evaluate.py --a test", ("figure_*.svg",))
 
@@ -567,7 +567,7 @@ def test_a_policy_without_a_contest_is_not_timed_and_a_turn_takes_a_time():
 @pytest.fixture
 def published(tmp_path, monkeypatch):
     """Puts split files in place of those that ship, with one family missing."""
-    families = {task: dict.fromkeys(of_task, "published") for task, of_task in splits.FAMILIES.items()}
+    families = {task: dict.fromkeys(of_task, "published") for task, of_task in FAMILIES.items()}
     del families["path_following"]["splines"]
     for task, of_task in families.items():
         (tmp_path / f"{task}.json").write_text(json.dumps({"task": task, "families": of_task}))
@@ -598,7 +598,7 @@ def test_a_family_is_frozen_beside_the_others(published):
     before = content(published)
     assert CliRunner().invoke(freeze.main, ["splines"]).exit_code == 0
     assert CliRunner().invoke(freeze.main, ["rooms", "--force"]).exit_code == 0
-    for task, of_task in splits.FAMILIES.items():
+    for task, of_task in FAMILIES.items():
         file = published / f"{task}.json"
         found = json.loads(file.read_text())["families"]
         assert list(found) == list(of_task)
