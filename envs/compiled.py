@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import itertools
 import pathlib
 import pickle
 import signal
@@ -13,6 +14,8 @@ from typing import Any
 
 import numba
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.sigutils import normalize_signature
 
 # division as in IEEE; no entry for callers in C, of which there are none: it takes an eighth of the compiler's time
@@ -47,12 +50,12 @@ def compiled(function: Any) -> Any:
     IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits. It
     lets other threads of Python run: none may write what it is given.
     """
-    return _cached(numba.njit(nogil=True, **_SETTINGS)(function))
+    return _cached(numba.njit(nogil=True, pipeline_class=_Pipeline, **_SETTINGS)(function))
 
 
 def inlined(function: Any) -> Any:
     """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
-    return _cached(numba.njit(forceinline=True, **_SETTINGS)(function))
+    return _cached(numba.njit(forceinline=True, pipeline_class=_Pipeline, **_SETTINGS)(function))
 
 
 def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
@@ -65,6 +68,48 @@ def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
     function.compile(signature)
     code: Callable[..., int] = function.overloads[signature].entry_point
     return code
+
+
+class _Part(JITCodeLibrary):
+    """The code of a kernel that another one calls: never machine code of its own.
+
+    LLVM optimizes it where it ends up, in the code of whom Python calls. Doing that at every step on the way up took a
+    third of the compiler's time. Kernels that call no others are small, and their loops are faster when they meet the
+    whole optimizer before they are put in place of a call; for the rest it is enough to be simplified on the way.
+    """
+
+    def _optimize_final_module(self) -> None:
+        if not any(isinstance(library, _Part) for library in self._linking_libraries):
+            super()._optimize_final_module()
+            return
+        found = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, cost="cheap")
+        manager, *more = found if isinstance(found, tuple) else (found,)  # and what built it, since numba 0.62
+        manager.run(self._final_module, *more)
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _Pipeline(Compiler):
+    """Numba's compiler, which leaves a kernel that is compiled on behalf of another one as a part of it."""
+
+    def __init__(self, typingctx: Any, targetctx: Any, library: Any, args: Any, return_type: Any, flags: Any,
+                 locals: Any) -> None:  # fmt: skip
+        if _depth.now > 1:
+            library = _Part(targetctx.codegen(), f"part{next(_numbers)}")
+            flags.no_compile = flags.no_cpython_wrapper = True
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+
+
+class _Depth(threading.local):
+    """How many kernels of ours this thread is compiling, one within another."""
+
+    now = 0
+
+
+_depth = _Depth()
+_numbers = itertools.count()
 
 
 # what reading a damaged index, pickle or bitcode raises; a RuntimeError is LLVM's
@@ -99,6 +144,8 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keeps what was compiled, if there is room and leave to."""
+        if isinstance(data.library, _Part):
+            return
         try:
             super().save_overload(sig, data)
         except _DAMAGED as error:  # the kernel runs all the same
@@ -107,12 +154,40 @@ class _Cache(FunctionCache):
 
 def _cached(dispatcher: Any) -> Any:
     """Returns the dispatcher with a disk cache where there is a folder for it, as it is otherwise."""
-    dispatcher.compile = _patient(dispatcher.compile)
+    dispatcher.compile = _in_parts(dispatcher, _patient(dispatcher.compile))
     try:
         dispatcher._cache = _Cache(dispatcher.py_func)
     except (RuntimeError, OSError) as error:  # a RuntimeError when no folder can be written
         _warn(f"no folder can be written ({type(error).__name__}); NUMBA_CACHE_DIR names one")
     return dispatcher
+
+
+def _in_parts(dispatcher: Any, compile_for: Any) -> Any:
+    """Returns `Dispatcher.compile` that leaves what other kernels call as parts of them, which Python cannot call."""
+    add_overload = dispatcher.add_overload
+
+    def add(cres: Any) -> None:
+        if not isinstance(cres.library, _Part):
+            add_overload(cres)
+            return
+        cres = cres._replace(entry_point=object())  # a name for it, that nobody can call
+        dispatcher.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
+        dispatcher.overloads[tuple(cres.signature.args)] = cres
+
+    @functools.wraps(compile_for)
+    def compile_in_parts(sig: Any) -> Any:
+        _depth.now += 1
+        try:
+            if _depth.now == 1:
+                there = dispatcher.overloads.get(normalize_signature(sig)[0])
+                if there is not None and isinstance(there.library, _Part):
+                    del dispatcher.overloads[normalize_signature(sig)[0]]
+            return compile_for(sig)
+        finally:
+            _depth.now -= 1
+
+    dispatcher.add_overload = add
+    return compile_in_parts
 
 
 _CALLBACKS = ("_raw_object_cache_notify", "_raw_object_cache_getbuffer")  # llvmlite's, into which LLVM calls back

@@ -143,6 +143,36 @@ def test_a_signal_that_comes_while_a_kernel_is_compiled_is_not_lost(tmp_path: Pa
     assert list(cache.rglob("kernel.four_times*.nbc"))
 
 
+@pytest.mark.parametrize("first", ["four_times", "twice"])
+def test_what_other_kernels_call_is_a_part_of_them_until_python_calls_it(tmp_path: Path, first: str) -> None:
+    between = f"""
+    kernel.{first}(1.5)
+    print(sorted(k for k in ("twice", "four_times") if getattr(kernel, k).signatures and callable(
+        next(iter(getattr(kernel, k).overloads.values())).entry_point)), kernel.twice(1.5), kernel.twice(2))
+    """
+    cache = tmp_path / "cache"
+    callable_ones, *results = called(tmp_path, "", between.strip(), NUMBA_CACHE_DIR=str(cache))
+    assert callable_ones == f"['{first}'] 3.0 4.0"
+    assert results == ["6.0 8.0", ""]
+    assert len(list(cache.rglob("kernel.twice*.nbc"))) == 2  # kept for those who call it from Python
+
+
+def test_an_error_in_a_part_comes_out_of_it(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(
+        KERNEL.replace("def twice(x):", "def twice(x):\n    if x == 1.5:\n        raise ValueError('one and a half')")
+    )
+    between = """
+    for function in (kernel.four_times, kernel.twice):
+        try:
+            function(1.5)
+        except ValueError as error:
+            print(error)
+    kernel.four_times = kernel.twice = lambda x: x
+    """
+    results = called(tmp_path, "", between.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert results[:2] == ["one and a half"] * 2
+
+
 def test_code_of_another_signature_under_ones_name_is_not_used(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     called(tmp_path, NUMBA_CACHE_DIR=str(cache))
