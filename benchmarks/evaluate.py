@@ -61,9 +61,6 @@ KEPT = {"worst": WORST, "all": None}
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
 _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 
-# Nav2's laws take longer than all others together, to compile and to drive: their place is the contest.
-_LONG = ("nav2_dwb", "nav2_mppi")
-
 
 @click.command("evaluate", cls=OneLineErrors, context_settings={"max_content_width": 100})
 @click.option(
@@ -331,10 +328,17 @@ class Asked:
         """Runs the documents, and the contests on a scenario of each family."""
         folder = self.folder(OVERVIEW, self.differing)
         robot = ROBOTS["p3dx"]
-        able = [name for contest in CONTESTS.values() for name in contest.policies if not lacks(make(name), robot)]
-        quick = tuple(name for name in dict.fromkeys(able) if name not in _LONG)
+        first = [name for contest in CONTESTS.values() for name in contest.overview if not lacks(make(name), robot)]
         options = ContestOptions(
-            *(OVERVIEW, tuple(CONTESTS), quick, DYNAMICS["kinematic"], "lagged", robot, GAINS["best"]),
+            *(
+                OVERVIEW,
+                tuple(CONTESTS),
+                tuple(dict.fromkeys(first)),
+                DYNAMICS["kinematic"],
+                "lagged",
+                robot,
+                GAINS["best"],
+            ),
             *(None, None),
             self.seed,
             command=self.command,

@@ -79,6 +79,13 @@ def test_policies_meet_the_same_scenarios(paths: tuple[Path, Result]) -> None:
             assert row["tier"] == frozen[int(row["episode"])].tier
 
 
+def test_the_overview_has_those_who_matter_and_agents_where_they_ship() -> None:
+    for contest in CONTESTS.values():
+        assert set(contest.overview) < set(contest.policies)
+        assert ("ppo" in contest.overview) == ("ppo" in contest.policies)
+        assert len(contest.overview) >= 5
+
+
 def test_no_two_scenes_share_their_noise() -> None:
     drawn: dict[int, tuple[str, str, int]] = {}
     for contest in CONTESTS.values():

@@ -161,6 +161,7 @@ class Contest:
 
     spec: TaskSpec
     policies: tuple[str, ...]  # in the order of the tables; agents are compared with the first
+    overview: tuple[str, ...]  # those of them that matter, for the run that is made first and awaited
     env_kwargs: Mapping[str, Any]
     columns: tuple[Column, ...]
     gap: Column  # what is compared between the splits: positive where the entry does better on TRANSFER_SPLIT

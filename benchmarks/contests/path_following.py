@@ -69,6 +69,7 @@ PATH_FOLLOWING = Contest(
         *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "smooth_pose"),
         *("stanley", "lqr", "mpc", "ppo"),
     ),
+    overview=("pure_pursuit", "regulated_pure_pursuit", "stanley", "mpc", "ppo"),
     env_kwargs={},
     columns=(
         Column("RMS error (m)", COST, 4, reduction="mean"),
