@@ -169,6 +169,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Closes the renderers; with dynamics="coppelia", leaves the robot standing."""
+        if "batch" not in vars(self):  # arguments were refused: Gymnasium closes what was never made
+            return
         self.batch.close()
         for renderer in self._renderers:
             renderer.close()

@@ -298,6 +298,7 @@ def test_the_action_of_a_row_that_is_being_reset_does_not_matter() -> None:
     assert np.isfinite(observations).all()
 
 
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_arguments_are_checked() -> None:
     for env_id in IDS:
         with pytest.raises(ValueError, match="num_envs must be a whole number >= 1, got 0"):
