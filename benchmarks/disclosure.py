@@ -38,6 +38,11 @@ _AGENT_AT_GOALS = (
     "where it was 1 to 30 s ago; a guard keeps it from nearing what it sees faster than it could stop; a law drives "
     "the last 0.5 m and turns to the heading; holds a quicker base to what it knows; its reward used the shortest way"
 )
+_AGENT_AT_DOCKS = (
+    "its last command; a guard keeps it from nearing what it sees faster than it could stop, and stops it within "
+    "0.02 m and 0.02 rad of the pose; holds a quicker base to what it knows; its teacher and its reward knew the map"
+)
+_AGENTS: Mapping[str, str] = {"path": _AGENT_ON_PATHS, "goal": _AGENT_AT_GOALS, "dock": _AGENT_AT_DOCKS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +62,7 @@ def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Dis
     # who knows the path is told the goal where there is none
     told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
     if policy in TRAINED:
-        return Disclosure(told, sees, _AGENT_ON_PATHS if on_path else _AGENT_AT_GOALS)
+        return Disclosure(told, sees, _AGENTS[contest.spec.kind])
     if policy in PAPER and gains_name == "paper":
         return Disclosure(told, sees, "nothing, as published")
     return Disclosure(told, sees, _PROTECTED.get(policy, ""))

@@ -26,8 +26,10 @@ from wayfield.envs.reeds_shepp import MOST_PIECES, pose_along, shortest_word
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios import FAMILIES, TASKS, split
 from wayfield.envs.scenarios.docking_families import FARTHEST_START, manoeuvre
+from wayfield.policies.learned.perception import Actions, DockFeatures
 from wayfield.policies.parts.arriving import is_there
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.training.ways import manoeuvre_from
 
 DIFF_ID, OMNI_ID = "wayfield/DiffDriveDocking-v0", "wayfield/OmniDocking-v0"
 LAWS = ("polar", "smooth_pose", "smooth_pose_backward", "reeds_shepp")
@@ -491,3 +493,86 @@ def test_the_planner_docks_where_laws_without_a_map_touch(
     planned = reached("reeds_shepp", "p3dx", family, "lagged", 100, monkeypatch).mean()
     assert planned >= least
     assert reached("polar", "p3dx", family, "lagged", 100, monkeypatch).mean() < planned
+
+
+# ---- agents
+
+
+def seen_from(goal: tuple[float, float], turn: float, ranges: NDArray[np.float64]) -> goal_reaching.Observation:
+    """Returns what one standing robot observes of a pose in its frame."""
+    return goal_reaching.Observation(
+        np.zeros((1, 3)), np.zeros((1, 2)), np.array([goal]), np.array([turn]), np.zeros(1), ranges[None]
+    )
+
+
+@given(PLACES, PLACES, ANGLES)
+def test_a_mirrored_dock_is_seen_mirrored(x: float, y: float, turn: float) -> None:
+    features, away = DockFeatures(), np.full(72, 5.0)
+    out = np.empty((2, features.width(2)), np.float32)
+    for k, side in enumerate((1.0, -1.0)):
+        features.observe(seen_from((x, side * y), side * turn, away), np.ones(1), out[k : k + 1])
+    signs = np.array([1.0, -1.0, -1.0, 1.0, -1.0])
+    np.testing.assert_allclose(out[1, -5:], signs * out[0, -5:], atol=1e-6)
+    np.testing.assert_allclose(np.sinh(out[0, -5:-3]), np.array([x, y]) / features.fine, rtol=1e-4, atol=1e-5)
+
+
+def test_a_robot_is_told_to_stand_at_its_dock_and_nowhere_else() -> None:
+    features, base, away = DockFeatures(rest=0.02, rest_turn=0.03), ACTUATORS["lagged"], np.full(72, 5.0)
+    for goal, turn, rests in (
+        ((0.0, 0.0), 0.0, True),
+        ((0.019, 0.0), -0.029, True),
+        ((0.015, 0.015), 0.0, False),
+        ((0.0, 0.0), 0.031, False),
+        ((0.0, -0.021), 0.0, False),
+    ):
+        twists = features.guarded(seen_from(goal, turn, away), np.array([[0.1, 0.2]]), 0.6, base)
+        assert (not twists.any()) == rests
+        waypoint = seen_from(goal, turn, away)._replace(waypoints_left=np.ones(1))
+        assert features.guarded(waypoint, np.array([[0.1, 0.2]]), 0.6, base).any()
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_guard_holds_backward_as_forward(way: float) -> None:
+    """Towards a wall on the side that it drives to, a robot slows to what stops; away from it, it does not."""
+    features, base = DockFeatures(), ACTUATORS["lagged"]
+    angles = np.arange(72) * 2.0 * math.pi / 72 - math.pi
+    room = 0.4
+    towards = np.maximum(way * np.cos(angles), 1e-9)
+    ranges = np.minimum((features.hull_radius + room) / towards, 5.0)
+    for v in (0.6 * way, -0.6 * way):
+        twists = features.guarded(seen_from((3.0, 0.0), 0.0, ranges), np.array([[v, 0.0]]), 0.6, base)
+        speed = abs(twists[0, 0])
+        if v * way > 0.0:
+            braking, reaction = 0.7 * min(1.0, base.acceleration / 1.0), max(0.2, base.lag + 0.1)
+            assert speed * reaction + speed * speed / (2.0 * braking) <= room
+            assert twists[0, 0] * way > 0.0
+        else:
+            assert twists[0, 0] == v
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.1, 1.2))
+def test_actions_that_drive_both_ways_are_told_from_their_twists(a: float, b: float, speed: float) -> None:
+    meaning, zero = Actions("both_ways", 1.5), np.zeros(1)
+    twists = meaning.twists(np.array([[a, b]]), np.array([speed]), zero, ROBOTS["p3dx"])
+    np.testing.assert_allclose(twists, [[speed * a, 1.5 * b]])
+    np.testing.assert_allclose(meaning.of_twists(twists, np.array([speed]), zero), [[a, b]], atol=1e-6)
+
+
+@given(PLACES, PLACES, ANGLES, PLACES, PLACES, ANGLES)
+def test_what_is_left_of_a_manoeuvre_is_a_distance(
+    x: float, y: float, heading: float, u: float, v: float, turn: float
+) -> None:
+    """No shorter than the straight line, the same there and back, nothing where one is, shorter by what is driven."""
+    here, there = np.array([[x, y, heading]]), np.array([[u, v, turn]])
+    left = np.empty(1)
+    manoeuvre_from(here, there, 0.25, left)
+    way = left[0]
+    assert way >= math.hypot(u - x, v - y) - 1e-9
+    manoeuvre_from(there, here, 0.25, left)
+    assert left[0] == pytest.approx(way, abs=1e-6)
+    manoeuvre_from(here, here, 0.25, left)
+    assert left[0] == pytest.approx(0.0, abs=1e-6)
+    for step in (0.05, -0.05):
+        moved = here + step * np.array([math.cos(heading), math.sin(heading), 0.0])
+        manoeuvre_from(moved, there, 0.25, left)
+        assert abs(left[0] - way) <= abs(step) + 1e-6

@@ -41,7 +41,7 @@ ASKS_FOR_A_CLASS = {
 }
 OF_ONE_TASK = {
     *("PathScenario", "GoalScenario", "DockingScenario", "PathFollowing", "GoalReaching", "Docking"),
-    *("PathFeatures", "GoalFeatures", "PathReward", "GoalReward", "Observation"),
+    *("PathFeatures", "GoalFeatures", "DockFeatures", "PathReward", "GoalReward", "Observation"),
 }
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -168,7 +168,13 @@ FILES_OF_A_TASK = {
     *("benchmarks/contests/{task}.py", "benchmarks/contests/__init__.py"),
 }
 # Where it is named besides, because somebody wanted to.
-NAMES_A_TASK = {"benchmarks/throughput.py": "its steps a second beside those of the others"}
+NAMES_A_TASK = {
+    "benchmarks/throughput.py": "its steps a second beside those of the others",
+    "policies/learned/perception.py": "what its agents see",
+    "policies/training/presets.py": "how they are trained",
+    "policies/training/ways.py": "along what their progress is measured",
+    "policies/training/measured.py": "in what they are measured besides",
+}
 
 
 def words(tree: ast.Module) -> Iterator[str]:

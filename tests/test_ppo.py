@@ -21,16 +21,19 @@ from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.pilot import Pilot
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
+DOCK_ID = "wayfield/DiffDriveDocking-v0"
 KINDS = (
     ("path_following", "p3dx"),
     *(("goal_reaching", robot) for robot in ("p3dx", "omni3", "omni4")),
+    ("docking", "p3dx"),
 )
+SEEDS = {"docking": 5}  # ten of the others
 AGENTS = [(*kind, seed, folder) for kind in KINDS for seed, folder in shipped(*kind).items()]
 
 
-def test_ten_seeds_of_each_kind_ship_and_are_small() -> None:
+def test_all_seeds_of_each_kind_ship_and_are_small() -> None:
     for kind in KINDS:
-        assert list(shipped(*kind)) == list(range(10)), kind
+        assert list(shipped(*kind)) == list(range(SEEDS.get(kind[0], 10))), kind
     home = Path(str(resources.files("wayfield.policies"))) / "agents"
     assert sum(file.stat().st_size for file in home.rglob("*") if file.is_file()) < 10e6
 
@@ -64,6 +67,23 @@ def test_agents_follow_paths_at_the_speed_they_are_asked_for() -> None:
     # the first seconds go to the start beside the path
     assert 0.3 < paces[0] < 0.41
     assert 0.6 < paces[1] < 0.81
+
+
+@pytest.mark.parametrize(("tier", "beams"), [("ideal", 32), ("lagged", 72), ("slow", 72)])
+def test_agents_dock_where_a_user_meets_them_first(tier: str, beams: int) -> None:
+    """By the defaults of `make` and on the other bases they come to rest, and seldom touch."""
+    env: Any = gymnasium.make_vec(DOCK_ID, 40, scenario="all/validation", actuators=tier, num_beams=beams)
+    seen, _ = env.reset(seed=0, options={"scenario": list(range(40))})
+    pilot = Pilot(policies.make("ppo", seed=0), env)
+    pilot.reset()
+    alive, won, hit = np.ones(40, bool), np.zeros(40, bool), np.zeros(40, bool)
+    for _ in range(600):
+        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+        won |= alive & info["success"]
+        hit |= alive & info["collision"]
+        alive &= ~(terminated | truncated)
+    assert won.mean() > 0.7
+    assert hit.mean() < 0.2
 
 
 def test_other_seeds_robots_and_scans_are_refused_by_name() -> None:

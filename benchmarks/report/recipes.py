@@ -64,6 +64,7 @@ NETWORK_TO_POSES = (
     ("agent", "hold"),
     ("agent", "forward"),
 )
+NETWORKS: Mapping[str, Sequence[tuple[str, str]]] = {"path": NETWORK_ALONG_PATHS, "goal": NETWORK_TO_POSES}  # by kind
 
 # What an argument of a law is, by its name; all else is a constant.
 ROLES = {
@@ -159,11 +160,9 @@ def decisions(task: str) -> dict[str, Decision]:
 
 
 def network(task: str) -> Sequence[tuple[str, str]]:
-    """Returns the compiled functions of the agents that ship for a task; none where none do."""
+    """Returns the compiled functions of the agents that ship for a task; none where the page drives none."""
     contest = contest_of(task)
-    if not set(TRAINED) & set(contest.policies):
-        return ()
-    return NETWORK_ALONG_PATHS if contest.spec.on_path else NETWORK_TO_POSES
+    return NETWORKS.get(contest.spec.kind, ()) if set(TRAINED) & set(contest.policies) else ()
 
 
 def environment(task: str, robot: str, actuators: str, scenario: str, disturbance: str = "none") -> NativeVectorEnv:
@@ -386,7 +385,7 @@ def tables() -> dict[str, Any]:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         told["pilots"][f"{task} {robot} {actuators} {label}"] = recipe(task, name, gains, env, blobs)
                 for gains_name, gains in contest.gain_sets(TRAINED[0], robot, ()):
-                    if gains["seed"] == 0:
+                    if gains["seed"] == 0 and network(task):
                         key = f"{task} {robot} {actuators} {TRAINED[0]} ({gains_name})"
                         told["pilots"][key] = network_recipe(task, robot, 0, env, blobs)
     told["blobs"] = blobs.listed()

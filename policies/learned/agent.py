@@ -477,7 +477,7 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
     if card["task"] not in FEATURES:
         raise ValueError(f"{file}: task {shown(card['task'])} is none of {', '.join(FEATURES)}")
     if card["format"] < FORMAT:
-        card["features"] = {**_SINCE[card["task"]], **card["features"]}
+        card["features"] = {**_SINCE.get(card["task"], {}), **card["features"]}
     for key, kind in (("features", FEATURES[card["task"]]), ("actions", Actions)):
         names = {field.name for field in dataclasses.fields(kind)}
         if set(card[key]) != names:

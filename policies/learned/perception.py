@@ -231,9 +231,61 @@ class GoalFeatures:
         return twists
 
 
+@dataclasses.dataclass(frozen=True)
+class DockFeatures(GoalFeatures):
+    """Of a robot that comes to rest at a pose: what a goal seeker sees, and that pose once more, finely.
+
+    Besides the numbers of `GoalFeatures`, its place as asinh(x / fine) and asinh(y / fine) in the body frame, and the
+    turn e to its heading as sin e, cos e and asinh(e / fine_turn). It is guarded as a goal seeker, forward and
+    backward; and where the robot is within `rest` and `rest_turn` of the pose it is told to stand still, in training
+    too: to hold still is no network's strength, and what explores never does.
+    """
+
+    trails: tuple[float, ...] = ()  # s
+    frame: Literal["goal", "body"] = "body"
+    limits: bool = True
+    fine: float = 0.05  # m, up to which the place is seen in proportion
+    fine_turn: float = 0.05  # rad
+    rest: float = 0.02  # m
+    rest_turn: float = 0.02  # rad
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("fine", "fine_turn", "rest", "rest_turn"):
+            check_gain(self, name, above=0.0)
+
+    fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "goal_heading_error", "ranges")
+
+    def width(self, num_twist: int) -> int:
+        """Returns how many numbers one observation gives."""
+        return super().width(num_twist) + POSE
+
+    def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:
+        """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in, rad."""
+        angles = super().observe(observation, speeds, out[:, :-POSE])
+        scales = np.array([self.fine, self.fine_turn])
+        fill_pose(observation.goal, observation.goal_heading_error, angles, scales, out[:, -POSE:])
+        return angles
+
+    def guarded(
+        self, observation: goal_reaching.Observation, twists: Array, speed: float, actuators: Actuators
+    ) -> Array:
+        """Returns the twists with what would not stop in time taken away, and none where the robot is to rest."""
+        twists = super().guarded(observation, twists, speed, actuators)
+        x, y = observation.goal[:, 0], observation.goal[:, 1]
+        there = (x * x + y * y < self.rest * self.rest) & (observation.waypoints_left < 0.5)
+        twists[there & (np.abs(observation.goal_heading_error) < self.rest_turn)] = 0.0
+        return twists
+
+
 Features = PathFeatures | GoalFeatures
 LIMITS = 3  # numbers of `limits_of`
-FEATURES: Mapping[str, type[Features]] = {"path_following": PathFeatures, "goal_reaching": GoalFeatures}  # by task
+POSE = 5  # numbers of `fill_pose`
+FEATURES: Mapping[str, type[Features]] = {
+    "path_following": PathFeatures,
+    "goal_reaching": GoalFeatures,
+    "docking": DockFeatures,
+}  # by task
 
 
 def check_seen(features: Features) -> None:
@@ -271,15 +323,15 @@ def limits_of(features: Features, actuators: Actuators) -> Numbers:
 class Actions:
     """What the outputs of a network mean, each clipped to [-1, 1].
 
-    "unicycle": v = speed (a_0 + 1)/2, w = yaw_rate a_1. "planar": the velocity speed (a_0, a_1), no faster than speed,
-    in the frame of the features; no turning.
+    "unicycle": v = speed (a_0 + 1)/2, w = yaw_rate a_1. "both_ways": v = speed a_0, backward too. "planar": the
+    velocity speed (a_0, a_1), no faster than speed, in the frame of the features; no turning.
     """
 
-    kind: Literal["unicycle", "planar"] = "unicycle"
+    kind: Literal["unicycle", "both_ways", "planar"] = "unicycle"
     yaw_rate: float = 2.0  # rad/s
 
     def __post_init__(self) -> None:
-        choose("kind", self.kind, ("unicycle", "planar"))
+        choose("kind", self.kind, ("unicycle", "both_ways", "planar"))
         check_gain(self, "yaw_rate", above=0.0)
 
     @property
@@ -292,6 +344,8 @@ class Actions:
         a = actions.astype(np.float64)
         if self.kind == "unicycle":
             return unicycle_twists(robot, speeds * 0.5 * (a[:, 0] + 1.0), self.yaw_rate * a[:, 1])
+        if self.kind == "both_ways":
+            return unicycle_twists(robot, speeds * a[:, 0], self.yaw_rate * a[:, 1])
         speeds = speeds / np.maximum(np.sqrt(a[:, 0] * a[:, 0] + a[:, 1] * a[:, 1]), 1.0)
         out = np.zeros((len(a), 3))
         turn(a, speeds, angles, out)
@@ -303,8 +357,8 @@ class Actions:
         """Returns the twists (b, t) of a controller with what actions (b, 2) add to them; see `base.Base`."""
         a = reach * actions.astype(np.float64)
         out = twists.copy()
-        if self.kind == "unicycle":
-            out[:, 0] += 0.5 * speeds * a[:, 0]
+        if self.kind != "planar":
+            out[:, 0] += (1.0 if self.kind == "both_ways" else 0.5) * speeds * a[:, 0]
             out[:, -1] += self.yaw_rate * a[:, 1]
         else:
             more = np.zeros((len(a), 3))
@@ -319,6 +373,8 @@ class Actions:
         """Returns the actions (b, 2) that come nearest to twists (b, t)."""
         if self.kind == "unicycle":
             a = np.column_stack([2.0 * twists[:, 0] / speeds - 1.0, twists[:, -1] / self.yaw_rate])
+        elif self.kind == "both_ways":
+            a = np.column_stack([twists[:, 0] / speeds, twists[:, -1] / self.yaw_rate])
         else:
             a = np.zeros((len(twists), 3))
             turn(twists / speeds[:, None], np.ones(len(twists)), -angles, a)
@@ -532,6 +588,18 @@ def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, ang
         for j in range(directions):
             out[i, k + j] = scales[1] / (scales[1] + out[i, k + j])
         k += directions
+
+
+@compiled
+def fill_pose(goals, turns, angles, scales, out):
+    """Fills what `DockFeatures.observe` adds."""
+    fine, fine_turn = scales
+    for i in range(out.shape[0]):
+        sine, cosine = sin_cos(angles[i])
+        out[i, 0] = area_sine((cosine * goals[i, 0] + sine * goals[i, 1]) / fine)
+        out[i, 1] = area_sine((cosine * goals[i, 1] - sine * goals[i, 0]) / fine)
+        out[i, 2], out[i, 3] = sin_cos(turns[i])
+        out[i, 4] = area_sine(turns[i] / fine_turn)
 
 
 @compiled

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from wayfield.envs.checks import shown
 from wayfield.envs.readers import of_folder, reader
+from wayfield.envs.scenarios import TASKS
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.reading import MOST_TEXT, read_bytes
 from wayfield.policies.training.checkpoints import CURVE
@@ -23,17 +24,17 @@ class Panel(NamedTuple):
 
 
 PANELS = {
-    "path_following": (
+    True: (
         Panel("success", "success", share=True),
         Panel("error", "cross-track RMS, IQM (m)", scale="log"),
         Panel("p95", "its 95th percentile (m)", scale="log"),
     ),
-    "goal_reaching": (
+    False: (
         Panel("success", "success", share=True),
         Panel("collision", "collisions", share=True),
         Panel("error", "time to the goal, IQM (s)"),
     ),
-}
+}  # by whether a path is followed
 
 
 _SAMPLE = "frames,success,collision,error,p95\n1024,0.5,0,0.1,0.3\n2048,1.0,0,0.05,0.2\n"
@@ -68,13 +69,14 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
     from matplotlib.figure import Figure
 
     figure = Figure((10.0, 3.2), layout="constrained")
-    axes = figure.subplots(1, len(PANELS[task]))
+    panels = PANELS[TASKS[task].on_path]
+    axes = figure.subplots(1, len(panels))
     for folder in folders:
         curve = read_curve(folder)
         frames = [each / 1e6 for each in curve["frames"]]
-        for axis, panel in zip(axes, PANELS[task], strict=True):
+        for axis, panel in zip(axes, panels, strict=True):
             axis.plot(frames, curve[panel.column], linewidth=1.0, alpha=0.8, label=folder.name)
-    for axis, panel in zip(axes, PANELS[task], strict=True):
+    for axis, panel in zip(axes, panels, strict=True):
         axis.set_xlabel("million frames")
         axis.set_ylabel(panel.label)
         axis.set_yscale(panel.scale)

@@ -226,9 +226,9 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
     worlds = NativeVecEnv(env_id, [(count, {**robot, **limit, **kwargs}) for count, kwargs, _ in preset.parts])
     ways = None
     if preset.shortest_ways:
-        from wayfield.policies.training.ways import Ways
+        from wayfield.policies.training.ways import WAYS
 
-        ways = Ways(worlds)
+        ways = WAYS[preset.task](worlds)
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
     paces = [pace for _, _, pace in preset.parts]

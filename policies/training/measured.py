@@ -37,9 +37,16 @@ def _of_goals(speed: float, base: Mapping[str, Any]) -> list[Condition]:
     return [(speed, {"scenario": scenario, **made}) for scenario in ("discs", "open_field")]
 
 
+def _of_docks(speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    """Returns what `make` gives, on the validation scenarios."""
+    robot = {"robot": base["robot"]} if "robot" in base else {}
+    return [(speed, {"scenario": "all/validation", "actuators": "ideal", "num_beams": 32, **robot})]
+
+
 MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {
     "path_following": _of_paths,
     "goal_reaching": _of_goals,
+    "docking": _of_docks,
 }  # by task
 
 

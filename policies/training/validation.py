@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
 import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
@@ -75,13 +76,15 @@ class Reached:
         return -float(costs.mean()), error, np.where(success > 0.0, times, self.clock * self.dt)
 
 
-MEASURES: Mapping[str, type[Followed | Reached]] = {"path_following": Followed, "goal_reaching": Reached}  # by task
+def measure_of(spec: TaskSpec) -> type[Followed | Reached]:
+    """Returns what the runs of a task cost."""
+    return Followed if spec.on_path else Reached
 
 
 def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int, seed: int = 1) -> Score:
     """Returns the score of a policy that drives every scenario of a bank once.
 
-    What a run costs, and what the score makes of the costs, is the task's own: see MEASURES.
+    What a run costs, and what the score makes of the costs, is the task's own: see `measure_of`.
     """
     probe: Any = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", **kwargs).unwrapped
     count = len(probe.task.scenarios)
@@ -94,7 +97,7 @@ def validate(policy: Policy, env_id: str, kwargs: Mapping[str, Any], clock: int,
     observations, _ = env.reset(seed=seed, options={"scenario": list(range(count))})
     pilot.reset()
     task = env.task.spec
-    measure = MEASURES[task.name](count, clock, env.task.options.dt)
+    measure = measure_of(task)(count, clock, env.task.options.dt)
     alive = np.ones(count, np.bool_)
     success, failure = np.zeros(count), np.zeros(count)
     steps, returns, driven = np.zeros(count), np.zeros(count), np.zeros(count)

@@ -1,11 +1,13 @@
 """What is left of the shortest way to the goal, for a teacher who knows the map."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled
+from wayfield.envs.reeds_shepp import PLAN, plan_to
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GoalScenario
 from wayfield.envs.scenarios.ways import clearances, grid_over, reached
@@ -14,6 +16,8 @@ CELL = 0.1  # m
 MARGIN = 1.0  # m, that a grid goes beyond all that stands
 DEAR = 0.35  # m of clearance beyond the hull, under which a metre costs more
 SWEEPS = 200  # at most; a maze needs a few dozen
+RADIUS = 0.25  # m, of the circles of a manoeuvre
+SLACK = 0.06  # m
 MOST_NODES = 2**22  # of a scenario's grid: 200 m x 200 m
 
 
@@ -24,6 +28,8 @@ class Ways:
     hull's reach of an obstacle are passable at ten times the price: a way is never infinite.
     """
 
+    cell, dear = CELL, DEAR  # m
+
     def __init__(self, worlds: NativeVecEnv) -> None:
         self.grids = []
         done: dict[str, tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
@@ -32,7 +38,7 @@ class Ways:
             fields = []
             for scenario in part.task.scenarios:
                 if scenario.name not in done:
-                    done[scenario.name] = way_field(scenario, hull)
+                    done[scenario.name] = way_field(scenario, hull, self.cell, self.dear)
                 fields.append(done[scenario.name])
             shape = np.array([field.shape for field, _ in fields])
             first = np.concatenate([[0], np.cumsum(shape.prod(axis=1))[:-1]])
@@ -49,12 +55,45 @@ class Ways:
         left = np.empty(worlds.num_envs)
         for grid, part, rows in zip(self.grids, worlds.parts, worlds.rows, strict=True):
             states = part.batch.states
-            left_from(*grid, states["scenario"], states["x"], states["y"], left[rows])
+            left_from(*grid, states["scenario"], states["x"], states["y"], left[rows], self.cell)
         return left
 
 
-def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+class Manoeuvres(Ways):
+    """The longer of two ways that are both too short: around what stands, and that of a car that goes both ways.
+
+    The car has the space to itself, on circles of RADIUS: a base that turns on the spot needs none, but what it drives
+    smoothly has some. The way around what stands is a point's, that does not mind its heading nor how near it passes,
+    and is known no better than SLACK.
+    """
+
+    cell, dear = 0.05, 0.0
+
+    def __init__(self, worlds: NativeVecEnv) -> None:
+        super().__init__(worlds)
+        self.goals = [np.array([each.goal for each in part.task.scenarios]) for part in worlds.parts]
+
+    def __call__(self, worlds: NativeVecEnv) -> NDArray[np.float64]:
+        """Returns what is left of the way of every robot, m."""
+        around, left = super().__call__(worlds), np.empty(worlds.num_envs)
+        for goals, part, rows in zip(self.goals, worlds.parts, worlds.rows, strict=True):
+            states = part.batch.states
+            poses = np.column_stack([states["x"], states["y"], states["heading"]])
+            manoeuvre_from(poses, goals[states["scenario"]], RADIUS, left[rows])
+        return np.maximum(left, around - SLACK)
+
+
+WAYS: Mapping[str, type[Ways | Manoeuvres]] = {"goal_reaching": Ways, "docking": Manoeuvres}  # by task
+
+
+def way_field(
+    scenario: GoalScenario, hull_radius: float, cell: float = CELL, dear: float = DEAR
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Returns the way (rows, columns) from each node of a grid to the goal, m, and the grid's first node (x, y).
+
+    Args:
+        cell: m, of the grid.
+        dear: m of clearance beyond the hull, under which a metre costs more.
 
     Raises:
         ValueError: if the scenario is too large for a grid.
@@ -62,24 +101,26 @@ def way_field(scenario: GoalScenario, hull_radius: float) -> tuple[NDArray[np.fl
     standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
     ends = [scenario.start[:2], scenario.goal[:2]]
     corners = ends if scenario.grid is None else np.vstack([ends, scenario.grid.corners])
-    x, y, columns, rows = grid_over(standing, corners, MARGIN, CELL)
+    x, y, columns, rows = grid_over(standing, corners, MARGIN, cell)
     if columns * rows > MOST_NODES:
         raise ValueError(
-            f"shortest_ways: scenario {scenario.name!r} is {CELL * columns:.0f} m x {CELL * rows:.0f} m; a teacher who "
-            f"knows the way needs a world of at most {MOST_NODES:,} cells of {CELL:g} m"
+            f"shortest_ways: scenario {scenario.name!r} is {cell * columns:.0f} m x {cell * rows:.0f} m; a teacher who "
+            f"knows the way needs a world of at most {MOST_NODES:,} cells of {cell:g} m"
         )
-    spare = np.ascontiguousarray(clearances(standing, x, y, CELL, columns, rows).T)
+    spare = np.ascontiguousarray(clearances(standing, x, y, cell, columns, rows).T)
     if scenario.grid is not None:
         row, column = np.indices(spare.shape)
-        nodes = np.column_stack([x + CELL * column.ravel(), y + CELL * row.ravel()])
+        nodes = np.column_stack([x + cell * column.ravel(), y + cell * row.ravel()])
         spare = np.minimum(spare, scenario.grid.clearances(nodes).reshape(spare.shape))
     spare -= hull_radius
-    price = np.where(spare < 0.0, 10.0, 1.0 + np.clip(1.0 - spare / DEAR, 0.0, 1.0))
+    price = np.where(
+        spare < (0.0 if dear else -0.5 * cell), 10.0, 1.0 + (np.clip(1.0 - spare / dear, 0.0, 1.0) if dear else 0.0)
+    )
     ways = np.full((rows, columns), np.inf)
     low = np.array([x, y])
-    column, row = np.rint((scenario.goal[:2] - low) / CELL).astype(int).tolist()
+    column, row = np.rint((scenario.goal[:2] - low) / cell).astype(int).tolist()
     ways[row, column] = 0.0
-    sweep(CELL * price, ways)
+    sweep(cell * price, ways)
     return ways.astype(np.float32), low
 
 
@@ -117,15 +158,15 @@ def sweep(costs, ways):
 
 
 @compiled
-def left_from(lengths, shapes, origins, scenarios, xs, ys, left):
+def left_from(lengths, shapes, origins, scenarios, xs, ys, left, cell=CELL):
     """Fills the ways left (b,) from positions: between nodes, in proportion."""
     for i in range(left.shape[0]):
         k = scenarios[i]
         first = shapes[k, 0]
         rows = shapes[k, 1]
         columns = shapes[k, 2]
-        u = min(max((xs[i] - origins[k, 0]) / CELL, 0.0), columns - 1.001)
-        v = min(max((ys[i] - origins[k, 1]) / CELL, 0.0), rows - 1.001)
+        u = min(max((xs[i] - origins[k, 0]) / cell, 0.0), columns - 1.001)
+        v = min(max((ys[i] - origins[k, 1]) / cell, 0.0), rows - 1.001)
         column = int(u)
         row = int(v)
         u -= column
@@ -134,3 +175,11 @@ def left_from(lengths, shapes, origins, scenarios, xs, ys, left):
         low = (1.0 - u) * lengths[at] + u * lengths[at + 1]
         high = (1.0 - u) * lengths[at + columns] + u * lengths[at + columns + 1]
         left[i] = (1.0 - v) * low + v * high
+
+
+@compiled
+def manoeuvre_from(poses, goals, radius, left):
+    """Fills the lengths (b,), m, of the shortest ways of a car from poses (b, 3) to others."""
+    plan = np.empty((PLAN, 2))
+    for i in range(left.shape[0]):
+        left[i] = plan_to(poses[i], goals[i], radius, 0.0, plan)
