@@ -558,21 +558,21 @@ def test_actions_that_drive_both_ways_are_told_from_their_twists(a: float, b: fl
     np.testing.assert_allclose(meaning.of_twists(twists, np.array([speed]), zero), [[a, b]], atol=1e-6)
 
 
-@given(PLACES, PLACES, ANGLES, PLACES, PLACES, ANGLES)
-def test_what_is_left_of_a_manoeuvre_is_a_distance(
-    x: float, y: float, heading: float, u: float, v: float, turn: float
-) -> None:
+def test_what_is_left_of_a_manoeuvre_is_a_distance() -> None:
     """No shorter than the straight line, the same there and back, nothing where one is, shorter by what is driven."""
-    here, there = np.array([[x, y, heading]]), np.array([[u, v, turn]])
-    left = np.empty(1)
-    manoeuvre_from(here, there, 0.25, left)
-    way = left[0]
-    assert way >= math.hypot(u - x, v - y) - 1e-9
-    manoeuvre_from(there, here, 0.25, left)
-    assert left[0] == pytest.approx(way, abs=1e-6)
-    manoeuvre_from(here, here, 0.25, left)
-    assert left[0] == pytest.approx(0.0, abs=1e-6)
+    rng, count = np.random.default_rng(0), 2000
+    here, there = (np.column_stack([rng.uniform(-3.0, 3.0, (count, 2)), rng.uniform(-3.1, 3.1, count)]) for _ in "ab")
+    there[: count // 2] = here[: count // 2] + rng.normal(0.0, 0.05, (count // 2, 3))
+
+    def left(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        found = np.empty(len(start))
+        manoeuvre_from(start, end, 0.25, found)
+        return found
+
+    way = left(here, there)
+    assert (way >= np.hypot(*(there - here)[:, :2].T) - 1e-9).all()
+    np.testing.assert_allclose(left(there, here), way, atol=1e-6)
+    np.testing.assert_allclose(left(here, here), 0.0, atol=1e-6)
+    ahead = np.column_stack([np.cos(here[:, 2]), np.sin(here[:, 2]), np.zeros(count)])
     for step in (0.05, -0.05):
-        moved = here + step * np.array([math.cos(heading), math.sin(heading), 0.0])
-        manoeuvre_from(moved, there, 0.25, left)
-        assert abs(left[0] - way) <= abs(step) + 1e-6
+        assert (np.abs(left(here + step * ahead, there) - way) <= abs(step) + 1e-6).all()

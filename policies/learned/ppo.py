@@ -1,4 +1,4 @@
-"""Agents by their seed: those that ship, ten a task and robot, or those of a folder that `train.py` wrote."""
+"""Agents by their seed: those that ship, five or ten a task and robot, or those of a folder that `train.py` wrote."""
 
 import dataclasses
 import functools
