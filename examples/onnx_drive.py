@@ -40,20 +40,25 @@ class Driver:
         self.acted = np.zeros((self.f["previous"], 2))  # the latest first
         self.seen = deque([0.0] * ((self.f["frames"] - 1) * self.f["stride"]))  # the latest first
         self.points = None  # that trail behind
+        self.places = []  # of the latest crumbs
+        self.least = self.last = self.waited = 0.0  # m, m and s: the goal's distances, and since the least
+        self.ages = np.zeros(2, np.float32)  # s, of two earlier scans
+        self.older = self.newer = np.zeros((self.f.get("num_beams", 0), 2), np.float32)
 
     def act(self, observation):
         """Returns the twist (v, w), m/s and rad/s, for a flat observation; once a control period."""
         o = np.asarray(observation, float)
         now = self.see(o)
         old = [np.broadcast_to(each, now.shape) for each in list(self.seen)[self.f["stride"] - 1 :: self.f["stride"]]]
-        inputs = [now, self.acted.ravel(), self.trails(o[:3]), *old, self.limits()]
+        inputs = [now, self.acted.ravel(), self.trails(o[:3]), self.crumbs(o), self.moving(o), *old, self.limits()]
         inputs = np.concatenate(inputs).astype(np.float32)
         (a,) = self.session.run(None, {"features": inputs[None]})[0]
         self.acted = np.vstack([a, self.acted[:-1]]) if len(self.acted) else self.acted
         if self.seen:
             self.seen.rotate(1)
             self.seen[0] = now
-        twist = np.array([self.speed * 0.5 * (a[0] + 1.0), self.card["actions"]["yaw_rate"] * a[1]])
+        reverse, yaw_rate = self.card["actions"]["reverse"], self.card["actions"]["yaw_rate"]
+        twist = np.array([self.speed * (0.5 * (1.0 + reverse) * (a[0] + 1.0) - reverse), yaw_rate * a[1]])
         return twist if self.see == self.path else self.guarded(self.arrived(twist, o), o)
 
     def limits(self):
@@ -112,6 +117,71 @@ class Driver:
         self.points = before + (1.0 - np.exp(-self.card["dt"] / times)) * (pose[:2] - before)
         (s, c), away = (np.sin(pose[2]), np.cos(pose[2])), self.points - pose[:2]
         return clip(away @ [[c, -s], [s, c]] / (self.f["speed_scale"] * times)).ravel()
+
+    def crumbs(self, o):
+        """What a goal seeker knows of where it was, and of the goal that it comes no nearer."""
+        if not self.f.get("crumbs"):
+            return []
+        at, heading, distance = o[:2], o[2], np.float32(np.hypot(*o[5:7]))
+        if not self.places or distance < self.least or distance > self.last + 0.5:
+            self.least, self.waited = distance, 0.0
+        else:
+            self.waited += self.card["dt"]
+        self.last = distance
+        if not self.places or np.hypot(*(at - self.places[-1])) >= self.f["crumb_gap"]:
+            self.places = [*self.places, at.astype(np.float32)][-self.f["crumbs"] :]
+        near = np.zeros(self.f["num_beams"] // self.f["pool"])
+        for dx, dy in np.array(self.places, float) - at:
+            k = int(np.floor((np.arctan2(dy, dx) - heading) / (2 * np.pi) * len(near) + 0.5)) % len(near)
+            near[k] = max(near[k], self.f["range_scale"] / (self.f["range_scale"] + np.hypot(dx, dy)))
+        return [np.arcsinh(distance - self.least), self.waited / (self.waited + 5.0), *near]
+
+    def moving(self, o):
+        """How fast what a goal seeker sees comes nearer by itself, and how near it will be in 1.2 s."""
+        if not self.f.get("moving"):
+            return []
+        ranges, hull, pool = o[9:], self.f["hull_radius"], self.f["pool"]
+        step, count = 2 * np.pi / len(ranges), len(ranges) // pool
+        self.ages += np.float32(self.card["dt"])
+        taken = self.ages[1] >= 0.2 - 0.5 * self.card["dt"]
+        if taken:
+            self.older, self.newer = self.newer, np.full_like(self.newer, np.nan)
+            self.ages = np.array([self.ages[1], 0.0], np.float32)
+        age = float(self.ages[0])
+        towards = np.arange(len(ranges)) * step - np.pi + o[2]
+        towards = np.column_stack([np.cos(towards), np.sin(towards)])
+        hits = o[:2] + ranges[:, None] * towards
+        met = (ranges > 0.0) & (ranges < (1.0 - 1e-6) * self.f["max_range"])
+        if taken:
+            self.newer[met] = hits[met]
+        lines = self.older.astype(float)
+        along = np.roll(lines, -1, axis=0) - lines
+        closing, foreseen = np.zeros(count), np.zeros(count)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            length = (along**2).sum(axis=1)
+            for k in np.flatnonzero(met & (ranges <= 3.5) & (ranges > hull)):
+                off = hits[k] - lines
+                across, part = off[:, 0] * along[:, 1] - off[:, 1] * along[:, 0], (off * along).sum(axis=1)
+                one = (
+                    (length > 0.0) & (length < 0.16) & (part >= 0.0) & (part <= length) & (across**2 < age**2 * length)
+                )
+                if not one.any():
+                    continue
+                n = np.argmin(np.where(one, across**2 / length, np.inf))
+                moved = across[n] / length[n] * np.array([along[n, 1], -along[n, 0]])
+                nearer = -moved @ towards[k]
+                if abs(nearer) > 0.03 and abs(nearer) > age * abs(closing[k // pool]):
+                    closing[k // pool] = nearer / age
+                if nearer > 0.06:
+                    ahead = min(1.2 / age, (ranges[k] - hull) / np.hypot(*moved))
+                    then = ranges[k] * towards[k] + ahead * moved
+                    away = max(np.hypot(*then), 1e-6)
+                    half = np.arcsin(min((hull + self.f["margin"]) / away, 1.0)) / (pool * step)
+                    middle = ((np.arctan2(then[1], then[0]) - o[2]) % (2 * np.pi) - np.pi) % (2 * np.pi) / (pool * step)
+                    near = self.f["range_scale"] / (self.f["range_scale"] + max(away - hull, 0.0))
+                    for j in range(int(np.ceil(middle - half - 0.5)), int(np.floor(middle + half + 0.5)) + 1):
+                        foreseen[j % count] = max(foreseen[j % count], near)
+        return [*closing, *foreseen]
 
     def arrived(self, twist, o):
         """Near its last goal, a goal seeker drives on to it and turns to its heading by a law."""

@@ -152,9 +152,22 @@ def test_speeds_stay_within_the_asked_speed(tmp_path: Path) -> None:
     assert forward[:, 0].min() >= 0.0
     assert forward[:, 0].max() <= 0.4
     assert np.abs(forward[:, 1]).max() <= 2.0
+    either = Actions("unicycle", 2.0, 0.5).twists(actions, np.full(500, 0.4), np.zeros(500), ROBOTS["p3dx"])
+    assert either[:, 0].min() == pytest.approx(-0.2, abs=0.01)
+    assert either[:, 0].max() == pytest.approx(0.4, abs=0.01)
     planar = Actions("planar").twists(actions, np.full(500, 0.4), rng.uniform(-3.0, 3.0, 500), ROBOTS["omni3"])
     assert np.hypot(planar[:, 0], planar[:, 1]).max() <= 0.4 + 1e-12
     assert not planar[:, 2].any()
+
+
+@given(seed=st.integers(0, 2**32 - 1), planar=st.booleans(), reverse=st.floats(0.0, 1.0))
+def test_actions_are_those_of_their_twists(seed: int, planar: bool, reverse: float) -> None:
+    rng = np.random.default_rng(seed)
+    meaning = Actions("planar" if planar else "unicycle", 1.5, reverse)
+    actions = (rng.uniform(-1.0, 1.0, (20, 2)) / (math.sqrt(2.0) if planar else 1.0)).astype(np.float32)
+    speeds, angles = rng.uniform(0.1, 1.2, 20), rng.uniform(-3.0, 3.0, 20)
+    twists = meaning.twists(actions, speeds, angles, ROBOTS["omni3" if planar else "p3dx"])
+    np.testing.assert_allclose(meaning.of_twists(twists, speeds, angles), actions, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -265,11 +278,13 @@ def test_the_memory_holds_the_last_actions_and_the_strided_frames() -> None:
         perception.remember(inputs, np.array([[k, -k]]), memory)
 
 
-def seeker(pose: tuple[float, float, float], goal: tuple[float, float]) -> goal_reaching.Observation:
-    """Returns what one robot in an empty world observes."""
-    far = np.full((1, 72), 5.0)
+def seeker(
+    pose: tuple[float, float, float], goal: tuple[float, float], ranges: NDArray[np.float64] | None = None
+) -> goal_reaching.Observation:
+    """Returns what one robot observes, in an empty world unless its scan (1, 72) is given."""
+    seen = np.full((1, 72), 5.0) if ranges is None else ranges
     return goal_reaching.Observation(
-        np.array([pose]), np.zeros((1, 3)), np.array([goal]), np.zeros(1), np.zeros(1), far
+        np.array([pose]), np.zeros((1, 3)), np.array([goal]), np.zeros(1), np.zeros(1), seen
     )
 
 
@@ -355,6 +370,56 @@ def test_crumbs_tell_where_a_robot_was_and_for_how_long_it_comes_no_nearer() -> 
     assert known((0.84, 0.0, 0.0), 4.9)[:2].tolist() == [0.0, 0.0]
     assert known((0.84, 0.0, 0.0), 5.1)[0] == pytest.approx(math.asinh(0.2), abs=1e-5)
     assert known((0.84, 0.0, 0.0), 8.0)[:2].tolist() == [0.0, 0.0]
+
+
+def discs_seen(pose: tuple[float, float, float], discs: list[tuple[float, float, float]]) -> NDArray[np.float64]:
+    """Returns the scan (1, 72) of discs (x, y, radius), m, by the crossing of each beam and each circle."""
+    angles = np.radians(np.arange(72) * 5.0) - math.pi + pose[2]
+    ranges = np.full(72, 5.0)
+    for x, y, radius in discs:
+        dx, dy = x - pose[0], y - pose[1]
+        along, aside = dx * np.cos(angles) + dy * np.sin(angles), dy * np.cos(angles) - dx * np.sin(angles)
+        met = (np.abs(aside) < radius) & (along > 0.0)
+        ranges[met] = np.minimum(ranges[met], along[met] - np.sqrt(radius**2 - aside[met] ** 2))
+    return ranges[None]
+
+
+@given(
+    heading=st.floats(-math.pi, math.pi),
+    turning=st.floats(-1.5, 1.5),
+    driving=st.floats(-0.6, 0.6),
+    toward=st.floats(-0.5, 0.5),
+    frame=st.sampled_from(["goal", "body"]),
+)
+def test_what_moves_is_told_from_what_only_seems_to(
+    heading: float, turning: float, driving: float, toward: float, frame: Any
+) -> None:
+    """A disc comes from the east at a speed, or goes; one in the west stands. The robot drives and turns between."""
+    features = GoalFeatures(trails=(), frame=frame, moving=True)
+    perception = Perception(features, Actions("planar"), 3, 0.05)
+    memory = perception.fresh(1)
+    at = perception.width + 2 * features.previous
+    for k in range(13):
+        t = 0.05 * k
+        pose = (driving * t * math.cos(0.7), driving * t * math.sin(0.7), heading + turning * t)
+        ranges = discs_seen(pose, [(2.0 - toward * t, 0.0, 0.5), (-1.6, 0.0, 0.6)])
+        ahead = (math.cos(pose[2]), -math.sin(pose[2]))  # the goal lies in the east
+        inputs, angles = perception.inputs(seeker(pose, ahead, ranges), np.ones(1), memory)
+    closing, foreseen = inputs[0, at:].reshape(2, 36)
+    where = np.radians(np.arange(36) * 10.0 + 2.5) - math.pi + angles[0] + pose[2]  # between the two beams of each
+    east, west = np.cos(where) > 0.97, np.cos(where) < -0.6
+    assert not closing[west].any()
+    if abs(toward) > 0.35:
+        fastest = closing[east][np.argmax(np.abs(closing[east]))]
+        assert fastest == pytest.approx(toward, abs=0.12)
+    if abs(toward) < 0.05:
+        assert not closing.any()
+    if toward > 0.35:
+        edge = math.hypot(pose[0] - (2.0 - toward * t), pose[1]) - 0.5
+        assert foreseen.max() == pytest.approx(0.5 / (0.5 + edge - 1.2 * toward - 0.3), abs=0.05)
+        assert np.cos(where[np.argmax(foreseen)]) > 0.5
+    if toward < 0.05:
+        assert not foreseen.any()
 
 
 @given(seed=st.integers(0, 2**32 - 1), planar=st.booleans(), reaction=st.floats(0.0, 0.5), braking=st.floats(0.3, 2.0))
@@ -828,14 +893,17 @@ def test_a_signed_card_with_any_value_loads_or_is_refused_by_name(tmp_path: Path
     assert [case for case, said in refused.items() if CARD not in said or len(said) > 2000] == []
 
 
-@pytest.mark.parametrize(("task", "lacks"), [("path_following", ["limits"]), ("goal_reaching", ["limits", "arrival"])])
+@pytest.mark.parametrize(
+    ("task", "lacks"), [("path_following", ["limits"]), ("goal_reaching", ["limits", "arrival", "moving"])]
+)
 def test_agents_of_earlier_formats_are_still_read(tmp_path: Path, task: str, lacks: list[str]) -> None:
     folder = make_folder(tmp_path / "a", task)
     card = json.loads((folder / CARD).read_text())
     now = load_agent(folder)
     for name in lacks:
         del card["features"][name]
-    for number in (1, 2):
+    del card["actions"]["reverse"]
+    for number in (1, 2, 3):
         old = {**signed(card), "format": number}
         del old["digest"]
         if number > 1:

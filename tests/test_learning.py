@@ -60,7 +60,7 @@ SEEKING = dataclasses.replace(
         (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0}),
         (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "max_episode_steps": 11}),
     ),
-    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, previous=2),
+    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, previous=2, moving=True),
     actions=Actions("planar"),
     reward=GoalReward(),
     robot="omni3",
@@ -291,6 +291,24 @@ def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], pace
 
 
 # What is taught.
+
+
+@pytest.mark.parametrize("room", [500, 3000])
+def test_lessons_keep_early_and_late_ones_alike(room: int) -> None:
+    """Of 2,000 that came in lots, each is as likely among those that are kept; what was seen stays with its answer."""
+    lessons = imitation.Lessons(room, 1, np.random.default_rng(0))
+    for first in range(0, 2000, 100):
+        came = np.arange(first, first + 100, dtype=np.float32)
+        lessons.add(came[:, None], np.column_stack([came, -came]))
+    drawn = np.concatenate([np.hstack([x, y]) for x, y in lessons.batches(20 * imitation.BATCH)])
+    assert len(drawn) == 20 * imitation.BATCH
+    np.testing.assert_array_equal(drawn[:, 0], drawn[:, 1])
+    np.testing.assert_array_equal(drawn[:, 0], -drawn[:, 2])
+    kept = np.unique(drawn[:, 0])
+    assert len(kept) == min(room, 2000)
+    # of 500 of 2,000, a quarter of which is expected of each quarter: 125, with a standard deviation under 10
+    shares = np.histogram(kept, 4, (0, 2000))[0] / len(kept)
+    assert np.abs(shares - 0.25).max() < 0.1
 
 
 def test_lessons_hand_the_robots_over_from_the_teacher_to_the_network(monkeypatch: pytest.MonkeyPatch) -> None:

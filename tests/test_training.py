@@ -101,7 +101,7 @@ SEEKING = dataclasses.replace(
     task="goal_reaching",
     worlds=((1.0, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "robot": "omni3"}),),
     validation={"scenario": "discs", "num_beams": 24, "max_range": 5.0},
-    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2),
+    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, moving=True),
     actions=Actions("planar"),
     reward=GoalReward(),
     robot="omni3",
@@ -138,13 +138,15 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, env
         assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
 
 
-def test_learning_and_driving_command_the_same_twists() -> None:
-    """What a network adds to a controller means the same to the learner's worlds as to the agent that ships."""
-    learner = Learner(dataclasses.replace(SEEKING, paces=(0.5,)), OMNI, 3)
+@pytest.mark.parametrize("arrival", [0.0, 20.0])
+def test_learning_and_driving_command_the_same_twists(arrival: float) -> None:
+    """What a network adds to a controller, and the law that ends the way, are to the learner as to what ships."""
+    features = dataclasses.replace(SEEKING.features, arrival=arrival)
+    learner = Learner(dataclasses.replace(SEEKING, paces=(0.5,), features=features, arriving=True), OMNI, 3)
     env = learner.env
     network = Network.of(learner.layers())
     card = {"robots": ["omni3"], "dt": 0.05}
-    agent: Any = Agent(network, SEEKING.features, SEEKING.actions, card, 0.5, SEEKING.base)
+    agent: Any = Agent(network, features, SEEKING.actions, card, 0.5, SEEKING.base)
     inputs = env.reset()
     (part,) = env.worlds.parts
     pilot = Pilot(agent, part)
@@ -159,10 +161,11 @@ def test_learning_and_driving_command_the_same_twists() -> None:
         np.testing.assert_array_equal(asked[-1], theirs)
 
 
-def test_lessons_bring_a_network_to_drive_like_its_teacher() -> None:
+@pytest.mark.parametrize("lessons", [0, 4096])
+def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None:
     preset = dataclasses.replace(
         SMALL, worlds=((1.0, {"scenario": "circle"}),), num_envs=64, time_limit=200, controller="lqr",
-        imitation=64 * 8 * 60, steps=10**6,
+        imitation=64 * 8 * 60, imitation_rate=4e-3 if lessons else 1e-3, steps=10**6, lessons=lessons,
     )  # fmt: skip
     apart = []
     for taught in (False, True):

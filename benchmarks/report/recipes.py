@@ -58,6 +58,7 @@ NETWORK_TO_POSES = (
     ("perception", "fill_goal"),
     ("perception", "fill_trails"),
     ("perception", "fill_crumbs"),
+    ("perception", "fill_moving"),
     ("perception", "turn"),
     ("perception", "arrive"),
     ("perception", "guard"),
@@ -275,6 +276,7 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         "speed": driven_speed(agent.card, pilot.briefing, agent.speed),
         "kind": agent.actions.kind,
         "yaw_rate": agent.actions.yaw_rate,
+        "reverse": agent.actions.reverse,
         "previous": features.previous,
         "frames": features.frames,
         "stride": features.stride,
@@ -282,6 +284,7 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         "trails": len(features.trails),
         "crumbs": features.crumbs,
         "crumbed": features.crumbed,
+        "moved": features.moved,
         "width": features.width(len(env.task.robot.twist_axes)),
         "inputs": int(forward["sizes"][0]),
         "memory": memory.nbytes // 4,
@@ -416,17 +419,18 @@ def jobs() -> list[tuple[str, str]]:
 def exports(task: str, policy: str) -> dict[str, Export]:
     """Returns the functions of the WebAssembly module that a job of `jobs` stands for, by their names there."""
     contest = contest_of(task)
-    # a quick base shows all that an agent calls: it is held to what the agent knows
-    tier = "ideal" if policy in TRAINED else "lagged"
-    env = environment(task, "p3dx" if contest.spec.on_path else "omni3", tier, f"{contest.timed_on}/test")
+    timed_on = f"{contest.timed_on}/test"
     if policy in TRAINED:
         functions = [(of_policies(module), name) for module, name in network(task)]
-        calls = first_decision(env, make(policy), functions)
-        rooms = [kernel.py_func.__module__.split(".")[-1] for kernel, _ in calls]
-        return {
-            export_of(room, kernel.py_func.__name__): (kernel, leaves(names_of(kernel), values), values)
-            for room, (kernel, values) in zip(rooms, calls, strict=True)
-        }
+        found: dict[str, Export] = {}
+        for robot in ("p3dx",) if contest.spec.on_path else ("omni3", "p3dx"):  # agents of one may call more
+            # a quick base shows all that an agent calls: it is held to what the agent knows
+            env = environment(task, robot, "ideal", timed_on)
+            for kernel, values in first_decision(env, make(policy), functions):
+                name = export_of(kernel.py_func.__module__.split(".")[-1], kernel.py_func.__name__)
+                found.setdefault(name, (kernel, leaves(names_of(kernel), values), values))
+        return found
+    env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)
     if policy:
         module, function, *_ = decisions(task)[policy]
         ((kernel, values),) = first_decision(env, make(policy), [(of_policies(module), function)])

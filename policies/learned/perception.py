@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import choose, shown
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.elementary import area_sine
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -22,6 +22,7 @@ from wayfield.envs.robots import Actuators, Robot
 from wayfield.policies.learned.reading import is_number
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.steering import unicycle_twists
+from wayfield.policies.parts.stopping import FASTEST, INTERVAL, MOVED, WATCHED, step_of_surface
 from wayfield.policies.policy import check_gain, check_whole
 
 Array = NDArray[np.float64]
@@ -35,6 +36,7 @@ MOST_INPUTS, MOST_KEPT = 2**16, 2**20  # numbers that a network may see, and a r
 LEAST_BEAMS = 32  # of a scan that is read as one of more
 ASIDE = 0.3  # rad, of a goal, beyond which a differential drive turns before it drives on to it
 FULL = 2.0 * math.pi  # rad
+FORESIGHT = 1.2  # s, for which what comes nearer by itself is put forward
 NEAR = 0.01  # m, under which two points of a path give no direction
 
 
@@ -61,6 +63,7 @@ class PathFeatures:
 
     crumbs: ClassVar[int] = 0
     crumbed: ClassVar[int] = 0  # numbers that crumbs give
+    moved: ClassVar[int] = 0  # numbers that what moves gives
 
     def __post_init__(self) -> None:
         check_seen(self)
@@ -120,6 +123,11 @@ class GoalFeatures:
     are dropped, one each crumb_gap of its way, the nearness of the nearest of the last of them in each direction, how
     much farther than ever before the goal is, and for how long it has come no nearer, t/(t + 5 s).
 
+    Where it looks for what moves, it sees two numbers more of each direction: how fast the surface there comes nearer
+    by itself (m/s, less than 0: goes away), and the nearness of the hull's disc to where those that come will be in
+    1.2 s. A surface's own step is what a hit lies before the line through two neighbouring hits of a scan 0.2 to 0.4 s
+    older, both by the measured poses, as in `stopping.find_approaching`.
+
     What the network asks for is guarded: towards a point of the scan at the distance d beyond gap, a robot goes no
     faster than it could stop on d after the time `reaction`: v = a (sqrt(reaction^2 + 2 d / a) - reaction), a the
     braking. An omni base loses the part of its velocity that is too fast and slides along; a differential drive slows
@@ -149,9 +157,12 @@ class GoalFeatures:
     reaction: float = 0.2  # s
     limits: bool = False  # whether the base's accelerations and lag are seen
     arrival: float = 0.0  # m; 0: the network drives to the end
+    moving: bool = False  # whether what comes nearer by itself is seen
 
     def __post_init__(self) -> None:
         check_seen(self)
+        if not isinstance(self.moving, bool):
+            raise ValueError(f"GoalFeatures: moving must be true or false, got {shown(self.moving)}")
         for name in ("max_range", "range_scale", "distance_scale", "speed_scale", "yaw_scale", "crumb_gap"):
             check_gain(self, name, above=0.0)
         for name in ("hull_radius", "margin", "gap", "braking", "reaction", "arrival"):
@@ -170,6 +181,11 @@ class GoalFeatures:
     def crumbed(self) -> int:
         """Returns how many numbers crumbs give."""
         return 2 + self.num_beams // self.pool if self.crumbs else 0
+
+    @property
+    def moved(self) -> int:
+        """Returns how many numbers what moves gives."""
+        return 2 * (self.num_beams // self.pool) if self.moving else 0
 
     def check(self, briefing: Briefing) -> None:
         """Raises ValueError unless the robots have a scan that can be read as the one that is seen."""
@@ -323,16 +339,18 @@ def limits_of(features: Features, actuators: Actuators) -> Numbers:
 class Actions:
     """What the outputs of a network mean, each clipped to [-1, 1].
 
-    "unicycle": v = speed (a_0 + 1)/2, w = yaw_rate a_1. "both_ways": v = speed a_0, backward too. "planar": the
-    velocity speed (a_0, a_1), no faster than speed, in the frame of the features; no turning.
+    "unicycle": v = speed ((1 + reverse) (a_0 + 1)/2 - reverse), w = yaw_rate a_1. "planar": the velocity speed (a_0,
+    a_1), no faster than speed, in the frame of the features; no turning.
     """
 
-    kind: Literal["unicycle", "both_ways", "planar"] = "unicycle"
+    kind: Literal["unicycle", "planar"] = "unicycle"
     yaw_rate: float = 2.0  # rad/s
+    reverse: float = 0.0  # share of the speed, of the fastest "unicycle" backwards
 
     def __post_init__(self) -> None:
-        choose("kind", self.kind, ("unicycle", "both_ways", "planar"))
+        choose("kind", self.kind, ("unicycle", "planar"))
         check_gain(self, "yaw_rate", above=0.0)
+        check_gain(self, "reverse", least=0.0, most=1.0)
 
     @property
     def size(self) -> int:
@@ -343,9 +361,8 @@ class Actions:
         """Returns the twists (b, t) of actions (b, 2) in [-1, 1], m/s and rad/s."""
         a = actions.astype(np.float64)
         if self.kind == "unicycle":
-            return unicycle_twists(robot, speeds * 0.5 * (a[:, 0] + 1.0), self.yaw_rate * a[:, 1])
-        if self.kind == "both_ways":
-            return unicycle_twists(robot, speeds * a[:, 0], self.yaw_rate * a[:, 1])
+            forward = 0.5 * (1.0 + self.reverse) * (a[:, 0] + 1.0) - self.reverse
+            return unicycle_twists(robot, speeds * forward, self.yaw_rate * a[:, 1])
         speeds = speeds / np.maximum(np.sqrt(a[:, 0] * a[:, 0] + a[:, 1] * a[:, 1]), 1.0)
         out = np.zeros((len(a), 3))
         turn(a, speeds, angles, out)
@@ -372,9 +389,8 @@ class Actions:
     def of_twists(self, twists: Array, speeds: Array, angles: Array) -> Numbers:
         """Returns the actions (b, 2) that come nearest to twists (b, t)."""
         if self.kind == "unicycle":
-            a = np.column_stack([2.0 * twists[:, 0] / speeds - 1.0, twists[:, -1] / self.yaw_rate])
-        elif self.kind == "both_ways":
-            a = np.column_stack([twists[:, 0] / speeds, twists[:, -1] / self.yaw_rate])
+            forward = 2.0 * (twists[:, 0] / speeds + self.reverse) / (1.0 + self.reverse) - 1.0
+            a = np.column_stack([forward, twists[:, -1] / self.yaw_rate])
         else:
             a = np.zeros((len(twists), 3))
             turn(twists / speeds[:, None], np.ones(len(twists)), -angles, a)
@@ -400,8 +416,9 @@ class Perception:
         self.asked = actions.size if based else 0
         self.limits = LIMITS if features.limits else 0
         self.crumbed = features.crumbed
+        self.moved = features.moved
         kept = self._kept()
-        before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed
+        before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed + self.moved
         self.num_inputs = self.width * features.frames + before + self.limits + self.asked
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
@@ -419,6 +436,8 @@ class Perception:
             kept |= {"begun": (), "trails": (len(self.trails), 2)}  # whether they have; x, y of each, m
         if features.crumbs:
             kept |= dict.fromkeys(Crumbs._fields[:-1], ()) | {"places": (features.crumbs, 2)}
+        if isinstance(features, GoalFeatures) and features.moving:
+            kept |= {"ages": (2,), "older": (features.num_beams, 2), "newer": (features.num_beams, 2)}
         return kept | {"seen": ((features.frames - 1) * features.stride, self.width)}  # newest first
 
     def fresh(self, num_envs: int) -> NDArray[np.void]:
@@ -455,6 +474,16 @@ class Perception:
             crumbs = Crumbs(*(memory[name] for name in Crumbs._fields))
             fill_crumbs(observation.pose, observation.goal, angles, scales, crumbs, inputs[:, at : at + self.crumbed])
             at += self.crumbed
+        if isinstance(self.features, GoalFeatures) and self.moved:
+            ranges = self.features.read(observation.ranges)
+            features = self.features
+            scales = np.array([self.dt, features.hull_radius, features.margin, features.range_scale])
+            sights = Sights(*(memory[name] for name in Sights._fields))
+            moved = inputs[:, at : at + self.moved]
+            fill_moving(
+                observation.pose, ranges, angles, scales, features.max_range, features.pool, sights, moved
+            )  # fmt: skip
+            at += self.moved
         for k in range(1, self.features.frames):
             inputs[:, at : at + self.width] = memory["seen"][:, k * self.features.stride - 1]
             at += self.width
@@ -490,6 +519,14 @@ class Crumbs(NamedTuple):
     distance: NDArray[np.float32]  # (b,) m, the last
     waited: NDArray[np.float32]  # (b,) s, without a lesser one
     places: NDArray[np.float32]  # (b, crumbs, 2) x, y, m: the last of them, in turn
+
+
+class Sights(NamedTuple):
+    """What robots remember of two earlier scans: columns of a memory."""
+
+    ages: NDArray[np.float32]  # (b, 2) s, of the older and the newer
+    older: NDArray[np.float32]  # (b, beams, 2) x, y, m, in the frame of the measured pose; NaN where nothing was met
+    newer: NDArray[np.float32]
 
 
 @compiled
@@ -752,6 +789,71 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
             turn = wrap_angle(bearing(dy, dx) - heading) / (2.0 * math.pi)
             j = 2 + math.floor(turn * directions + 0.5) % directions
             out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))
+
+
+@compiled
+def fill_moving(poses, ranges, angles, scales, max_range, pool, sights, out):
+    """Fills what comes nearer by itself, in every direction; see `GoalFeatures`."""
+    dt, hull, margin, range_scale = scales
+    beams = ranges.shape[1]
+    directions = beams // pool
+    step = 2.0 * math.pi / beams
+    for i in range(out.shape[0]):
+        x = poses[i, 0]
+        y = poses[i, 1]
+        sine, cosine = sin_cos(poses[i, 2])
+        shift = math.floor(angles[i] / step + 0.5)
+        taken = shelve(sights, i, dt)
+        age = sights.ages[i, 0]
+        lines = sights.older[i].copy()
+        out[i, :] = 0.0
+        for b in range(beams):
+            r = ranges[i, b]
+            if r <= 0.0 or r >= (1.0 - 1e-6) * max_range:
+                continue
+            s, c = sin_cos(b * step - math.pi)
+            ux = cosine * c - sine * s
+            uy = sine * c + cosine * s
+            px = x + r * ux
+            py = y + r * uy
+            if taken:
+                sights.newer[i, b, 0] = px
+                sights.newer[i, b, 1] = py
+            if r > WATCHED or r <= hull:
+                continue
+            squared, rx, ry = step_of_surface(lines, px, py, FASTEST * age * FASTEST * age)
+            nearer = -(rx * ux + ry * uy)
+            j = (b - shift) % beams // pool
+            if abs(nearer) > 0.5 * MOVED and abs(nearer) > age * abs(out[i, j]):
+                out[i, j] = nearer / age
+            if nearer > MOVED:
+                ahead = min(FORESIGHT / age, (r - hull) / math.sqrt(squared))
+                fx = r * ux + ahead * rx
+                fy = r * uy + ahead * ry
+                away = max(math.sqrt(fx * fx + fy * fy), 1e-6)
+                covered = min((hull + margin) / away, 1.0)
+                half = bearing(covered, math.sqrt(1.0 - covered * covered)) / (pool * step)
+                middle = wrap_angle(bearing(fy, fx) - poses[i, 2] - angles[i] + math.pi) / (pool * step)
+                near = range_scale / (range_scale + max(away - hull, 0.0))
+                for k in range(math.ceil(middle - half - 0.5), math.floor(middle + half + 0.5) + 1):
+                    at = directions + k % directions
+                    out[i, at] = max(out[i, at], near)
+
+
+@inlined
+def shelve(sights, i, dt):
+    """Lets robot i's sights grow older by dt (s); returns whether a new one is to be taken, for which it makes room."""
+    sights.ages[i, 0] += dt
+    sights.ages[i, 1] += dt
+    if sights.ages[i, 1] < INTERVAL - 0.5 * dt:
+        return False
+    for j in range(sights.newer.shape[1]):
+        for side in range(2):
+            sights.older[i, j, side] = sights.newer[i, j, side]
+            sights.newer[i, j, side] = np.nan
+    sights.ages[i, 0] = sights.ages[i, 1]
+    sights.ages[i, 1] = 0.0
+    return True
 
 
 @compiled

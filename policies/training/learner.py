@@ -75,7 +75,7 @@ class Learner:
         self._timed.seconds = dict(seconds)  # the environment's part of the imitation counts as imitation
         began = time.perf_counter()
         frames = 0
-        numbers = preset.imitation, preset.imitation_rate, self.seed
+        numbers = preset.imitation, preset.imitation_rate, self.seed, preset.lessons
         for frames in teach(self.ppo, self.env, preset.controller_at, *numbers):
             self.seconds["imitation"] = time.perf_counter() - began
             yield frames
@@ -232,7 +232,7 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
     paces = [pace for _, _, pace in preset.parts]
-    return Shaped(worlds, perception, preset.reward, paces, preset.discount, ways, preset.base)
+    return Shaped(worlds, perception, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)
 
 
 def policy_layers(policy: Any) -> Layers:

@@ -24,7 +24,9 @@ World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword argument
 _LEAST = {
     **dict.fromkeys(("num_envs", "horizon", "epochs", "validations", "time_limit"), 1),
     "batch_size": 2,  # one has no spread to normalise by
-    **dict.fromkeys(("final_learning_rate", "imitation_rate", "final_clip", "entropy", "reach", "patience"), 0),
+    **dict.fromkeys(
+        ("final_learning_rate", "imitation_rate", "lessons", "final_clip", "entropy", "reach", "patience"), 0
+    ),
 }
 _MOST = {
     **dict.fromkeys(("num_envs", "horizon"), 2**16),
@@ -32,6 +34,7 @@ _MOST = {
     **dict.fromkeys(("epochs", "validations", "patience"), 10**5),
     "time_limit": 10**6,
     "steps": 10**12,
+    "lessons": 2**24,
 }
 
 
@@ -79,7 +82,9 @@ class Preset:
     controller_gains: Literal["default", "tuned"] = "tuned"
     imitation: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
     imitation_rate: float = 1e-3
+    lessons: int = 0  # that the teaching keeps and learns from again; 0: only the latest
     reach: float = 0.0  # how much the network may add to the controller's twist, see `Base`; 0: it drives by itself
+    arriving: bool = False  # the law that ends the way does so in training too
     shortest_ways: bool = False  # progress is measured along the shortest way, which the teacher knows
     patience: int = 0  # validations without a better one after which a run ends; 0 goes on to the last frame
     time_limit: int = 1200  # control periods of an episode
@@ -233,10 +238,54 @@ _PATH_TIERS = dataclasses.replace(
     validations=4,
 )
 
-_GOAL_FEATURES = GoalFeatures(frames=2, stride=5, arrival=0.5)
+_ALL_GOALS = _SCAN | {"scenario": "all/train"}
+# What fails most, and so is met more often than as one family of twenty.
+_HARD_GOALS = {"clutter_15": 0.08, "rooms": 0.06, "doors_narrow": 0.06, "moving_crossing": 0.05, "moving_crowd": 0.1}
+
+# A copy of a controller that sees the same, learned from what is kept of two million moments; PPO then makes it surer.
 _DIFF_GOAL = Preset(
     name="diff_drive_goal",
     env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
+    task="goal_reaching",
+    worlds=(
+        (0.4, _ALL_GOALS),
+        *((share, _SCAN | {"scenario": f"{family}/train"}) for family, share in _HARD_GOALS.items()),
+        (0.15, _ALL_GOALS | {"disturbance": "moderate"}),
+        (0.1, _ALL_GOALS | {"actuators": "slow"}),
+    ),
+    validation=_SCAN | {"scenario": "all/validation"},
+    features=GoalFeatures(
+        hull_radius=ROBOTS["p3dx"].hull_radius, frame="body", crumbs=32, limits=True, arrival=0.5, moving=True
+    ),
+    actions=Actions("unicycle", 2.0, reverse=0.5),
+    reward=GoalReward(collision=150.0),
+    bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged: what tuned VFH+ does there",
+    measured="5 of 5 seeds reach it, with 96.5 to 98 % and at most 1 %; 337 to 1180 s, two at a time beside other work",
+    robot="p3dx",
+    steps=3_200_000,
+    epochs=2,
+    hidden=(256, 256),
+    activation="relu",
+    learning_rate=2e-4,
+    final_learning_rate=3e-5,
+    clip=0.15,
+    discount=0.995,
+    log_std=-1.8,
+    validations=3,
+    controller="vfh_plus",
+    imitation=2_200_000,
+    lessons=2**19,
+    arriving=True,
+    shortest_ways=True,
+    time_limit=600,
+)
+
+_OMNI_FEATURES = GoalFeatures(frames=2, stride=5, arrival=0.5, crumbs=32)
+
+# With no front that keeps a course, an omni base forgets which way round it was going: it drops crumbs.
+_OMNI3_GOAL = Preset(
+    name="omni3_goal",
+    env_ids=("wayfield/OmniGoalObstacles-v0",),
     task="goal_reaching",
     worlds=(
         (0.2, _SCAN | {"scenario": "clutter_10/train"}),
@@ -246,34 +295,22 @@ _DIFF_GOAL = Preset(
         (0.45, _SCAN | {"scenario": "all/train"}),
     ),
     validation=_SCAN | {"scenario": "all/validation"},
-    features=dataclasses.replace(_GOAL_FEATURES, hull_radius=ROBOTS["p3dx"].hull_radius, frame="body"),
-    actions=Actions("unicycle", 2.0),
+    features=dataclasses.replace(_OMNI_FEATURES, hull_radius=ROBOTS["omni3"].hull_radius),
+    actions=Actions("planar"),
     reward=GoalReward(),
     bar="at least 90 % success and at most 3 % collisions on clutter_10/validation, lagged",
-    measured="9 of 10 seeds reach it, none collides; 150 to 260 s, two side by side on two cores",
-    robot="p3dx",
-    steps=9_000_000,
-    discount=0.99,
-    log_std=-0.7,
-    final_clip=0.1,
-    target_kl=0.03,
-    shortest_ways=True,
-    time_limit=600,
-)
-
-# With no front that keeps a course, an omni base forgets which way round it was going: it is taught, and drops crumbs.
-_OMNI3_GOAL = dataclasses.replace(
-    _DIFF_GOAL,
-    name="omni3_goal",
-    env_ids=("wayfield/OmniGoalObstacles-v0",),
-    features=dataclasses.replace(_GOAL_FEATURES, crumbs=32, hull_radius=ROBOTS["omni3"].hull_radius),
-    actions=Actions("planar"),
     measured="4 of 10 seeds reach it, one collides there; 210 to 239 s, two side by side on two cores",
     robot="omni3",
+    steps=9_000_000,
+    learning_rate=5e-4,
+    discount=0.99,
+    log_std=-1.2,
+    final_clip=0.1,
+    target_kl=0.03,
     controller="vfh_plus",
     imitation=1_500_000,
-    learning_rate=5e-4,
-    log_std=-1.2,
+    shortest_ways=True,
+    time_limit=600,
 )
 
 _OMNI4_GOAL = dataclasses.replace(
@@ -281,7 +318,7 @@ _OMNI4_GOAL = dataclasses.replace(
     name="omni4_goal",
     measured="8 of 10 seeds reach it, none collides there; 199 to 244 s, two side by side on two cores",
     robot="omni4",
-    features=dataclasses.replace(_GOAL_FEATURES, crumbs=32, hull_radius=ROBOTS["omni4"].hull_radius),
+    features=dataclasses.replace(_OMNI_FEATURES, hull_radius=ROBOTS["omni4"].hull_radius),
 )
 
 # It begins as a copy of a planner that is told the map, of which the scan shows nearly all: a dock is near. In first
@@ -302,7 +339,7 @@ _DIFF_DOCK = Preset(
     validation=_SCAN | {"scenario": "all/validation"},
     conditions=((0.6, _SCAN | {"scenario": "all/validation", "actuators": "slow"}),),
     features=DockFeatures(hull_radius=ROBOTS["p3dx"].hull_radius, frames=2, stride=5),
-    actions=Actions("both_ways", 1.5),
+    actions=Actions("unicycle", 1.5, reverse=1.0),
     reward=GoalReward(),
     bar="at least 80 % success on all/validation, lagged",
     measured="5 of 5 seeds reach it, with 82 to 92 %; some 4 CPU minutes each, 560 to 1,850 s on a busy machine",

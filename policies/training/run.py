@@ -26,6 +26,7 @@ from wayfield.policies.training.measured import measurement
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.validation import Score, finite, validate
 
+_LOGGED = ("approx_kl", "std", "explained_variance")  # of what PPO tells of an update
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
 
@@ -190,6 +191,9 @@ class _Run:
             self.learner.check_finite()
             self.taught = True
             self.seconds = time.perf_counter() - began
+            self._validate(dict.fromkeys(("reward", *_LOGGED), math.nan))  # what was taught may be the best
+            self._save()
+            report(self._report(self.rows[-1]))
         while self.updates < self.total and not interrupted() and not self._given_up():
             began = time.perf_counter()
             logged = self.learner.update()
@@ -238,7 +242,7 @@ class _Run:
             "updates": float(self.updates),
             "seconds": round(self.seconds, 1),
             **dataclasses.asdict(score),
-            **{name: logged[name] for name in ("approx_kl", "std", "explained_variance") if name in logged},
+            **{name: logged[name] for name in _LOGGED if name in logged},
         }
         row["return"], row["reward"] = score.reward, logged["reward"]
         self.rows.append(row)

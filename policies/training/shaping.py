@@ -112,6 +112,7 @@ class Shaped(VecEnv):
         discount: the learner's gamma; rewards are multiplied by 1 - gamma, so that values are of order one.
         ways: returns the way left (b,), m, whose shortening is the progress; None takes what the worlds tell.
         base: a controller that the network adds to.
+        arriving: whether the law that ends the way, `GoalFeatures.arrived`, does so here too.
     """
 
     def __init__(
@@ -123,12 +124,14 @@ class Shaped(VecEnv):
         discount: float,
         ways: Callable[[NativeVecEnv], Array] | None = None,
         base: Base | None = None,
+        arriving: bool = False,
     ) -> None:
         self.worlds = worlds
         self.perception = perception
         self.reward = reward
         self.paces = paces
         self.base = base
+        self.arriving = arriving
         self.pilots: list[Pilot] = []
         self.scale = 1.0 - discount
         self.ways = ways
@@ -179,7 +182,10 @@ class Shaped(VecEnv):
         twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
         for part, mine, pace in zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True):
             seen = self._fields(self.observations[mine])
-            twists[mine] = perception.features.guarded(seen, twists[mine], pace, part.task.options.actuators)
+            actuators = part.task.options.actuators
+            if self.arriving:
+                twists[mine] = perception.features.arrived(seen, twists[mine], pace, actuators)
+            twists[mine] = perception.features.guarded(seen, twists[mine], pace, actuators)
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
         ended = terminated | truncated
         rows = np.flatnonzero(ended)

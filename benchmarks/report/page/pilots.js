@@ -74,7 +74,7 @@ class Network {
     this.numbers = { at: kernels.put(kernels.blob(recipe.numbers)), shape: [recipe.count] };
     this.fields = {};
     for (const [name, values] of Object.entries(simulator.seen)) this.fields[name] = doubles(Array.from(values));
-    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "arrive"]) {
+    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "arrive"]) {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
     }
     if (recipe.guard) this.guard = doubles(recipe.guard);
@@ -135,6 +135,15 @@ class Network {
       at += recipe.crumbed;
     }
     if (recipe.crumbs) first += 4 + 2 * recipe.crumbs;
+    if (recipe.moved) {
+      const beams = recipe.moved * recipe.pool / 2;
+      const scan = (k) => ({ at: memory.at + 4 * (first + 2 + 2 * k * beams), shape: [1, beams, 2] });
+      kernels.call("perception_fill_moving", { poses, ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, angles: this.angles,
+        scales: this.fill_moving, max_range: recipe.max_range, pool: recipe.pool, "sights.ages": { at: memory.at + 4 * first, shape: [1, 2] },
+        "sights.older": scan(0), "sights.newer": scan(1), out: part(inputs, at, recipe.moved) });
+      at += recipe.moved;
+      first += 2 + 4 * beams;
+    }
     const { frames, stride, width } = recipe;
     for (let k = 1; k < frames; k++) {
       const old = first + (k * stride - 1) * width;
@@ -161,7 +170,7 @@ class Network {
   meant([a, b]) {
     const { recipe } = this;
     const { kernels } = this.simulator;
-    if (recipe.kind === "unicycle") return [recipe.speed * 0.5 * (a + 1), 0, recipe.yaw_rate * b];
+    if (recipe.kind === "unicycle") return [recipe.speed * (0.5 * (1 + recipe.reverse) * (a + 1) - recipe.reverse), 0, recipe.yaw_rate * b];
     kernels.f64(this.speedNow.at, 1)[0] = recipe.speed / Math.max(Math.sqrt(a * a + b * b), 1);
     kernels.f64(this.actions.at, 2).set([a, b]);
     kernels.f64(this.turned.at, 3).fill(0);
