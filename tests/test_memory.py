@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +10,6 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
 
-ROW = 800  # bytes, of an episode where its tables are made, the columns and all that is made on the way: docs/scale.md
 STATED = 2.5e9  # bytes, of a million path followers, observations and infos of a step among them: docs/scale.md
 
 BEGIN = """
@@ -47,38 +45,3 @@ def test_ten_million_steps_leave_the_memory_as_it_was() -> None:
         "    if k % 1000 == 999: print(resident())"
     )
     assert max(after) - after[0] < 2e6
-
-
-def test_tables_of_many_episodes_take_the_stated_size_a_row(tmp_path: Path) -> None:
-    (grown,) = told(
-        f"""
-import pathlib, resource
-from wayfield.benchmarks.results import read_rows, write_rows
-from wayfield.benchmarks.standings import contest_tables
-of_all = dict(
-    contest="path-following", suite="path-following", robot="p3dx", split="test", disturbance="none",
-    dynamics="kinematic", actuators="lagged", failure_cost="1.5", agent_seed="", knows="path", parameters="3",
-    learned_from="", gains_name="tuned",
-    collision="0", left_corridor="0", timeout="0", tier="easy", speed="", gains="", arrival_radius="",
-)
-shown = ("cross_track_rms", "mean_speed", "time", "settled_rms", "cross_track_max")
-metrics = (*shown, *(f"metric_{{k}}" for k in range(15)))
-rng = np.random.default_rng(0)
-def rows(count):
-    for k in range(count):
-        family, episode = divmod(k // 2, count // 20)
-        yield of_all | dict(
-            policy=f"policy_{{k % 2}}", family=f"f{{family}}", scenario=f"f{{family}}/test", episode=str(episode),
-            seed=str(episode), success=str(int(rng.random() < 0.9)),
-        ) | {{name: repr(0.01 + 0.01 * float(value)) for name, value in zip(metrics, rng.random(20))}}
-def tables(count):
-    folder = pathlib.Path({str(tmp_path)!r})
-    write_rows(folder, rows(count))
-    assert contest_tables(read_rows(folder), [], "made up", False)["path_following_p3dx"].rows
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-tables(52_000)  # more than are resampled
-small = resident()
-print(tables(120_000) - small)
-"""
-    )
-    assert grown < 120_000 * ROW
