@@ -391,7 +391,7 @@ def measured_coverage(audit: Audit, rows: Sequence[Row], where: str) -> None:
             audit.note(f"{where}, {name}: 95 % intervals hold in {100.0 * share:.1f} % of resamples")
 
 
-def found_runs(folder: Path) -> Iterator[tuple[str, list[Row], Path]]:
+def found_runs(folder: Path) -> Iterator[tuple[str, Sequence[Row], Path]]:
     """Yields name, rows, and the folder of the tables of each run: one run, or those that a repository keeps.
 
     Raises:
@@ -408,7 +408,7 @@ def found_runs(folder: Path) -> Iterator[tuple[str, list[Row], Path]]:
         yield file.name.removesuffix(SUFFIX), read_packed(file), folder
 
 
-def audit_run(audit: Audit, name: str, rows: list[Row], folder: Path) -> None:
+def audit_run(audit: Audit, name: str, rows: Sequence[Row], folder: Path) -> None:
     """Audits the tables of a run that its rows can tell about."""
     contests = dict.fromkeys((row["contest"], row["robot"]) for row in rows if row.get("contest"))
     for contest, robot in contests:

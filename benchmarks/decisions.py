@@ -19,6 +19,7 @@ import rich.console
 import rich.table
 
 from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.columns import Rows
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.results import read_table
@@ -118,7 +119,7 @@ _SAMPLE = "policy,gains_name,robot,batch,median_ms,p99_ms,per_second\nlqr,defaul
 
 
 @reader("decisions", DECISIONS, {DECISIONS: _SAMPLE}, of_folder)
-def read_decisions(folder: Path) -> list[dict[str, str]]:
+def read_decisions(folder: Path) -> Rows:
     """Returns the decision times of a run.
 
     Raises:

@@ -42,7 +42,7 @@ def thinned(rows: Sequence[Row]) -> list[Row]:
         for split in {row["split"] for row in rows}
     }
     columns = (*_NAMED, *dict.fromkeys(name for names in wanted.values() for name in names))
-    found = []
+    found: list[Row] = []
     for row in rows:
         kept = {*_NAMED, *wanted[row["contest"], row["split"]]}
         cells = {name: row.get(name, "") if name in kept else "" for name in columns}

@@ -3,26 +3,28 @@
 import dataclasses
 import hashlib
 import json
+import math
 import os
 import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.columns import Rows
 from wayfield.benchmarks.contests import ALL_CONTESTS, ROBUST_LEVEL, TRAINED, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
 from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
-from wayfield.benchmarks.report.drives import Drive, drive_of, read_drives, write_drives
+from wayfield.benchmarks.report.drives import MOST_DRIVES, Drive, drive_of, read_drives, write_drives
 from wayfield.benchmarks.results import TRAJECTORIES, Row, number, read_trajectories, write_trajectories
 from wayfield.benchmarks.run_folder import DRIVES, UNFINISHED, file_digest
-from wayfield.benchmarks.suite import Setting, episodes
+from wayfield.benchmarks.suite import Episode, Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs import goal_reaching
 from wayfield.envs.engines import Engine
@@ -54,8 +56,10 @@ class Part:
         return f"{self.folder} ({case.policy} on {case.scenario})"
 
 
-def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tuple[list[Row], dict[str, Trajectory]]:
+def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tuple[Rows, Mapping[str, Trajectory]]:
     """Returns one row for each episode, and the trajectories of the worst episodes of each entry, or of all.
+
+    The rows are held by columns, the trajectories are read from the parts as they are asked for.
 
     Parts that an earlier, interrupted run of the same settings and the same code left in `folder` are not run again,
     but for those that are damaged.
@@ -83,25 +87,54 @@ def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tu
     tell_of_compiling(goal_reaching.step_rows)
     for k, files in tracked(engine.as_done(*work), len(missing), "parts"):
         keep(missing[k], files)
-    rows: list[Row] = []
-    kept: dict[tuple[str, ...], list[tuple[Row, Trajectory]]] = {}
+    rows, places = Rows(row for part in parts for row in read_part(part.folder)[0]), _worst(parts, settings[0].keep)
+    rows.replace("trajectory", {place.row: f"{k:05d}" for k, place in enumerate(places)})
+    return rows, _Kept({f"{k:05d}": place for k, place in enumerate(places)})
+
+
+@dataclasses.dataclass(frozen=True)
+class _Place:
+    """Where a trajectory is kept: a part's folder, its number there, and that of its row in the run."""
+
+    badness: tuple[float, float]
+    folder: Path
+    episode: str
+    row: int
+
+
+class _Kept(Mapping[str, Trajectory]):
+    """The trajectories of a run, each read from its part when it is asked for, so that one is held and not all."""
+
+    def __init__(self, places: Mapping[str, _Place]) -> None:
+        self._places = places
+
+    def __getitem__(self, key: str) -> Trajectory:
+        place = self._places[key]
+        return read_trajectories(place.folder, {place.episode})[place.episode]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+def _worst(parts: Sequence[Part], most: int | None) -> list[_Place]:
+    """Returns where the worst trajectories of each entry are, or all of them, the worst first."""
+    kept: dict[tuple[str, ...], list[_Place]] = {}
+    first = 0
     for part in parts:
-        found, trajectories = read_part(part.folder)
-        for row in found:
-            row["trajectory"] = ""
-            rows.append(row)
-        entry = tuple(found[0][name] for name in _ENTRY)
-        kept.setdefault(entry, []).extend((found[int(i)], trajectory) for i, trajectory in trajectories.items())
-    worst: dict[str, Trajectory] = {}
-    for candidates in kept.values():
-        cost = ALL_CONTESTS[candidates[0][0]["contest"]].spec.cost.metric
-        for row, trajectory in sorted(candidates, key=lambda each: badness(each[0], cost))[: settings[0].keep]:
-            row["trajectory"] = f"{len(worst):05d}"
-            worst[row["trajectory"]] = trajectory
-    return rows, worst
+        rows, trajectories = read_part(part.folder)
+        cost = ALL_CONTESTS[rows[0]["contest"]].spec.cost.metric
+        here = kept.setdefault(tuple(rows[0][name] for name in _ENTRY), [])
+        here += [_Place(badness(rows[int(i)], cost), part.folder, i, first + int(i)) for i in trajectories]
+        here.sort(key=lambda place: place.badness)
+        del here[len(here) if most is None else most :]
+        first += len(rows)
+    return [place for places in kept.values() for place in places]
 
 
-def played(setting: Setting) -> list[tuple[Row, Trajectory]]:
+def played(setting: Setting) -> list[Episode]:
     """Returns the episodes of a setting, with all in their rows that the tables of a contest need.
 
     Raises:
@@ -242,16 +275,21 @@ def read_part(folder: Path) -> tuple[list[Row], dict[str, Trajectory]]:
 
 
 def drives_of(parts: Sequence[Part]) -> dict[int, Drive]:
-    """Returns the drives of all episodes of some parts, by the number of their row in the run.
+    """Returns the drives of the episodes of some parts, by the number of their row in the run.
+
+    They are those of all, or of more than `MOST_DRIVES` the first ones of each part, or of parts here and there.
 
     Raises:
         ValueError: if a part is damaged; the message names the file.
         OSError: if a file is missing or cannot be opened.
     """
     found: dict[int, Drive] = {}
-    first = 0
-    for part in parts:
-        found.update((first + i, drive) for i, drive in read_drives(part.folder).items())
+    first, stride, most = 0, 1, MOST_DRIVES
+    if sum(part.setting.episodes for part in parts) > MOST_DRIVES:
+        stride, most = math.ceil(len(parts) / MOST_DRIVES), max(1, MOST_DRIVES // len(parts))
+    for k, part in enumerate(parts):
+        if k % stride == 0:
+            found.update((first + i, drive) for i, drive in read_drives(part.folder).items() if i < most)
         first += part.setting.episodes
     return found
 

@@ -70,9 +70,10 @@ class _Buffers:
 
     def note(self, rows: NDArray[np.int64], at: NDArray[np.int64], results: Results) -> None:
         """Writes what the rows observe and are told after `at` (rows,) steps."""
-        self.observations[rows, at] = results.observations[rows]
-        self.numbers[rows, at] = results.numbers[:, rows].T
-        self.flags[rows, at] = results.flags[:, rows].T
+        chosen: slice | NDArray[np.int64] = slice(None) if len(rows) == len(self.flags) else rows
+        self.observations[rows, at] = results.observations[chosen]
+        self.numbers[rows, at] = results.numbers[:, chosen].T
+        self.flags[rows, at] = results.flags[:, chosen].T
 
     def episode(self, start: Start, row: int, steps: int) -> Episode:
         """Returns a copy of a row's episode, which has just ended."""

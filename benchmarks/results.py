@@ -3,13 +3,15 @@
 import csv
 import dataclasses
 import math
-from collections.abc import Container, Sequence
+import zipfile
+from collections.abc import Container, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wayfield.benchmarks.archive import Archive
+from wayfield.benchmarks.columns import HeldRow, Rows
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.checks import shown
 from wayfield.envs.readers import of_folder, reader
@@ -18,22 +20,23 @@ EPISODES = "episodes.csv"
 TRAJECTORIES = "trajectories.npz"
 TABLE = "table.md"
 
-Row = dict[str, str]  # one episode: a column's text by its name, empty where it does not apply
+Row = Mapping[str, str]  # one episode: a column's text by its name, empty where it does not apply
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(Trajectory))
 
 
-def write_rows(folder: Path, rows: Sequence[Row]) -> None:
+def write_rows(folder: Path, rows: Iterable[Row]) -> None:
     """Writes the episodes, with a column for every name that any row has."""
-    columns = list(dict.fromkeys(name for row in rows for name in row))
+    held = rows if isinstance(rows, Rows) else Rows(rows)
+    names = held.names
     with open(folder / EPISODES, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([row[name] for name in names] for row in held)
 
 
 @reader("episodes", EPISODES, {EPISODES: "policy,episode,success,time\npure_pursuit,0,1,12.5\nlqr,0,0,\n"}, of_folder)
-def read_rows(folder: Path) -> list[Row]:
+def read_rows(folder: Path) -> Rows:
     """Returns the episodes of a run.
 
     Raises:
@@ -43,32 +46,29 @@ def read_rows(folder: Path) -> list[Row]:
     return read_table(folder / EPISODES)
 
 
-def read_table(file: Path) -> list[Row]:
+def read_table(file: Path) -> Rows:
     """Returns the rows of a CSV file with a header, each by the names of its columns.
 
     Raises:
         ValueError: if it is no such table; the message names file and line.
         OSError: if it cannot be opened.
     """
-    rows: list[Row] = []
-    with open(file, newline="", encoding="utf-8") as lines:
-        reader = csv.DictReader(lines, strict=True)
+    with open(file, newline="", encoding="utf-8") as stream:
+        lines = csv.reader(stream, strict=True)
         try:
-            for row in reader:
-                if None in row or None in row.values():
-                    count = len(reader.fieldnames or ())
-                    raise ValueError(f"the row has more or fewer cells than the {count} columns of the header")
-                rows.append(row)
+            names = next(lines, [])
+            return Rows.of_lines(names, _filled(lines, len(names)))
         except (csv.Error, ValueError) as error:
-            raise ValueError(f"{file}:{max(reader.reader.line_num, 1)}: {error}") from None
-    return rows
+            raise ValueError(f"{file}:{max(lines.line_num, 1)}: {error}") from None
 
 
-def text(value: float) -> str:
-    """Returns a number so that reading it gives the same number; NaN is the empty cell, whole numbers have no point."""
-    if math.isnan(value):
-        return ""
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+def _filled(lines: Iterable[list[str]], count: int) -> Iterator[list[str]]:
+    """Yields the lines that are not empty; ValueError where one has not as many cells as there are columns."""
+    for line in lines:
+        if line and len(line) != count:
+            raise ValueError(f"the row has more or fewer cells than the {count} columns of the header")
+        if line:
+            yield line
 
 
 def readable(name: str) -> str:
@@ -82,25 +82,26 @@ def number(row: Row, name: str) -> float:
     Raises:
         ValueError: if it holds anything else; the message names the column.
     """
-    cell = row.get(name)
     try:
-        return float(cell or math.nan)
+        return row.number(name) if isinstance(row, HeldRow) else float(row.get(name) or math.nan)
     except ValueError:
-        raise ValueError(f"column {name!r} holds {shown(cell)}; it must be a number or empty") from None
+        raise ValueError(f"column {name!r} holds {shown(row[name])}; it must be a number or empty") from None
 
 
-def write_trajectories(folder: Path, trajectories: dict[str, Trajectory]) -> None:
-    """Writes the trajectories, each of their fields as the array `<key>/<field>`; empty arrays are left out."""
-    arrays = {
-        f"{key}/{field}": array
-        for key, trajectory in trajectories.items()
-        for field in _FIELDS
-        if (array := np.asarray(getattr(trajectory, field))).size
-    }
-    for name, array in arrays.items():
-        if array.dtype.hasobject:  # would be written as a pickle, which no reader of ours opens
-            raise TypeError(f"{name} is an array of objects, not of numbers")
-    np.savez_compressed(folder / TRAJECTORIES, **arrays)  # type: ignore[arg-type]
+def write_trajectories(folder: Path, trajectories: Mapping[str, Trajectory]) -> None:
+    """Writes the trajectories, each of their fields as the array `<key>/<field>`; empty arrays are left out.
+
+    They are taken one after the other and not kept; the file is as `numpy.savez_compressed` makes it.
+    """
+    with zipfile.ZipFile(folder / TRAJECTORIES, "w", zipfile.ZIP_DEFLATED) as archive:
+        for key, trajectory in trajectories.items():
+            for field in _FIELDS:
+                array = np.asarray(getattr(trajectory, field))
+                if array.dtype.hasobject:  # would be written as a pickle, which no reader of ours opens
+                    raise TypeError(f"{key}/{field} is an array of objects, not of numbers")
+                if array.size:
+                    with archive.open(f"{key}/{field}.npy", "w", force_zip64=True) as stream:
+                        np.lib.format.write_array(stream, array, allow_pickle=False)
 
 
 def _sample_trajectories(folder: Path) -> None:

@@ -5,17 +5,18 @@ import itertools
 from collections.abc import Iterable, Sequence
 
 from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.columns import text
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
-from wayfield.benchmarks.results import Row, readable, text
+from wayfield.benchmarks.results import Row, readable
 from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs import goal_reaching
 from wayfield.envs.engines import Map
 from wayfield.envs.scenarios import spec_of
 
-Episode = tuple[Row, Trajectory]
+Episode = tuple[dict[str, str], Trajectory]
 WORST = 3  # episodes of each entry of a contest that are shown
 
 
@@ -67,7 +68,7 @@ def episodes(setting: Setting) -> list[Episode]:
     return [(_row(setting, i, trajectory), trajectory) for i, trajectory in enumerate(trajectories)]
 
 
-def _row(setting: Setting, episode: int, trajectory: Trajectory) -> Row:
+def _row(setting: Setting, episode: int, trajectory: Trajectory) -> dict[str, str]:
     case = setting.given or setting.case
     conditions = {
         "suite": setting.suite,

@@ -50,6 +50,19 @@ def test_equal_values_have_no_interval_and_strata_do_not_mix() -> None:
         assert 0.48 < low < 0.5 < high < 0.52
 
 
+@pytest.mark.parametrize("statistic", [mean, iqm])
+@pytest.mark.parametrize("shape", [(600, 1), (60, 40)])
+def test_the_interval_of_many_values_is_the_one_that_resampling_comes_to(
+    monkeypatch: pytest.MonkeyPatch, statistic: Any, shape: tuple[int, int]
+) -> None:
+    values = np.random.default_rng(0).normal(2.0, 1.0, shape)
+    values[:, :] += 0.3 * np.random.default_rng(1).normal(size=shape[1])
+    strata = [f"family {k % 3}" for k in range(shape[0])]
+    resampled = ends(values, strata, statistic)
+    monkeypatch.setattr("wayfield.benchmarks.aggregates.MANY", 1)
+    np.testing.assert_allclose(ends(values, strata, statistic), resampled, atol=0.12 * (resampled[1] - resampled[0]))
+
+
 def test_an_interval_covers_the_mean_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
     covered = 0

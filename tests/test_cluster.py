@@ -3,6 +3,7 @@
 import concurrent.futures
 import dataclasses
 import functools
+import json
 import os
 import random
 import re
@@ -13,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -243,14 +245,25 @@ def _whole(settings: list[Setting]) -> list[dict[str, str]]:
 # Training, a slice of a run at a time.
 
 
-def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(tmp_path: Path, threads: Engine) -> None:
-    """The same agent, curve and state bit for bit, though each slice ends behind a validation and travels."""
+@pytest.mark.parametrize("own", [False, True])
+def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(
+    tmp_path: Path, threads: Engine, monkeypatch: pytest.MonkeyPatch, own: bool
+) -> None:
+    """The same agent, curve and state bit for bit, though each slice ends behind a validation and travels.
+
+    So does the data sheet of a robot of one's own, which is gone as soon as the first slice is handed over.
+    """
     from wayfield.policies.training.checkpoints import BEST, LAST, read_state, sample_job
     from wayfield.policies.training.run import train
     from wayfield.policies.training.slices import train_far
 
     first = sample_job(tmp_path / "far" / "seed_0")
     settings = (*first.settings[:-2], "validations=2", "steps=192")
+    sheet = tmp_path / "mine.json"
+    content = json.loads((resources.files("wayfield.envs") / "data_sheets" / "turtlebot3.json").read_text())
+    sheet.write_text(json.dumps(content | {"name": "mine"}))
+    if own:
+        settings = (*settings, f"robot={sheet}")
     from wayfield.policies.training.presets import overridden, preset_for
 
     preset = overridden(preset_for(first.env_id, "path_following_plain"), settings)
@@ -259,8 +272,17 @@ def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(tmp_path: P
         for k in range(2)
     ]
     seen: list[int] = []
+    submit = threads._submit
+
+    def far(function: Any, item: Any) -> Any:
+        sheet.unlink(missing_ok=True)
+        return submit(function, item)
+
+    monkeypatch.setattr(threads, "_submit", far)
     last = train_far(threads, jobs, lambda report: seen.append(report.seed), seconds=0.0)
+    assert [report.error for report in last] == ["", ""]
     assert all(report.done for report in last)
+    sheet.write_text(json.dumps(content | {"name": "mine"}))
     assert sorted(seen) == [0] * 2 + [1] * 2
     for job in jobs:
         alone = dataclasses.replace(job, folder=tmp_path / "near" / f"seed_{job.seed}")

@@ -12,6 +12,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.readers import of_folder, reader
 
 QUANTUM = 1e-3  # m and rad
+MOST_DRIVES = 50_000  # of a run: a report has room for some thousand
 
 Drive = NDArray[np.int32]  # (n + 1, 3): x, y, heading without jumps, in quanta; of path followers (n + 1, 4), the error
 

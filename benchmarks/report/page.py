@@ -18,7 +18,7 @@ from typing import Any
 import wayfield
 from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.entries import COMPARED, label
-from wayfield.benchmarks.report.drives import Drive, packed, read_drives
+from wayfield.benchmarks.report.drives import MOST_DRIVES, Drive, packed, read_drives
 from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
 from wayfield.benchmarks.report.worlds import World, read_worlds
 from wayfield.benchmarks.results import Row, number, read_rows
@@ -128,9 +128,14 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
     worlds, keys, hulls = read_worlds(folder)
     if len(keys) != len(rows):
         raise ValueError(f"{folder / WORLDS} tells of {len(keys)} episodes; there are {len(rows)}")
+    many = len(rows) > MOST_DRIVES
+    if many:
+        content.missing.append(
+            f"{folder.name}: of {len(rows)} episodes {len(drives)} are listed; the tables are of all."
+        )
     index: dict[str, int] = {}
     for k, (row, key) in enumerate(zip(rows, keys, strict=True)):
-        if not key or row.get("split", "test") not in (*COMPARED, "", "worlds"):
+        if (many and k not in drives) or not key or row.get("split", "test") not in (*COMPARED, "", "worlds"):
             continue
         if key not in index:
             index[key] = len(content.worlds)

@@ -23,7 +23,7 @@ from wayfield.policies.training.presets import PRESETS, Preset, overridden, pres
 from wayfield.policies.training.run import Job, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
 from wayfield.policies.training.settings import rows
-from wayfield.policies.training.slices import check_sendable, train_far
+from wayfield.policies.training.slices import train_far
 
 MOST_SEEDS = 1000
 CURVES = "curves.png"
@@ -117,8 +117,6 @@ def main(
         ]
         if resume and not any(job.resume for job in jobs):
             raise ValueError(f"{folder} holds no run to resume")
-        if cluster_given():
-            check_sendable(jobs)
         check_out(folder)
         for job in jobs:
             check_folder(job)

@@ -29,6 +29,7 @@ class Slice:
     job: Job
     files: Mapping[str, bytes]
     seconds: float  # of training, after which it ends behind the next validation
+    sheet: bytes | None = None  # of a robot of one's own, whose file is on the machine that the run comes from
 
     def __str__(self) -> str:
         return f"seed {self.job.seed}"
@@ -48,6 +49,10 @@ def train_slice(piece: Slice) -> tuple[Report, dict[str, bytes]]:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
         job = dataclasses.replace(piece.job, folder=folder, resume=RUN in piece.files)
+        if piece.sheet is not None:
+            sheet = Path(scratch) / Path(str(job.preset.robot)).name
+            sheet.write_bytes(piece.sheet)
+            job = dataclasses.replace(job, preset=dataclasses.replace(job.preset, robot=str(sheet)))
         last = train(
             job,
             lambda report: validated.append(report.row is not None),
@@ -62,13 +67,6 @@ def files_of(folder: Path) -> dict[str, bytes]:
     found = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != LOCK)
     found.sort(key=lambda file: file.name != LAST)
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in found}
-
-
-def check_sendable(jobs: Sequence[Job]) -> None:
-    """Raises ValueError if the robot is one whose data sheet lies on this machine alone."""
-    robot = jobs[0].preset.robot
-    if robot is not None and robot not in ROBOTS:
-        raise ValueError(f"--cluster trains robots that ship; the workers do not have {robot!r}")
 
 
 def train_far(
@@ -86,7 +84,9 @@ def train_far(
     for job in jobs:
         check_folder(job)
     # a run takes its turn behind all others, so that few workers share many runs out evenly
-    waiting = collections.deque(Slice(job, files_of(job.folder) if job.resume else {}, seconds) for job in jobs)
+    robot = jobs[0].preset.robot
+    sheet = Path(robot).read_bytes() if robot is not None and robot not in ROBOTS else None
+    waiting = collections.deque(Slice(job, files_of(job.folder) if job.resume else {}, seconds, sheet) for job in jobs)
     handed: list[Slice] = []
     last = {job.seed: Report(job.seed, 0, job.preset.steps) for job in jobs}
     try:
@@ -96,7 +96,7 @@ def train_far(
             last[job.seed] = reached
             report(reached)
             if not reached.done:
-                waiting.append(Slice(job, files, seconds))
+                waiting.append(Slice(job, files, seconds, sheet))
     except Failed as failed:
         for piece, error in failed.failures:
             seed = piece.job.seed
