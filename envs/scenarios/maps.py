@@ -219,7 +219,7 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
     for k, problem in enumerate(problems_of(file)):
         if problem.map not in grids:
             grids[problem.map] = grid_from_file(problem.map, resolution=resolution)
-        rows, columns = grids[problem.map].occupied.shape
+        rows, columns = grids[problem.map].shape
         if problem.size != (columns, rows):
             raise fault(
                 file, f"problem {k} is on a map of {problem.size[0]} x {problem.size[1]} cells; {problem.map} has "
@@ -326,7 +326,6 @@ def _grid_of(file: str, content: str, settings: dict[str, Any], unknown: str) ->
         occupied, known = read(content, settings)
         if unknown == "occupied":
             occupied |= ~known
-    occupied.setflags(write=False)
     return OccupancyGrid(occupied, settings["resolution"], origin, unknown, os.path.basename(file))
 
 
