@@ -175,9 +175,15 @@ def _elsewhere(folder: Path) -> None:
     _text("room.yaml", "room.pgm", "linked/room.pgm")(folder)
 
 
+def _folder(folder: Path) -> None:
+    (folder / "room.pgm").unlink()
+    (folder / "room.pgm").mkdir()
+
+
 BROKEN: list[tuple[str, str, Break, str]] = [
     ("yaml no image", "room.yaml", _text("room.yaml", "image: room.pgm\n", ""), "'image' is missing"),
     ("yaml image is missing", "room.yaml", lambda f: (f / "room.pgm").unlink(), "image is 'room.pgm'; there is no"),
+    ("yaml image is a folder", "room.yaml", _folder, "image room.pgm is a folder"),
     ("yaml absolute image", "room.yaml", _text("room.yaml", "room.pgm", "/etc/passwd"), "must be relative"),
     ("yaml image above", "room.yaml", _text("room.yaml", "room.pgm", "../../room.pgm"), "lead out of the folder"),
     ("yaml image through a link", "room.yaml", _elsewhere, "lead out of the folder"),

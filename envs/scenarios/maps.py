@@ -425,6 +425,8 @@ def _grey(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
         raise ValueError(f"image {name} cannot be read; it must be {', '.join(_FORMATS)}") from None
     except FileNotFoundError:
         raise
+    except IsADirectoryError:
+        raise ValueError(f"image {name} is a folder; it must be a file") from None
     except _DAMAGED as error:
         text = " ".join(str(error).split())
         raise ValueError(text if name in text else f"image {name} is damaged: {text[:200]}") from None
