@@ -17,11 +17,13 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.recorder import Episode
+from wayfield.envs.robots import Robot
 from wayfield.envs.storage import write_whole
 
 _HEIGHT, _THIN = 0.5, 0.01  # m, of what is drawn of obstacles
 _SHAPES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _GREY = {"r": 0.4, "g": 0.4, "b": 0.45, "a": 0.9}
+_BLUE = {"r": 0.0, "g": 0.45, "b": 0.7, "a": 0.9}
 _GREEN = {"r": 0.0, "g": 0.6, "b": 0.5, "a": 0.9}
 
 # topic: the schema's name and the fields that a message has
@@ -74,6 +76,15 @@ def _shape(obstacle: NDArray[np.void]) -> dict[str, Any]:
     long, across = (2.0 * float(obstacle[name]) for name in ("half_length", "half_width"))
     size = {"x": max(long, _THIN), "y": max(across, _THIN), "z": _HEIGHT}
     return {"cubes": [{"pose": pose, "size": size, "color": _GREY}]}
+
+
+def _hull(robot: Robot) -> dict[str, Any]:
+    """Returns the hull of a robot, a cylinder or a cube that goes with it."""
+    length, width = robot.hull_box or (2.0 * robot.hull_radius,) * 2
+    shape = {"pose": _pose(0.0, 0.0, 0.0, _HEIGHT / 2), "size": {"x": length, "y": width, "z": _HEIGHT}, "color": _BLUE}
+    round_ = {"cylinders": [{**shape, "bottom_scale": 1.0, "top_scale": 1.0}]}
+    entity = _entity("hull", 0.0, round_ if robot.hull_box is None else {"cubes": [shape]})
+    return entity | {"frame_id": "base", "frame_locked": True}
 
 
 def _line(points: NDArray[np.float64]) -> dict[str, Any]:
@@ -157,7 +168,7 @@ def write_mcap(file: Path, env: gymnasium.Env[Any, Any], episode: Episode, about
             if obstacles.tobytes() != last or not step:
                 last = obstacles.tobytes()
                 entities = [_entity(f"obstacle {k}", time, _shape(each)) for k, each in enumerate(obstacles)]
-                entities += _still(base) if not step else []
+                entities += [_hull(base.task.robot), *_still(base)] if not step else []
                 said.say("/scene", time, {"deletions": [], "entities": entities})
             _say_scan(said, base, time, seen)
             said.say("/told", time, {"reward": float(reward), **{name: _plain(value) for name, value in told.items()}})

@@ -87,6 +87,7 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "low": Range(0.1, 0.6),
         "slowing": Range(0.1, 1.0),
         "mu_previous": Range(0.5, 5.0),
+        "patience": Range(2.0, 30.0),
     },
     "dwa": {
         "heading": Range(0.1, 2.0),

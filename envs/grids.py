@@ -21,21 +21,17 @@ from wayfield.envs.checks import FARTHEST, choose, number, pose, shown
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import row_clearance, sin_cos
 
-MOST_SIDE = 16_383  # cells: what a column's distance has bits for
+MOST_SIDE = 16_383  # cells
 MOST_CELLS = 2**26  # 8,192 x 8,192
 LEAST_CELL = 1e-3  # m
 BEYOND = ("occupied", "free")
 
-# A cell in six bytes, in five planes one behind the other. Four hold its rooms, one for each way that a ray may go on
+# A cell in five bytes, in five planes one behind the other. Four hold its rooms, one for each way that a ray may go on
 # (up or down the rows and the columns): 0 where it is occupied, else the most n, up to 255, for which the n x n cells
 # from it on that way are free. They have a rim, one cell wide, of zeros: a ray that leaves the grid ends there. The
-# last plane, of two bytes, tells on which sides of its column the nearest occupied cell is, and in the upper 14 bits
-# how many rows away.
+# last plane tells how many rows away the nearest occupied cell of its column is, up or down, at most 255.
 _PLANES = 4
-_MOST_ROOM = 255
-_ABOVE = 1
-_BELOW = 2
-_ROWS_AWAY = 2
+_MOST = 255
 # and of each row so many columns at a time, in two bytes, how many rows away the nearest of them is
 _BLOCK = 16
 
@@ -74,52 +70,66 @@ NO_GRIDS = Grids(np.zeros(1, np.dtype(FRAME, align=True)), np.zeros(0, np.uint8)
 
 
 # Compared by identity, like the scenarios that share it.
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
 class OccupancyGrid:
     """A world of square cells, each occupied or free.
 
-    Takes seven bytes a cell once it is driven in, however many robots and scenarios share it.
+    Takes five bytes a cell, however many robots and scenarios share it.
 
     Raises:
         ValueError: if a value is out of its range or the array is none of such a shape; the message names the field.
     """
 
-    occupied: NDArray[np.bool_]  # (rows, columns), read-only; row 0 is the lowest: rows go along y, columns along x
+    shape: tuple[int, int]  # rows and columns
+    cells: NDArray[np.uint8] = dataclasses.field(repr=False)  # as the compiled functions read them
     resolution: float  # m, a side of a cell
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # pose of the grid's corner: x, y (m), yaw (rad)
-    beyond: str = "occupied"  # what lies beyond the grid, "occupied" or "free"
-    name: str = ""  # of the file, for messages
+    origin: tuple[float, float, float]  # pose of the grid's corner: x, y (m), yaw (rad)
+    beyond: str  # what lies beyond the grid, "occupied" or "free"
+    name: str  # of the file, for messages
 
-    def __post_init__(self) -> None:
-        occupied = self.occupied
+    def __init__(
+        self,
+        occupied: NDArray[np.bool_],
+        resolution: float,
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        beyond: str = "occupied",
+        name: str = "",
+    ) -> None:
+        """Takes an array (rows, columns), of which nothing is kept; row 0 is the lowest: rows go along y."""
         if not isinstance(occupied, np.ndarray) or occupied.ndim != 2 or occupied.dtype != np.bool_:
             raise ValueError(f"occupied is {shown(occupied)}; it must be a bool array (rows, columns)")
-        check_size("occupied", *occupied.shape)
-        if occupied.flags.writeable or not occupied.flags.c_contiguous:
-            occupied = occupied.copy(order="C")
-            occupied.setflags(write=False)
-        object.__setattr__(self, "occupied", occupied)
-        object.__setattr__(self, "resolution", number("resolution", self.resolution, least=LEAST_CELL, most=FARTHEST))
-        object.__setattr__(self, "origin", pose("origin", self.origin))
-        choose("beyond", self.beyond, BEYOND)
+        rows, columns = occupied.shape
+        check_size("occupied", rows, columns)
+        frozen = functools.partial(object.__setattr__, self)
+        frozen("shape", (rows, columns))
+        frozen("resolution", number("resolution", resolution, least=LEAST_CELL, most=FARTHEST))
+        frozen("origin", pose("origin", origin))
+        choose("beyond", beyond, BEYOND)
+        frozen("beyond", beyond)
+        frozen("name", name)
         for x, y in self.corners.tolist():
             if max(abs(x), abs(y)) > FARTHEST:
                 raise ValueError(
-                    f"resolution is {self.resolution:g} and origin {self.origin}; with {occupied.shape[1]} x "
-                    f"{occupied.shape[0]} cells the grid must lie within {FARTHEST:g} m of the world's origin"
+                    f"resolution is {self.resolution:g} and origin {self.origin}; with {columns} x {rows} cells the "
+                    f"grid must lie within {FARTHEST:g} m of the world's origin"
                 )
+        frozen("cells", _measured(occupied))
 
-    @functools.cached_property
-    def cells(self) -> NDArray[np.uint8]:
-        """Returns the cells, of a little more than six bytes each, as the compiled functions read them."""
-        rows, columns = self.occupied.shape
-        blocks = -(-columns // _BLOCK)
-        rooms = _PLANES * (rows + 2) * (columns + 2)
-        cells = np.zeros(rooms + 2 * rows * (columns + blocks), np.uint8)
-        planes, sides, nearest = np.split(cells, [rooms, rooms + 2 * rows * columns])
-        _measure_rooms(self.occupied, planes.reshape(_PLANES, rows + 2, columns + 2))
-        _measure_columns(self.occupied, sides.reshape(rows, columns, 2), nearest.reshape(rows, blocks, 2))
-        return cells
+    @property
+    def occupied(self) -> NDArray[np.bool_]:
+        """Returns which cells (rows, columns) are occupied, read again from the grid at each call."""
+        return self._window(0, self.shape[0], 0, self.shape[1])
+
+    def _window(self, low: int, high: int, left: int, right: int) -> NDArray[np.bool_]:
+        """Returns which cells are occupied of the rows and columns from the first to the last, that one without."""
+        found: NDArray[np.bool_] = self._rooms[low + 1 : high + 1, left + 1 : right + 1] == 0
+        return found
+
+    @property
+    def _rooms(self) -> NDArray[np.uint8]:
+        """Returns the first plane of rooms with its rim."""
+        rows, columns = self.shape
+        return self.cells[: (rows + 2) * (columns + 2)].reshape(rows + 2, columns + 2)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "OccupancyGrid":
         """Returns the grid itself: it never changes, and is large."""
@@ -129,12 +139,12 @@ class OccupancyGrid:
     def decisive(self) -> list[Any]:
         """Returns all that tells this grid from others, as `GoalScenario.decisive` does: of the cells a SHA-256."""
         cells = np.frombuffer(hashlib.sha256(np.packbits(self.occupied).tobytes()).digest(), np.uint16)
-        return [self.occupied.shape, cells, self.resolution, self.origin, self.beyond == "occupied"]
+        return [self.shape, cells, self.resolution, self.origin, self.beyond == "occupied"]
 
     @property
     def corners(self) -> NDArray[np.float64]:
         """Returns the corners (4, 2) of the grid, m, world frame."""
-        rows, columns = self.occupied.shape
+        rows, columns = self.shape
         return self.points(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
 
     def points(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -158,13 +168,13 @@ class OccupancyGrid:
         """
         corners = self.places(np.array([low, (high[0], low[1]), high, (low[0], high[1])]))
         (j0, i0), (j1, i1) = np.floor(corners.min(axis=0)).astype(int), np.floor(corners.max(axis=0)).astype(int) + 1
-        rows, columns = self.occupied.shape
+        rows, columns = self.shape
         beyond = self.beyond == "occupied"
         # one more on every side, for the neighbours
         around = np.full((i1 - i0 + 2, j1 - j0 + 2), beyond)
         a, b, c, d = max(i0 - 1, 0), min(i1 + 1, rows), max(j0 - 1, 0), min(j1 + 1, columns)
         if a < b and c < d:
-            around[a - i0 + 1 : b - i0 + 1, c - j0 + 1 : d - j0 + 1] = self.occupied[a:b, c:d]
+            around[a - i0 + 1 : b - i0 + 1, c - j0 + 1 : d - j0 + 1] = self._window(a, b, c, d)
         inner = around[1:-1, 1:-1]
         buried = around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
         return [(i + i0, j + j0) for i, j in np.argwhere(inner & ~buried).tolist()]
@@ -202,9 +212,9 @@ class OccupancyGrid:
     def is_occupied(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Returns whether points (..., 2), m, world frame, lie in what is occupied."""
         columns, rows = np.moveaxis(np.floor(self.places(points)), -1, 0)
-        inside = (rows >= 0) & (rows < self.occupied.shape[0]) & (columns >= 0) & (columns < self.occupied.shape[1])
-        at = np.where(inside, rows, 0).astype(np.int64), np.where(inside, columns, 0).astype(np.int64)
-        found: NDArray[np.bool_] = np.where(inside, self.occupied[at], self.beyond == "occupied")
+        inside = (rows >= 0) & (rows < self.shape[0]) & (columns >= 0) & (columns < self.shape[1])
+        at = np.where(inside, rows + 1, 0).astype(np.int64), np.where(inside, columns + 1, 0).astype(np.int64)
+        found: NDArray[np.bool_] = np.where(inside, self._rooms[at] == 0, self.beyond == "occupied")
         return found
 
 
@@ -237,12 +247,16 @@ def lay_grids(grids: Sequence[OccupancyGrid | None], frames: NDArray[np.void]) -
         frame["grid_x"], frame["grid_y"] = x, y
         frame["grid_sin"], frame["grid_cos"] = sin_cos(yaw)
         frame["grid_cell"] = grid.resolution
-        frame["grid_rows"], frame["grid_columns"] = grid.occupied.shape
+        frame["grid_rows"], frame["grid_columns"] = grid.shape
         frame["grid_first"] = first[grid]
         frame["grid_closed"] = grid.beyond == "occupied"
-    parts = [grid.cells for grid in first] or [NO_GRIDS.cells]
-    # not copied where there is but one
-    return Grids(frames, parts[0] if len(parts) == 1 else np.concatenate(parts))
+    if len(first) <= 1:  # nothing is copied
+        return Grids(frames, next(iter(first)).cells if first else NO_GRIDS.cells)
+    cells = np.concatenate([grid.cells for grid in first])
+    for grid, begin in first.items():
+        # a part of what the bank has, not another copy
+        object.__setattr__(grid, "cells", cells[begin : begin + grid.cells.size])
+    return Grids(frames, cells)
 
 
 def frames_of(grids: Grids, scenarios: NDArray[np.int64]) -> Grids:
@@ -251,6 +265,18 @@ def frames_of(grids: Grids, scenarios: NDArray[np.int64]) -> Grids:
     for name in frames.dtype.names or ():
         frames[name] = grids.frames[name][scenarios]
     return Grids(frames, grids.cells)
+
+
+def _measured(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Returns the planes of a grid, one behind the other."""
+    rows, columns = occupied.shape
+    blocks = -(-columns // _BLOCK)
+    rooms = _PLANES * (rows + 2) * (columns + 2)
+    cells = np.zeros(rooms + rows * columns + 2 * rows * blocks, np.uint8)
+    planes, away, nearest = np.split(cells, [rooms, rooms + rows * columns])
+    _measure_rooms(occupied, planes.reshape(_PLANES, rows + 2, columns + 2))
+    _measure_columns(occupied, away.reshape(rows, columns), nearest.reshape(rows, blocks, 2))
+    return cells
 
 
 @compiled
@@ -272,40 +298,31 @@ def _measure_rooms(occupied, planes):
                     np.int64(planes[plane, i, j + step_column]),
                     np.int64(planes[plane, i + step_row, j + step_column]),
                 )
-                planes[plane, i, j] = min(room + 1, _MOST_ROOM)
+                planes[plane, i, j] = min(room + 1, _MOST)
 
 
 @compiled
-def _measure_columns(occupied, sides, nearest):
-    """Fills the sides (rows, columns, 2): the nearest occupied cell of each column; and the nearest of each block."""
+def _measure_columns(occupied, away, nearest):
+    """Fills how many rows away the nearest occupied cell of a column is, and the nearest of each block of columns."""
     rows, columns = occupied.shape
     nothing = MOST_SIDE + 1
-    below = np.full(columns, nothing)
-    for i in range(rows):
-        for j in range(columns):
-            below[j] = 0 if occupied[i, j] else min(below[j] + 1, nothing)
-            sides[i, j, 0] = below[j] & 255
-            sides[i, j, 1] = below[j] >> 8
-    above = np.full(columns, nothing)
-    for i in range(rows - 1, -1, -1):
-        for j in range(columns):
-            above[j] = 0 if occupied[i, j] else min(above[j] + 1, nothing)
-            down = np.int64(sides[i, j, 0]) | np.int64(sides[i, j, 1]) << 8
-            away = min(down, above[j])
-            code = 0
-            if away < nothing:
-                code = away << _ROWS_AWAY
-                code |= _BELOW if down == away else 0
-                code |= _ABOVE if above[j] == away else 0
-            sides[i, j, 0] = code & 255
-            sides[i, j, 1] = code >> 8
-            block = j // _BLOCK
-            least = np.int64(nothing)
-            if j % _BLOCK > 0:
-                least = np.int64(nearest[i, block, 0]) | np.int64(nearest[i, block, 1]) << 8
-            least = min(least, away)
-            nearest[i, block, 0] = least & 255
-            nearest[i, block, 1] = least >> 8
+    for way in range(2):
+        # how far behind the last occupied cell of each column is
+        behind = np.full(columns, nothing)
+        for a in range(rows):
+            i = rows - 1 - a if way else a
+            for j in range(columns):
+                behind[j] = 0 if occupied[i, j] else min(behind[j] + 1, nothing)
+                found = min(behind[j], _MOST)
+                away[i, j] = min(found, np.int64(away[i, j])) if way else found
+            for block in range(nearest.shape[1]):
+                least: Any = nothing
+                if way:
+                    least = np.int64(nearest[i, block, 0]) | np.int64(nearest[i, block, 1]) << 8
+                for j in range(block * _BLOCK, min((block + 1) * _BLOCK, columns)):
+                    least = min(least, behind[j])
+                nearest[i, block, 0] = least & 255
+                nearest[i, block, 1] = least >> 8
 
 
 @inlined
@@ -319,30 +336,99 @@ def grid_place(frame, x, y):
 
 
 @inlined
-def first_side(frame):
+def first_column(frame):
     """Returns where the plane that tells of columns begins: behind those of the rooms."""
     return frame.grid_first + _PLANES * (frame.grid_rows + 2) * (frame.grid_columns + 2)
 
 
 @inlined
-def squared_rise(cells, place, row, v):
-    """Returns the squared distance, in cells, from height v in a row to a column's nearest occupied cell."""
-    code = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
-    away = code >> _ROWS_AWAY
+def least_in_block(cells, around, block, u, v, best):
+    """Returns the least of `best` and of the squared distances from (u, v) to what a block's columns have near by."""
+    start, _, rows, columns, row = around
+    # on a side where a column's nearest occupied cell is, the next row is nearer to it
+    upper = start + columns if row + 1 < rows else start
+    lower = start - columns if row > 0 else start
+    height = v - row
+    here = max(-height, height - 1.0, 0.0)
+    for j in range(block * _BLOCK, min((block + 1) * _BLOCK, columns)):
+        away = cells[np.uint64(start + j)]
+        aside = max(j - u, u - j - 1.0, 0.0)
+        up = away - height if cells[np.uint64(upper + j)] < away else np.inf
+        down = away + (height - 1.0) if cells[np.uint64(lower + j)] < away else np.inf
+        rise = min(up, down) if away > 0 else here
+        best = min(best, aside * aside + rise * rise)
+    return best
+
+
+@compiled
+def far_rise(cells, place, columns, rows, row, v):
+    """Returns how far, in cells, from height v in a row a column's nearest occupied cell is, where it is _MOST away."""
+    up = rows_on(cells, place, columns, rows - 1 - row)
+    down = rows_on(cells, place, -columns, row)
     rise = np.inf
-    if code & _ABOVE:
-        rise = max(row + away - v, v - (row + away) - 1.0, 0.0)
-    if code & _BELOW:
-        rise = min(rise, max(row - away - v, v - (row - away) - 1.0, 0.0))
-    return rise * rise
+    if up >= 0:
+        rise = row + up - v
+    if down >= 0:
+        rise = min(rise, v - (row - down) - 1.0)
+    return rise
 
 
 @inlined
-def least_in_block(cells, start, block, columns, row, u, v, best):
-    """Returns the least of `best` and of the squared distances from (u, v) to what the columns of a block tell."""
+def rows_on(cells, place, step, most):
+    """Returns how many rows on, of at most `most`, the next occupied cell of a column is; -1 where there is none.
+
+    Args:
+        place: of a cell with nothing nearer than _MOST rows either way.
+        step: from a row to the next, on the way looked at.
+    """
+    gone = np.int64(0)
+    while gone + _MOST <= most:
+        gone += _MOST
+        away = np.int64(cells[np.uint64(place + gone * step)])
+        if away < _MOST:
+            return gone + away
+    return np.int64(-1)
+
+
+@inlined
+def least_far_in_block(cells, around, block, u, v, best):
+    """Returns `least_in_block` of the columns in which the nearest occupied cell is too far away for a byte."""
+    start, _, rows, columns, row = around
     for j in range(block * _BLOCK, min((block + 1) * _BLOCK, columns)):
         aside = max(j - u, u - j - 1.0, 0.0)
-        best = min(best, aside * aside + squared_rise(cells, start + 2 * j, row, v))
+        if cells[np.uint64(start + j)] == _MOST and aside * aside < best:
+            rise = far_rise(cells, start + j, columns, rows, row, v)
+            best = min(best, aside * aside + rise * rise)
+    return best
+
+
+@inlined
+def least_around(cells, around, u, v, best, far):
+    """Returns the least of `best` and of the squared distances from (u, v) to what the columns tell, outwards.
+
+    Args:
+        around: where the row's cells and its blocks begin, the grid's rows and columns, and the row.
+        far: whether to look for what is too far away for a byte, too.
+    """
+    _, nearest, _, columns, _ = around
+    blocks = (columns + _BLOCK - 1) // _BLOCK
+    own = int(min(max(0.0, math.floor(u)), columns - 1.0)) // _BLOCK
+    for k in range(blocks):
+        right = max((own + k) * _BLOCK - u, 0.0)
+        left = max(u - (own - k + 1) * _BLOCK, 0.0)
+        further_right = own + k < blocks and right * right < best
+        further_left = k > 0 and own - k >= 0 and left * left < best
+        if not (further_right or further_left):
+            break
+        # nothing of a block is nearer than its nearest row, by which it is passed over as a whole
+        if further_right and right * right + block_rise(cells, nearest + 2 * (own + k)) < best:
+            best = least_in_block(cells, around, own + k, u, v, best)
+            if far:
+                best = least_far_in_block(cells, around, own + k, u, v, best)
+        if further_left and left * left + block_rise(cells, nearest + 2 * (own - k)) < best:
+            best = least_in_block(cells, around, own - k, u, v, best)
+            if far:
+                best = least_far_in_block(cells, around, own - k, u, v, best)
     return best
 
 
@@ -352,6 +438,12 @@ def block_rise(cells, place):
     away = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
     rise = max(away - 1.0, 0.0)
     return rise * rise if away <= MOST_SIDE else np.inf
+
+
+@compiled
+def least_far(cells, around, u, v, best):
+    """Returns `least_around` with what is too far away for a byte."""
+    return least_around(cells, around, u, v, best, True)
 
 
 @compiled
@@ -375,34 +467,19 @@ def grid_clearance(frame, cells, x, y):
         side = min(u, columns - u, v, rows - v)
         best = side * side
     row = int(min(max(0.0, math.floor(v)), rows - 1.0))
-    column = int(min(max(0.0, math.floor(u)), columns - 1.0))
-    sides = first_side(frame)
-    start = sides + 2 * row * columns
+    first = first_column(frame)
     blocks = (columns + _BLOCK - 1) // _BLOCK
-    nearest = sides + 2 * rows * columns + 2 * row * blocks
-    own = column // _BLOCK
-    best = least_in_block(cells, start, own, columns, row, u, v, best)
-    for k in range(1, blocks):
-        right = (own + k) * _BLOCK - u
-        left = u - (own - k + 1) * _BLOCK
-        further_right = own + k < blocks and right * right < best
-        further_left = own - k >= 0 and left * left < best
-        if not (further_right or further_left):
-            break
-        # nothing of a block is nearer than its nearest row, by which it is passed over as a whole
-        if further_right and right * right + block_rise(cells, nearest + 2 * (own + k)) < best:
-            best = least_in_block(cells, start, own + k, columns, row, u, v, best)
-        if further_left and left * left + block_rise(cells, nearest + 2 * (own - k)) < best:
-            best = least_in_block(cells, start, own - k, columns, row, u, v, best)
+    around = first + row * columns, first + rows * columns + 2 * row * blocks, rows, columns, row
+    near = least_around(cells, around, u, v, min(best, 1.0 * _MOST * _MOST), False)
+    # what is nearer than a byte tells has been found
+    best = near if near < _MOST * _MOST else least_far(cells, around, u, v, best)
     return math.sqrt(best) * frame.grid_cell
 
 
 @inlined
 def rows_away(frame, cells, row, column):
-    """Returns how many rows from a cell the nearest occupied one of its column is; -1 where the column has none."""
-    place = first_side(frame) + 2 * (row * frame.grid_columns + column)
-    code = np.int64(cells[np.uint64(place)]) | np.int64(cells[np.uint64(place + 1)]) << 8
-    return code >> _ROWS_AWAY if code & (_ABOVE | _BELOW) else -1
+    """Returns how many rows from a cell nothing of its column is nearer than: the nearest occupied one, or _MOST."""
+    return np.int64(cells[np.uint64(first_column(frame) + row * frame.grid_columns + column)])
 
 
 @compiled

@@ -219,8 +219,8 @@ def grid_rectangle_distance(frame, cells, pose, half_length, half_width):
             row: Any = int(min(max(0.0, math.floor(v - high - best)), rows - 1.0))
             while row < rows and row - (v + high) <= best:
                 away = rows_away(frame, cells, row, column)
-                if away != 0:
-                    row += away if away > 0 else rows
+                if away > 0:
+                    row += away
                     continue
                 dx = column + 0.5 - u
                 dy = row + 0.5 - v

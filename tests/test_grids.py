@@ -88,6 +88,24 @@ def test_rays_and_clearances_are_those_of_the_occupied_squares(density: float, b
     assert_measured(OccupancyGrid(occupied.T.copy(), 0.3, (10.0, -2.0, 0.0), beyond), 500, 2)
 
 
+@pytest.mark.parametrize("beyond", ["occupied", "free"])
+@pytest.mark.parametrize("shape", [(1200, 50), (700, 900)])
+def test_clearances_to_what_is_farther_away_than_a_byte_tells(shape: tuple[int, int], beyond: str) -> None:
+    rng = np.random.default_rng(9)
+    for count in (1, 2, 4):
+        occupied = np.zeros(shape, np.bool_)
+        occupied[tuple(rng.integers(0, shape, (count, 2)).T)] = True
+        assert_measured(OccupancyGrid(occupied, 0.02, (1.0, 2.0, -0.4), beyond), 400, count)
+    # so many rows away that a byte just tells it, and just does not
+    occupied = np.zeros((1100, 3), np.bool_)
+    occupied[550, 1] = True
+    grid = OccupancyGrid(occupied, 1.0, beyond="free")
+    rows = np.array([1, 253, 254, 255, 256, 257, 509, 510, 511, 549])
+    for sign in (1, -1):
+        away = grid.clearances(np.stack([np.full(10, 1.5), 550.5 + sign * rows], axis=-1))
+        np.testing.assert_array_equal(away, rows - 0.5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PUBLIC)
 def test_rays_and_clearances_on_public_maps(name: str) -> None:
@@ -177,17 +195,28 @@ def test_the_outline_is_as_long_as_the_sides_between_occupied_and_free() -> None
     assert np.hypot(*(closed[:, 1] - closed[:, 0]).T).sum() == pytest.approx(5.0 + 10.0)
 
 
-def test_a_grid_takes_seven_bytes_a_cell_however_many_robots_there_are(tmp_path: Path) -> None:
-    grid = OccupancyGrid(np.zeros((300, 200), np.bool_), 0.1)
-    assert grid.occupied.nbytes + grid.cells.nbytes <= 7.2 * 300 * 200
+def test_a_grid_takes_five_bytes_a_cell_however_many_robots_and_scenarios_there_are(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    occupied = rng.random((600, 500)) < 0.3
+    grid = OccupancyGrid(occupied, 0.1)
+    kept = sum(each.nbytes for each in vars(grid).values() if isinstance(each, np.ndarray))
+    assert kept == grid.cells.nbytes <= 5.2 * occupied.size
     assert copy.deepcopy(grid) is grid
+    np.testing.assert_array_equal(grid.occupied, occupied)
+    # several maps of a bank lie one behind the other, once
+    others = [grid, OccupancyGrid(~occupied, 0.1), None, grid]
+    grids = lay_grids(others, np.zeros(4, NO_GRIDS.frames.dtype))
+    assert grids.cells.nbytes <= 2 * 5.2 * occupied.size
+    assert all(np.shares_memory(each.cells, grids.cells) for each in others if each is not None)
+    np.testing.assert_array_equal(others[1].occupied, ~occupied)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(grid)).cells, grid.cells)
     (tmp_path / "room.map").write_text("type octile\nheight 6\nwidth 6\nmap\n" + "......\n" * 6, encoding="utf-8")
     file = tmp_path / "scene.json"
     file.write_text('{"start": [3, 3, 0], "goal": [4, 4, 0], "map": "room.map"}', encoding="utf-8")
     envs: Any = gymnasium.make_vec(
         "wayfield/DiffDriveGoalObstacles-v0", 64, vectorization_mode="vector_entry_point", scenario=str(file)
     )
-    assert envs.task.grids.cells.size == 4 * 8 * 8 + 2 * 6 * 6 + 2 * 6
+    assert envs.task.grids.cells.size == 4 * 8 * 8 + 6 * 6 + 2 * 6
     assert envs.task.grids.cells is envs.task.scenarios[0].grid.cells
 
 

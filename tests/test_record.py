@@ -217,6 +217,9 @@ def test_an_mcap_file_holds_the_episode(tmp_path):
     # what moves is told again at every step
     first, later = said["/scene"][0][1]["entities"], said["/scene"][5][1]["entities"]
     assert any(entity["arrows"] for entity in first)
+    (hull,) = [entity for entity in first if entity["id"] == "hull"]
+    radius = env.unwrapped.task.robot.hull_radius
+    assert (hull["frame_id"], hull["cylinders"][0]["size"]["x"]) == ("base", 2.0 * radius)
     moved = {entity["id"]: entity for entity in later}
     standing = [entity for entity in first if entity["id"] in moved]
     assert len(standing) == len(moved) > 0

@@ -163,6 +163,7 @@ def test_the_command_refuses_a_folder_without_a_run(tmp_path: Path) -> None:
     [
         *("", "[]", '{"worlds": 3, "rows": []}', '{"worlds": {}, "rows": ["a"]}'),
         *('{"worlds": {}, "rows": [], "hulls": [0.3]}', '{"worlds": {}, "rows": [""], "hulls": ["a"]}'),
+        *('{"worlds": {}, "rows": [""], "hulls": [[0.3]]}', '{"worlds": {}, "rows": [""], "hulls": [[0.3, -1]]}'),
     ],
 )
 def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
@@ -178,11 +179,13 @@ def test_rows_tell_the_hull_of_their_robot(tmp_path: Path) -> None:
             ("wayfield/DiffDrivePathFollowing-v0", "circle", {}),
             ("wayfield/OmniGoalObstacles-v0", "omni3_goal", {}),
             ("wayfield/OmniGoalObstacles-v0", "apf_0", {"robot": "omni4"}),
+            ("wayfield/DiffDriveGoalObstacles-v0", "apf_0", {"robot": "jackal"}),
         )
     ]
     write_worlds(tmp_path, settings)
     worlds, keys, hulls = read_worlds(tmp_path)
-    assert hulls == [ROBOTS[name].hull_radius for name in ("p3dx", "omni3", "omni4") for _ in range(2)]
+    told = [ROBOTS[name].hull_radius for name in ("p3dx", "omni3", "omni4")]
+    assert hulls == [each for each in (*told, [0.508, 0.43]) for _ in range(2)]
     assert len(worlds) == 3
     assert set(keys) == set(worlds)
 

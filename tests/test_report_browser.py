@@ -317,6 +317,8 @@ def test_docking_is_driven_by_laws_and_by_hand_up_to_the_wall_for_every_hull(
 def test_a_robot_of_ones_own_is_drawn_with_its_hull(browser: Browser, files: dict[str, Path]) -> None:
     with Watched(browser, files["report"]) as watched:
         assert watched.page.evaluate("[replay.robot, HULLS[replay.robot]]") == ["mine", 0.123]
+        # a rectangle, and the disc around it
+        assert watched.page.evaluate("(tellHull('box', [0.6, 0.8]), [HULLS.box, BOXES.box])") == [0.5, [0.6, 0.8]]
 
 
 def test_a_browser_without_webassembly_is_told(browser: Browser, files: dict[str, Path]) -> None:

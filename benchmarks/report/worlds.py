@@ -128,7 +128,8 @@ def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:
     """Writes the scenarios that some settings drive in, and of each row which it drives in and its robot's hull."""
     settings = list(settings)
     keys = [key for setting in settings for key in keys_of(setting)]
-    hulls = [_robot(setting).hull_radius for setting in settings for _ in range(setting.episodes)]
+    robots = [robot for setting in settings for robot in [_robot(setting)] * setting.episodes]
+    hulls = [list(robot.hull_box) if robot.hull_box is not None else robot.hull_radius for robot in robots]
     content = {"worlds": worlds_of(settings), "rows": keys, "hulls": hulls}
     write_whole(folder / WORLDS, json.dumps(content, separators=(",", ":")).encode())
 
@@ -139,8 +140,10 @@ def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:
     {WORLDS: '{"worlds": {"a#0#1": {"kind": "path", "path": [[0, 0]]}}, "rows": ["a#0#1"], "hulls": [0.2]}'},
     of_folder,
 )
-def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[float]]:
-    """Returns the scenarios of a run by their key, and of each row its key and, where told, its hull's radius (m).
+def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[float | list[float]]]:
+    """Returns the scenarios of a run by their key, and of each row its key and, where told, its hull (m).
+
+    A hull is its radius, or length and width of a rectangle.
 
     Raises:
         ValueError: if the file is no such JSON; the message names it.
@@ -156,10 +159,16 @@ def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[floa
             raise ValueError("worlds must be an object of scenarios, each with a kind")
         if not isinstance(rows, list) or not all(key == "" or key in worlds for key in rows):
             raise ValueError("rows must be a list of keys of worlds")
-        if not isinstance(hulls, list) or not all(is_number(each) and each >= 0.0 for each in hulls):
-            raise ValueError("hulls must be a list of radii, in m")
+        if not isinstance(hulls, list) or not all(map(_is_hull, hulls)):
+            raise ValueError("hulls must be a list of radii, or of pairs of a length and a width, in m")
         if len(hulls) not in (0, len(rows)):
-            raise ValueError(f"hulls has {len(hulls)} radii, one for each of {len(rows)} rows there must be")
+            raise ValueError(f"hulls has {len(hulls)} entries, one for each of {len(rows)} rows there must be")
     except (LookupError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"{file} holds no worlds: {error}") from None
     return worlds, rows, hulls
+
+
+def _is_hull(value: Any) -> bool:
+    """Returns whether a value is a radius, or the length and the width of a rectangle."""
+    sides = value if isinstance(value, list) and len(value) == 2 else [value]
+    return all(is_number(each) and each >= 0.0 for each in sides)

@@ -219,7 +219,7 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
     for k, problem in enumerate(problems_of(file)):
         if problem.map not in grids:
             grids[problem.map] = grid_from_file(problem.map, resolution=resolution)
-        rows, columns = grids[problem.map].occupied.shape
+        rows, columns = grids[problem.map].shape
         if problem.size != (columns, rows):
             raise fault(
                 file, f"problem {k} is on a map of {problem.size[0]} x {problem.size[1]} cells; {problem.map} has "
@@ -326,7 +326,6 @@ def _grid_of(file: str, content: str, settings: dict[str, Any], unknown: str) ->
         occupied, known = read(content, settings)
         if unknown == "occupied":
             occupied |= ~known
-    occupied.setflags(write=False)
     return OccupancyGrid(occupied, settings["resolution"], origin, unknown, os.path.basename(file))
 
 
@@ -426,6 +425,8 @@ def _grey(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
         raise ValueError(f"image {name} cannot be read; it must be {', '.join(_FORMATS)}") from None
     except FileNotFoundError:
         raise
+    except IsADirectoryError:
+        raise ValueError(f"image {name} is a folder; it must be a file") from None
     except _DAMAGED as error:
         text = " ".join(str(error).split())
         raise ValueError(text if name in text else f"image {name} is damaged: {text[:200]}") from None

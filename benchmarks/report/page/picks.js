@@ -50,7 +50,7 @@ class Picks {
     const kept = episodes.filter((each) => each.drive !== undefined);
     const world = replay.told.worlds[Number(this.world.value)];
     // a robot that does not ship tells its hull with its episodes
-    if (episodes[0].hull !== undefined) HULLS[episodes[0].robot] = episodes[0].hull;
+    if (episodes[0].hull !== undefined) tellHull(episodes[0].robot, episodes[0].hull);
     const many = new Map();
     for (const each of kept) many.set(each.policy, (many.get(each.policy) || 0) + 1);
     const seen = new Map();

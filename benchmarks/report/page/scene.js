@@ -5,6 +5,12 @@ const BOXES = {}; // m, length and width of the hulls that are rectangles
 const REACH = 5.0; // m, of the scan that is drawn
 const BEAMS = 72;
 
+// A hull is its radius, or length and width of a rectangle.
+function tellHull(robot, hull) {
+  if (Array.isArray(hull)) BOXES[robot] = hull;
+  HULLS[robot] = Array.isArray(hull) ? 0.5 * Math.hypot(...hull) : hull;
+}
+
 // Obstacles are [x, y, cos, sin, half_length, half_width, radius, mass], patrols [x, y, vx, vy, leg_time, phase].
 function obstaclesAt(world, time) {
   if (!world.patrols || !world.patrols.length) return world.obstacles || [];
