@@ -16,9 +16,10 @@ from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import read_rows
 from wayfield.policies.learned import ppo
-from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.training.presets import PRESETS
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 DOCK_ID = "wayfield/DiffDriveDocking-v0"
@@ -35,6 +36,10 @@ def test_seeds_of_each_kind_ship_and_are_small() -> None:
     """All that were trained, from 0 on: none is left out."""
     for kind in KINDS:
         assert list(shipped(*kind)) == list(range(FEWER.get(kind, 10))), kind
+        for folder in shipped(*kind).values():  # what its preset teaches with today, whatever was tuned since
+            training = read_card(folder / "card.json")["training"]
+            assert PRESETS[training["preset"]].controller == training["taught_by"]
+            assert PRESETS[training["preset"]].gains == training["taught_with"]
     home = Path(str(resources.files("wayfield.policies"))) / "agents"
     assert sum(file.stat().st_size for file in home.rglob("*") if file.is_file()) < 10e6
 

@@ -375,7 +375,7 @@ class Actions:
         a = reach * actions.astype(np.float64)
         out = twists.copy()
         if self.kind != "planar":
-            out[:, 0] += (1.0 if self.kind == "both_ways" else 0.5) * speeds * a[:, 0]
+            out[:, 0] += 0.5 * (1.0 + self.reverse) * speeds * a[:, 0]
             out[:, -1] += self.yaw_rate * a[:, 1]
         else:
             more = np.zeros((len(a), 3))

@@ -11,8 +11,9 @@ from wayfield.envs.checks import choose, shown, suggestion
 from wayfield.envs.robots import ROBOTS, robot_of, shipped_name
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies import POLICIES, make
-from wayfield.policies.learned.agent import check_hidden
+from wayfield.policies.learned.agent import CARD, check_hidden, read_card
 from wayfield.policies.learned.perception import Actions, DockFeatures, Features, GoalFeatures, PathFeatures
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.residual import Base, controller_at
 from wayfield.policies.policy import Policy
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward
@@ -79,7 +80,9 @@ class Preset:
     speed: float = 0.6  # m/s, of validation, and of the agent unless told otherwise
     validations: int = 12  # in a run
     controller: str = ""  # a policy of the suite that the network is taught by or adds to; none
-    controller_gains: Literal["default", "tuned"] = "tuned"
+    controller_gains: Literal["default", "tuned", "shipped"] = (
+        "tuned"  # shipped: that the agents there were taught with
+    )
     imitation: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
     imitation_rate: float = 1e-3
     lessons: int = 0  # that the teaching keeps and learns from again; 0: only the latest
@@ -152,12 +155,22 @@ class Preset:
     def gains(self) -> dict[str, Any]:
         """Returns the gains of the controller: tuned for the robot at the pace of every set, or its own.
 
+        A search may find others after an agent was taught: "shipped" are those in the cards of the agents that ship for
+        the robot, so that the same agents come out; tuned ones where none was taught by this controller.
+
         Raises:
             NotTuned: if there are none for the robot.
+            ValueError: if the card of an agent that ships is damaged.
         """
-        if self.controller_gains != "tuned":
+        if self.controller_gains == "default":
             return {}
-        return tuned_gains(self.controller, TASKS[self.task].suite, self.robot or "p3dx")
+        robot = self.robot or "p3dx"
+        if self.controller_gains == "shipped":
+            for folder in shipped(self.task, robot).values():
+                training = read_card(folder / CARD)["training"]
+                if training.get("taught_by") == self.controller:
+                    return dict(training["taught_with"])
+        return tuned_gains(self.controller, TASKS[self.task].suite, robot)
 
     @property
     def base(self) -> Base | None:
@@ -220,6 +233,7 @@ _PATH_ADDING = dataclasses.replace(
 _PATH_TIERS = dataclasses.replace(
     _PATH_TAUGHT,
     name="path_following_tiers",
+    controller_gains="shipped",
     worlds=(
         (0.3, _LAGGED),
         (0.2, _LAGGED | _SHORT),
@@ -273,6 +287,7 @@ _DIFF_GOAL = Preset(
     log_std=-1.8,
     validations=3,
     controller="vfh_plus",
+    controller_gains="shipped",
     imitation=2_200_000,
     lessons=2**19,
     arriving=True,
@@ -308,6 +323,7 @@ _OMNI3_GOAL = Preset(
     final_clip=0.1,
     target_kl=0.03,
     controller="vfh_plus",
+    controller_gains="shipped",
     imitation=1_500_000,
     shortest_ways=True,
     time_limit=600,

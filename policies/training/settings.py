@@ -35,7 +35,9 @@ ABOUT: dict[str, Setting] = {
     "speed": Setting("> 0", "m/s, of validation, and of the agent"),
     "validations": Setting("1 to 100000", "in a run"),
     "controller": Setting("policy, empty", "that teaches the network, or that it adds to"),
-    "controller_gains": Setting("default, tuned", "of the controller"),
+    "controller_gains": Setting(
+        "default, tuned, shipped", "of the controller; shipped: what agents there were taught with"
+    ),
     "imitation": Setting("0 to steps", "frames in which the network is taught before PPO"),
     "imitation_rate": Setting(">= 0", "learning rate of the teaching"),
     "lessons": Setting("0 to 16777216", "that the teaching keeps and learns from again; 0: only the latest"),
