@@ -24,6 +24,7 @@ from wayfield.benchmarks.aggregates import interval, iqm, mean
 from wayfield.benchmarks.coverage import HOLDS
 from wayfield.benchmarks.kept_rows import SUFFIX, read_packed
 from wayfield.benchmarks.results import EPISODES, Row, read_table
+from wayfield.benchmarks.sections import SECTIONS
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.readers import of_path, reader
 
@@ -404,8 +405,10 @@ def found_runs(folder: Path) -> Iterator[tuple[str, Sequence[Row], Path]]:
     kept = sorted((folder / "rows").glob(f"*{SUFFIX}"))
     if not kept:
         raise ValueError(f"{folder} holds neither {EPISODES} of a run nor rows/*{SUFFIX} of published ones")
+    within = {section.name: section.within for section in SECTIONS}
     for file in kept:
-        yield file.name.removesuffix(SUFFIX), read_packed(file), folder
+        name = file.name.removesuffix(SUFFIX)
+        yield name, read_packed(file), folder / within.get(name, "")
 
 
 def audit_run(audit: Audit, name: str, rows: Sequence[Row], folder: Path) -> None:

@@ -186,15 +186,18 @@ def _page(kept: Kept) -> str:
 
 def _claimed(kept: Kept) -> list[str]:
     """Returns the stems of the tables of claims that there are, in the order of the page."""
-    names = [name for section, _ in kept.sections() for name in section.tables if name.endswith("_claims.csv")]
-    return [name.removesuffix(".csv") for name in names if f"{KEPT}/{name}" in kept]
+    each = [
+        (section, name) for section, _ in kept.sections() for name in section.tables if name.endswith("_claims.csv")
+    ]
+    places = [section.place(name) for section, name in each]
+    return [place.removeprefix(f"{KEPT}/").removesuffix(".csv") for place in places if place in kept]
 
 
 def _shown(kept: Kept, place: str) -> str:
     """Returns a kept table as Markdown."""
     if place.endswith(".md"):
         return re.sub(r"^## ", "#### ", kept.text(place).strip(), flags=re.MULTILINE)
-    rows = kept.rows(Path(place).stem)
+    rows = kept.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
     return _table(list(rows[0]), [list(row.values()) for row in rows])
 
 

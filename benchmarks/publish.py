@@ -138,7 +138,7 @@ def tables(section: Section, rows: Sequence[Row], command: str) -> dict[str, byt
 def scenarios(rows: Sequence[Row]) -> int:
     """Returns how many different scenarios the rows of the standings are about."""
     # contests have rows of the validation split and of the front too
-    tested = [row for row in rows if row.get("split", "test") in ("test", "")]
+    tested = [row for row in rows if row.get("split", "test") in ("test", "claims", "")]
     return len({(row.get("document", row.get("contest")), row["scenario"], row.get("episode")) for row in tested})
 
 

@@ -21,6 +21,7 @@ class Section:
     tables: Mapping[str, str]  # file of the run: heading on the page
     not_shown: str
     pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
+    within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
 
     @property
     def of_contest(self) -> bool:
@@ -36,7 +37,7 @@ class Section:
         """Returns where the repository keeps a file of the run."""
         if file in self.pictures:
             return f"docs/{file}"
-        return f"{KEPT}/{self.name}.md" if file == TABLE else f"{KEPT}/{file}"
+        return f"{KEPT}/{self.name}.md" if file == TABLE else f"{KEPT}/{self.within}{file}"
 
 
 _MAP_TOLD = "Policies that know the map are told what the others must find out. Simulation only."
@@ -87,6 +88,24 @@ _MAIN = (
 )
 
 
+def _claims(contest: str, what: str, policies: str) -> Section:
+    """Returns the section of a contest on the split that tells small differences."""
+    stem = f"{contest.replace('-', '_')}_p3dx"
+    return Section(
+        f"{contest}-claims",
+        f"{what}, P3DX, a hundred other scenarios a family",
+        f"python evaluate.py --suite {contest} --split claims --policies {policies}",
+        {
+            f"{stem}.csv": "Standings",
+            f"{stem}_claims.csv": CLAIMS,
+            f"{stem}_families.csv": "By family",
+            f"{stem}_seeds.csv": "Each agent by itself",
+        },
+        "Only the policies that are near the best; the section of the contest has all.",
+        within="claims/",
+    )
+
+
 def _others() -> tuple[Section, ...]:
     """Returns a section for each contest that none above is about."""
     there = {section.command.split()[-1] for section in _MAIN}
@@ -106,6 +125,8 @@ def _others() -> tuple[Section, ...]:
 SECTIONS = (
     *_MAIN,
     *_others(),
+    _claims("goal-obstacles", "Goal reaching among obstacles", "vfh_plus,scan_planner,astar_tracker,ppo"),
+    _claims("docking", "Docking", "smooth_pose_backward,mpc_pose,reeds_shepp,ppo"),
     Section(
         DISTURBANCES,
         "Under disturbances",

@@ -201,10 +201,13 @@ def test_every_published_table_has_its_rows_and_they_are_small() -> None:
 
 
 def test_every_kept_file_belongs_to_a_section() -> None:
-    known = {"README.md", "rows", *(f"{section.name}.json" for section in sections.SECTIONS)}
+    known = {f"{sections.KEPT}/{name}" for name in ("README.md", *(f"{each.name}.json" for each in sections.SECTIONS))}
     for section in sections.SECTIONS:
-        known |= {Path(section.place(name)).name for name in section.tables}
-    assert {file.name for file in (ROOT / sections.KEPT).iterdir()} <= known
+        places = {section.place(name) for name in section.tables}
+        assert not places & known, "two sections would write one file"
+        known |= places | {f"{sections.ROWS}/{section.name}{SUFFIX}"}
+    there = {file.relative_to(ROOT).as_posix() for file in (ROOT / sections.KEPT).rglob("*") if file.is_file()}
+    assert there <= known
 
 
 @pytest.fixture
