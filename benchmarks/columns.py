@@ -63,13 +63,11 @@ class Rows(Sequence[Mapping[str, str]]):
             column.take([cells.get(k, "") for k in range(first, min(first + _AT_ONCE, self._count))])
 
     def _take(self, columns: Mapping[str, Sequence[str]], count: int) -> None:
-        for name in columns.keys() - self._columns.keys():
-            if self._count:
-                columns_before = _Column()
-                columns_before.take([""] * self._count)
-                self._columns[name] = columns_before
+        for name in [name for name in columns if name not in self._columns]:  # in their order, which a set has not
+            self._columns[name] = _Column()
+            self._columns[name].take([""] * self._count)
         for name, cells in columns.items():
-            self._columns.setdefault(name, _Column()).take(cells)
+            self._columns[name].take(cells)
         for name in self._columns.keys() - columns.keys():
             self._columns[name].take([""] * count)
         self._count += count

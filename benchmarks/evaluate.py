@@ -74,7 +74,9 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
     help="Only these policies.  [default: all that the suite names]",
 )
 @click.option(
-    "--dynamics", type=Choice("--dynamics", DYNAMICS), help="The plants.  [default: both; kinematic in contests]"
+    "--dynamics",
+    type=Choice("--dynamics", DYNAMICS),
+    help="The plants.  [default: both; kinematic in contests and overview]",
 )
 @click.option(
     "--actuators",
@@ -450,7 +452,8 @@ class Asked:
 
     def _run_cases(self, name: str, cases: Sequence[Case], folder: Path, engine: Engine) -> list[Table]:
         """Runs cases of the documents or of a path, and writes their files; returns their tables."""
-        plants = DYNAMICS[self.dynamics or "both"]
+        # the overview is awaited: the plant of its contests is enough there
+        plants = DYNAMICS[self.dynamics or ("kinematic" if self.wanted == OVERVIEW else "both")]
         actuators = self.actuators or "ideal"
         settings = [
             Setting(name, case, plant, actuators, self.seed, self.episodes or case.episodes)

@@ -33,7 +33,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_rows_come_back_to_the_letter(small: None, given_rows: list[dict[str, str]]) -> None:
     names = list(dict.fromkeys(name for row in given_rows for name in row))
     rows = Rows(given_rows)
-    assert sorted(rows.names) == sorted(names)
+    assert rows.names == names
     assert rows == [{name: row.get(name, "") for name in names} for row in given_rows]
     for row, had in zip(rows, given_rows, strict=True):
         for name in (*names, "none of these"):
