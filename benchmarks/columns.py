@@ -40,7 +40,8 @@ class Rows(Sequence[Mapping[str, str]]):
         self._count = 0
         given = iter(rows)
         while taken := list(itertools.islice(given, _AT_ONCE)):
-            self._take({name: [row.get(name, "") for row in taken] for row in taken for name in row}, len(taken))
+            names = dict.fromkeys(name for row in taken for name in row)
+            self._take({name: [row.get(name, "") for row in taken] for name in names}, len(taken))
 
     @classmethod
     def of_lines(cls, names: Sequence[str], lines: Iterable[Sequence[str]]) -> "Rows":

@@ -28,6 +28,18 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(columns, "_MOST_TEXTS", 4)
 
 
+def test_every_cell_is_asked_for_once() -> None:
+    asked: list[str] = []
+
+    class Row(dict[str, str]):
+        def get(self, name: str, default: str = "") -> str:  # type: ignore[override]
+            asked.append(name)
+            return super().get(name, default)
+
+    rows = Rows(Row(a=str(k), b="x") for k in range(50))
+    assert len(asked) == 2 * len(rows)
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(given_rows=ROWS)
 def test_rows_come_back_to_the_letter(small: None, given_rows: list[dict[str, str]]) -> None:
