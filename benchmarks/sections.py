@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES
+from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.coverage import COVERAGE, SUITE
 from wayfield.benchmarks.results import TABLE
 
@@ -88,13 +88,13 @@ _MAIN = (
 )
 
 
-def _claims(contest: str, what: str, policies: str) -> Section:
+def _claims(contest: Contest) -> Section:
     """Returns the section of a contest on the split that tells small differences."""
-    stem = f"{contest.replace('-', '_')}_p3dx"
+    stem = f"{contest.stem}_p3dx"
     return Section(
-        f"{contest}-claims",
-        f"{what}, P3DX, a hundred other scenarios a family",
-        f"python evaluate.py --suite {contest} --split claims --policies {policies}",
+        f"{contest.name}-claims",
+        f"{contest.spec.title}, P3DX, a hundred other scenarios a family",
+        f"python evaluate.py --suite {contest.name} --split claims --policies {','.join(contest.claims)}",
         {
             f"{stem}.csv": "Standings",
             f"{stem}_claims.csv": CLAIMS,
@@ -125,8 +125,7 @@ def _others() -> tuple[Section, ...]:
 SECTIONS = (
     *_MAIN,
     *_others(),
-    _claims("goal-obstacles", "Goal reaching among obstacles", "vfh_plus,scan_planner,astar_tracker,ppo"),
-    _claims("docking", "Docking", "smooth_pose_backward,mpc_pose,reeds_shepp,ppo"),
+    *(_claims(contest) for contest in CONTESTS.values() if contest.claims),
     Section(
         DISTURBANCES,
         "Under disturbances",

@@ -49,6 +49,10 @@ ALLOWED = {
         ("benchmarks/report/wasm.py", name): "builds from the package's own sources"
         for name in ("kernel_digest", "linked")
     },
+    (
+        "policies/training/slices.py",
+        "train_far",
+    ): "the bytes of a data sheet, which its reader has read and will read there",
     ("policies/tuned.py", "_read"): "reads bytes for read_gains",
     ("policies/tuned.py", "_read_sample"): "reads bytes for read_gains",
     ("benchmarks/parts.py", "_packed"): "takes what it has just written",

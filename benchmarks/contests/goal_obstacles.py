@@ -48,6 +48,7 @@ GOAL_OBSTACLES = Contest(
         *("scan_planner", "astar_tracker", "ppo"),
     ),
     overview=("apf_corrected", "vfh_plus", "dwa", "scan_planner", "astar_tracker", "ppo"),
+    claims=("vfh_plus", "scan_planner", "astar_tracker", "ppo"),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         Column("collision (%)", "collision", 1, 100.0, reduction="mean"),

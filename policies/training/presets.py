@@ -17,7 +17,7 @@ from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.residual import Base, controller_at
 from wayfield.policies.policy import Policy
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward
-from wayfield.policies.tuned import tuned_gains
+from wayfield.policies.tuned import NotTuned, tuned_gains
 
 World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword arguments of the environment
 
@@ -156,10 +156,11 @@ class Preset:
         """Returns the gains of the controller: tuned for the robot at the pace of every set, or its own.
 
         A search may find others after an agent was taught: "shipped" are those in the cards of the agents that ship for
-        the robot, so that the same agents come out; tuned ones where none was taught by this controller.
+        the robot, so that the same agents come out; where none was taught by this controller, tuned ones, and for a
+        robot that has none, one's own for example, the controller's own.
 
         Raises:
-            NotTuned: if there are none for the robot.
+            NotTuned: if there are no tuned ones for the robot, and "tuned" was asked for.
             ValueError: if the card of an agent that ships is damaged.
         """
         if self.controller_gains == "default":
@@ -170,7 +171,12 @@ class Preset:
                 training = read_card(folder / CARD)["training"]
                 if training.get("taught_by") == self.controller:
                     return dict(training["taught_with"])
-        return tuned_gains(self.controller, TASKS[self.task].suite, robot)
+        try:
+            return tuned_gains(self.controller, TASKS[self.task].suite, robot)
+        except NotTuned:
+            if self.controller_gains == "tuned":
+                raise
+            return {}
 
     @property
     def base(self) -> Base | None:
