@@ -69,6 +69,8 @@ def conditions(contest: Contest, robot: str, rows: Sequence[Row]) -> Mapping[str
         if row["split"] not in (*COMPARED, "front"):
             continue
         words = [contest.title, robot]
+        if row["split"] == "claims":
+            words.append("on the split claims")
         if row.get("speed"):  # a run without a front has no such column
             words.append(f"asked for {row['speed']} m/s")
         if row["disturbance"] != "none":
