@@ -87,7 +87,9 @@ def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tu
     tell_of_compiling(goal_reaching.step_rows)
     for k, files in tracked(engine.as_done(*work), len(missing), "parts"):
         keep(missing[k], files)
-    rows, places = Rows(row for part in parts for row in read_part(part.folder)[0]), _worst(parts, settings[0].keep)
+    worst: dict[tuple[str, ...], list[_Place]] = {}
+    rows = Rows(_rows_of(parts, settings[0].keep, worst))
+    places = [place for of_entry in worst.values() for place in of_entry]
     rows.replace("trajectory", {place.row: f"{k:05d}" for k, place in enumerate(places)})
     return rows, _Kept({f"{k:05d}": place for k, place in enumerate(places)})
 
@@ -119,19 +121,18 @@ class _Kept(Mapping[str, Trajectory]):
         return len(self._places)
 
 
-def _worst(parts: Sequence[Part], most: int | None) -> list[_Place]:
-    """Returns where the worst trajectories of each entry are, or all of them, the worst first."""
-    kept: dict[tuple[str, ...], list[_Place]] = {}
+def _rows_of(parts: Sequence[Part], most: int | None, worst: dict[tuple[str, ...], list[_Place]]) -> Iterator[Row]:
+    """Yields the rows of all parts; notes where the worst trajectories of each entry are, or all, the worst first."""
     first = 0
     for part in parts:
         rows, trajectories = read_part(part.folder)
         cost = ALL_CONTESTS[rows[0]["contest"]].spec.cost.metric
-        here = kept.setdefault(tuple(rows[0][name] for name in _ENTRY), [])
+        here = worst.setdefault(tuple(rows[0][name] for name in _ENTRY), [])
         here += [_Place(badness(rows[int(i)], cost), part.folder, i, first + int(i)) for i in trajectories]
         here.sort(key=lambda place: place.badness)
         del here[len(here) if most is None else most :]
         first += len(rows)
-    return [place for places in kept.values() for place in places]
+        yield from rows
 
 
 def played(setting: Setting) -> list[Episode]:

@@ -16,6 +16,7 @@ import numba
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.sigutils import normalize_signature
 
 # division as in IEEE; no entry for callers in C, of which there are none: it takes an eighth of the compiler's time
@@ -176,15 +177,16 @@ def _in_parts(dispatcher: Any, compile_for: Any) -> Any:
 
     @functools.wraps(compile_for)
     def compile_in_parts(sig: Any) -> Any:
-        _depth.now += 1
-        try:
-            if _depth.now == 1:
-                there = dispatcher.overloads.get(normalize_signature(sig)[0])
-                if there is not None and isinstance(there.library, _Part):
-                    del dispatcher.overloads[normalize_signature(sig)[0]]
-            return compile_for(sig)
-        finally:
-            _depth.now -= 1
+        arguments = normalize_signature(sig)[0]
+        with global_compiler_lock:  # another thread may be about to put the part into its kernel
+            _depth.now += 1
+            try:
+                there = dispatcher.overloads.get(arguments)
+                if _depth.now == 1 and there is not None and isinstance(there.library, _Part):
+                    del dispatcher.overloads[arguments]
+                return compile_for(sig)
+            finally:
+                _depth.now -= 1
 
     dispatcher.add_overload = add
     return compile_in_parts

@@ -480,9 +480,7 @@ class Perception:
             scales = np.array([self.dt, features.hull_radius, features.margin, features.range_scale])
             sights = Sights(*(memory[name] for name in Sights._fields))
             moved = inputs[:, at : at + self.moved]
-            fill_moving(
-                observation.pose, ranges, angles, scales, features.max_range, features.pool, sights, moved
-            )  # fmt: skip
+            fill_moving(observation.pose, ranges, angles, scales, features.max_range, features.pool, sights, moved)
             at += self.moved
         for k in range(1, self.features.frames):
             inputs[:, at : at + self.width] = memory["seen"][:, k * self.features.stride - 1]

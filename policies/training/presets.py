@@ -80,9 +80,8 @@ class Preset:
     speed: float = 0.6  # m/s, of validation, and of the agent unless told otherwise
     validations: int = 12  # in a run
     controller: str = ""  # a policy of the suite that the network is taught by or adds to; none
-    controller_gains: Literal["default", "tuned", "shipped"] = (
-        "tuned"  # shipped: that the agents there were taught with
-    )
+    # shipped: those that the agents there were taught with
+    controller_gains: Literal["default", "tuned", "shipped"] = "tuned"
     imitation: int = 0  # frames, of `steps`, in which the network is taught to drive like the controller before PPO
     imitation_rate: float = 1e-3
     lessons: int = 0  # that the teaching keeps and learns from again; 0: only the latest
@@ -279,7 +278,7 @@ _DIFF_GOAL = Preset(
     ),
     actions=Actions("unicycle", 2.0, reverse=0.5),
     reward=GoalReward(collision=150.0),
-    bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged: what tuned VFH+ does there",
+    bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged: what its teacher does there",
     measured="5 of 5 seeds reach it, with 96.5 to 98 % and at most 1 %; 337 to 1180 s, two at a time beside other work",
     robot="p3dx",
     steps=3_200_000,
