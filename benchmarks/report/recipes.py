@@ -24,7 +24,7 @@ from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import driven_as, driven_speed
-from wayfield.policies.learned.perception import limits_of
+from wayfield.policies.learned.perception import POSE, DockFeatures, limits_of
 from wayfield.policies.policy import lacks
 
 # The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
@@ -65,7 +65,11 @@ NETWORK_TO_POSES = (
     ("agent", "hold"),
     ("agent", "forward"),
 )
-NETWORKS: Mapping[str, Sequence[tuple[str, str]]] = {"path": NETWORK_ALONG_PATHS, "goal": NETWORK_TO_POSES}  # by kind
+NETWORKS: Mapping[str, Sequence[tuple[str, str]]] = {
+    "path": NETWORK_ALONG_PATHS,
+    "goal": NETWORK_TO_POSES,
+    "dock": (*NETWORK_TO_POSES, ("perception", "fill_pose")),
+}  # by kind
 
 # What an argument of a law is, by its name; all else is a constant.
 ROLES = {
@@ -161,9 +165,23 @@ def decisions(task: str) -> dict[str, Decision]:
 
 
 def network(task: str) -> Sequence[tuple[str, str]]:
-    """Returns the compiled functions of the agents that ship for a task; none where the page drives none."""
+    """Returns the compiled functions of the agents that ship for a task; none where none ship."""
     contest = contest_of(task)
-    return NETWORKS.get(contest.spec.kind, ()) if set(TRAINED) & set(contest.policies) else ()
+    return NETWORKS[contest.spec.kind] if set(TRAINED) & set(contest.policies) else ()
+
+
+def halves(numbers: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Returns numbers of eight bits' precision as two planes of bytes (2, n): the upper of their halves, then the lower.
+
+    They deflate better so; the page's `Network` puts them together.
+
+    Raises:
+        ValueError: if a number has more bits than its upper half holds.
+    """
+    bits = np.ascontiguousarray(numbers, np.float32).view(np.uint32)
+    if (bits & 0xFFFF).any():
+        raise ValueError("weights must be rounded as agents are when they are saved")
+    return np.stack([bits >> 24, bits >> 16 & 0xFF]).astype(np.uint8)
 
 
 def environment(task: str, robot: str, actuators: str, scenario: str, disturbance: str = "none") -> NativeVectorEnv:
@@ -292,7 +310,7 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         "sizes": blobs.put(forward["sizes"]),
         "layers": len(forward["sizes"]),
         "widest": int(forward["sizes"].max()),
-        "numbers": blobs.put(forward["numbers"]),
+        "numbers": blobs.put(halves(forward["numbers"])),
         "count": len(forward["numbers"]),
         "task": task,
     }
@@ -304,6 +322,8 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
     if "fill_goal" in calls:
         goal = calls["fill_goal"]
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
+    if isinstance(features, DockFeatures):
+        told |= {"posed": POSE, "rest": features.rest, "rest_turn": features.rest_turn}
     if "guard" in calls:
         told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:
@@ -423,7 +443,9 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     if policy in TRAINED:
         functions = [(of_policies(module), name) for module, name in network(task)]
         found: dict[str, Export] = {}
-        for robot in ("p3dx",) if contest.spec.on_path else ("omni3", "p3dx"):  # agents of one may call more
+        for robot in FITTING:  # agents of one may call more than those of another
+            if not any(contest.gain_sets(policy, robot, ())):
+                continue
             # a quick base shows all that an agent calls: it is held to what the agent knows
             env = environment(task, robot, "ideal", timed_on)
             for kernel, values in first_decision(env, make(policy), functions):

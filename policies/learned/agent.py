@@ -336,6 +336,23 @@ def signed(card: Mapping[str, Any]) -> dict[str, Any]:
     return content | {"digest": digest(content)}
 
 
+def rounded(
+    layers: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]],
+) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Returns layers whose numbers have eight bits, as an agent is saved: the nearest bfloat16, of two the even one.
+
+    A network drives no worse so, and takes half the room where it is packed; it computes with them in float32 as before.
+    """
+    return [(_nearest(weight), _nearest(bias)) for weight, bias in layers]
+
+
+def _nearest(numbers: NDArray[np.float32]) -> NDArray[np.float32]:
+    bits = np.ascontiguousarray(numbers, np.float32).view(np.uint32)
+    up = 0x7FFF + (bits >> np.uint32(16) & np.uint32(1))
+    nearest = (bits + up & np.uint32(0xFFFF0000)).view(np.float32)
+    return np.where(np.isfinite(numbers), nearest, numbers).astype(np.float32)
+
+
 def weights_digest(layers: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> str:
     """Returns the SHA-256 of weights and biases, by which a card knows them."""
     sha = hashlib.sha256()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from wayfield.envs.checks import shown
 from wayfield.envs.command_line import SEED, Choice, OneLineErrors, command_given
 from wayfield.envs.scenarios import TASKS
-from wayfield.policies.learned.agent import Agent, Network, save_agent
+from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent
 from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.presets import Preset, preset_for
@@ -241,6 +241,7 @@ class Offline:
             layers = reached
             if not np.isfinite(loss):
                 raise FloatingPointError(f"the training diverged after {k} gradient steps; nothing was saved")
+        layers = rounded(layers)
         kwargs = dict(self.preset.validation) | ({"robot": task.robot.name} if self.preset.robot is None else {})
         kwargs |= {} if self.preset.robot is None else {"robot": self.preset.robot}
         name = f"{self.algorithm}, seed {seed}"

@@ -19,7 +19,7 @@ from torch.utils.tensorboard.writer import SummaryWriter
 from wayfield.envs.checks import shown
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.storage import clear_stale, locked
-from wayfield.policies.learned.agent import Agent, Network, save_agent, weights_digest
+from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner
 from wayfield.policies.training.measured import measurement
@@ -270,9 +270,8 @@ class _Run:
     def _publish(self) -> None:
         if self.rows:
             checkpoints.write_curve(self.job.folder, self.rows)
-            save_agent(
-                self.job.folder / checkpoints.BEST, self.best, self._card(self.best, self.best_row, self.measured)
-            )
+            best = rounded(self.best)
+            save_agent(self.job.folder / checkpoints.BEST, best, self._card(best, self.best_row, self.measured))
 
     def _restore(self, arrays: dict[str, NDArray[Any]], numbers: dict[str, Any]) -> None:
         self.learner.restore(arrays, numbers)

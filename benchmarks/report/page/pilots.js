@@ -50,6 +50,14 @@ class Law {
   }
 }
 
+// Numbers of float32 from the two planes of bytes that hold their upper halves: `halves` of the package.
+function joined(planes) {
+  const count = planes.length / 2;
+  const bits = new Uint32Array(count);
+  for (let k = 0; k < count; k++) bits[k] = planes[k] * 16777216 + planes[count + k] * 65536;
+  return new Uint8Array(bits.buffer);
+}
+
 // A trained agent: what its network sees is filled by the package's functions, and put together here as Python does.
 class Network {
   constructor(simulator, recipe) {
@@ -71,10 +79,10 @@ class Network {
     this.angles = room(8, [1]);
     this.speeds = doubles([recipe.speed]);
     this.sizes = { at: kernels.put(kernels.blob(recipe.sizes)), shape: [recipe.layers] };
-    this.numbers = { at: kernels.put(kernels.blob(recipe.numbers)), shape: [recipe.count] };
+    this.numbers = { at: kernels.put(joined(kernels.blob(recipe.numbers))), shape: [recipe.count] };
     this.fields = {};
     for (const [name, values] of Object.entries(simulator.seen)) this.fields[name] = doubles(Array.from(values));
-    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "arrive"]) {
+    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "fill_pose", "arrive"]) {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
     }
     if (recipe.guard) this.guard = doubles(recipe.guard);
@@ -109,7 +117,11 @@ class Network {
     } else {
       kernels.call("perception_fill_goal", { goals: { at: fields.goal.at, shape: [1, 2] }, twists: { at: fields.twist.at, shape: [1, body.axes.length] },
         ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, speeds: this.speeds, scales: this.fill_goal, max_range: recipe.max_range,
-        pool: recipe.pool, ahead: recipe.ahead ? 1 : 0, angles: this.angles, out: seenPart });
+        pool: recipe.pool, ahead: recipe.ahead ? 1 : 0, angles: this.angles, out: part(inputs, 0, recipe.width - (recipe.posed || 0)) });
+    }
+    if (recipe.posed) {
+      kernels.call("perception_fill_pose", { goals: { at: fields.goal.at, shape: [1, 2] }, turns: fields.goal_heading_error, angles: this.angles,
+        scales: this.fill_pose, out: part(inputs, recipe.width - recipe.posed, recipe.posed) });
     }
     const acted = 2 * recipe.previous;
     let at = recipe.width;
@@ -178,6 +190,13 @@ class Network {
     return Array.from(kernels.f64(this.turned.at, 3));
   }
 
+  // Whether the robot is where it is to rest: the end of `DockFeatures.guarded`.
+  rests() {
+    const { recipe } = this;
+    const { goal: [x, y], goal_heading_error: [turn], waypoints_left: [left] } = this.simulator.seen;
+    return x * x + y * y < recipe.rest * recipe.rest && left < 0.5 && Math.abs(turn) < recipe.rest_turn;
+  }
+
   // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, and `hold`.
   ended(twist) {
     const { recipe, fields } = this;
@@ -193,6 +212,7 @@ class Network {
       kernels.call("perception_guard", { ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] },
         yaw_rates: { at: fields.twist.at + 8 * (count - 1), shape: [1] }, law: this.guard, twists: this.twist });
     }
+    if (recipe.posed && this.rests()) kernels.f64(this.twist.at, count).fill(0);
     if (recipe.hold) kernels.call("perception_hold", { law: this.law, matrix: this.matrix, held: this.held, twists: this.twist });
     const found = [0, 0, 0];
     body.axes.forEach((axis, k) => { found[axis] = kernels.f64(this.twist.at, count)[k]; });
