@@ -74,22 +74,52 @@ def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
 class _Part(JITCodeLibrary):
     """The code of a kernel that another one calls: never machine code of its own.
 
-    LLVM optimizes it where it ends up, in the code of whom Python calls. Doing that at every step on the way up took a
-    third of the compiler's time. Kernels that call no others are small, and their loops are faster when they meet the
-    whole optimizer before they are put in place of a call; for the rest it is enough to be simplified on the way.
+    It is left as it is written: LLVM meets it once, beside all that it calls, in the code of whom Python calls.
     """
 
+    def finalize(self) -> None:
+        """Ends the code."""
+        self._raise_if_finalized()
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        self._final_module.verify()
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _Whole(JITCodeLibrary):
+    """The code of a kernel that Python calls, with that of all parts.
+
+    Each is linked once and optimized once: to link and optimize what is called at every step on the way up took half of
+    the compiler's time, and gave slower loops.
+    """
+
+    def finalize(self) -> None:
+        """Links the parts, optimizes all, and makes machine code of it."""
+        self._linking_libraries = _callers_first(self)
+        super().finalize()
+
     def _optimize_final_module(self) -> None:
-        if not any(isinstance(library, _Part) for library in self._linking_libraries):
-            super()._optimize_final_module()
-            return
-        found = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, cost="cheap")
+        found = self._codegen._module_pass_manager()
         manager, *more = found if isinstance(found, tuple) else (found,)  # and what built it, since numba 0.62
         manager.run(self._final_module, *more)
 
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
+
+def _callers_first(whole: JITCodeLibrary) -> list[Any]:
+    """Returns what a kernel and its parts call, each after all that call it: LLVM links what is asked for by then."""
+    met: set[Any] = set()
+    found: list[Any] = []
+
+    def visit(library: Any) -> None:
+        for each in library._linking_libraries:
+            if each not in met:
+                met.add(each)
+                if isinstance(each, _Part):
+                    visit(each)
+                found.append(each)
+
+    visit(whole)
+    return found[::-1]
 
 
 class _Pipeline(Compiler):
@@ -100,6 +130,9 @@ class _Pipeline(Compiler):
         if _depth.now > 1:
             library = _Part(targetctx.codegen(), f"part{next(_numbers)}")
             flags.no_compile = flags.no_cpython_wrapper = True
+        elif library is None:
+            library = _Whole(targetctx.codegen(), f"whole{next(_numbers)}")
+            library.enable_object_caching()
         super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
 
 
