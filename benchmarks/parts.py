@@ -32,7 +32,7 @@ from wayfield.envs.identity import source_digest
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import scenarios_of, splits
-from wayfield.envs.storage import clear_stale, sync_folder, temporary_folder, write_whole
+from wayfield.envs.storage import clear_stale, temporary_folder
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
@@ -230,6 +230,9 @@ def _packed(rows: Sequence[Row], trajectories: dict[str, Trajectory], drives: di
 def keep(part: Part, files: Mapping[str, bytes]) -> None:
     """Leaves the files of a part in its folder, whole or not at all.
 
+    They are not waited for until they are on the disk, which would take longer than to play them: a part that a loss of
+    power has torn is known by its digests, and played again.
+
     Raises:
         OSError: if they cannot be written.
     """
@@ -237,16 +240,15 @@ def keep(part: Part, files: Mapping[str, bytes]) -> None:
     try:
         _write_part(stage, files)
         os.replace(stage, part.folder)
-        sync_folder(part.folder.parent)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
 
 def _write_part(folder: Path, files: Mapping[str, bytes]) -> None:
     for name, content in files.items():
-        write_whole(folder / name, content)
+        (folder / name).write_bytes(content)
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    write_whole(folder / _DIGESTS, json.dumps(digests).encode())
+    (folder / _DIGESTS).write_text(json.dumps(digests), encoding="utf-8")
 
 
 def _sample_part(folder: Path) -> None:
