@@ -25,6 +25,7 @@ from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
 from wayfield.envs.storage import digest
 from wayfield.policies import make
+from wayfield.policies.learned import perception
 from wayfield.policies.learned.agent import (
     CARD,
     FORMAT,
@@ -32,6 +33,7 @@ from wayfield.policies.learned.agent import (
     Agent,
     Network,
     load_agent,
+    rounded,
     save_agent,
     signed,
     weights_digest,
@@ -923,6 +925,26 @@ def test_weights_that_are_not_finite_are_not_saved_over_good_ones(tmp_path: Path
         with pytest.raises(ValueError, match=r"layer_1\.weight has numbers that are not finite"):
             save_agent(folder, layers, card | {"sha256": weights_digest(layers)})
     np.testing.assert_array_equal(load_agent(folder).network.numbers, before)
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False, min_value=-(2.0**100), max_value=2.0**100))
+def test_a_saved_weight_is_the_nearest_number_of_eight_bits(number: float) -> None:
+    ((weight, bias),) = rounded([(np.array([[number]], np.float32), np.zeros(1, np.float32))])
+    exact = math.frexp(number)  # eight bits of the mantissa, of two as near the even one: as Python rounds
+    if abs(number) > 1e-30:
+        assert float(weight[0, 0]) == math.ldexp(round(exact[0] * 256), exact[1] - 8)
+    assert abs(float(weight[0, 0]) - number) <= max(abs(number) / 256, 1e-37)
+    np.testing.assert_array_equal(rounded([(weight, bias)])[0][0], weight)
+
+
+def test_what_is_not_finite_is_not_rounded_to_what_is() -> None:
+    bad = np.array([[math.nan, math.inf, -math.inf]], np.float32)
+    np.testing.assert_array_equal(rounded([(bad, np.zeros(3, np.float32))])[0][0], bad)
+
+
+def test_agents_that_ship_have_weights_of_eight_bits() -> None:
+    for folder in sorted((Path(perception.__file__).parents[1] / "agents").glob("*/seed_*")):
+        assert not (load_agent(folder).network.numbers.view(np.uint32) & 0xFFFF).any(), folder
 
 
 def killed_at(count: int, work: Callable[[], Any]) -> bool:

@@ -171,7 +171,7 @@ def network(task: str) -> Sequence[tuple[str, str]]:
 
 
 def halves(numbers: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Returns numbers of eight bits' precision as two planes of bytes (2, n): the upper of their halves, then the lower.
+    """Returns numbers of eight bits' precision as two planes of bytes (2, n), the upper ones first.
 
     They deflate better so; the page's `Network` puts them together.
 

@@ -341,7 +341,7 @@ def rounded(
 ) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
     """Returns layers whose numbers have eight bits, as an agent is saved: the nearest bfloat16, of two the even one.
 
-    A network drives no worse so, and takes half the room where it is packed; it computes with them in float32 as before.
+    A network drives no worse so, and takes half the room where it is packed; it computes in float32 as before.
     """
     return [(_nearest(weight), _nearest(bias)) for weight, bias in layers]
 
