@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating
 from wayfield.envs.geometry import clearance
 from wayfield.envs.grids import NO_GRIDS, grid_clearance, lay_grids
 from wayfield.envs.scenarios import GoalScenario
@@ -56,7 +56,7 @@ def shortest_way(scenario: GoalScenario, hull_radius: float) -> float:
     return max(total - scenario.position_tolerance, CELL)
 
 
-@compiled
+@allocating
 def occupancy(obstacles: Any, grids: Any, low: Any, cell: float, shape: Any, needed: float) -> NDArray[np.bool_]:
     """Returns which nodes (rows, columns), `cell` (m) apart from `low` on, have less than `needed` (m) of clearance."""
     blocked = np.zeros(shape, np.bool_)

@@ -50,13 +50,25 @@ def compiled(function: Any) -> Any:
 
     IEEE arithmetic as it is written, without fastmath: a lone robot, a batch, and another day give the same bits. It
     lets other threads of Python run: none may write what it is given.
+
+    It makes no arrays and returns none, and so counts no references to them, which takes two atomic operations wherever
+    an array is named: as long as all the rest of a robot's step, and longer for threads, which wait for each other.
+
+    Raises:
+        TypeError: when it is compiled, if it returns arrays, or calls what does; ask for `allocating` then.
     """
-    return _cached(numba.njit(nogil=True, pipeline_class=_Pipeline, **_SETTINGS)(function))
+    return _cached(numba.njit(nogil=True, _nrt=False, pipeline_class=_Pipeline, **_SETTINGS)(function))
 
 
 def inlined(function: Any) -> Any:
     """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
-    return _cached(numba.njit(forceinline=True, pipeline_class=_Pipeline, **_SETTINGS)(function))
+    return _cached(numba.njit(forceinline=True, _nrt=False, pipeline_class=_Pipeline, **_SETTINGS)(function))
+
+
+def allocating(function: Any) -> Any:
+    """Compiles like `compiled` what makes or returns arrays: the outermost function, which calls what does the work."""
+    # said, for otherwise it takes after the first that calls it
+    return _cached(numba.njit(nogil=True, _nrt=True, pipeline_class=_Pipeline, **_SETTINGS)(function))
 
 
 def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
@@ -201,6 +213,8 @@ def _in_parts(dispatcher: Any, compile_for: Any) -> Any:
     add_overload = dispatcher.add_overload
 
     def add(cres: Any) -> None:
+        if not dispatcher.targetoptions["_nrt"]:
+            _check_counts(dispatcher.py_func.__name__, cres)
         if not isinstance(cres.library, _Part):
             add_overload(cres)
             return
@@ -223,6 +237,25 @@ def _in_parts(dispatcher: Any, compile_for: Any) -> Any:
 
     dispatcher.add_overload = add
     return compile_in_parts
+
+
+def _check_counts(name: str, cres: Any) -> None:
+    """Raises TypeError if what counts no references hands some on, or is handed some: they would be counted wrong."""
+    returned = [cres.signature.return_type]
+    if not isinstance(cres.type_annotation, str):  # what comes out of the cache was looked at before
+        typemap = cres.type_annotation.typemap
+        for call, signature in cres.type_annotation.calltypes.items():
+            if getattr(call, "op", "") == "call" and isinstance(typemap[call.func.name], numba.types.Dispatcher):
+                returned.append(signature.return_type)
+    if any(_holds_arrays(each) for each in returned):
+        raise TypeError(f"{name} returns arrays, or calls what does: it must be decorated with allocating")
+
+
+def _holds_arrays(kind: Any) -> bool:
+    """Returns whether values of a type of Numba's are arrays or hold some."""
+    if isinstance(kind, numba.types.BaseTuple):
+        return any(_holds_arrays(each) for each in kind)
+    return isinstance(kind, numba.types.Array)
 
 
 _CALLBACKS = ("_raw_object_cache_notify", "_raw_object_cache_getbuffer")  # llvmlite's, into which LLVM calls back

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 
 OBSTACLE = np.dtype(
     [
@@ -97,7 +97,7 @@ def bearings(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float
     return found
 
 
-@compiled
+@allocating
 def _sines(angles):
     values = np.empty((2, angles.shape[0]))
     for i in range(angles.shape[0]):
@@ -105,7 +105,7 @@ def _sines(angles):
     return values
 
 
-@compiled
+@allocating
 def _bearings(y, x):
     angles = np.empty(x.shape[0])
     for i in range(x.shape[0]):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import records, sensing
 from wayfield.envs.blocks import in_blocks
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, inlined
 from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
 from wayfield.envs.grids import FRAME, SCRATCH, Grids, clearance_around, frames_of, lay_grids, scan_grid
 from wayfield.envs.kinematics import to_body_frame
@@ -271,7 +271,7 @@ def begin(p, s, world, robots, i, outputs):
     report(p, s, 0.0, 0.0, 0.0, outputs.numbers, i)
 
 
-@compiled
+@allocating
 def step_rows(
     phases,
     params,
@@ -296,7 +296,7 @@ def step_rows(
     return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
 
-@compiled
+@allocating
 def reset_rows(
     params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, cells, beams, out, numbers, flags
 ):
@@ -306,7 +306,7 @@ def reset_rows(
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
 
 
-@inlined
+@allocating
 def scanner(p, beams, obstacles, cells):
     """Returns the range scanner, with scratch for the obstacles (b, m) of a batch and for its maps."""
     scratch = np.empty(max(3 * obstacles.shape[1], SCRATCH if cells.shape[0] > 0 else 0))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.blocks import blocks_clearance
 from wayfield.envs.checks import FARTHEST, choose, number, pose, shown
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import row_clearance, sin_cos
 
 MOST_SIDE = 16_383  # cells
@@ -301,7 +301,7 @@ def _measure_rooms(occupied, planes):
                 planes[plane, i, j] = min(room + 1, _MOST)
 
 
-@compiled
+@allocating
 def _measure_columns(occupied, away, nearest):
     """Fills how many rows away the nearest occupied cell of a column is, and the nearest of each block of columns."""
     rows, columns = occupied.shape
@@ -733,7 +733,7 @@ def stop_inside(frame, scratch, count):
         scratch[_AT.gone + k] = scratch[_AT.gone + k] if inside else scratch[_AT.reach + k]
 
 
-@compiled
+@allocating
 def _clearances(frames, cells, points):
     found = np.empty(points.shape[0])
     for k in range(points.shape[0]):
@@ -741,7 +741,7 @@ def _clearances(frames, cells, points):
     return found
 
 
-@compiled
+@allocating
 def _rays(frames, cells, points, headings, lengths):
     ahead = np.array([[1.0, 0.0]])
     scratch = np.empty(SCRATCH)

@@ -16,7 +16,7 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled, machine_code
+from wayfield.envs.compiled import allocating, compiled, machine_code
 from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, sin_cos, wrap_angle
 from wayfield.envs.grids import OccupancyGrid, grid_clearance, grid_normal
 from wayfield.envs.hulls import hull_clearance, swing, touched, way_out
@@ -177,7 +177,7 @@ def grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn):
     return True
 
 
-@compiled
+@allocating
 def slide(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate):
     """Returns the twist after a sub-step of Coulomb friction at wheels that turn for another twist.
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import bearing, clearance, sin_cos
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol
@@ -155,7 +155,7 @@ def ends_at(turns, lengths, x, y, phi):
     return abs(px - x) + abs(py - y) + abs(turned(heading - phi)) < _EXACT * (1.0 + abs(x) + abs(y))
 
 
-@compiled
+@allocating
 def shortest_word(x, y, phi, word):
     """Fills the shortest way from the origin to the pose (x, y, phi); returns its length, in units of the radius.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import memory as check_memory
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
@@ -137,7 +137,7 @@ def world_side(told: Map, i: int) -> float:
     return float(max(columns, rows))
 
 
-@compiled
+@allocating
 def corners_of(frame):
     """Returns the corners (4, 2) of a scenario's grid, m; (0, 2) where there is none."""
     corners = np.empty((4 if frame.grid_cell > 0.0 else 0, 2))
@@ -203,7 +203,7 @@ def moves(told, i):
     return moving
 
 
-@compiled
+@allocating
 def plan_with_room(p, m, prices, x, y, stops):
     """Lays the way with the widest of the margins, a row of prices each, that has one; returns whether one has."""
     found = False
@@ -219,7 +219,7 @@ def plan_with_room(p, m, prices, x, y, stops):
     return found
 
 
-@compiled
+@allocating
 def dodge(p, m, prices, told, i, x, y, stops, time):
     """Plans robot i's way around what the patrols sweep in a while, or a third of it; without one it keeps its plan."""
     still = m.grid.copy()
@@ -242,7 +242,7 @@ def dodge(p, m, prices, told, i, x, y, stops, time):
             return
 
 
-@compiled
+@allocating
 def lay_grid(p, m, told, i, x, y):
     """Sets where robot i's grid lies and how wide its cells are, and fills it with what stands."""
     low_x = x

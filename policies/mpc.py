@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import MOST_WHOLE
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import wrap_angle
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -494,7 +494,7 @@ def locate(vertices, runs, path_index, model, poses, arc_lengths, i, path, start
     start[4] = end
 
 
-@compiled
+@allocating
 def linearise(model, path, start, twists, last, commands, progress, i, program):
     """Fills the quadratic program of robot i around its plan.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -316,7 +316,7 @@ def polar_plan(p, pose, twist, last, way, plan):
         plan[1, k] = w
 
 
-@compiled
+@allocating
 def choose(params, seen, command, commands, i):
     """Puts the cheapest of the plans to start from in the place of robot i's; returns its cost."""
     p = params[0]
@@ -339,7 +339,7 @@ def choose(params, seen, command, commands, i):
     return best
 
 
-@compiled
+@allocating
 def linearise(params, seen, command, commands, i, program):
     """Fills the quadratic program of changes of robot i's plan; returns the largest derivative of the sum.
 
@@ -430,7 +430,7 @@ def bound(p, last, plan, program):
             upper[row] = max((p.plant.wheel_speed_limit - turning) / fastest, 0.0)
 
 
-@compiled
+@allocating
 def improve(params, seen, command, commands, i, cost, change):
     """Adds to robot i's plan the largest share of a change (2 n,) that makes it cheaper; nothing if none does."""
     p = params[0]

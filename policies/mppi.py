@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.elementary import exponential, logarithm
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
@@ -179,7 +179,7 @@ FAR = 1e3  # m, longer than any way
 WALL_SLOWNESS = 60.0  # metres of way that a metre through an obstacle counts for
 
 
-@compiled
+@allocating
 def decide(params, beams, ranges, seen, memory, twists):
     """Fills the (b, 3) twists of `Mppi` and moves its memory on."""
     p = params[0]
@@ -448,7 +448,7 @@ def clamp(p, vx, vy, yaw_rate):
     return min(max(vx, -p.max_reverse), p.max_speed), 0.0, yaw_rate
 
 
-@compiled
+@allocating
 def sample(p, decisions, plan, plans):
     """Fills the plans of a robot's next decision: its last one, standstill, and that last one with noise, clamped."""
     plans[0] = plan

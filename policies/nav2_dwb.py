@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.policies.parts.costmap import (
     INSCRIBED,
@@ -129,7 +129,7 @@ class Nav2Dwb(CostmapController):
         return memory["state"]["command"][:, list(briefing.robot.twist_axes)]
 
 
-@compiled
+@allocating
 def decide(params, maps, scan, seen, memory):
     """Sets the commands of all robots."""
     p = params[0]
@@ -168,7 +168,7 @@ def reachable(speed, acceleration, horizon, least, most):
     return max(speed - acceleration * horizon, least), min(speed + acceleration * horizon, most)
 
 
-@compiled
+@allocating
 def sampled(least, most, count):
     """Returns `count` speeds evenly from the least to the greatest, and 0 where that lies between two of them."""
     if most - least < 1e-5:
@@ -186,7 +186,7 @@ def sampled(least, most, count):
     return speeds[:n]
 
 
-@compiled
+@allocating
 def best_twist(p, m, costs, told, pose, now):
     """Returns (vx, vy, yaw rate, score) of the legal twist with the least score, the first of equal ones.
 
@@ -285,7 +285,7 @@ def cell_of(p, x, y):
     return math.floor(y / p.local_cell), math.floor(x / p.local_cell)
 
 
-@compiled
+@allocating
 def cells_of(p, points):
     """Returns the cells (n, 2), row and column, that points (k, 2) lie in, each once in a row."""
     cells = np.empty((points.shape[0], 2), np.int64)

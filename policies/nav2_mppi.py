@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.elementary import exponential
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
@@ -199,7 +199,7 @@ def fill_noise(seed, noise):
             noise[k, t, 1], _ = two_normals(key, number + 1)
 
 
-@compiled
+@allocating
 def decide(params, maps, samples, scan, seen, memory):
     """Sets the commands of all robots."""
     p = params[0]
@@ -311,7 +311,7 @@ def roll_out(p, sequence, samples, now, pose):
 # The critics.
 
 
-@compiled
+@allocating
 def judge(p, m, costs_of, points, state, samples):
     """Fills the costs of the samples by all critics; returns whether one of them does not collide.
 
@@ -519,7 +519,7 @@ def add_control_cost(p, sequence, samples):
         costs[k] += total
 
 
-@compiled
+@allocating
 def average(temperature, samples, sequence):
     """Makes the plan the mean of the samples' controls, weighted by exp(-(cost - least cost) / temperature)."""
     _, controls, _, costs = samples
@@ -537,7 +537,7 @@ def average(temperature, samples, sequence):
     sequence /= total
 
 
-@compiled
+@allocating
 def smooth(history, sequence):
     """Filters the plan (steps, 3): FILTER over four twists before, which the history keeps, and four after it."""
     steps = sequence.shape[0]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import bearing, lengths, nearest_surface, sin_cos, sines
 from wayfield.envs.grids import grid_clearance, grid_normal
 from wayfield.envs.patrols import patrol
@@ -151,7 +151,7 @@ class CorrectedField:
         return twists[:, briefing.robot.twist_axes]
 
 
-@compiled
+@allocating
 def steer(params, told, poses, goals, turns, memory, twists):
     """Fills the (b, 3) twists of `CorrectedField.act` and keeps the sides up to date."""
     p = params[0]
@@ -283,7 +283,7 @@ def move(patrols, obstacles, counts, times):
         patrol(patrols, i, obstacles, i, counts[i], times[i])
 
 
-@compiled
+@allocating
 def summed(strength, away):
     """Returns the sums (b, 2) of vectors (b, m, 2) times their strengths: a lone robot sums as one of many does."""
     sums = np.zeros((away.shape[0], 2))

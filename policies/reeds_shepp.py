@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
@@ -222,7 +222,7 @@ def advance(m, poses, i):
     return best <= _STRAY * _STRAY
 
 
-@compiled
+@allocating
 def make_plan(p, told, poses, goal, m, i):
     """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
     obstacles, counts, patrols = told[:3]

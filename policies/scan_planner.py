@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.parts.polyline_tracker import (
     PLAN,
@@ -157,7 +157,7 @@ class ScanPlanner(PolylineTracker):
         return self.twists(briefing, memory["state"])
 
 
-@compiled
+@allocating
 def decide(params, prices, table, scan, seen, memory):
     """Sets the commands of all robots: enters the scans, plans where it must be, and tracks."""
     p = params[0]
@@ -239,7 +239,7 @@ def plan_is_due(p, m, x, y, target_x, target_y):
     return due, s
 
 
-@compiled
+@allocating
 def plan(p, m, prices, table, scan, i, pose, target_x, target_y):
     """Plans robot i's way: by the wanted margin, or a narrower one, or these two once the map is forgotten.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import choose
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import saturation_factor, to_body_frame
 from wayfield.policies.parts.detour import DETOUR, LOOK, seek
@@ -169,7 +169,7 @@ class VfhPlus:
         return twists[:, briefing.robot.twist_axes]
 
 
-@compiled
+@allocating
 def steer(params, scan, seen, memory, twists):
     """Fills the (b, 3) twists of `VfhPlus.act`.
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import cbor2
 import numpy as np
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating
 from wayfield.envs.coppelia import standstill
 from wayfield.envs.readers import reader
 
@@ -58,7 +58,7 @@ class Refusal(ValueError):
         self.reply = reply
 
 
-@compiled
+@allocating
 def scan(data):
     """Returns 0 when the bytes (n,) uint8 are one CBOR item within the limits, else the index of the fault."""
     left = np.empty(MAX_DEPTH + 1, np.int64)  # items that each open array or map still holds

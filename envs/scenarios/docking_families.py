@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating
 from wayfield.envs.geometry import clearance, sin_cos
 from wayfield.envs.grids import NO_GRIDS, lay_grids
 from wayfield.envs.patrols import PATROL
@@ -186,7 +186,7 @@ def way(scenario: DockingScenario, hull_radius: float = LARGEST_HULL) -> float:
     return float(_shortest(np.array(scenario.start), np.array(scenario.goal), field, hull_radius))
 
 
-@compiled
+@allocating
 def _shortest(start, goal, field, hull_radius):
     """Returns `way`; field: as `reeds_shepp.is_free` takes it."""
     best = np.inf

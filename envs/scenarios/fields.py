@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.checks import number
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating, compiled
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
@@ -109,7 +109,7 @@ def has_room(obstacles: NDArray[np.void], x: float, y: float, needed: float) -> 
     return True
 
 
-@compiled
+@allocating
 def way_exists(obstacles: NDArray[np.void], x0: float, y0: float, x1: float, y1: float, needed: float) -> bool:
     """Returns whether a grid of 0.1 m over the walled square joins two points (m) along clear nodes.
 

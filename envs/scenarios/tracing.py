@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating
 from wayfield.envs.geometry import sin_cos
 
 
-@compiled
+@allocating
 def arc(pieces, step):
     """Returns x and y (m), shape (2, k), of a curve from the origin along x, given by its curvature.
 
@@ -41,7 +41,7 @@ def arc(pieces, step):
     return points
 
 
-@compiled
+@allocating
 def lengths(points):
     """Returns the arc lengths (k,) of a polyline (2, k)."""
     along = np.zeros(points.shape[1])
@@ -52,7 +52,7 @@ def lengths(points):
     return along
 
 
-@compiled
+@allocating
 def evenly(points, spacing, x, y, heading, side):
     """Returns points (n, 2) along a fine polyline (2, k), evenly spaced, placed in the world and rounded to 1e-6 m.
 
@@ -81,7 +81,7 @@ def evenly(points, spacing, x, y, heading, side):
     return even
 
 
-@compiled
+@allocating
 def sharpness(points, closed, window):
     """Returns the largest change of direction of a path within `window` (m), over the window: rad/m.
 

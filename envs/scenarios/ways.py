@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import clearance
 from wayfield.envs.scenarios.scenario import GoalScenario
 
@@ -143,7 +143,7 @@ def grid_over(
     return x, y, nx, ny
 
 
-@compiled
+@allocating
 def clearances(obstacles, x, y, step, nx, ny):
     """Returns the clearance (nx, ny) of the nodes of a grid with its first node at (x, y), all in m."""
     clear = np.empty((nx, ny))
@@ -171,7 +171,7 @@ def _clear_radius(grid, ends, at_ends):
     return low
 
 
-@compiled
+@allocating
 def _passes(grid, ends, at_ends, radius):
     """Returns whether lines that are clear for a disc join the start, by way of nodes, to the goal."""
     clear, nx, ny, x, y, step = grid
@@ -223,7 +223,7 @@ def reached(a, b, cost):
     return min(a, b) + cost
 
 
-@compiled
+@allocating
 def _way_length(grid, x0, y0, x1, y1, radius):
     """Returns the arrival time at (x0, y0) of a front from (x1, y1) with unit speed through the clear nodes."""
     clear, nx, ny, x, y, step = grid

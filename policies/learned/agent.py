@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 import wayfield.envs  # noqa: F401  registers the ids that cards name
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import shown
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating
 from wayfield.envs.elementary import hyperbolic_tangent
 from wayfield.envs.readers import of_folder, reader
 from wayfield.envs.records import lag_factors
@@ -69,7 +69,7 @@ class Network:
         return outputs
 
 
-@compiled
+@allocating
 def forward(inputs, sizes, numbers, rectified, scratch, outputs):
     """Fills the outputs, row by row: a matrix product would round a row differently in another batch.
 

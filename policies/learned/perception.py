@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import choose, shown
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.elementary import area_sine
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -563,7 +563,7 @@ def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
             y = previews[i, j, 1]
 
 
-@compiled
+@allocating
 def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, angles, out):
     """Fills the rows of `GoalFeatures.observe`, and the angles of their frames."""
     beams = ranges.shape[1]
@@ -789,7 +789,7 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
             out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))
 
 
-@compiled
+@allocating
 def fill_moving(poses, ranges, angles, scales, max_range, pool, sights, out):
     """Fills what comes nearer by itself, in every direction; see `GoalFeatures`."""
     dt, hull, margin, range_scale = scales
@@ -854,7 +854,7 @@ def shelve(sights, i, dt):
     return True
 
 
-@compiled
+@allocating
 def guard(ranges, yaw_rates, law, twists):
     """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back.
 

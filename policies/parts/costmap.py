@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polyline_tracker import (
@@ -224,7 +224,7 @@ def ahead_of(m, s, reach, half, x, y, points):
     return count
 
 
-@compiled
+@allocating
 def slow_down(p, m, scan, seen, i):
     """Slows robot i's command where it leads into what the beams hit: by the time until then over the one wanted.
 

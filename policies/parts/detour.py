@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import inlined
+from wayfield.envs.compiled import allocating, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.policies.parts.stopping import free_time
 
@@ -105,7 +105,7 @@ def along_obstacle(hits, side, course, reach):
     return course
 
 
-@inlined
+@allocating
 def better_side(hits, goal_bearing, d, reach):
     """Returns the side on which to pass what is in the way, 0 if neither is free, and the first free direction there.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 
 UNSEEN = -1  # place of a cell that is not in the heap yet
 CLOSED = -2  # place of a cell whose way is settled
@@ -91,7 +91,7 @@ class Scratch(NamedTuple):
         return cls(np.empty(size), np.empty(size), *(np.empty(size, np.int32) for _ in range(3)))
 
 
-@compiled
+@allocating
 def scratch_for(size):
     """Returns what `Scratch.of` does, inside of a kernel."""
     return Scratch(
@@ -103,7 +103,7 @@ def scratch_for(size):
     )
 
 
-@compiled
+@allocating
 def any_angle_way(levels, prices, start, goal, scratch):
     """Returns (cells, length) of `theta_star` between flat indices; the cells are (0, 2) where there is no way."""
     columns = levels.shape[1]
@@ -328,7 +328,7 @@ def sees(levels, prices, row, column, to_row, to_column):
     return True
 
 
-@compiled
+@allocating
 def traced(parents, goal, columns):
     """Returns the cells (n, 2), row and column, from the start to the goal (flat index)."""
     count = 1
@@ -345,7 +345,7 @@ def traced(parents, goal, columns):
     return cells
 
 
-@compiled
+@allocating
 def pulled(levels, prices, cells):
     """Returns the cells of a way without the turns that line of sight makes needless: a string pulled tight."""
     kept = np.empty_like(cells)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, to_body_frame
 from wayfield.policies.parts.grid_search import any_angle_way, pulled, scratch_for, search, traced
@@ -455,7 +455,7 @@ def point_at(m, segment, s):
 # The way of a plan: searched for in the grid, laid as a polyline, let go like an elastic band.
 
 
-@compiled
+@allocating
 def plan_way(p, m, prices, straight, x, y, stops):
     """Lays the polyline from (x, y) through the stops (k, 2), the last of them its end; returns whether there is a way.
 
@@ -528,7 +528,7 @@ def stands_for(m, at, x, y):
     )
 
 
-@compiled
+@allocating
 def lay(m, corners, pinned, spacing):
     """Lays the polyline along the corners (k, 2), with points about `spacing` (m) apart, or as many as fit.
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT
 
@@ -192,7 +192,7 @@ def weaken(m, table, row, column):
                     stamp(grid, table, r, c, spot, (low_row, high_row, low_column, high_column))
 
 
-@compiled
+@allocating
 def move_grid(m, x, y):
     """Moves the grid by whole cells so that (x, y) lies in its middle; what leaves it is forgotten."""
     columns = math.floor((x - m.origin[0]) / m.cell) - CELLS // 2

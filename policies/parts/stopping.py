@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, sensing
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import inlined
+from wayfield.envs.compiled import allocating, inlined
 from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
 from wayfield.envs.records import aligned
@@ -108,7 +108,7 @@ def sees_all_round(briefing: Briefing) -> bool:
     return len(angles) > 1 and bool(2.0 * math.pi - (angles[-1] - angles[0]) < 1.5 * (angles[1] - angles[0]))
 
 
-@inlined
+@allocating
 def find_hits(p, scan, seen, m, i, farthest, radius, hits):
     """Fills `hits` (beams + SECTORS, 3) with the points met within `farthest` (m), now or lately; returns their number.
 
@@ -135,7 +135,7 @@ def find_hits(p, scan, seen, m, i, farthest, radius, hits):
     return keep_near(p, seen, m, i, near, radius, hits, count)
 
 
-@inlined
+@allocating
 def recalled_near(p, seen, m, i):
     """Returns what is still known near robot i, (SECTORS, 4): x, y, distance (m, body frame) and for how long (s)."""
     x = seen.poses[i, 0]
@@ -177,7 +177,7 @@ def keep_near(p, seen, m, i, near, radius, hits, count):
     return count
 
 
-@inlined
+@allocating
 def find_approaching(p, scan, seen, m, i, radius, hits, count):
     """Adds to the hits where surfaces that come nearer will be in `foresight` (s); returns the new number of hits.
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import allocating, compiled
 from wayfield.envs.reeds_shepp import PLAN, plan_to
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GoalScenario
@@ -177,7 +177,7 @@ def left_from(lengths, shapes, origins, scenarios, xs, ys, left, cell=CELL):
         left[i] = (1.0 - v) * low + v * high
 
 
-@compiled
+@allocating
 def manoeuvre_from(poses, goals, radius, left):
     """Fills the lengths (b,), m, of the shortest ways of a car from poses (b, 3) to others."""
     plan = np.empty((PLAN, 2))
