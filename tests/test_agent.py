@@ -38,7 +38,7 @@ from wayfield.policies.learned.agent import (
     signed,
     weights_digest,
 )
-from wayfield.policies.learned.conditions import driven_as, driven_speed
+from wayfield.policies.learned.conditions import driven_as, driven_speed, told_speed
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, Perception, limits_of
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
@@ -647,9 +647,43 @@ def test_a_slow_base_stops_on_the_way_on_which_the_known_one_does(speed: float, 
     assert driven_as(card, slow) is slow.actuators
 
 
+@given(steps=st.lists(st.tuples(st.floats(0.01, 1.0), st.floats(0.01, 1.0)), min_size=1, max_size=6), data=st.data())
+def test_the_speed_told_is_that_of_which_the_asked_one_comes(steps: list[tuple[float, float]], data: Any) -> None:
+    cruise = np.cumsum(np.array(steps), axis=0).tolist()
+    told, driven = zip(*cruise, strict=True)
+    most = told[-1]
+    for each in cruise:
+        assert told_speed(cruise, each[1], most) == pytest.approx(each[0])
+    asked = data.draw(st.floats(1e-3, driven[-1]))
+    assert np.interp(told_speed(cruise, asked, most), (0.0, *told), (0.0, *driven)) == pytest.approx(asked)
+    # beyond what was driven: as told, but where more was told in vain
+    beyond = driven[-1] + data.draw(st.floats(1e-6, 2.0))
+    assert told_speed(cruise, beyond, most) == max(told[-1], beyond)
+    assert told_speed(cruise, beyond, most + 0.1) == told[-1]
+    assert told_speed([], asked, most) == asked
+
+
+def test_a_base_is_driven_at_the_speed_that_was_measured_on_the_one_it_is_driven_as() -> None:
+    card = {
+        "trained_on": {**TRAINED_ON, "actuators": ["lagged", "slow"]},
+        "cruises": {"lagged": [[0.4, 0.3], [0.8, 0.6]], "slow": [[0.4, 0.2]]},
+    }
+    for tier, told in (("lagged", 0.6), ("ideal", 0.6), ("slow", 0.4)):  # the slow base was driven no faster
+        env = gymnasium.make(PATH, actuators=tier)
+        env.reset(seed=0)
+        assert driven_speed(card, env.unwrapped.briefing("sensors"), 0.45) == pytest.approx(told)
+
+
 @pytest.mark.parametrize(
     "more",
     [
+        {"cruises": [0.6], "trained_on": TRAINED_ON},
+        {"cruises": {"lagged": [[0.4, 0.3]]}},
+        {"cruises": {"slow": [[0.4, 0.3]]}, "trained_on": TRAINED_ON},
+        {"cruises": {"lagged": [[0.4, 0.3], [0.8, 0.3]]}, "trained_on": TRAINED_ON},
+        {"cruises": {"lagged": [[0.4, 0.0]]}, "trained_on": TRAINED_ON},
+        {"cruises": {"lagged": [[0.4]]}, "trained_on": TRAINED_ON},
+        {"cruises": {"lagged": [["fast", 0.3]]}, "trained_on": TRAINED_ON},
         {"trained_on": {**TRAINED_ON, "speeds": []}},
         {"trained_on": {**TRAINED_ON, "actuators": ["quick"]}},
         {"trained_on": {**TRAINED_ON, "speeds": [-1.0]}},

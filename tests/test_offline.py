@@ -14,6 +14,7 @@ pytest.importorskip("minari", reason='needs pip install "wayfield[record]"')
 
 from wayfield.benchmarks import record
 from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.learned.conditions import told_speed
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.training import offline
 from wayfield.policies.training.offline import Transitions, opened, task_of, transitions
@@ -50,6 +51,8 @@ def test_a_network_sees_in_the_data_what_it_saw_when_it_drove(recorded: Path) ->
     for seed, folder in shipped("path_following", "p3dx").items():
         agent = load_agent(folder)
         assert agent.features == PRESET.features
+        told = told_speed(agent.card["cruises"]["lagged"], agent.speed, 1.2)
+        steps = transitions(data, task_of(data), dataclasses.replace(PRESET, speed=told))
         errors = np.abs(np.clip(agent.network(steps.inputs), -1.0, 1.0) - steps.actions).max(axis=1)
         drove |= {(k, seed) for k in range(3) if errors[rows == k].max() < 2e-5}
     assert sorted(k for k, _ in drove) == [0, 1, 2]

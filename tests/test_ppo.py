@@ -20,6 +20,7 @@ from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training.presets import PRESETS
+from wayfield.policies.training.validation import validate
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 DOCK_ID = "wayfield/DiffDriveDocking-v0"
@@ -70,9 +71,23 @@ def test_agents_follow_paths_at_the_speed_they_are_asked_for() -> None:
                 far = np.abs(info["cross_track_error"])
         assert np.median(far) < 0.03
         paces.append(float(info["arc_length"].mean()) / 10.0)
-    # the first seconds go to the start beside the path
-    assert 0.3 < paces[0] < 0.41
-    assert 0.6 < paces[1] < 0.81
+    # the first seconds go to the start beside the path, and on an even curve what they cost in the mean is made good
+    assert 0.3 < paces[0] < 0.44
+    assert 0.6 < paces[1] < 0.9
+
+
+@pytest.mark.parametrize(("tier", "speed"), [("lagged", 0.6), ("ideal", 0.6), ("lagged", 0.3)])
+def test_path_followers_hold_the_mean_speed_that_they_are_asked_for(tier: str, speed: float) -> None:
+    """Within the 3 % by which the tables call a row paced, on paths that were not looked at to find what to tell."""
+    found = validate(
+        policies.make("ppo", seed=2, speed=speed),
+        PATH_ID,
+        {"scenario": "all/validation", "actuators": tier},
+        4000,
+        every=4,
+    )
+    assert found.success == 1.0
+    assert found.speed == pytest.approx(speed, rel=0.03)
 
 
 @pytest.mark.parametrize(("tier", "beams"), [("ideal", 32), ("lagged", 72), ("slow", 72)])

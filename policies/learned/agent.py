@@ -33,8 +33,9 @@ from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.policy import Policy, check_gain
 
-# of the card: from 2 on it holds a digest of itself, from 3 and 4 on what _SINCE names; older ones are read
-FORMAT = 4
+# of the card: from 2 on it holds a digest of itself, from 3 and 4 on what _SINCE names, from 5 on what a path follower
+# drives where it is told a speed; older ones are read
+FORMAT = 5
 _SINCE: Mapping[str, Mapping[str, Any]] = {
     "path_following": {"limits": False},
     "goal_reaching": {"limits": False, "arrival": 0.0, "moving": False},

@@ -1,8 +1,11 @@
 """What an agent's card says of where it was trained and what was measured, and the line that warns outside of it."""
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import shown
@@ -17,7 +20,7 @@ class NewToAgent(UserWarning):
 
 
 def check_conditions(card: Mapping[str, Any]) -> None:
-    """Raises ValueError, naming the field, unless a card's `trained_on` and `measured`, if any, are whole."""
+    """Raises ValueError, naming the field, unless a card's `trained_on`, `cruises`, `measured`, if any, are whole."""
     trained = card.get("trained_on")
     if trained is not None:
         kinds = {"actuators": str, "disturbances": str, "speeds": float, "beams": int}
@@ -33,6 +36,14 @@ def check_conditions(card: Mapping[str, Any]) -> None:
                 raise ValueError(f"trained_on.{key} must be a list of {kind.__name__}, got {shown(listed)}")
         if not trained["speeds"] or not all(is_number(each) and each > 0.0 for each in trained["speeds"]):
             raise ValueError(f"trained_on.speeds must be speeds above 0 m/s, got {shown(trained['speeds'])}")
+    cruises = card.get("cruises", {})
+    if not isinstance(cruises, dict) or not set(cruises) <= set(trained["actuators"] if trained else []):
+        raise ValueError(f"cruises must be for actuators of trained_on, got {shown(cruises)}")
+    for tier, cruise in cruises.items():
+        if not _is_cruise(cruise):
+            raise ValueError(
+                f"cruises.{tier} must be pairs of speeds above 0, told and driven, both rising, got {shown(cruise)}"
+            )
     measured = card.get("measured", [])
     if not isinstance(measured, list):
         raise ValueError(f"measured must be a list, got {shown(measured)}")
@@ -40,6 +51,15 @@ def check_conditions(card: Mapping[str, Any]) -> None:
         if not _is_measured(each):
             needed = "env_kwargs, asked_speed, success, collision, and error if any"
             raise ValueError(f"measured[{k}] must have {needed}, got {shown(each)}")
+
+
+def _is_cruise(cruise: Any) -> bool:
+    """Returns whether pairs of speeds are as `told_speed` needs them."""
+    if not isinstance(cruise, list) or not all(isinstance(each, list) and len(each) == 2 for each in cruise):
+        return False
+    if not all(is_number(speed) and speed > 0.0 for pair in cruise for speed in pair):
+        return False
+    return all(low[0] < high[0] and low[1] < high[1] for low, high in itertools.pairwise(cruise))
 
 
 def _is_measured(condition: Any) -> bool:
@@ -70,14 +90,22 @@ def driven_as(card: Mapping[str, Any], briefing: Briefing) -> Actuators:
 
 
 def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> float:
-    """Returns the speed (m/s) at which an agent drives where one is asked for: no faster than its base can stop.
+    """Returns the speed (m/s) that an agent tells its network where one is asked for.
 
-    On a base that is slower than every one that the agent was trained on, the most is the speed v at which that stops
-    on the same way as the slowest of those at the asked one: v tau + v^2 / (2 a), tau the lag, a the acceleration.
+    On a base that it knows, or drives as one of those, that of which the asked one comes as the mean on a path, by what
+    its card says was measured (`told_speed`); where it says nothing, the asked one.
+
+    On a base that is slower than every one that the agent was trained on, no more than it can stop at: the speed v at
+    which that stops on the same way as the slowest of those at the asked one: v tau + v^2 / (2 a), tau the lag, a the
+    acceleration.
     """
     own, known = briefing.actuators, _known(card, briefing)
-    if not known or own in known:
+    if not known:
         return speed
+    driven = driven_as(card, briefing)
+    if driven in known:
+        tier = card["trained_on"]["actuators"][known.index(driven)]
+        return told_speed(card.get("cruises", {}).get(tier, []), speed, max(card["trained_on"]["speeds"]))
     slowest = min(known, key=lambda each: each.acceleration)
     if slowest.acceleration == math.inf:  # it never had to stop
         return speed
@@ -86,6 +114,25 @@ def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> f
     if way >= speed * lag + speed * speed / (2.0 * acceleration):
         return speed
     return acceleration * (math.sqrt(lag * lag + 2.0 * way / acceleration) - lag)
+
+
+def told_speed(cruise: Sequence[Sequence[float]], speed: float, most: float) -> float:
+    """Returns the speed (m/s) that an agent has to be told to drive another one in the mean.
+
+    In proportion between those that were measured, and below them. Above them the greatest of them; the asked one where
+    that is greater still, unless it was seen that the agent drives no faster by being told more.
+
+    Args:
+        cruise: pairs of the speed told and the mean one driven, m/s, both rising; none: the asked one is told.
+        speed: m/s, asked for.
+        most: m/s, that the agent was told in training.
+    """
+    if not cruise:
+        return speed
+    told, driven = zip(*cruise, strict=True)
+    if speed > driven[-1]:
+        return float(told[-1] if told[-1] < most else max(told[-1], speed))
+    return float(np.interp(speed, (0.0, *driven), (0.0, *told)))
 
 
 def _known(card: Mapping[str, Any], briefing: Briefing) -> list[Actuators]:

@@ -1,7 +1,9 @@
 """Writes into agents' cards what they do elsewhere: `python -m wayfield.policies.training.measured FOLDER ...`
 
 Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also what
-`make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it warns.
+`make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it warns. A path
+follower's card also says how fast it drives in the mean where it is told a speed, so that it can hold the one that it
+is asked for.
 """
 
 import dataclasses
@@ -18,9 +20,10 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.agent import CARD, Agent, load_agent, signed
 from wayfield.policies.learned.conditions import NewToAgent
-from wayfield.policies.training.validation import finite, validate
+from wayfield.policies.training.validation import finite, validate, validated
 
 FAST = 1.05  # m/s, beside the speed that an agent was validated at
+EVERY = 16  # of the training scenarios, that a path follower's mean speed is measured on: four of a family
 
 
 Condition = tuple[float, dict[str, Any]]  # a speed asked for, m/s, and the keyword arguments of the environment
@@ -65,6 +68,28 @@ def measure(agent: Agent) -> list[dict[str, Any]]:
     return found
 
 
+def cruises(agent: Agent) -> dict[str, list[list[float]]]:
+    """Returns how fast a path follower drives on training paths where it is told a speed, by tier of its actuators.
+
+    Pairs of the speed told and the mean one driven, m/s, at the speeds that it was trained at, both rising: a speed at
+    which it is no faster than at a lower one is left out.
+    """
+    task, base, found = TASKS[agent.card["task"]], dict(agent.card["env_kwargs"]), {}
+    told = dataclasses.replace(agent, card={**agent.card, "cruises": {}})
+    for tier in agent.card["trained_on"]["actuators"]:
+        kwargs = base | {"scenario": "all/train", "actuators": tier}
+        pairs: list[list[float]] = []
+        for speed in sorted(agent.card["trained_on"]["speeds"]):
+            score = validate(
+                dataclasses.replace(told, speed=speed), agent.card["env_id"], kwargs, task.clock, every=EVERY
+            )
+            driven = round(score.speed, 4)
+            if driven > (pairs[-1][1] if pairs else 0.0):
+                pairs.append([speed, driven])
+        found[tier] = pairs
+    return found
+
+
 def measurement(speed: float, kwargs: Mapping[str, Any], score: Mapping[str, float]) -> dict[str, Any]:
     """Returns a condition and what was found in it, as a card has it."""
     return {"asked_speed": speed, "env_kwargs": dict(kwargs), **finite(score)}
@@ -80,8 +105,14 @@ def main(folders: tuple[Path, ...]) -> None:
             agent = load_agent(folder)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
-        found = measure(agent)
-        write_whole(folder / CARD, (json.dumps(signed({**agent.card, "measured": found}), indent=2) + "\n").encode())
+        card = dict(agent.card)
+        if TASKS[card["task"]].on_path and card.get("trained_on"):
+            card["cruises"] = cruises(agent)
+            paced = dataclasses.replace(agent, card=card)
+            score = validate(paced, card["env_id"], card["env_kwargs"], TASKS[card["task"]].clock)
+            card["validation"] = validated(score)
+        found = measure(dataclasses.replace(agent, card=card))
+        write_whole(folder / CARD, (json.dumps(signed({**card, "measured": found}), indent=2) + "\n").encode())
         told = ", ".join(
             f"{each['env_kwargs']['scenario']} {each['env_kwargs']['actuators']} {each['asked_speed']:g} m/s: "
             f"{100.0 * each['success']:.0f} %"

@@ -25,8 +25,8 @@ from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent
 from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.presets import Preset, preset_for
-from wayfield.policies.training.run import described_agent, validated, versions
-from wayfield.policies.training.validation import validate
+from wayfield.policies.training.run import described_agent, versions
+from wayfield.policies.training.validation import validate, validated
 
 KEY = "wayfield"  # of what we add to the metadata of a set
 ALGORITHMS = ("bc", "td3bc")

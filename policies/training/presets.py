@@ -79,6 +79,7 @@ class Preset:
     paces: tuple[float, ...] = (0.6,)  # m/s, the speeds asked for in training, each of as many robots as the others
     speed: float = 0.6  # m/s, of validation, and of the agent unless told otherwise
     validations: int = 12  # in a run
+    paced: bool = False  # whether a path follower's mean speed is measured at its paces, so that it holds an asked one
     controller: str = ""  # a policy of the suite that the network is taught by or adds to; none
     # shipped: those that the agents there were taught with
     controller_gains: Literal["default", "tuned", "shipped"] = "tuned"
@@ -124,6 +125,8 @@ class Preset:
             )
         if self.controller:
             choose("controller", self.controller, POLICIES)
+        if self.paced and not TASKS[self.task].on_path:
+            raise ValueError(f"paced must be false where no path is followed, as in {self.task}")
         if not 0 <= self.imitation < self.steps:
             raise ValueError(f"imitation must be from 0 to under steps, {self.steps}, got {self.imitation}")
         if self.controller:
@@ -255,6 +258,7 @@ _PATH_TIERS = dataclasses.replace(
     measured="10 of 10 seeds reach it and end after 118 to 152 s, four side by side on four cores",
     paces=(0.2, 0.4, 0.6, 0.8, 1.05, 1.2),
     validations=4,
+    paced=True,
 )
 
 _ALL_GOALS = _SCAN | {"scenario": "all/train"}

@@ -22,7 +22,7 @@ from wayfield.envs.storage import clear_stale, locked
 from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner
-from wayfield.policies.training.measured import measurement
+from wayfield.policies.training.measured import cruises, measurement
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.validation import Score, finite, validate
 
@@ -161,6 +161,7 @@ class _Run:
         self.best: Layers = []
         self.best_row: dict[str, float] = {}
         self.measured: list[dict[str, Any]] = []  # of the best, in each condition
+        self.cruises: dict[str, Any] = {}  # of the best
         robot = {} if preset.robot is None else {"robot": preset.robot}
         self.kwargs = dict(preset.validation) | robot
         self.further = [(speed, dict(kwargs) | robot) for speed, kwargs in preset.conditions]
@@ -226,9 +227,11 @@ class _Run:
         began = time.perf_counter()
         layers = self.learner.layers()
         network = Network.of(layers, self.preset.activation)
-        card = self._card(layers, {}, [])
+        card = self._card(layers, {}, [], {})
         preset = self.preset
         agent = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
+        found = cruises(agent) if preset.paced else {}
+        agent = dataclasses.replace(agent, card=card | {"cruises": found})
         scores, measured = [], []
         for speed, kwargs in ((preset.speed, self.kwargs), *self.further):
             scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
@@ -249,7 +252,7 @@ class _Run:
         for name, value in row.items():
             self.writer.add_scalar(f"wayfield/{name}", value, self.learner.frames)
         if not self.best or score.score > self.best_row["score"]:
-            self.best, self.best_row, self.measured = layers, row, measured
+            self.best, self.best_row, self.measured, self.cruises = layers, row, measured, found
 
     def _save(self) -> None:
         """Writes the state first: whatever else is cut off is written anew from it."""
@@ -261,6 +264,7 @@ class _Run:
             "rows": self.rows,
             "best_row": self.best_row,
             "measured": self.measured,
+            "cruises": self.cruises,
             "seconds": self.seconds,
             "parts": self.learner.seconds,
         }
@@ -271,12 +275,13 @@ class _Run:
         if self.rows:
             checkpoints.write_curve(self.job.folder, self.rows)
             best = rounded(self.best)
-            save_agent(self.job.folder / checkpoints.BEST, best, self._card(best, self.best_row, self.measured))
+            card = self._card(best, self.best_row, self.measured, self.cruises)
+            save_agent(self.job.folder / checkpoints.BEST, best, card)
 
     def _restore(self, arrays: dict[str, NDArray[Any]], numbers: dict[str, Any]) -> None:
         self.learner.restore(arrays, numbers)
         self.updates, self.rows, self.best_row = numbers["run_updates"], numbers["rows"], numbers["best_row"]
-        self.measured = numbers["measured"]
+        self.measured, self.cruises = numbers["measured"], numbers["cruises"]
         self.seconds = numbers["seconds"]
         self.learner.seconds.update(numbers["parts"])
         k = 0
@@ -285,7 +290,13 @@ class _Run:
             k += 1
         self._publish()
 
-    def _card(self, layers: Layers, row: Mapping[str, float], measured: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def _card(
+        self,
+        layers: Layers,
+        row: Mapping[str, float],
+        measured: Sequence[Mapping[str, Any]],
+        paces: Mapping[str, Any],
+    ) -> dict[str, Any]:
         preset, task = self.preset, self.learner.env.worlds.task
         name = f"{preset.name}, seed {self.job.seed}"
         return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
@@ -302,6 +313,7 @@ class _Run:
             "trained_on": trained_on(preset),
             "validation": finite({name: value for name, value in row.items() if name in _SCORES}),
             "measured": list(measured),
+            **({"cruises": dict(paces)} if paces else {}),
         }
 
 
@@ -345,12 +357,6 @@ def described_agent(
         },
         "sha256": weights_digest(layers),
     }
-
-
-def validated(score: Score) -> dict[str, float | None]:
-    """Returns what a card says of a validation."""
-    found = {name: value for name, value in dataclasses.asdict(score).items() if name != "reward"}
-    return {name: None if math.isnan(value) else value for name, value in (found | {"return": score.reward}).items()}
 
 
 def versions() -> dict[str, str]:

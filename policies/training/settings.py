@@ -34,6 +34,9 @@ ABOUT: dict[str, Setting] = {
     "paces": Setting("a,b,... > 0", "m/s, the speeds asked for, of as many robots each"),
     "speed": Setting("> 0", "m/s, of validation, and of the agent"),
     "validations": Setting("1 to 100000", "in a run"),
+    "paced": Setting(
+        "true, false", "whether its mean speeds are measured, so that an agent holds the asked one on a path"
+    ),
     "controller": Setting("policy, empty", "that teaches the network, or that it adds to"),
     "controller_gains": Setting(
         "default, tuned, shipped", "of the controller; shipped: what agents there were taught with"
