@@ -26,13 +26,18 @@ class Driver:
     """Drives by a graph, from the beginning of an episode; `reset` at the next.
 
     The base accelerates by at most `acceleration` (m/s^2) and `yaw_acceleration` (rad/s^2), and lags by `lag` (s).
+    Where the card says how fast a path follower drove on the actuators `tier` when it was told a speed, it is told the
+    one of which the card's comes as the mean.
     """
 
-    def __init__(self, file, acceleration=1.0, yaw_acceleration=3.0, lag=0.1):
+    def __init__(self, file, acceleration=1.0, yaw_acceleration=3.0, lag=0.1, tier="lagged"):
         self.acceleration, self.yaw_acceleration, self.lag = acceleration, yaw_acceleration, lag
         self.session = onnxruntime.InferenceSession(str(file))
         self.card = json.loads(self.session.get_modelmeta().custom_metadata_map["card"])
         self.f, self.speed = self.card["features"], self.card["speed"]
+        if cruise := self.card.get("cruises", {}).get(tier):
+            told, driven = zip(*cruise, strict=True)
+            self.speed = float(np.interp(self.speed, (0.0, *driven), (0.0, *told)))
         self.see = self.path if self.card["task"] == "path_following" else self.goal
         self.reset()
 

@@ -24,7 +24,8 @@ from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import splits
 from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
-from wayfield.policies.training import imitation, run
+from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.training import imitation, measured, run
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.learner import Learner, make_worlds
 from wayfield.policies.training.presets import PRESETS, Preset
@@ -459,6 +460,38 @@ def test_the_agent_that_is_kept_is_that_of_the_highest_score(tmp_path: Path, mon
     assert card["training"]["run_frames"] == 6 * 16 * 8
     assert card["validation"]["score"] == -1.0
     assert card["validation"]["return"] == 7.0
+
+
+def test_a_paced_run_keeps_how_fast_the_best_drives_where_it_is_told_a_speed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = iter([{"slow": [[0.4, 0.1 * k], [0.6, 0.2 * k]]} for k in (1.0, 1.5, 2.0, 2.5, 3.0, 3.5)])
+    monkeypatch.setattr(run, "cruises", lambda agent: next(found))
+    each, _ = scored([-3.0, -1.0, -2.0, -1.0, -5.0, -1.5], tmp_path, monkeypatch, paced=True)
+    assert load_agent(tmp_path / BEST).card["cruises"] == {
+        "slow": [[0.4, pytest.approx(0.15)], [0.6, pytest.approx(0.3)]]
+    }
+    again = _Run(dataclasses.replace(each.job, resume=True), Learner(each.preset, PATH, 0))
+    assert again.cruises == each.cruises
+    with pytest.raises(ValueError, match="paced must be false"):
+        dataclasses.replace(SEEKING, paced=True)
+
+
+def test_a_path_follower_is_measured_where_it_is_told_what_it_was_trained_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By mean speeds that rise, and what its card said before changes nothing."""
+    monkeypatch.setattr(measured, "EVERY", 150)
+    agent = load_agent(shipped("path_following", "p3dx")[0])
+    trained_on = {**agent.card["trained_on"], "actuators": ["lagged"], "speeds": [0.8, 1.2]}
+    agent = dataclasses.replace(agent, card={**agent.card, "trained_on": trained_on})
+    found = measured.cruises(agent)
+    assert list(found) == agent.card["trained_on"]["actuators"]
+    for cruise in found.values():
+        told, driven = np.array(cruise).T
+        assert set(told) <= set(agent.card["trained_on"]["speeds"])
+        assert (np.diff(told) > 0.0).all()
+        assert (np.diff(driven) > 0.0).all()
+        assert (driven < told).all()  # a corner cannot be driven at full speed, and the base begins at rest
+    assert measured.cruises(dataclasses.replace(agent, card={**agent.card, "cruises": {}})) == found
 
 
 def test_patience_ends_a_run_that_gets_no_better(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

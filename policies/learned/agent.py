@@ -125,6 +125,9 @@ class Agent:
     what the controller knows, and keeps the controller's memory too. Drives the robot and the preview that its card
     names, by any scan that can be read as the card's, and refuses others.
 
+    Where the card of a path follower says how fast it drove when it was told a speed (`cruises`), the network is told
+    the one of which the asked one comes as the mean (`driven_speed`): as a controller's cruising speed is tuned.
+
     A base that is quicker than those that it was trained on is driven as the quickest of those (`driven_as`, `hold`);
     one that is slower, so slowly that it stops on the same way (`driven_speed`). Of what else is new, it warns.
     """
@@ -133,7 +136,7 @@ class Agent:
     features: Features
     actions: Actions
     card: Mapping[str, Any]
-    speed: float = 0.6  # m/s, the most that it drives
+    speed: float = 0.6  # m/s, asked for: the mean, where its card has `cruises`, else the most that it drives
     base: Base | None = None
 
     def __post_init__(self) -> None:

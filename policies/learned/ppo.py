@@ -26,7 +26,8 @@ class Ppo:
     """
 
     seed: int = 0  # of the training run
-    speed: float = 0.0  # m/s, the most that it drives; 0: the one that it was validated at
+    # m/s: a path follower's mean, by what its card says it drives, else the most; 0: the one that it was validated at
+    speed: float = 0.0
     home: str = ""  # folder of training runs, as train.py's --out; "": the agents that ship
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)

@@ -281,7 +281,7 @@ class _Run:
     def _restore(self, arrays: dict[str, NDArray[Any]], numbers: dict[str, Any]) -> None:
         self.learner.restore(arrays, numbers)
         self.updates, self.rows, self.best_row = numbers["run_updates"], numbers["rows"], numbers["best_row"]
-        self.measured, self.cruises = numbers["measured"], numbers["cruises"]
+        self.measured, self.cruises = numbers["measured"], numbers.get("cruises", {})
         self.seconds = numbers["seconds"]
         self.learner.seconds.update(numbers["parts"])
         k = 0
@@ -298,6 +298,7 @@ class _Run:
         paces: Mapping[str, Any],
     ) -> dict[str, Any]:
         preset, task = self.preset, self.learner.env.worlds.task
+        more: dict[str, Any] = {"cruises": dict(paces)} if paces else {}
         name = f"{preset.name}, seed {self.job.seed}"
         return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
             "training": {
@@ -313,7 +314,7 @@ class _Run:
             "trained_on": trained_on(preset),
             "validation": finite({name: value for name, value in row.items() if name in _SCORES}),
             "measured": list(measured),
-            **({"cruises": dict(paces)} if paces else {}),
+            **more,
         }
 
 
