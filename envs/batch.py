@@ -13,7 +13,7 @@ from wayfield.envs.crew import bounds, crew
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.grids import SCRATCH, scan_grid
 from wayfield.envs.patrols import PATROL
-from wayfield.envs.sensing import BEAM_NOISE_COLUMN, Lidar, beam_directions, scan_ranges
+from wayfield.envs.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
 from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.task import Task
 
@@ -314,11 +314,11 @@ class Batch:
             p = self.task.params[0]
             ranges = np.empty((self.num_envs, self.task.num_beams))
             lidar = Lidar(
-                beam_directions(self.task.beam_angles),
+                np.ascontiguousarray(beam_directions(self.task.beam_angles).T),
                 p["first_beam"].item(),
                 p["beam_step"].item(),
                 p["max_range"].item(),
-                np.empty(max(3 * count, SCRATCH)),
+                np.empty(max(ROOM, SCRATCH)),
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
             scan_ranges(lidar, self.obstacles, state["field"], count, state["num_blocks"], pose, ranges, i, 0)
