@@ -237,7 +237,7 @@ class Batch:
             self._check_finite()
         params, states, obstacles, actions, noise, skip, *world = self._inputs
 
-        blocks = bounds(self.num_envs, self.num_threads, RESET * np.count_nonzero(skip))
+        blocks = bounds(self.num_envs, self.num_threads, RESET * int(np.count_nonzero(skip)))
         self._left_out[:] = True
         for left_out, (first, last) in zip(self._left_out, blocks, strict=True):
             left_out[first:last] = skip[first:last]

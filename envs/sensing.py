@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.blocks import BLOCK, next_block
-from wayfield.envs.compiled import inlined
+from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import MANY, beyond, ray_to_box, ray_to_circle, sin_cos, sines, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
 
@@ -221,7 +221,7 @@ def find_spans(max_range, scratch, obstacles, field, first, last, pose):
     return seen
 
 
-@inlined
+@compiled
 def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column):
     """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
 
@@ -256,8 +256,8 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
         # guesses wrong should not have to wait for an angle to find out.
         seen = find_spans(lidar.max_range, lidar.scratch, obstacles, field, first, last, (x, y, s, c))
         for j in range(seen):
-            k = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
-            shorten(lidar, obstacles[field, np.uint64(first) + k], k, (s, c), ranges, i, place)
+            found = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
+            shorten(lidar, obstacles[field, np.uint64(first) + found], found, (s, c), ranges, i, place)
         first = last
 
 
