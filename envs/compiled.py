@@ -21,6 +21,8 @@ from numba.core.sigutils import normalize_signature
 
 # division as in IEEE; no entry for callers in C, of which there are none: it takes an eighth of the compiler's time
 _SETTINGS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_UNCOUNTED: Any = _SETTINGS | {"_nrt": False}
+_COUNTED: Any = _SETTINGS | {"_nrt": True}  # said, for otherwise a kernel takes after the first that calls it
 
 
 @functools.cache
@@ -57,18 +59,17 @@ def compiled(function: Any) -> Any:
     Raises:
         TypeError: when it is compiled, if it returns arrays, or calls what does; ask for `allocating` then.
     """
-    return _cached(numba.njit(nogil=True, _nrt=False, pipeline_class=_Pipeline, **_SETTINGS)(function))
+    return _cached(numba.njit(nogil=True, pipeline_class=_Pipeline, **_UNCOUNTED)(function))
 
 
 def inlined(function: Any) -> Any:
     """Compiles like `compiled` and puts the code in place of each call: arrays are expensive arguments."""
-    return _cached(numba.njit(forceinline=True, _nrt=False, pipeline_class=_Pipeline, **_SETTINGS)(function))
+    return _cached(numba.njit(forceinline=True, pipeline_class=_Pipeline, **_UNCOUNTED)(function))
 
 
 def allocating(function: Any) -> Any:
     """Compiles like `compiled` what makes or returns arrays: the outermost function, which calls what does the work."""
-    # said, for otherwise it takes after the first that calls it
-    return _cached(numba.njit(nogil=True, _nrt=True, pipeline_class=_Pipeline, **_SETTINGS)(function))
+    return _cached(numba.njit(nogil=True, pipeline_class=_Pipeline, **_COUNTED)(function))
 
 
 def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
@@ -253,9 +254,8 @@ def _check_counts(name: str, cres: Any) -> None:
 
 def _holds_arrays(kind: Any) -> bool:
     """Returns whether values of a type of Numba's are arrays or hold some."""
-    if isinstance(kind, numba.types.BaseTuple):
-        return any(_holds_arrays(each) for each in kind)
-    return isinstance(kind, numba.types.Array)
+    members: Any = kind if isinstance(kind, numba.types.BaseTuple) else ()
+    return isinstance(kind, numba.types.Array) or any(_holds_arrays(each) for each in members)
 
 
 _CALLBACKS = ("_raw_object_cache_notify", "_raw_object_cache_getbuffer")  # llvmlite's, into which LLVM calls back

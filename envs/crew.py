@@ -96,8 +96,14 @@ def one_a_thread(make: Callable[..., Made]) -> Callable[..., Made]:
     return lambda *arguments: made(threading.get_ident(), *arguments)
 
 
-def bounds(rows: int, blocks: int) -> list[tuple[int, int]]:
-    """Returns the first row and the one behind the last of each of at most so many blocks, alike and not small."""
+def bounds(rows: int, blocks: int, less: int = 0) -> list[tuple[int, int]]:
+    """Returns the first row and the one behind the last of each of at most so many blocks, alike and not small.
+
+    The first block has `less` fewer rows, as far as it has them: of the thread that has other work besides.
+    """
     blocks = max(1, min(blocks, rows // _LEAST))
-    edges = [rows * k // blocks for k in range(blocks + 1)]
-    return [(first, last) for first, last in itertools.pairwise(edges) if first < last]
+    if blocks == 1:
+        return [(0, rows)]
+    first = max(0, (rows + less) // blocks - less)
+    edges = [first + (rows - first) * k // (blocks - 1) for k in range(blocks)]
+    return list(itertools.pairwise([0, *edges]))

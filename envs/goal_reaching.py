@@ -190,8 +190,8 @@ def observe(p, s, course, world, robots, i, row, out):
     # where nothing is in reach, no beam is looked along
     if robots.grids.cells.shape[0] > 0 and s.clearance + p.hull_radius < p.max_range:
         scan_grid(course, robots.grids.cells, pose, lidar.beams, out, i, k, lidar.scratch)
-    sensing.add_range_noise(p, lidar.beams.shape[0], noise, i, row, out, k)
-    sensing.drop_beams(p, lidar.beams.shape[0], noise, i, row, out, k)
+    sensing.add_range_noise(p, lidar.beams.shape[1], noise, i, row, out, k)
+    sensing.drop_beams(p, lidar.beams.shape[1], noise, i, row, out, k)
 
 
 @inlined
@@ -291,7 +291,7 @@ def step_rows(
     flags,
 ):
     """Runs `stepping.step_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, obstacles, cells))
+    world = World(courses, goals, fields, scanner(params[0], beams, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
 
@@ -301,15 +301,15 @@ def reset_rows(
     params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, cells, beams, out, numbers, flags
 ):
     """Runs `stepping.reset_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, obstacles, cells))
+    world = World(courses, goals, fields, scanner(params[0], beams, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
 
 
 @allocating
-def scanner(p, beams, obstacles, cells):
-    """Returns the range scanner, with scratch for the obstacles (b, m) of a batch and for its maps."""
-    scratch = np.empty(max(3 * obstacles.shape[1], SCRATCH if cells.shape[0] > 0 else 0))
+def scanner(p, beams, cells):
+    """Returns the range scanner, with scratch for obstacles and, where the batch has some, for maps."""
+    scratch = np.empty(max(sensing.ROOM, SCRATCH if cells.shape[0] > 0 else 0))
     return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, scratch)
 
 
@@ -375,7 +375,7 @@ class GoalReaching(Task):
         self.shared_obstacles = None
         if still:
             self.shared_obstacles, courses["num_blocks"] = in_blocks(fields, courses["num_obstacles"])
-        beams = sensing.beam_directions(self.beam_angles)
+        beams = np.ascontiguousarray(sensing.beam_directions(self.beam_angles).T)
         self.world = (courses, goals, fields, self.patrols, self.grids.cells, beams)
         self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
         self.params = records.record(

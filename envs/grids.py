@@ -598,7 +598,7 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch):
 
     Args:
         pose: x, y (m), heading (rad).
-        beams: (n, 2) cosine and sine of the beams in the body frame.
+        beams: (2, n) cosines and sines of the beams in the body frame.
         ranges: (b, n) array of any float type, as `sensing.scan_ranges` leaves it.
         scratch: (SCRATCH,) room for numbers.
     """
@@ -614,20 +614,20 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch):
         return  # no number, or one that is no angle: such beams meet nothing
     cell = frame.grid_cell
     if not (0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows):
-        for k in range(beams.shape[0]):
+        for k in range(beams.shape[1]):
             place = np.uint64(column + k)
-            du = cosine * beams[k, 0] - sine * beams[k, 1]
-            dv = sine * beams[k, 0] + cosine * beams[k, 1]
+            du = cosine * beams[0, k] - sine * beams[1, k]
+            dv = sine * beams[0, k] + cosine * beams[1, k]
             reach = ranges[i, place] / cell
             distance = grid_ray(frame, cells, u, v, du, dv, reach)
             if distance < reach:
                 ranges[i, place] = distance * cell
         return
-    for first in range(0, beams.shape[0], TOGETHER):
-        count = min(beams.shape[0] - first, TOGETHER)
+    for first in range(0, beams.shape[1], TOGETHER):
+        count = min(beams.shape[1] - first, TOGETHER)
         for k in range(count):
-            scratch[_AT.along_u + k] = cosine * beams[first + k, 0] - sine * beams[first + k, 1]
-            scratch[_AT.along_v + k] = sine * beams[first + k, 0] + cosine * beams[first + k, 1]
+            scratch[_AT.along_u + k] = cosine * beams[0, first + k] - sine * beams[1, first + k]
+            scratch[_AT.along_v + k] = sine * beams[0, first + k] + cosine * beams[1, first + k]
         for k in range(count):
             scratch[_AT.reach + k] = ranges[i, np.uint64(column + first + k)] / cell
         aim(frame, u, v, scratch, count)
@@ -743,7 +743,7 @@ def _clearances(frames, cells, points):
 
 @allocating
 def _rays(frames, cells, points, headings, lengths):
-    ahead = np.array([[1.0, 0.0]])
+    ahead = np.array([[1.0], [0.0]])
     scratch = np.empty(SCRATCH)
     for k in range(points.shape[0]):
         pose = (points[k, 0], points[k, 1], headings[k])

@@ -159,75 +159,74 @@ def box_bearings(px, py, cosine, sine, half_length, half_width, max_range):
     return right - _ANGLE_MARGIN, left + _ANGLE_MARGIN
 
 
+# Bearings of so many obstacles are found side by side, by the same arithmetic without a branch: that a processor does
+# for several at once. No power of two, so that their numbers do not all want the same place in its cache.
+TOGETHER = 120
+# the numbers of an obstacle, in rows of TOGETHER: where it is, m, and the bearings of its ends, rad, in the body frame;
+# then the indices of those in reach
+_PX, _PY, _RIGHT, _LEFT, _SEEN = (row * TOGETHER for row in range(5))
+ROOM = 5 * TOGETHER  # numbers that `scan_ranges` needs room for
+
+BESIDE = 16  # beams that are shortened side by side, those that meet nothing among them
+
+
 class Lidar(NamedTuple):
     """A range scanner: beam k looks along first_beam + k beam_step."""
 
-    beams: NDArray[np.float64]  # (num_beams, 2) cosine and sine of the beams in the body frame
+    beams: NDArray[np.float64]  # (2, num_beams) cosines and sines of the beams in the body frame
     first_beam: float  # rad, body frame
     beam_step: float  # rad
     max_range: float  # m
-    scratch: NDArray[np.float64]  # (3 m,) for at most m obstacles, and for maps at least (grids.SCRATCH,)
+    scratch: NDArray[np.float64]  # (ROOM,), and for maps at least (grids.SCRATCH,)
 
 
 @inlined
-def add_spans(max_range, spans, obstacles, field, first, last, pose, seen):
-    """Writes the bearings of those obstacles of a row that are in reach behind the `seen` first; returns how many then.
-
-    Each takes three numbers of the spans: the bearings (rad, body frame) of both ends, and its index.
+def find_spans(max_range, scratch, obstacles, field, first, last, pose):
+    """Writes where some obstacles of a row are and their bearings, and which are in reach; returns how many those are.
 
     Args:
-        first, last: the obstacles meant, from the first on and without the last.
+        first, last: the obstacles meant, from the first on and without the last, at most TOGETHER.
         pose: x, y (m), sine and cosine of the heading.
     """
     x, y, s, c = pose
-    for j in range(first, last):
-        obstacle = obstacles[field, j]
-        if last > MANY and beyond(obstacle, x, y, max_range):
-            continue
+    for k in range(last - first):
+        obstacle = obstacles[field, np.uint64(first + k)]
         dx = obstacle.x - x
         dy = obstacle.y - y
         px = c * dx + s * dy
         py = c * dy - s * dx
-        if obstacle.half_length == 0.0 and obstacle.half_width == 0.0:
-            right, left = circle_bearings(px, py, obstacle.radius, max_range)
-        else:
-            right, left = box_bearings(
-                px,
-                py,
+        right, left = circle_bearings(px, py, obstacle.radius, max_range)
+        scratch[_PX + k] = px
+        scratch[_PY + k] = py
+        scratch[_RIGHT + k] = right
+        scratch[_LEFT + k] = left
+    seen = 0
+    for k in range(last - first):
+        obstacle = obstacles[field, np.uint64(first + k)]
+        if obstacle.half_length != 0.0 or obstacle.half_width != 0.0:
+            if last > MANY and beyond(obstacle, x, y, max_range):
+                continue
+            scratch[_RIGHT + k], scratch[_LEFT + k] = box_bearings(
+                scratch[_PX + k],
+                scratch[_PY + k],
                 obstacle.cos * c + obstacle.sin * s,
                 obstacle.sin * c - obstacle.cos * s,
                 obstacle.half_length,
                 obstacle.half_width,
                 max_range,
             )
-        place = np.uint64(3 * seen)
-        spans[place] = right
-        spans[place + np.uint64(1)] = left
-        spans[place + np.uint64(2)] = j
+        scratch[_SEEN + seen] = k
         # out of range, or nowhere: what is no number has no beams
-        seen += 1 if right <= left else 0
+        seen += 1 if scratch[_RIGHT + k] <= scratch[_LEFT + k] else 0
     return seen
 
 
 @compiled
-def spans_of_blocks(max_range, spans, obstacles, field, count, blocks, pose):
-    """Writes what `add_spans` does of all obstacles of a row that is in blocks; returns how many bearings there are."""
-    x, y, _, _ = pose
-    seen = 0
-    block = next_block(obstacles, field, count, blocks, 0, x, y, max_range)
-    while block < blocks:
-        last = min((block + 1) * BLOCK, count)
-        seen = add_spans(max_range, spans, obstacles, field, block * BLOCK, last, pose, seen)
-        block = next_block(obstacles, field, count, blocks, block + 1, x, y, max_range)
-    return seen
-
-
-@inlined
 def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column):
     """Writes to ranges[i, column:] the distance (m) along each beam to the nearest obstacle, at most max_range.
 
-    Each obstacle is taken into the body frame and asked only about the beams that can meet it, so that the cost goes
-    with what the robot sees, not with beams times obstacles.
+    Each obstacle is taken into the body frame and asked only about the beams that can meet it, and some beside them, so
+    that the cost goes with what the robot sees, not with beams times obstacles.
 
     Args:
         lidar: a Lidar.
@@ -237,58 +236,142 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
         ranges: (b, n) array of any float type. Its indices are unsigned: a signed one is first asked whether it counts
             from the end.
     """
-    beams, first_beam, beam_step, max_range, spans = lidar
     x, y, heading = pose
-    num_beams = beams.shape[0]
-    for k in range(num_beams):
-        ranges[i, np.uint64(column + k)] = max_range
+    place = np.uint64(column)
+    for k in range(np.uint64(lidar.beams.shape[1])):
+        ranges[i, place + k] = lidar.max_range
     s, c = sin_cos(heading)
-    # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that
-    # guesses wrong should not have to wait for an angle to find out.
-    if blocks > 0:
-        seen = spans_of_blocks(max_range, spans, obstacles, field, count, blocks, (x, y, s, c))
-    else:
-        seen = add_spans(max_range, spans, obstacles, field, 0, count, (x, y, s, c), 0)
+    first = 0
+    block = 0
+    while first < count:
+        last = min(first + TOGETHER, count)
+        if blocks > 0:
+            block = next_block(obstacles, field, count, blocks, block, x, y, lidar.max_range)
+            if block == blocks:
+                break
+            first = block * BLOCK
+            last = min(first + BLOCK, count)
+            block += 1
+        # First all bearings, then all beams: how many beams an obstacle has cannot be foretold, and a processor that
+        # guesses wrong should not have to wait for an angle to find out.
+        seen = find_spans(lidar.max_range, lidar.scratch, obstacles, field, first, last, (x, y, s, c))
+        for j in range(seen):
+            found = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
+            shorten(lidar, obstacles[field, np.uint64(first) + found], found, (s, c), ranges, i, place)
+        first = last
+
+
+@inlined
+def shorten(lidar, obstacle, j, turned, ranges, i, column):
+    """Shortens the beams that may meet the obstacle whose numbers stand in column j of the scratch.
+
+    Args:
+        turned: sine and cosine of the robot's heading.
+    """
+    beams, first_beam, beam_step, _, scratch = lidar
+    s, c = turned
+    num_beams = beams.shape[1]
     inverse_step = 1.0 / beam_step
     # beams around the full circle: one interval that may run over the closing beam, else one interval a turn
     wraps = abs(num_beams * beam_step - 6.283185307179586) < 1e-9
-    for j in range(seen):
-        place = np.uint64(3 * j)
-        obstacle = obstacles[field, np.uint64(spans[place + np.uint64(2)])]
-        dx = obstacle.x - x
-        dy = obstacle.y - y
-        px = c * dx + s * dy
-        py = c * dy - s * dx
-        is_circle = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
-        cosine = obstacle.cos * c + obstacle.sin * s
-        sine = obstacle.sin * c - obstacle.cos * s
-        right = spans[place] - first_beam
-        left = spans[place + np.uint64(1)] - first_beam
-        for turn in range(0 if wraps else -1, 1 if wraps else 2):
-            first = (right + turn * 6.283185307179586) * inverse_step
-            last = (left + turn * 6.283185307179586) * inverse_step
-            # clipped while they are floats, so that they are indices of beams whatever the angles are
-            if wraps:
-                low = math.ceil(min(max(-1.0 * num_beams, first), 1.0 * num_beams))
-                high = min(math.floor(min(max(-1.0 * num_beams, last), 2.0 * num_beams)), low + num_beams - 1)
-            else:
-                low = math.ceil(min(max(0.0, first), 1.0 * num_beams))
-                high = math.floor(min(max(-1.0, last), num_beams - 1.0))
-            for k in range(low, high + 1):
-                beam = k
-                if k < 0:
-                    beam += num_beams
-                elif k >= num_beams:
-                    beam -= num_beams
-                ux = beams[np.uint64(beam), 0]
-                uy = beams[np.uint64(beam), 1]
+    px = scratch[np.uint64(_PX) + j]
+    py = scratch[np.uint64(_PY) + j]
+    right = scratch[np.uint64(_RIGHT) + j] - first_beam
+    left = scratch[np.uint64(_LEFT) + j] - first_beam
+    is_circle = obstacle.half_length == 0.0 and obstacle.half_width == 0.0
+    cosine = obstacle.cos * c + obstacle.sin * s
+    sine = obstacle.sin * c - obstacle.cos * s
+    box = (px, py, cosine, sine, obstacle.half_length, obstacle.half_width)
+    for turn in range(0 if wraps else -1, 1 if wraps else 2):
+        first = (right + turn * 6.283185307179586) * inverse_step
+        last = (left + turn * 6.283185307179586) * inverse_step
+        # clipped while they are floats, so that they are indices of beams whatever the angles are
+        if wraps:
+            low = math.ceil(min(max(-1.0 * num_beams, first), 1.0 * num_beams))
+            high = min(math.floor(min(max(-1.0 * num_beams, last), 2.0 * num_beams)), low + num_beams - 1)
+        else:
+            low = math.ceil(min(max(0.0, first), 1.0 * num_beams))
+            high = math.floor(min(max(-1.0, last), num_beams - 1.0))
+        while low <= high:
+            # up to the closing beam, and on behind it
+            k = low + num_beams if low < 0 else low - num_beams if low >= num_beams else low
+            end = min(k + high - low, num_beams - 1)
+            low += end - k + 1
+            while k <= end:
+                if num_beams < BESIDE:
+                    shorten_one(beams, box, obstacle.radius, is_circle, ranges, i, column, np.uint64(k))
+                    k += 1
+                    continue
+                # not beyond the last beam
+                k = min(k, num_beams - BESIDE)
                 if is_circle:
-                    distance = ray_to_circle(px, py, obstacle.radius, ux, uy)
+                    shorten_to_circle(beams, px, py, obstacle.radius, ranges, i, column, np.uint64(k))
                 else:
-                    distance = ray_to_box(px, py, cosine, sine, obstacle.half_length, obstacle.half_width, ux, uy)
-                at = np.uint64(column + beam)
-                if distance < ranges[i, at]:
-                    ranges[i, at] = distance
+                    shorten_to_box(beams, box, ranges, i, column, np.uint64(k))
+                k += BESIDE
+
+
+@inlined
+def shorten_one(beams, box, radius, is_circle, ranges, i, column, k):
+    """Shortens beam k to where it meets an obstacle."""
+    px, py, cosine, sine, half_length, half_width = box
+    if is_circle:
+        distance = ray_to_circle(px, py, radius, beams[0, k], beams[1, k])
+    else:
+        distance = ray_to_box(px, py, cosine, sine, half_length, half_width, beams[0, k], beams[1, k])
+    if distance < ranges[i, column + k]:
+        ranges[i, column + k] = distance
+
+
+@inlined
+def shorten_to_circle(beams, px, py, radius, ranges, i, column, first):
+    """Shortens BESIDE beams, from the first on, to where they meet a circle.
+
+    The arithmetic is that of `geometry.ray_to_circle` without a branch, and so are the bits.
+    """
+    for k in range(np.uint64(BESIDE)):
+        ux = beams[0, first + k]
+        uy = beams[1, first + k]
+        along = px * ux + py * uy
+        across = px * uy - py * ux
+        half_chord_squared = radius * radius - across * across
+        half_chord = math.sqrt(max(half_chord_squared, 0.0))
+        distance = max(along - half_chord, 0.0)
+        so_far = ranges[i, column + first + k]
+        meets = (half_chord_squared >= 0.0) & (along + half_chord >= 0.0) & (distance < so_far)
+        ranges[i, column + first + k] = distance if meets else so_far
+
+
+@inlined
+def shorten_to_box(beams, box, ranges, i, column, first):
+    """Shortens BESIDE beams, from the first on, to where they meet a box or wall: as `geometry.ray_to_box` does."""
+    cx, cy, cosine, sine, half_length, half_width = box
+    px = -(cosine * cx + sine * cy)
+    py = -(cosine * cy - sine * cx)
+    for k in range(np.uint64(BESIDE)):
+        ux = beams[0, first + k]
+        uy = beams[1, first + k]
+        vx = cosine * ux + sine * uy
+        vy = cosine * uy - sine * ux
+        # along a pair of sides it never gets to them: it is between them all the way, or beside them
+        along_x = vx == 0.0
+        along_y = vy == 0.0
+        inverse_x = 1.0 / vx
+        inverse_y = 1.0 / vy
+        reach_x = abs(half_length * inverse_x)
+        reach_y = abs(half_width * inverse_y)
+        enter = 0.0 if along_x else max(0.0, -px * inverse_x - reach_x)
+        leave = np.inf if along_x else min(np.inf, -px * inverse_x + reach_x)
+        enter = enter if along_y else max(enter, -py * inverse_y - reach_y)
+        leave = leave if along_y else min(leave, -py * inverse_y + reach_y)
+        beside = (along_x & (abs(px) > half_length)) | (along_y & (abs(py) > half_width))
+        meets = (not beside) & (not enter > leave)
+        through = -py / vy
+        is_wall = (half_width == 0.0) & (not along_y)
+        meets = (through >= 0.0) & (abs(px + through * vx) <= half_length) if is_wall else meets
+        distance = through if is_wall else enter
+        so_far = ranges[i, column + first + k]
+        ranges[i, column + first + k] = distance if meets & (distance < so_far) else so_far
 
 
 @inlined

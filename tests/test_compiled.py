@@ -173,6 +173,45 @@ def test_an_error_in_a_part_comes_out_of_it(tmp_path: Path) -> None:
     assert results[:2] == ["one and a half"] * 2
 
 
+@pytest.mark.parametrize("decorator", ["compiled", "inlined"])
+def test_what_counts_no_references_may_not_hand_arrays_on(tmp_path: Path, decorator: str) -> None:
+    (tmp_path / "kernel.py").write_text(f"""
+import numpy as np
+from wayfield.envs.compiled import allocating, compiled, inlined
+
+@{decorator}
+def same(x):
+    return x, 1.0
+
+@allocating
+def two(x):
+    return np.full(2, 1.0 * x)
+
+@{decorator}
+def takes(x):
+    return two(x)[0] + two(x)[1]
+
+@allocating
+def doubled(x):
+    return two(x)[0] + two(x)[1]
+
+def four_times(x):
+    return 2 * doubled(x)
+""")
+    between = """
+    import numpy as np
+    for function, value in ((kernel.same, np.zeros(2)), (kernel.takes, 1.5)):
+        try:
+            function(value)
+        except TypeError as error:
+            print(error)
+    """
+    *refused, result, _ = called(tmp_path, "", between.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    ending = "returns arrays, or calls what does: it must be decorated with allocating"
+    assert refused == [f"same {ending}", f"takes {ending}"]
+    assert result == "6.0 8.0"
+
+
 def test_code_of_another_signature_under_ones_name_is_not_used(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     called(tmp_path, NUMBA_CACHE_DIR=str(cache))

@@ -160,14 +160,14 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
     rng = np.random.default_rng(11)
     grid = OccupancyGrid(rng.random((37, 53)) < density, 0.25, beyond=beyond)
     grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
-    beams = np.ascontiguousarray(sines(np.linspace(-3.1, 3.1, 2 * TOGETHER + 3))[::-1].T)  # more than go at once
+    beams = np.ascontiguousarray(sines(np.linspace(-3.1, 3.1, 2 * TOGETHER + 3))[::-1])  # more than go at once
     for point in rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25):
         # what stands nearer than the map has been seen already
-        before = rng.uniform(0.0, 8.0, (1, len(beams)))
+        before = rng.uniform(0.0, 8.0, (1, beams.shape[1]))
         ranges = before.copy()
         scan_grid(grids.frames[0], grids.cells, (*point, 0.0), beams, ranges, 0, 0, np.empty(SCRATCH))
         place = grid.places(point)
-        for k, beam in enumerate(beams):
+        for k, beam in enumerate(beams.T):
             reach = before[0, k] / 0.25
             gone = traversed(grid, place, beam, reach)
             assert ranges[0, k] == (gone * 0.25 if gone < reach else before[0, k])

@@ -20,7 +20,7 @@ from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import MANY, clearance, clearance_to, row_clearance
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
-from wayfield.envs.sensing import Lidar, beam_angles, scan_ranges
+from wayfield.envs.sensing import ROOM, Lidar, beam_angles, scan_ranges
 
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -44,11 +44,11 @@ def scan(
     angles = beam_angles(num_beams, field_of_view)
     ranges = np.full((1, num_beams), np.nan)
     lidar = Lidar(
-        np.column_stack([np.cos(angles), np.sin(angles)]),
+        np.vstack([np.cos(angles), np.sin(angles)]),
         float(angles[0]),
         float(angles[1] - angles[0]) if num_beams > 1 else FULL,
         max_range,
-        np.empty(3 * len(field)),
+        np.empty(ROOM),
     )
     fields, blocks = in_blocks(field[None], np.array([len(field)]))
     scan_ranges(lidar, fields, 0, len(field), blocks[0], pose, ranges, 0, 0)

@@ -168,6 +168,15 @@ def test_bounds_cover_all_rows_in_blocks_alike(rows: int, blocks: int) -> None:
     assert len(found) == 1 or min(sizes) >= 32
 
 
+@pytest.mark.parametrize(("rows", "blocks", "less"), [(31, 4, 9), (4096, 2, 300), (4096, 2, 9999), (4096, 3, 90)])
+def test_the_first_block_is_smaller_where_its_thread_has_other_work(rows: int, blocks: int, less: int) -> None:
+    found = bounds(rows, blocks, less)
+    assert [k for first, last in found for k in range(first, last)] == list(range(rows))
+    first, *others = [last - first for first, last in found]
+    for other in others:
+        assert first == 0 < other or abs(other - first - less) <= 1
+
+
 def test_a_thing_with_a_memory_is_made_once_a_thread() -> None:
     made = one_a_thread(lambda k: [k])
     assert made(1) is made(1)

@@ -100,7 +100,7 @@ class Simulator {
     arrays.cells = { at: bytes.length ? kernels.put(bytes) : kernels.room(8), shape: [bytes.length] };
     this.toldFrames = { ...field([frame], "frame"), shape: [1] };
     Object.keys(kernels.tables.records.frame.fields).forEach((name, k) => course.set(name, frame[k]));
-    arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [this.beams, 2] };
+    arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [2, this.beams] };
     this.toldPatrols = { ...field(standing, "patrol"), shape: [1, obstacles] };
   }
 
