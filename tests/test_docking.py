@@ -1,8 +1,8 @@
 """Docking: what the task asks, the shortest ways of Reeds and Shepp, and the laws that come to rest at a pose."""
 
 import dataclasses
-import json
 import itertools
+import json
 import math
 from pathlib import Path
 from typing import Any
