@@ -125,7 +125,7 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
     "astar_tracker": {"margin": Range(0.03, 0.2), "wanted_clearance": Range(0.05, 0.5)},
     "smooth_pose_backward": _TO_A_POSE,
     **{
-        name: {gain: Range(*ends, log=ends[0] > 0.0) for gain, ends in policy.searched.items()}
+        name: {gain: Range(low, high, log=low > 0.0) for gain, (low, high) in policy.searched.items()}
         for name, policy in wayfield.policies.POLICIES.items()
         if hasattr(policy, "searched")
     },

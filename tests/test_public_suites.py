@@ -19,6 +19,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from wayfield.benchmarks import evaluate
+from wayfield.benchmarks.contest_options import ContestOptions
 from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Course, Entrants
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.own_scenario import without_way
@@ -353,6 +354,19 @@ def test_every_public_suite_has_contests_of_its_own() -> None:
             assert contest.name.startswith(name)
             assert contest.rules is not None
             assert contest.title != contest.spec.title
+
+
+def test_those_that_take_minutes_a_run_drive_where_they_are_named() -> None:
+    for contest in (suite.contest(mode) for suite in PUBLIC.values() for mode in suite.modes):
+        asked = ContestOptions(
+            *(contest.name, (contest.name,), None, ("kinematic",), "lagged", ROBOTS["p3dx"], ("default",)),
+            *(None, None, 0),
+        )
+        slow = [name for name in ("mppi", "nav2_mppi") if name in contest.policies]
+        assert set(asked.entrants(contest).policies) == set(contest.policies).difference(slow)
+        named = dataclasses.replace(asked, policies=("vfh_plus", *slow))
+        assert set(named.entrants(contest).policies) == set(contest.policies).intersection(("vfh_plus", *slow))
+        assert all(name in contest.notes for name in slow)
 
 
 def test_circuits_are_laps_in_small(tmp_path: Path) -> None:
