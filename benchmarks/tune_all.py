@@ -16,11 +16,8 @@ from wayfield.policies.tuned import PACE, condition, tuned_conditions
 
 Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, asked speed (m/s), level of disturbance
 
-SLOW = {
-    "mpc": 8,
-    "mpc_pose": 8,
-    "mppi": 8,
-}  # times as long a decision as of the others, and so as many times fewer frames
+# times as long a decision as of the others, and so as many times fewer frames
+SLOW = {"mpc": 8, "mpc_pose": 8, "mppi": 8}
 
 
 def conditions() -> Iterator[Wanted]:
