@@ -25,7 +25,7 @@ def print_short(told: Iterable[tuple[str, Table]]) -> None:
 
 
 def _small(table: Table, width: int) -> str:
-    """Returns the first lines of a table; where they are too wide, intervals, units and names go on in a second line."""
+    """Returns the first lines of a table; where they are too wide, intervals, units, names go on in a second line."""
     rows = table.rows[:MOST_LINES]
     header = [name.replace("speed (m/s)", "m/s") for name in table.header]
     text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
