@@ -47,7 +47,7 @@ class ContestOptions:
 
     suite: str
     contests: tuple[str, ...]
-    policies: tuple[str, ...] | None  # None: all of the contest
+    policies: tuple[str, ...] | None  # None: all of the contest but those on request
     dynamics: tuple[str, ...]
     actuators: str
     robot: Robot
@@ -81,7 +81,8 @@ class ContestOptions:
         Raises:
             WrongOption: if a policy of the user's own can take part in none of the contests.
         """
-        names = tuple(name for name in contest.policies if self.policies is None or name in self.policies)
+        asked = set(contest.policies).difference(contest.on_request) if self.policies is None else self.policies
+        names = tuple(name for name in contest.policies if name in asked)
         own = tuple(each for each, where in zip(self.own, self._places, strict=True) if contest.name in where)
         return Entrants(names, gains_names or self.gains_names, self.homes, own)
 

@@ -25,12 +25,13 @@ def print_short(told: Iterable[tuple[str, Table]]) -> None:
 
 
 def _small(table: Table, width: int) -> str:
-    """Returns the first lines of a table; where they are too wide, intervals and long names go on in a second line."""
+    """Returns the first lines of a table; where they are too wide, intervals, units, names go on in a second line."""
     rows = table.rows[:MOST_LINES]
     header = [name.replace("speed (m/s)", "m/s") for name in table.header]
     text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
     if max(map(len, text.splitlines())) > width:
         rows = [[cell.replace(" [", "\n[") for cell in row] for row in rows]
         rows = [["\n".join(textwrap.wrap(name, _NAME_WIDTH)), *cells] for name, *cells in rows]
+        header = [name.replace(" (", "\n(") for name in header]
         text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
     return "\n".join(line[:width].rstrip() for line in text.splitlines())

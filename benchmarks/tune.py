@@ -51,6 +51,14 @@ class Range:
     log: bool = True  # whether evenly in its logarithm
 
 
+_TO_A_POSE: Mapping[str, Range] = {  # of the smooth pose law; no speed is asked for
+    "k1": Range(0.3, 3.0),
+    "k2": Range(1.0, 10.0),
+    "beta": Range(0.01, 1.0),
+    "speed": Range(0.2, 0.6),
+    "deceleration": Range(0.2, 0.8),
+    "arrival_radius": Range(0.01, 0.05),
+}
 # Beside the cruising speed, which all path followers have.
 SEARCHED: Mapping[str, Mapping[str, Range]] = {
     "lookahead_retuned": {"lookahead_distance": Range(0.15, 0.8), "k_ang": Range(1.0, 12.0)},
@@ -115,13 +123,20 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "foresight": Range(0.5, 3.0),
     },
     "astar_tracker": {"margin": Range(0.03, 0.2), "wanted_clearance": Range(0.05, 0.5)},
-    "smooth_pose_backward": {"k1": Range(0.3, 3.0), "k2": Range(1.0, 10.0), "beta": Range(0.01, 1.0)},
+    "smooth_pose_backward": _TO_A_POSE,
     **{
-        name: {gain: Range(*ends) for gain, ends in policy.searched.items()}
+        name: {gain: Range(low, high, log=low > 0.0) for gain, (low, high) in policy.searched.items()}
         for name, policy in wayfield.policies.POLICIES.items()
         if hasattr(policy, "searched")
     },
 }
+# Where another task asks for other gains.
+SEARCHED_IN: Mapping[str, Mapping[str, Mapping[str, Range]]] = {"docking": {"smooth_pose": _TO_A_POSE}}
+
+
+def searched(policy: str, suite: str) -> Mapping[str, Range]:
+    """Returns the gains of a policy that are searched for the contest of a suite, and where."""
+    return SEARCHED_IN.get(suite, {}).get(policy, SEARCHED[policy])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,6 +160,11 @@ class Search:
     def paced(self) -> bool:
         """Returns whether the mean speed is to be held, and so the cruising speed is searched."""
         return bool(self.contest.speeds)
+
+    @property
+    def ranges(self) -> Mapping[str, Range]:
+        """Returns the gains that are searched, and where."""
+        return searched(self.policy, self.contest.name)
 
     def gains_at(self, gains: Mapping[str, float], factor: float = 1.0) -> dict[str, Any]:
         """Returns gains, those of a path follower with the cruising speed that is `factor` times the asked one."""
@@ -199,7 +219,7 @@ class Search:
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         defaults: Any = wayfield.policies.make(self.policy)
-        ranges = SEARCHED[self.policy]
+        ranges = self.ranges
         fastest = max(min(PACE_FACTORS[1], float(self.robot.max_twist[0]) / self.speed), 1.0)
         start = {name: float(getattr(defaults, name)) for name in ranges}
         starts = [start | ({"pace": 1.0} if self.paced else {})]
@@ -249,7 +269,7 @@ class Search:
                 shared.study.tell(trial, state=failed)
                 continue
             if least is None:  # as with one process, but that the default gains may be under way elsewhere
-                default = self.gains_at({name: starts[0][name] for name in SEARCHED[self.policy]}, 1.0)
+                default = self.gains_at({name: starts[0][name] for name in self.ranges}, 1.0)
                 least = 0.0 if trial.number == 0 else self.score(default, SEARCH_SPLIT, engine).mean_speed
             score = self.score(gains, SEARCH_SPLIT, engine, 0.0 if trial.number == 0 else least)
             least = score.mean_speed if trial.number == 0 else least
@@ -271,7 +291,7 @@ class Search:
     def _drawn(self, trial: Any, fastest: float) -> dict[str, Any] | None:
         """Returns the gains of a trial; None where two of them do not go together."""
         factor = trial.suggest_float("pace", PACE_FACTORS[0], fastest) if self.paced else 1.0
-        ranges = SEARCHED[self.policy]
+        ranges = self.ranges
         drawn = {k: rounded(trial.suggest_float(k, each.low, each.high, log=each.log)) for k, each in ranges.items()}
         try:
             gains = self.gains_at(drawn, factor)
@@ -442,7 +462,7 @@ def start_of(policy: str, suite: str, known: str) -> dict[str, float]:
     """Returns the set that shipped for a condition, with its pace, as a search may start from."""
     robot, speed, level = known.split("_")
     gains = wayfield.policies.tuned_gains(policy, suite, robot, float(speed), level)
-    start = {name: float(gains[name]) for name in SEARCHED[policy] if name in gains}
+    start = {name: float(gains[name]) for name in searched(policy, suite) if name in gains}
     if not CONTESTS[suite].speeds:
         return start
     asked = wayfield.policies.cruising(policy, gains, float(speed))

@@ -16,18 +16,20 @@ from wayfield.policies.tuned import PACE, condition, tuned_conditions
 
 Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, asked speed (m/s), level of disturbance
 
-SLOW = {"mpc": 8, "mppi": 8}  # times as long a decision as of the others, and so as many times fewer frames
+# times as long a decision as of the others, and so as many times fewer frames
+SLOW = {"mpc": 8, "mpc_pose": 8, "mppi": 8}
 
 
 def conditions() -> Iterator[Wanted]:
     """Yields every policy in every condition that it is shown in, what most tables show first."""
-    paths, goals = CONTESTS["path-following"], CONTESTS["goal-obstacles"]
+    paths, goals, docks = CONTESTS["path-following"], CONTESTS["goal-obstacles"], CONTESTS["docking"]
     speeds = sorted(paths.speeds, key=lambda speed: (speed != PACE, -speed))
     of_paths = [("p3dx", PACE, "none"), ("p3dx", PACE, ROBUST_LEVEL), *(("p3dx", v, "none") for v in speeds[1:])]
     of_paths += [(robot, PACE, "none") for robot in ("omni3", "omni4")]
     of_goals = [(robot, PACE, "none") for robot in ("p3dx", "omni3", "omni4")] + [("p3dx", PACE, ROBUST_LEVEL)]
+    of_docks = [("p3dx", PACE, "none")]
     for k in range(max(len(of_paths), len(of_goals))):
-        for contest, wanted in ((paths, of_paths), (goals, of_goals)):
+        for contest, wanted in ((paths, of_paths), (goals, of_goals), (docks, of_docks)):
             for name in contest.policies if k < len(wanted) else ():
                 if name in SEARCHED:
                     yield contest.name, name, *wanted[k]

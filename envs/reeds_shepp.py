@@ -18,7 +18,7 @@ PLAN = MOST_PIECES + 1  # pieces of a plan: those of a word, and a straight
 STEP = 0.02  # m, between the places where a plan is looked at
 WORDS = 8  # families of words; their mirror images and reversals follow by symmetry
 _QUARTER = 0.5 * math.pi
-_EXACT = 1e-9  # how far a word may end from where it shall
+_EXACT = 1e-9  # how far a word may end from where it shall, and a piece turn out the other way: by rounding alone
 
 
 @inlined
@@ -29,14 +29,20 @@ def polar(x, y):
 
 @inlined
 def turned(angle):
-    """Returns the angle in [-pi, pi) that points the same way."""
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+    """Returns the angle in [-pi, pi] that points the same way; half a turn is pi, also where rounding makes it more."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi - _EXACT) / (2.0 * math.pi))
+
+
+@inlined
+def root(square):
+    """Returns the square root of what is negative by rounding at most."""
+    return math.sqrt(max(square, 0.0))
 
 
 @inlined
 def arc_cosine(cosine):
     """Returns the angle in [0, pi] of a cosine in [-1, 1]."""
-    return bearing(math.sqrt(max(1.0 - cosine * cosine, 0.0)), cosine)
+    return bearing(root(1.0 - cosine * cosine), cosine)
 
 
 @inlined
@@ -58,7 +64,8 @@ def outer_arcs(u, v, xi, eta, phi):
 def base_word(kind, x, y, phi, turns, lengths):
     """Fills the turns (5,) and signed lengths (5,) of a word from the origin to (x, y, phi), by its family.
 
-    Every word here begins with a forward arc to the left. Returns whether there is one.
+    Every word here begins with a forward arc to the left. Returns whether there is one; where a piece has no length but
+    for rounding, it may have the wrong sign.
     """
     turns[:] = 0.0
     lengths[:] = 0.0
@@ -66,70 +73,73 @@ def base_word(kind, x, y, phi, turns, lengths):
     turns[0] = 1.0
     if kind == 0:  # eq. 8.1: L+ S+ L+
         u, t = polar(x - sine, y - 1.0 + cosine)
+        if u < _EXACT:  # one arc: a straight of no length has no direction
+            t = 0.0
+        t = turned(t)
         turns[2] = 1.0
         lengths[0], lengths[1], lengths[2] = t, u, turned(phi - t)
-        return t >= 0.0 and lengths[2] >= 0.0
+        return t >= -_EXACT and lengths[2] >= -_EXACT
     if kind == 2:  # eqs. 8.3 and 8.4: L+ R- L
         rho, theta = polar(x - sine, y - 1.0 + cosine)
-        if rho > 4.0:
+        if rho > 4.0 + _EXACT:
             return False
         half = 0.25 * rho
-        u = -2.0 * bearing(half, math.sqrt(max(1.0 - half * half, 0.0)))
+        u = -2.0 * bearing(half, root(1.0 - half * half))
         t = turned(theta + 0.5 * u + math.pi)
         turns[1], turns[2] = -1.0, 1.0
         lengths[0], lengths[1], lengths[2] = t, u, turned(phi - t + u)
-        return t >= 0.0
+        return t >= -_EXACT
     if kind == 5:  # eq. 8.9: L+ R-(quarter) S- L-
         rho, theta = polar(x - sine, y - 1.0 + cosine)
-        if rho < 2.0:
+        if rho < 2.0 - _EXACT:
             return False
-        r = math.sqrt(rho * rho - 4.0)
+        r = root(rho * rho - 4.0)
         t = turned(theta + bearing(r, -2.0))
         turns[1], turns[3] = -1.0, 1.0
         lengths[0], lengths[1], lengths[2], lengths[3] = t, -_QUARTER, 2.0 - r, turned(phi - _QUARTER - t)
-        return t >= 0.0 and lengths[2] <= 0.0 and lengths[3] <= 0.0
+        return t >= -_EXACT and lengths[2] <= _EXACT and lengths[3] <= _EXACT
     xi = x + sine
     eta = y - 1.0 - cosine
     rho, theta = polar(xi, eta)
     if kind == 1:  # eq. 8.2: L+ S+ R+
-        if rho < 2.0:
+        if rho < 2.0 - _EXACT:
             return False
-        u = math.sqrt(rho * rho - 4.0)
+        u = root(rho * rho - 4.0)
         t = turned(theta + bearing(2.0, u))
         turns[2] = -1.0
         lengths[0], lengths[1], lengths[2] = t, u, turned(t - phi)
-        return t >= 0.0 and lengths[2] >= 0.0
+        return t >= -_EXACT and lengths[2] >= -_EXACT
     turns[1] = -1.0
     if kind == 3:  # eq. 8.7: L+ R+(u) L-(u) R-
-        if rho > 2.0:
+        if rho > 2.0 + _EXACT:
             return False
         u = arc_cosine(0.25 * (2.0 + rho))
         t, v = outer_arcs(u, -u, xi, eta, phi)
         turns[2], turns[3] = 1.0, -1.0
         lengths[0], lengths[1], lengths[2], lengths[3] = t, u, -u, v
-        return t >= 0.0 and v <= 0.0
+        return t >= -_EXACT and v <= _EXACT
     if kind == 4:  # eq. 8.8: L+ R-(u) L-(u) R+
         cosine_u = (20.0 - rho * rho) / 16.0
-        if not 0.0 <= cosine_u <= 1.0:
+        if not -_EXACT <= cosine_u <= 1.0 + _EXACT:
             return False
         u = -arc_cosine(cosine_u)
         t, v = outer_arcs(u, u, xi, eta, phi)
         turns[2], turns[3] = 1.0, -1.0
         lengths[0], lengths[1], lengths[2], lengths[3] = t, u, u, v
-        return t >= 0.0 and v >= 0.0
-    if rho < 2.0:
+        return t >= -_EXACT and v >= -_EXACT
+    if rho < 2.0 - _EXACT:
         return False
     if kind == 6:  # eq. 8.10: L+ R-(quarter) S- R-
-        t = bearing(xi, -eta)
+        t = turned(bearing(xi, -eta))
         turns[3] = -1.0
         lengths[0], lengths[1], lengths[2], lengths[3] = t, -_QUARTER, 2.0 - rho, turned(t + _QUARTER - phi)
-        return t >= 0.0 and lengths[3] <= 0.0
+        return t >= -_EXACT and lengths[3] <= _EXACT
     # eq. 8.11: L+ R-(quarter) S- L-(quarter) R+
-    u = 4.0 - math.sqrt(rho * rho - 4.0)
+    u = 4.0 - root(rho * rho - 4.0)
     t = turned(bearing((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
     turns[3], turns[4] = 1.0, -1.0
     lengths[0], lengths[1], lengths[2], lengths[3], lengths[4] = t, -_QUARTER, u, -_QUARTER, turned(t - phi)
-    return t >= 0.0 and u <= 0.0 and lengths[4] >= 0.0
+    return t >= -_EXACT and u <= _EXACT and lengths[4] >= -_EXACT
 
 
 @inlined

@@ -22,7 +22,7 @@ class _Command(NamedTuple):
 COMMANDS = {
     "evaluate": _Command("wayfield.benchmarks.evaluate", "evaluate", "compare policies: tables and figures"),
     "train": _Command("wayfield.policies.training.command", "train", "train agents by PPO"),
-    "tune": _Command("wayfield.benchmarks.tune", "tune", "search gains on validation scenarios"),
+    "tune": _Command("wayfield.benchmarks.tune", "tune", "search gains on training scenarios"),
     "play": _Command("wayfield.benchmarks.play", "render", "drive by the keyboard, beside a policy's ghost"),
     "render": _Command("wayfield.benchmarks.video", "render", "film a policy: .mp4, .gif or .png"),
     "policies": _Command("wayfield.benchmarks.lists", "evaluate", "list them, and what they know", "policies"),

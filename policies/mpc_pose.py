@@ -85,6 +85,8 @@ class MpcPose:
         "across": (1.0, 20.0),
         "heading": (0.02, 0.5),
         "effort": (0.01, 0.5),
+        "speed": (0.2, 0.6),
+        "step": (0.1, 0.25),
     }
 
     def __post_init__(self) -> None:

@@ -7,21 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.policies.parts.costmap import (
     INSCRIBED,
     MOST_POINTS,
-    POINT_SPACING,
     CostmapController,
+    Maps,
     ahead_of,
     cost_at,
     perceive,
     recovers,
     slow_down,
 )
+from wayfield.policies.parts.stopping import Scan, Seen
 from wayfield.policies.policy import check_gain, check_whole
 
 ILLEGAL = math.inf  # score of a trajectory that a critic forbids
@@ -63,9 +62,9 @@ class Nav2Dwb(CostmapController):
     Burgard and Thrun, IEEE Robotics and Automation Magazine 4(1), 1997.
     """
 
-    max_yaw_rate: float = 1.0  # rad/s
-    acceleration: float = 2.5  # m/s^2, at most, and at most what the base can do
-    yaw_acceleration: float = 3.2  # rad/s^2, likewise
+    max_yaw_rate: float = 1.0
+    acceleration: float = 2.5
+    yaw_acceleration: float = 3.2
     speeds: int = 20
     sideways: int = 5
     turns: int = 20
@@ -74,7 +73,6 @@ class Nav2Dwb(CostmapController):
     angular_step: float = 0.025  # rad
     window: float = 3.0  # m
     local_cell: float = 0.05  # m, in which distances from the plan are counted
-    prune_distance: float = 2.0  # m, of the plan that is looked at
     obstacle: float = 0.02
     path_distance: float = 32.0
     goal_distance: float = 24.0
@@ -93,40 +91,17 @@ class Nav2Dwb(CostmapController):
         super().__post_init__()
         for name in ("speeds", "sideways", "turns"):
             check_whole(self, name, least=2, most=1000)
-        above = ("max_yaw_rate", "acceleration", "yaw_acceleration", "horizon", "linear_step", "angular_step")
-        for name in (*above, "window", "local_cell", "prune_distance"):
+        for name in ("horizon", "linear_step", "angular_step", "window", "local_cell"):
             check_gain(self, name, above=0.0)
-        for field in dataclasses.fields(self):
-            if field.type is float:
-                check_gain(self, field.name, least=0.0)
-        most = POINT_SPACING * (MOST_POINTS - 1)
-        if not self.prune_distance <= most:
-            raise ValueError(f"Nav2Dwb: prune_distance must be at most {most:g} m, got {self.prune_distance!r}")
 
-    def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty map and no plan for each robot, (b,).
+    @property
+    def remembers(self) -> list[Any]:
+        """Returns the fields of TREND."""
+        return TREND
 
-        Raises:
-            ValueError: if there are no beams.
-        """
-        return self.remembered(briefing, TREND)
-
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
-    ) -> NDArray[np.float64]:
-        """Returns the twists (b, t): m/s and rad/s.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        scan, seen = self.driven(observation, briefing, memory)
-        p = self.given(
-            briefing,
-            acceleration=min(self.acceleration, briefing.actuators.acceleration),
-            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
-        )
-        decide(p, self.maps(briefing), scan, seen, memory["state"])
-        return memory["state"]["command"][:, list(briefing.robot.twist_axes)]
+    def decide(self, p: NDArray[np.void], maps: Maps, scan: Scan, seen: Seen, state: NDArray[np.void]) -> None:
+        """Sets the commands of all robots."""
+        decide(p, maps, scan, seen, state)
 
 
 @allocating

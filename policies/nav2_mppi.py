@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
 from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.elementary import exponential
@@ -23,12 +21,14 @@ from wayfield.policies.parts.costmap import (
     MOST_POINTS,
     POINT_SPACING,
     CostmapController,
+    Maps,
     ahead_of,
     cost_at,
     perceive,
     recovers,
     slow_down,
 )
+from wayfield.policies.parts.stopping import Scan, Seen
 from wayfield.policies.policy import check_gain, check_switch, check_whole
 
 HISTORY = 4  # commands before the plan, which its filter reads
@@ -80,11 +80,8 @@ class Nav2Mppi(CostmapController):
     speed_noise: float = 0.2  # m/s
     yaw_noise: float = 0.4  # rad/s
     max_reverse: float = 0.35  # m/s
-    max_yaw_rate: float = 1.9  # rad/s
-    acceleration: float = 3.0  # m/s^2, at most, and at most what the base can do
-    yaw_acceleration: float = 3.5  # rad/s^2, likewise
     open_loop: bool = False  # whether the robot is thought to do what it was last told, rather than what it measures
-    prune_distance: float = 1.7  # m, of the plan that is looked at
+    prune_distance: float = 1.7
     constraint: float = 4.0
     cost: float = 3.81
     collision_cost: float = 1e6
@@ -119,42 +116,18 @@ class Nav2Mppi(CostmapController):
             check_whole(self, name)
         check_whole(self, "seed", most=LAST_SEED)
         check_switch(self, "open_loop")
-        above = ("step_time", "temperature", "speed_noise", "yaw_noise", "acceleration", "yaw_acceleration")
-        for name in (*above, "max_yaw_rate", "prune_distance"):
+        for name in ("step_time", "temperature", "speed_noise", "yaw_noise"):
             check_gain(self, name, above=0.0)
-        for field in dataclasses.fields(self):
-            if field.type is float:
-                check_gain(self, field.name, least=0.0)
-        most = POINT_SPACING * (MOST_POINTS - 1)
-        if not self.prune_distance <= most:
-            raise ValueError(f"Nav2Mppi: prune_distance must be at most {most:g} m, got {self.prune_distance!r}")
 
-    def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty map and no plan for each robot, (b,).
+    @property
+    def remembers(self) -> list[Any]:
+        """Returns the fields of the plan and of the commands before it."""
+        return [("sequence", np.float64, (self.steps, 3)), ("history", np.float64, (HISTORY, 3))]
 
-        Raises:
-            ValueError: if there are no beams.
-        """
-        more = [("sequence", np.float64, (self.steps, 3)), ("history", np.float64, (HISTORY, 3))]
-        return self.remembered(briefing, more)
-
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
-    ) -> NDArray[np.float64]:
-        """Returns the twists (b, t): m/s and rad/s.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        scan, seen = self.driven(observation, briefing, memory)
-        p = self.given(
-            briefing,
-            acceleration=min(self.acceleration, briefing.actuators.acceleration),
-            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
-        )
+    def decide(self, p: NDArray[np.void], maps: Maps, scan: Scan, seen: Seen, state: NDArray[np.void]) -> None:
+        """Sets the commands of all robots."""
         noise = drawn(self.seed, self.samples, self.steps, self.speed_noise, self.yaw_noise)
-        decide(p, self.maps(briefing), Samples.of(noise), scan, seen, memory["state"])
-        return memory["state"]["command"][:, list(briefing.robot.twist_axes)]
+        decide(p, maps, Samples.of(noise), scan, seen, state)
 
 
 class Samples(NamedTuple):

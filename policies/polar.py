@@ -64,6 +64,8 @@ class Polar:
     searched: ClassVar[Mapping[str, tuple[float, float]]] = {
         "k_rho": (1.0, 5.0),
         "k_alpha": (5.5, 20.0),
+        "k_beta": (-4.0, -0.5),
+        "max_speed": (0.2, 0.6),
         "deceleration": (0.2, 0.8),
     }
 

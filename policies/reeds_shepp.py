@@ -84,6 +84,7 @@ class ReedsShepp:
         "radius": (0.15, 0.8),
         "margin": (0.005, 0.04),
         "settling": (0.08, 0.4),
+        "speed": (0.2, 0.6),
         "deceleration": (0.2, 0.8),
     }
 

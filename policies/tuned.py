@@ -41,7 +41,7 @@ def tuned_gains(name: str, suite: str, robot: str = "p3dx", speed: float = PACE,
 
     Args:
         name: of the policy.
-        suite: of the contest, "path-following" or "goal-obstacles".
+        suite: of the contest, "path-following", "goal-obstacles" or "docking".
         robot: its name.
         speed: m/s, that is asked for.
         level: of disturbance, "none" or another of `wayfield.envs.disturbances.LEVELS`.

@@ -1,6 +1,7 @@
 """Docking: what the task asks, the shortest ways of Reeds and Shepp, and the laws that come to rest at a pose."""
 
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
@@ -253,6 +254,26 @@ def test_nothing_that_can_be_driven_is_shorter(pieces: list[tuple[int, float]]) 
     heading = math.remainder(heading, 2.0 * math.pi)
     length = shortest_word(float(x), float(y), heading, np.zeros((MOST_PIECES, 2)))
     assert length <= sum(abs(along) for _, along in pieces) + 1e-6
+
+
+def test_where_words_meet_rounding_hides_none() -> None:
+    """No arc of no length is missed, nor half a turn: a heading off by rounding changes the length by as little."""
+    word = np.zeros((MOST_PIECES, 2))
+    along = [side * piece for piece in (1.0, 0.25 * math.pi, 0.5 * math.pi, math.pi) for side in (1.0, -1.0)]
+    pieces = list(itertools.product((-1, 0, 1), along))
+    for way in itertools.product(pieces, pieces):
+        x, y, heading = map(float, driven(list(way)))
+        length = shortest_word(x, y, heading, word)
+        assert length <= sum(abs(piece) for _, piece in way) + 1e-6
+        for rounding in (2e-16, -2e-16, 1e-12, -1e-12):
+            assert shortest_word(x, y, heading + rounding, word) == pytest.approx(length, abs=1e-6), (way, rounding)
+
+
+@given(PLACES, PLACES, ANGLES, st.floats(-1e-12, 1e-12))
+def test_the_length_is_continuous_in_the_heading(x: float, y: float, heading: float, change: float) -> None:
+    word = np.zeros((MOST_PIECES, 2))
+    length = shortest_word(x, y, heading, word)
+    assert shortest_word(x, y, heading + change, word) == pytest.approx(length, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from wayfield.policies.nav2_mppi import FILTER, HISTORY, Nav2Mppi, Samples
 from wayfield.policies.parts import costmap
 from wayfield.policies.parts.costmap import BACK_UP, CLEAR, POINT_SPACING, SPIN, WAIT, inflated
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT
+from wayfield.policies.parts.stopping import Scan, Seen
 
 Array = NDArray[np.float64]
 CONTROLLERS = [Nav2Dwb, Nav2Mppi]
@@ -47,10 +48,11 @@ recovers = compiled(lambda p, m, pose, goal: costmap.recovers(p[0], m[0], pose, 
 slow_down = compiled(lambda p, m, scan, seen: costmap.slow_down(p[0], m[0], scan, seen, 0))
 
 
-def gains(controller: Any, **more: Any) -> NDArray[Any]:
-    """Returns what the law of a P3DX without limits of acceleration reads."""
-    policy = controller(**more)
-    return np.array(policy.given(briefing_of("p3dx"), acceleration=1e6, yaw_acceleration=1e6))
+def gains(controller: Any, acceleration: float = 1e6, yaw_acceleration: float = 1e6, **more: Any) -> NDArray[Any]:
+    """Returns what the law of a P3DX with some limits of acceleration reads, with none unless they are given."""
+    read = np.array(controller(**more).given(briefing_of("p3dx")))
+    read["acceleration"], read["yaw_acceleration"] = acceleration, yaw_acceleration
+    return read
 
 
 def memory(controller: Any, cell: float = 0.08) -> Any:
@@ -98,7 +100,7 @@ def test_a_command_is_slowed_by_the_share_of_the_time_that_is_free(controller: A
     policy = controller()
     ahead = 0.25 + 0.6 * 0.6  # half of 1.2 s at 0.6 m/s until the hull is there
     seen = observed(briefing, scan(briefing.beam_angles, [(ahead, -0.01, ahead, 0.01)]))
-    sighted = policy.driven(seen, briefing, policy.reset(briefing))
+    sighted = Scan.of(policy, seen, briefing, policy.reset(briefing)), Seen.of(seen, briefing)
     m["command"] = 0.6, 0.0, 0.0
     slow_down(p, m, *sighted)
     assert m["command"][0].tolist() == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
@@ -142,7 +144,7 @@ def test_noise_is_drawn_once_and_has_the_deviations_that_were_asked_for() -> Non
 
 
 def test_samples_start_at_the_twist_that_the_robot_has_and_keep_to_the_accelerations() -> None:
-    p = np.array(Nav2Mppi().given(briefing_of("p3dx"), acceleration=1.0, yaw_acceleration=3.0))
+    p = gains(Nav2Mppi, 1.0, 3.0)
     samples = Samples.of(nav2_mppi.drawn(0, 50, 56, 0.2, 0.4))
     roll_out(p, np.zeros((56, 3)), samples, (0.4, 0.0, 0.2), (1.0, 2.0, 0.0))
     assert samples.places[:, 0] == pytest.approx(np.tile([1.02, 2.0, 0.01], (50, 1)), abs=1e-12)
@@ -228,7 +230,7 @@ def test_the_filter_leaves_what_is_quadratic_and_reads_the_history() -> None:
 
 
 def test_a_plan_keeps_to_the_limits_from_the_twist_that_the_robot_has() -> None:
-    p = np.array(Nav2Mppi().given(briefing_of("p3dx"), acceleration=1.0, yaw_acceleration=3.0))
+    p = gains(Nav2Mppi, 1.0, 3.0)
     sequence = np.tile([2.0, 0.0, -9.0], (56, 1))
     limit(p, (0.2, 0.0, 0.0), sequence)
     assert sequence[:3, 0].tolist() == pytest.approx([0.2, 0.25, 0.3])

@@ -9,7 +9,7 @@ import math
 
 from wayfield.benchmarks.cases import Rules
 from wayfield.benchmarks.contests.contest import COST, Column, Published
-from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.policies.tuned import PACE
 
 SPEED = 2.0  # m/s, the most of the challenge's Jackal, behind its optimal times
@@ -25,7 +25,7 @@ _NOTES = (
     "and both end legs at {speed:g} m/s. Entries with a cruising speed are asked for {asked:g} m/s, and SCT is against "
     "that; the score is full from a mean of {half:g} m/s on. Families are worlds by their numbers, which go "
     "by difficulty. A simulation without Gazebo: scores are a proxy of the challenge's. {robot}Policies that know the "
-    "map are told what others must find out: they are an upper reference."
+    "map are told what others must find out: they are an upper reference. " + ON_REQUEST_NOTE
 )
 
 CHALLENGE = dataclasses.replace(
@@ -49,6 +49,7 @@ CHALLENGE = dataclasses.replace(
     notes=_NOTES.format(
         speed=SPEED, asked=ASKED, half=0.5 * SPEED, robot="The Jackal's hull is its rectangle of 0.508 m by 0.43 m. "
     ),
+    on_request=ON_REQUEST,
     label="barn",
     heading="BARN, the challenge's rules",
     rules=Rules(ASKED, SPEED, CLOCK_FROM, LIMIT),

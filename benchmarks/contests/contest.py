@@ -187,6 +187,7 @@ class Contest:
     label: str = ""  # the name of the suite; "": the task's
     heading: str = ""  # of its tables; "": the task's
     rules: Rules | None = None
+    on_request: tuple[str, ...] = ()  # of the policies, those that drive only where they are named: they take too long
     published: tuple[Published, ...] = ()
 
     @property

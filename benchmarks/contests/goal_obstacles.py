@@ -20,6 +20,9 @@ from wayfield.benchmarks.contests.contest import (
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.scenarios import TASKS
 
+# Of the public benchmarks, where a way is long or a scan dense: 8 ms a decision and more.
+ON_REQUEST = ("mppi", "nav2_mppi")
+ON_REQUEST_NOTE = "mppi and nav2_mppi take minutes a run: they drive where --policies names them, or says all."
 BAR_FAMILY, BAR_SUCCESS, BAR_COLLISION = "clutter_10", 0.9, 0.03  # of the presets
 
 

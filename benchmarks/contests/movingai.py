@@ -8,7 +8,7 @@ import dataclasses
 
 from wayfield.benchmarks.cases import Rules
 from wayfield.benchmarks.contests.contest import COST, Column
-from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.policies.tuned import PACE
 
 MOVINGAI = dataclasses.replace(
@@ -28,8 +28,10 @@ MOVINGAI = dataclasses.replace(
     notes=(
         "Cells are 1 m wide. SPL and SCT compare with the published optimal length, that of a way over the eight "
         "neighbours of a cell that cuts no corner: a robot that turns freely can be shorter, and counts as 1. Policies "
-        "that know the map are told what others must find out: they are an upper reference. Simulation only."
+        "that know the map are told what others must find out: they are an upper reference. "
+        f"{ON_REQUEST_NOTE} Simulation only."
     ),
+    on_request=ON_REQUEST,
     label="movingai",
     heading="MovingAI grid maps",
     rules=Rules(PACE, published_way=True),

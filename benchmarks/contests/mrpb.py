@@ -8,7 +8,7 @@ import dataclasses
 
 from wayfield.benchmarks.cases import Rules
 from wayfield.benchmarks.contests.contest import COST, Column
-from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 
 ASKED = 0.55  # m/s, the benchmark's bound for the P3DX
 
@@ -32,8 +32,9 @@ MRPB = dataclasses.replace(
         "benchmark's metrics: the share of time in danger, whose distance it leaves to the user (here 0.1 m from the "
         "hull), the travel time, the mean |dv|/dt, the time of a decision. Entries with a cruising speed are asked for "
         f"{ASKED:g} m/s, the benchmark's bound. It hands local planners a global plan; those here get none unless they "
-        "know the map. Simulation only."
+        f"know the map. {ON_REQUEST_NOTE} Simulation only."
     ),
+    on_request=ON_REQUEST,
     label="mrpb",
     heading="MRPB",
     rules=Rules(ASKED),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Contest
+from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Column, Contest
 from wayfield.benchmarks.entries import (
     OFF_PACE,
     Entry,
@@ -55,6 +55,7 @@ class _Standing:
     cost: tuple[float, ...]  # the mean over all runs, by which the full table ranks
     speed: float  # m/s, mean of the successes
     away: bool  # whether that is off the speed that was asked for: such entries stand below the others
+    score: tuple[float, ...]  # the mean of what it is ranked by, where that is neither success nor cost; else nothing
 
 
 def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
@@ -92,6 +93,8 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
 
 def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
     cost = costs(rows, contest)
+    column = _scored(contest)
+    scores = values(rows, column.metric) if column else None
     return _Standing(
         entry,
         rows[0]["knows"],
@@ -99,7 +102,14 @@ def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
         (float(mean(cost)), *(interval(*by_scenario(rows, cost), mean) or ())),
         mean_speed(rows),
         off_pace(rows, contest.pace),
+        () if scores is None else (float(mean(scores)), *(interval(*by_scenario(rows, scores), mean) or ())),
     )
+
+
+def _scored(contest: Contest) -> Column | None:
+    """Returns the column that a contest with a score of its own is ranked by; None where success or cost decide."""
+    metric = contest.ranked[0][0]
+    return None if metric in ("success", COST) else next(each for each in contest.columns if each.metric == metric)
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -149,6 +159,7 @@ def _small(
     told_map = [each for each in ranked if MAP in each.told]
     shown += [each for best in (trained[:1], told_map[:1]) for each in best if each not in shown]
     cost, decimals = contest.spec.cost, contest.spec.cost.decimals
+    column = _scored(contest)
     lines = []
     for each in shown:
         verdict = "first" if each is rivals[0] else "draw" if each in level else ""
@@ -157,11 +168,13 @@ def _small(
         elif each.away and not rivals[0].away:
             verdict = "off speed"
         shares, of_cost = _with_ends(each.success, 100.0, 1), _with_ends(each.cost, 1.0, decimals)
-        lines.append([label(each.entry), shares, of_cost, f"{each.speed:.2f}" + OFF_PACE * each.away, verdict])
+        score = [_with_ends(each.score, 1.0, 3)] if column else []
+        lines.append([label(each.entry), *score, shares, of_cost, f"{each.speed:.2f}" + OFF_PACE * each.away, verdict])
     name = cost.name if by_cost else f"imputed {cost.name}"
-    header = ["policy", "success (%)", f"{name} ({cost.unit})", "speed (m/s)", "verdict"]
+    by = column.header if column else cost.name if by_cost else "success"
+    header = ["policy", *([by] if column else []), "success (%)", f"{name} ({cost.unit})", "speed (m/s)", "verdict"]
     note = (
-        f"Ranked by {cost.name if by_cost else 'success'}. Brackets: 95 % intervals, where there are scenarios enough. "
+        f"Ranked by {by}. Brackets: 95 % intervals, where there are scenarios enough. "
         f"{name[0].upper()}{name[1:]} is the mean over all runs, a failure counted as {failing(contest)}. Speed is "
         "that of the successes. Draws: not told apart from the first by a paired test, after Holm's correction. "
         f"{len(ranked) - len(shown)} more are in the full table."

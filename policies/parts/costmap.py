@@ -75,9 +75,13 @@ class Maps(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class CostmapController(Policy):
-    """What a controller of Nav2 is configured with beside its own law: gains that they share. They add act."""
+    """A controller of Nav2: gains that they share, what they see and remember. Each adds its law, in `decide`."""
 
     max_speed: float = 0.6  # m/s
+    max_yaw_rate: float = 1.9  # rad/s
+    acceleration: float = 3.0  # m/s^2, at most, and at most what the base can do
+    yaw_acceleration: float = 3.5  # rad/s^2, likewise
+    prune_distance: float = 2.0  # m, of the plan that is looked at
     cell: float = 0.08  # m, of the map
     inflation_radius: float = 0.7  # m, from an obstacle, within which cells cost something
     cost_scaling: float = 3.0  # 1/m, by which that falls off
@@ -89,22 +93,46 @@ class CostmapController(Policy):
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
 
     def __post_init__(self) -> None:
-        for name in ("max_speed", "cell", "replan"):
+        above = ("max_speed", "cell", "replan", "max_yaw_rate", "acceleration", "yaw_acceleration", "prune_distance")
+        for name in above:
             check_gain(self, name, above=0.0)
-        for name in ("inflation_radius", "cost_scaling", "time_before_collision", "recall"):
-            check_gain(self, name, least=0.0)
-        if self.inflation_radius > FARTHEST:
-            raise ValueError(
-                f"{type(self).__name__}: inflation_radius must be at most {FARTHEST:g} m, got {self.inflation_radius!r}"
-            )
+        for field in dataclasses.fields(self):
+            if field.type is float:
+                check_gain(self, field.name, least=0.0)
+        for name, most in (("inflation_radius", FARTHEST), ("prune_distance", POINT_SPACING * (MOST_POINTS - 1))):
+            value = getattr(self, name)
+            if not value <= most:
+                raise ValueError(f"{type(self).__name__}: {name} must be at most {most:g} m, got {value!r}")
 
-    def remembered(self, briefing: Briefing, more: list[Any]) -> NDArray[Any]:
-        """Returns an empty map and no plan for each robot, (b,): a record of STATE and `more`, and the scans.
+    @property
+    def remembers(self) -> list[Any]:
+        """Returns the fields that the law remembers beside the map and the plan, as of a record."""
+        raise NotImplementedError
+
+    def decide(self, p: NDArray[np.void], maps: Maps, scan: Scan, seen: Seen, state: NDArray[np.void]) -> None:
+        """Sets the commands of all robots in their states (b,); p: what the law reads, see `params.params`."""
+        raise NotImplementedError
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns an empty map and no plan for each robot, (b,): a record of STATE and `remembers`, and the scans.
 
         Raises:
             ValueError: if there are no beams.
         """
-        return remembering(self, briefing, [*STATE, *more])
+        return remembering(self, briefing, [*STATE, *self.remembers])
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t): m/s and rad/s.
+
+        Raises:
+            ValueError: if the scan has another number of beams than the briefing.
+        """
+        scan = Scan.of(self, observation, briefing, memory)
+        state = memory["state"]
+        self.decide(self.given(briefing), self.maps(briefing), scan, Seen.of(observation, briefing), state)
+        return np.asarray(state["command"][:, list(briefing.robot.twist_axes)])
 
     def maps(self, briefing: Briefing) -> Maps:
         """Returns the tables for a robot."""
@@ -120,7 +148,7 @@ class CostmapController(Policy):
         costs = inflated(radius, self.inflation_radius, self.cost_scaling)
         return Maps(prices, stamps(self.cell, reach), costs)
 
-    def given(self, briefing: Briefing, **more: float) -> NDArray[np.void]:
+    def given(self, briefing: Briefing) -> NDArray[np.void]:
         """Returns what the law reads, see `params.params`."""
         return params(
             self,
@@ -132,18 +160,9 @@ class CostmapController(Policy):
             wanted_clearance=WANTED,
             margin=LEAST,
             replan_steps=max(round(self.replan / briefing.dt), 1),
-            **more,
+            acceleration=min(self.acceleration, briefing.actuators.acceleration),
+            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
         )
-
-    def driven(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
-    ) -> tuple[Scan, Seen]:
-        """Returns what is seen.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        return Scan.of(self, observation, briefing, memory), Seen.of(observation, briefing)
 
 
 def inflated(radius: float, inflation_radius: float, scaling: float) -> NDArray[np.float64]:
