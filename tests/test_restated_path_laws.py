@@ -1,5 +1,6 @@
 """Path-following laws, stated once more in plain Python from their papers and docstrings, drive the same twists."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -40,7 +41,7 @@ class Line:
     def __init__(self, points: Sequence[tuple[float, float]], closed: bool) -> None:
         ends = [*points, points[0]] if closed else list(points)
         self.closed = closed
-        self.legs = [(a, b, math.dist(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.legs = [(a, b, math.dist(a, b)) for a, b in itertools.pairwise(ends)]
         self.starts = [sum(leg[2] for leg in self.legs[:k]) for k in range(len(self.legs))]
         self.length = sum(leg[2] for leg in self.legs)
 
@@ -297,11 +298,22 @@ LAWS: list[tuple[Any, Callable[..., tuple[float, float]]]] = [
         regulated_pure_pursuit,
     ),
     (Stanley(), stanley),
-    (Stanley(k=2.5, k_s=0.3, speed=0.9, axle_distance=0.3, max_steering=0.8, max_steering_rate=4.0, share=0.3, window=0.7), stanley),
+    (
+        Stanley(
+            k=2.5, k_s=0.3, speed=0.9, axle_distance=0.3, max_steering=0.8, max_steering_rate=4.0, share=0.3, window=0.7
+        ),
+        stanley,
+    ),
     (SmoothPose(), smooth_pose),
     (SmoothPose(k1=1.7, k2=2.2, speed=0.8, beta=0.4, lam=1.5, lookahead_distance=0.4, deceleration=0.3), smooth_pose),
     (Lqr(), lqr),
-    (Lqr(speed=0.9, q_e=20.0, q_th=9.0, rounding=0.15, acceleration=0.5, lateral_acceleration=0.6, share=0.6, max_approach=0.6), lqr),
+    (
+        Lqr(
+            speed=0.9, q_e=20.0, q_th=9.0, rounding=0.15, acceleration=0.5, lateral_acceleration=0.6, share=0.6,
+            max_approach=0.6,
+        ),
+        lqr,
+    ),
 ]  # fmt: skip
 
 

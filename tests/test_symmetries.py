@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -118,7 +117,10 @@ class Run(NamedTuple):
     odd: Any  # and those that have one
 
 
-EVEN = ("time", "arc_length", "progress", "completion", "goal_distance", "remaining_distance", "turn_progress", "clearance", "success", "collision", "left_corridor")  # fmt: skip
+EVEN = (
+    *("time", "arc_length", "progress", "completion", "goal_distance", "remaining_distance", "turn_progress"),
+    *("clearance", "success", "collision", "left_corridor"),
+)
 ODD = ("cross_track_error", "heading_error", "goal_heading_error")
 
 
@@ -164,3 +166,52 @@ def check_alike(here: Run, there: Run, symmetry: Symmetry, atol: float) -> None:
     np.testing.assert_allclose(there.even, here.even, atol=10.0 * atol)
     np.testing.assert_allclose(there.odd, symmetry.hand * here.odd, atol=10.0 * atol)
     assert np.abs(here.twists).max() > 0.05
+
+
+PATH_LAWS = (
+    *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "mpc"),
+    "smooth_pose",
+)
+POSE_LAWS = (
+    *("waypoint", "apf_documented", "apf_escape", "apf_corrected", "smooth_pose", "smooth_pose_backward", "polar"),
+    *("mpc_pose", "reeds_shepp", "dwa", "vfh_plus", "mppi"),
+)
+MOVED = 2e-5  # m: observations have single precision
+MIRRORED = 1e-9  # m: those of a mirror image are as exact
+# Steps of a run, where the choice of one among alike depends on the last digit, or a beam lies on a sector's edge.
+SHORTER = {"mpc": 40, "mppi": 40, "dwa": 40}
+
+
+def runs(env_id: str, name: str, scene: dict[str, Any], symmetry: Symmetry, folder: Path, **options: Any) -> list[Run]:
+    """Returns what a policy drives in a scene, and in its image."""
+    steps = SHORTER.get(name, 80)
+    return [
+        drive(env_id, each, policies.make(name), steps, folder, **options) for each in (scene, symmetry.scene(scene))
+    ]
+
+
+@pytest.mark.parametrize("name", PATH_LAWS)
+@pytest.mark.parametrize("scene", PATH)
+@pytest.mark.parametrize("symmetry", [QUARTER, OBLIQUE, MIRROR], ids=["quarter", "oblique", "mirror"])
+def test_a_path_that_is_moved_or_mirrored_is_followed_alike(
+    name: str, scene: str, symmetry: Symmetry, tmp_path: Path
+) -> None:
+    here, there = runs("wayfield/DiffDrivePathFollowing-v0", name, PATH[scene], symmetry, tmp_path)
+    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else MOVED)
+
+
+@pytest.mark.parametrize("name", POSE_LAWS)
+@pytest.mark.parametrize("scene", GOAL)
+@pytest.mark.parametrize("symmetry", [QUARTER, OBLIQUE, MIRROR], ids=["quarter", "oblique", "mirror"])
+@pytest.mark.parametrize("robot", ["DiffDrive", "Omni"])
+def test_a_scene_that_is_moved_or_mirrored_is_driven_alike(
+    name: str, scene: str, symmetry: Symmetry, robot: str, tmp_path: Path
+) -> None:
+    if name == "waypoint" and robot == "DiffDrive":
+        pytest.skip("the law of document B is that of an omni base")
+    if name == "vfh_plus" and symmetry is not QUARTER:
+        pytest.skip("the sectors of its histograms lie in the world")
+    if name == "mppi" and symmetry is MIRROR:
+        pytest.skip("its samples are drawn, and not mirrored")
+    here, there = runs(f"wayfield/{robot}GoalObstacles-v0", name, GOAL[scene], symmetry, tmp_path, num_beams=72)
+    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else MOVED)
