@@ -13,6 +13,7 @@ from wayfield.envs.compiled import compiled
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, unicycle_twists
 from wayfield.policies.policy import check_gain
@@ -120,11 +121,8 @@ def reference_points(params, course, poses, arc_lengths, errors):
             bound = math.sqrt(dx * dx + dy * dy)
             s, segment = nearest_ahead(vertices, run, ahead_x, ahead_y, 0.0, 0, np.inf, bound * (1.0 + 1e-9) + 1e-9)
         # at a corner the path goes on along the segment that leaves it: the one that enters would hold the robot there
-        beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
-        if beyond < 1e-9 and segment + 1 < run.segments:
-            segment += 1
+        segment, along = leg_that_leaves(vertices, run, s, segment)
         tangent = vertex(vertices, run, segment)
-        along = along_lap(vertices, run, s, segment) - tangent.s
         x, y = to_body_frame(x, y, sine, cosine, tangent.x + along * tangent.ux, tangent.y + along * tangent.uy)
         reference_heading = tangent.heading if math.isnan(p.disc_heading) else p.disc_heading
         errors[i, 0] = x

@@ -11,7 +11,8 @@ from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.envs.paths import nearest_ahead, segment_at, vertex
+from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
 from wayfield.policies.policy import check_gain
@@ -118,12 +119,9 @@ def from_path(vertices, run, s, window, x, y):
     lap = math.floor(s / run.length) * run.length if run.closed else 0.0
     s, segment = nearest_ahead(vertices, run, x, y, s, segment_at(vertices, run, s - lap), window)
     # at a corner the path goes on along the segment that leaves it: the one that enters would lead straight on
-    beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
-    if beyond < 1e-9 and segment + 1 < run.segments:
-        segment += 1
+    segment, along = leg_that_leaves(vertices, run, s, segment)
     a = vertex(vertices, run, segment)
     # the distance from the nearest point and not from the segment's line: past a corner the line is nearer
-    along = along_lap(vertices, run, s, segment) - a.s
     dx = x - a.x - along * a.ux
     dy = y - a.y - along * a.uy
     return math.copysign(math.sqrt(dx * dx + dy * dy), a.ux * dy - a.uy * dx), a.heading

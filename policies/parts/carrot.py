@@ -11,7 +11,7 @@ import numpy as np
 
 from wayfield.envs.compiled import inlined
 from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.paths import segment_at, vertex, walk_to
+from wayfield.envs.paths import along_lap, segment_at, vertex, walk_to
 
 
 @inlined
@@ -20,6 +20,21 @@ def place_on_lap(vertices, run, s):
     if run.closed:
         s = max(s - math.floor(s / run.length) * run.length, 0.0)
     return s, segment_at(vertices, run, s)
+
+
+@inlined
+def leg_that_leaves(vertices, run, s, segment):
+    """Returns (segment, along): where the path goes on from arc length s of a segment, and how far on there (m) s lies.
+
+    At a corner that is the segment that leaves it, also where a lap ends and the next one begins.
+    """
+    beyond = vertex(vertices, run, segment + 1).s - along_lap(vertices, run, s, segment)
+    if beyond < 1e-9:
+        if segment + 1 < run.segments:
+            segment += 1
+        elif run.closed:
+            return 0, 0.0
+    return segment, along_lap(vertices, run, s, segment) - vertex(vertices, run, segment).s
 
 
 @inlined

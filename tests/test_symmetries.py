@@ -1,0 +1,217 @@
+"""No law knows where north is, nor left from right: a scene that is moved, turned or mirrored is driven alike."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import pytest
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield import policies
+from wayfield.policies import Pilot
+
+PATH = {
+    "open": {
+        "path": [[0, 0], [1.1, 0.1], [1.7, 0.5], [2.0, 1.1], [1.9, 1.8], [1.2, 2.3], [0.4, 2.1], [-0.6, 2.9]],
+        "start": [-0.05, 0.12, 0.3],
+        "corridor": 2.0,
+    },
+    "lap": {
+        "path": [[0.3, 0], [1.4, 0.2], [1.9, 1.2], [1.1, 1.9], [0.1, 1.3]],
+        "closed": True,
+        "laps": 2,
+        "start": [0.4, -0.07, -0.4],
+        "corridor": 2.0,
+    },
+}
+GOAL = {
+    "discs and a wall": {
+        "goal": [3.7, 1.3, 1.1],
+        "start": [0.02, -0.03, -0.5],
+        "obstacles": [
+            {"kind": "circle", "x": 1.33, "y": 0.12, "radius": 0.27},
+            {"kind": "box", "x": 2.41, "y": 1.83, "length": 0.61, "width": 0.37, "heading": 0.43},
+            {"kind": "wall", "x1": -0.77, "y1": -1.51, "x2": 4.13, "y2": -1.27},
+            {
+                "kind": "circle",
+                "x": 2.83,
+                "y": -0.57,
+                "radius": 0.21,
+                "patrol": {"vx": -0.11, "vy": 0.23, "leg_time": 5},
+            },
+        ],
+    },
+    "waypoints": {
+        "goal": [1.9, -1.1, 2.7],
+        "start": [0.05, 0.04, 2.2],
+        "waypoints": [[1.21, 0.93], [2.47, 0.31]],
+        "obstacles": [{"kind": "circle", "x": 1.71, "y": -0.13, "radius": 0.31}],
+    },
+}
+
+
+class Symmetry(NamedTuple):
+    """A motion of the plane, or a reflection of it: turned by `turn` after y has got the sign `hand`, then moved."""
+
+    turn: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    hand: float = 1.0
+
+    def point(self, x: float, y: float) -> list[float]:
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        y *= self.hand
+        return [self.x + c * x - s * y, self.y + s * x + c * y]
+
+    def pose(self, x: float, y: float, heading: float) -> list[float]:
+        return [*self.point(x, y), math.remainder(self.turn + self.hand * heading, 2.0 * math.pi)]
+
+    def vector(self, x: float, y: float) -> list[float]:
+        return list(np.subtract(self.point(x, y), self.point(0.0, 0.0)))
+
+    def scene(self, scene: dict[str, Any]) -> dict[str, Any]:
+        there = dict(scene)
+        for name in ("path", "waypoints"):
+            if name in scene:
+                there[name] = [self.point(*p) for p in scene[name]]
+        for name in ("start", "goal"):
+            if name in scene:
+                there[name] = self.pose(*scene[name])
+        there["obstacles"] = [self.obstacle(o) for o in scene.get("obstacles", [])]
+        if "path" in scene:
+            del there["obstacles"]
+        return there
+
+    def obstacle(self, obstacle: dict[str, Any]) -> dict[str, Any]:
+        there = dict(obstacle)
+        if obstacle["kind"] == "wall":
+            there["x1"], there["y1"] = self.point(obstacle["x1"], obstacle["y1"])
+            there["x2"], there["y2"] = self.point(obstacle["x2"], obstacle["y2"])
+            return there
+        there["x"], there["y"] = self.point(obstacle["x"], obstacle["y"])
+        if "heading" in obstacle:
+            there["heading"] = self.turn + self.hand * obstacle["heading"]
+        if "patrol" in obstacle:
+            patrol = dict(obstacle["patrol"])
+            patrol["vx"], patrol["vy"] = self.vector(patrol["vx"], patrol["vy"])
+            there["patrol"] = patrol
+        return there
+
+
+QUARTER = Symmetry(0.5 * math.pi, 4.0, -8.0)
+OBLIQUE = Symmetry(2.1, -3.3, 1.7)
+MIRROR = Symmetry(hand=-1.0)
+
+
+class Run(NamedTuple):
+    """What happened, a row a control period."""
+
+    poses: Any
+    twists: Any  # vx, vy, yaw rate
+    commands: Any  # likewise
+    rewards: Any
+    even: Any  # numbers of info that have no side
+    odd: Any  # and those that have one
+
+
+EVEN = (
+    *("time", "arc_length", "progress", "completion", "goal_distance", "remaining_distance", "turn_progress"),
+    *("clearance", "success", "collision", "left_corridor"),
+)
+ODD = ("cross_track_error", "heading_error", "goal_heading_error")
+
+
+def drive(env_id: str, scene: dict[str, Any], policy: Any, steps: int, folder: Path, **options: Any) -> Run:
+    """Returns what happens in a scene of one robot until it ends, or in so many steps."""
+    file = folder / "scene.json"
+    file.write_text(json.dumps(scene))
+    env: Any = gymnasium.make_vec(
+        env_id, 1, vectorization_mode="vector_entry_point", scenario=str(file), actuators="lagged", **options
+    )
+    seen, _ = env.reset(seed=3)
+    pilot = Pilot(policy, env)
+    pilot.reset()
+    axes = list(env.unwrapped.task.robot.twist_axes)
+    poses, twists, commands, rewards, even, odd = [], [], [], [], [], []
+    for _ in range(steps):
+        command = pilot.command(seen)
+        seen, reward, ended, _, info = env.step(command)
+        state = env.unwrapped.batch.states[0]
+        poses.append([state["x"], state["y"], state["heading"]])
+        twists.append([state["vx"], state["vy"], state["yaw_rate"]])
+        commands.append(np.zeros(3))
+        commands[-1][axes] = command[0]
+        rewards.append(reward[0])
+        even.append([float(info[name][0]) for name in EVEN if name in info])
+        odd.append([float(info[name][0]) for name in ODD if name in info])
+        if ended[0]:
+            break
+    return Run(*map(np.array, (poses, twists, commands, rewards, even, odd)))
+
+
+def check_alike(here: Run, there: Run, symmetry: Symmetry, atol: float) -> None:
+    """Asserts that one run is the image of the other."""
+    assert len(here.poses) == len(there.poses)
+    images = np.array([symmetry.pose(*pose) for pose in here.poses])
+    np.testing.assert_allclose(there.poses[:, :2], images[:, :2], atol=atol)
+    off = there.poses[:, 2] - images[:, 2]
+    np.testing.assert_allclose(np.remainder(off + math.pi, 2.0 * math.pi) - math.pi, 0.0, atol=3.0 * atol)
+    sides = np.array([1.0, symmetry.hand, symmetry.hand])
+    np.testing.assert_allclose(there.commands, sides * here.commands, atol=30.0 * atol)
+    np.testing.assert_allclose(there.twists, sides * here.twists, atol=30.0 * atol)
+    np.testing.assert_allclose(there.rewards, here.rewards, atol=30.0 * atol)
+    np.testing.assert_allclose(there.even, here.even, atol=10.0 * atol)
+    np.testing.assert_allclose(there.odd, symmetry.hand * here.odd, atol=10.0 * atol)
+    assert np.abs(here.twists).max() > 0.05
+
+
+PATH_LAWS = (
+    *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "mpc"),
+    "smooth_pose",
+)
+POSE_LAWS = (
+    *("waypoint", "apf_documented", "apf_escape", "apf_corrected", "smooth_pose", "smooth_pose_backward", "polar"),
+    *("mpc_pose", "reeds_shepp", "dwa", "vfh_plus", "mppi"),
+)
+MOVED = 2e-5  # m: observations have single precision
+MIRRORED = 1e-9  # m: those of a mirror image are as exact
+# Steps of a run, where the choice of one among alike depends on the last digit, or a beam lies on a sector's edge.
+SHORTER = {"mpc": 40, "mppi": 40, "dwa": 40}
+
+
+def runs(env_id: str, name: str, scene: dict[str, Any], symmetry: Symmetry, folder: Path, **options: Any) -> list[Run]:
+    """Returns what a policy drives in a scene, and in its image."""
+    steps = SHORTER.get(name, 80)
+    return [
+        drive(env_id, each, policies.make(name), steps, folder, **options) for each in (scene, symmetry.scene(scene))
+    ]
+
+
+@pytest.mark.parametrize("name", PATH_LAWS)
+@pytest.mark.parametrize("scene", PATH)
+@pytest.mark.parametrize("symmetry", [QUARTER, OBLIQUE, MIRROR], ids=["quarter", "oblique", "mirror"])
+def test_a_path_that_is_moved_or_mirrored_is_followed_alike(
+    name: str, scene: str, symmetry: Symmetry, tmp_path: Path
+) -> None:
+    here, there = runs("wayfield/DiffDrivePathFollowing-v0", name, PATH[scene], symmetry, tmp_path)
+    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else MOVED)
+
+
+@pytest.mark.parametrize("name", POSE_LAWS)
+@pytest.mark.parametrize("scene", GOAL)
+@pytest.mark.parametrize("symmetry", [QUARTER, OBLIQUE, MIRROR], ids=["quarter", "oblique", "mirror"])
+@pytest.mark.parametrize("robot", ["DiffDrive", "Omni"])
+def test_a_scene_that_is_moved_or_mirrored_is_driven_alike(
+    name: str, scene: str, symmetry: Symmetry, robot: str, tmp_path: Path
+) -> None:
+    if name == "waypoint" and robot == "DiffDrive":
+        pytest.skip("the law of document B is that of an omni base")
+    if name == "vfh_plus" and symmetry is not QUARTER:
+        pytest.skip("the sectors of its histograms lie in the world")
+    if name == "mppi" and symmetry is MIRROR:
+        pytest.skip("its samples are drawn, and not mirrored")
+    here, there = runs(f"wayfield/{robot}GoalObstacles-v0", name, GOAL[scene], symmetry, tmp_path, num_beams=72)
+    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else MOVED)
