@@ -51,14 +51,6 @@ class Range:
     log: bool = True  # whether evenly in its logarithm
 
 
-_TO_A_POSE: Mapping[str, Range] = {  # of the smooth pose law; no speed is asked for
-    "k1": Range(0.3, 3.0),
-    "k2": Range(1.0, 10.0),
-    "beta": Range(0.01, 1.0),
-    "speed": Range(0.2, 0.6),
-    "deceleration": Range(0.2, 0.8),
-    "arrival_radius": Range(0.01, 0.05),
-}
 # Beside the cruising speed, which all path followers have.
 SEARCHED: Mapping[str, Mapping[str, Range]] = {
     "lookahead_retuned": {"lookahead_distance": Range(0.15, 0.8), "k_ang": Range(1.0, 12.0)},
@@ -123,20 +115,25 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "foresight": Range(0.5, 3.0),
     },
     "astar_tracker": {"margin": Range(0.03, 0.2), "wanted_clearance": Range(0.05, 0.5)},
-    "smooth_pose_backward": _TO_A_POSE,
+    "smooth_pose_backward": {
+        "k1": Range(0.3, 3.0),
+        "k2": Range(1.0, 10.0),
+        "beta": Range(0.01, 1.0),
+        "speed": Range(0.2, 0.6),
+        "deceleration": Range(0.2, 0.8),
+        "arrival_radius": Range(0.01, 0.05),
+    },
     **{
         name: {gain: Range(low, high, log=low > 0.0) for gain, (low, high) in policy.searched.items()}
         for name, policy in wayfield.policies.POLICIES.items()
         if hasattr(policy, "searched")
     },
 }
-# Where another task asks for other gains.
-SEARCHED_IN: Mapping[str, Mapping[str, Mapping[str, Range]]] = {"docking": {"smooth_pose": _TO_A_POSE}}
 
 
 def searched(policy: str, suite: str) -> Mapping[str, Range]:
     """Returns the gains of a policy that are searched for the contest of a suite, and where."""
-    return SEARCHED_IN.get(suite, {}).get(policy, SEARCHED[policy])
+    return SEARCHED[CONTESTS[suite].searched_as.get(policy, policy)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,14 +22,14 @@ SLOW = {"mpc": 8, "mpc_pose": 8, "mppi": 8}
 
 def conditions() -> Iterator[Wanted]:
     """Yields every policy in every condition that it is shown in, what most tables show first."""
-    paths, goals, docks = CONTESTS["path-following"], CONTESTS["goal-obstacles"], CONTESTS["docking"]
+    paths, goals = CONTESTS["path-following"], CONTESTS["goal-obstacles"]
+    others = [contest for contest in CONTESTS.values() if contest not in (paths, goals)]
     speeds = sorted(paths.speeds, key=lambda speed: (speed != PACE, -speed))
     of_paths = [("p3dx", PACE, "none"), ("p3dx", PACE, ROBUST_LEVEL), *(("p3dx", v, "none") for v in speeds[1:])]
     of_paths += [(robot, PACE, "none") for robot in ("omni3", "omni4")]
     of_goals = [(robot, PACE, "none") for robot in ("p3dx", "omni3", "omni4")] + [("p3dx", PACE, ROBUST_LEVEL)]
-    of_docks = [("p3dx", PACE, "none")]
     for k in range(max(len(of_paths), len(of_goals))):
-        for contest, wanted in ((paths, of_paths), (goals, of_goals), (docks, of_docks)):
+        for contest, wanted in ((paths, of_paths), (goals, of_goals), *((each, of_goals[:1]) for each in others)):
             for name in contest.policies if k < len(wanted) else ():
                 if name in SEARCHED:
                     yield contest.name, name, *wanted[k]

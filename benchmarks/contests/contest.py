@@ -182,6 +182,8 @@ class Contest:
     films: Mapping[bool, Film]  # of the environment for robots that are holonomic, and that are not
     # what only this task's drives are measured by, besides `wayfield.benchmarks.metrics`
     metrics: Mapping[str, Callable[[Trajectory], float]] = dataclasses.field(default_factory=dict)
+    # policies whose gains are searched here as those of another, since elsewhere they do something else
+    searched_as: Mapping[str, str] = dataclasses.field(default_factory=dict)
     claims: tuple[str, ...] = ()  # of the policies, those whose differences are published on the split of that name
     # of a public benchmark
     label: str = ""  # the name of the suite; "": the task's

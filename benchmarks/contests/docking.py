@@ -105,4 +105,5 @@ DOCKING = Contest(
         True: Film("apf_corrected", "wall/train", 2, "omni3"),
     },
     metrics={"direction_changes": direction_changes},
+    searched_as={"smooth_pose": "smooth_pose_backward"},
 )
