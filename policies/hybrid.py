@@ -34,7 +34,9 @@ class Hybrid:
     command.
 
     Nothing was trained for it: the agent is the one of `ppo`, the planner has the gains tuned for the robot, or its own
-    where none were found to be better. Serves the robots that goal seekers ship for, and sees what those see.
+    where none were found to be better. Serves the robots that goal seekers ship for, and sees what those see. Limits: a
+    point that the planner leads around a mover with moves on as it plans anew, which takes from what the network knows
+    of crowds; the agents drive omni bases as differential drives, and the planner alone does better there.
 
     Source: waypoints of a planner for a learned local planner, as in Faust et al., "PRM-RL: Long-range robotic
     navigation tasks by combining reinforcement learning and sampling-based planning", ICRA 2018; here on a map of its
@@ -85,8 +87,8 @@ class Hybrid:
         planner_of(briefing.robot.name, agent.speed).act(observation, briefing, planned)
         goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
         lead(planned["state"], observation.pose, self.ahead, goals, led)
-        own = kept["network"] if "network" in kept.dtype.names else kept
-        if "least" in own.dtype.names:
+        own = kept["network"] if "network" in (kept.dtype.names or ()) else kept
+        if "least" in (own.dtype.names or ()):
             own["least"][led] = own["distance"][led] = np.hypot(goals[led, 0], goals[led, 1])
             own["waited"][led] = 0.0
         left = np.where(led, np.maximum(observation.waypoints_left, 1.0), observation.waypoints_left)
