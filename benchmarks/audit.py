@@ -34,6 +34,7 @@ APART = 0.03  # relative, of mean speeds
 MARK = "‡"
 RESAMPLES = 200  # of the rows, in which coverage is measured
 COMPARED = ("test", "claims", "own", "public")
+LEARNED = ("ppo", "hybrid")  # whose differences from the others are claimed
 _ERROR = "cross_track_rms"  # the cost of following a path
 _NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
 
@@ -217,8 +218,8 @@ def audit_claims(audit: Audit, rows: Sequence[Row], table: Sequence[Row], where:
     expected = 0
     for group in groups.values():
         mine = entries(group)
-        agents = [name for name, each in mine.items() if each[0]["policy"] == "ppo"]
-        expected += len(agents) * sum(each[0]["policy"] != "ppo" for each in mine.values())
+        agents = [name for name, each in mine.items() if each[0]["policy"] in LEARNED]
+        expected += len(agents) * sum(each[0]["policy"] not in LEARNED for each in mine.values())
     if expected != len(table) or len(told) > len(table):
         audit.note(f"{where}: {len(table)} claims, where the rows have {expected} comparisons")
     for line in table:

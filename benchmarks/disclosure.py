@@ -42,6 +42,11 @@ _AGENT_AT_DOCKS = (
     "its last command; a guard keeps it from nearing what it sees faster than it could stop, and stops it within "
     "0.02 m and 0.02 rad of the pose; holds a quicker base to what it knows; its teacher and its reward knew the map"
 )
+_HYBRID_AT_GOALS = (
+    "a map of all its scans and a plan; the agent that drives to a point ahead on it has a guard, which keeps it from "
+    "nearing what it sees faster than it could stop, and a law for the last 0.5 m, and holds a quicker base to what it "
+    "knows; its reward used the shortest way"
+)
 _AGENTS: Mapping[str, str] = {"path": _AGENT_ON_PATHS, "goal": _AGENT_AT_GOALS, "dock": _AGENT_AT_DOCKS}
 
 
@@ -62,7 +67,7 @@ def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Dis
     # who knows the path is told the goal where there is none
     told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
     if policy in TRAINED:
-        return Disclosure(told, sees, _AGENTS[contest.spec.kind])
+        return Disclosure(told, sees, _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS[contest.spec.kind])
     if policy in PAPER and gains_name == "paper":
         return Disclosure(told, sees, "nothing, as published")
     return Disclosure(told, sees, _PROTECTED.get(policy, ""))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from wayfield.envs.checks import choose
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.dwa import Dwa
+from wayfield.policies.hybrid import Hybrid
 from wayfield.policies.learned.ppo import Ppo
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.lqr import Lqr
@@ -58,6 +59,7 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "scan_planner": ScanPlanner,
     "astar_tracker": AstarTracker,
     "ppo": Ppo,
+    "hybrid": Hybrid,
 }
 
 
@@ -98,6 +100,7 @@ ABOUT: dict[str, About] = {
     "scan_planner": About("plans on a map of its own scans, as if the unseen were free", "Koenig and Likhachev 2005"),
     "astar_tracker": About("Theta* on the whole map, then a tracker: the privileged reference", "Nash et al. 2007"),
     "ppo": About("the agents that ship, trained by proximal policy optimisation", "Schulman et al. 2017"),
+    "hybrid": About("the scan planner plans, the agent that ships drives along its way", "Faust et al. 2018"),
 }
 
 

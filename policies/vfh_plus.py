@@ -33,7 +33,7 @@ from wayfield.policies.parts.stopping import (
     step_and_stop,
     turn_towards,
 )
-from wayfield.policies.policy import check_gain
+from wayfield.policies.policy import check_gain, check_switch
 
 DIRECTIONS = 144  # sectors of the histograms, in the world frame, from -pi on
 WIDTH = 2.0 * math.pi / DIRECTIONS
@@ -109,6 +109,7 @@ class VfhPlus:
     recall: float = 2.0  # s
     foresight: float = 1.5  # s, 0 takes what moves for standing still
     magnitudes: Literal["largest", "sum"] = "largest"  # what a sector keeps of those of its hits
+    sideways: bool = True  # whether an omni base drives in any direction; if not, as a differential drive does
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -130,6 +131,7 @@ class VfhPlus:
             check_gain(self, name, least=0.0)
         check_gain(self, "high", least=self.low)
         check_gain(self, "patience", least=0.0, finite=False)
+        check_switch(self, "sideways")
         choose("VfhPlus: magnitudes", self.magnitudes, ("largest", "sum"))
         if self.high >= 1.0 or self.slowing > 1.0:
             raise ValueError(
@@ -161,7 +163,7 @@ class VfhPlus:
             self,
             briefing,
             all_round=all_round,
-            sideways=briefing.robot.holonomic and all_round,
+            sideways=self.sideways and briefing.robot.holonomic and all_round,
             summed=self.magnitudes == "sum",
         )
         twists = np.empty((len(memory), 3))

@@ -685,6 +685,23 @@ def test_a_disc_that_comes_head_on_is_let_past(planner: Any, robot: str, tmp_pat
     assert np.abs(poses[:, 1]).max() > 0.3  # it made room
 
 
+def test_an_omni_base_may_be_driven_as_a_differential_drive_is() -> None:
+    """It turns to where it goes, and never drives aside; a differential drive is driven the same either way."""
+    rng = np.random.default_rng(5)
+    for robot in ("omni4", "p3dx"):
+        briefing, aside, same = briefing_of(robot), [], []
+        for _ in range(50):
+            ranges = rng.uniform(0.3, MAX_RANGE, (1, 72))
+            free, driven = (first_twist(VfhPlus(sideways=sideways), briefing, ranges) for sideways in (True, False))
+            aside.append((free[1], driven[1]))
+            same.append(np.array_equal(free, driven))
+        if robot == "p3dx":
+            assert all(same)
+        else:
+            assert np.abs(np.array(aside)[:, 0]).max() > 0.1
+            assert (np.array(aside)[:, 1] == 0.0).all()
+
+
 # What is refused.
 
 
@@ -710,6 +727,7 @@ def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
         (VfhPlus, "slowing", 1.5),
         (VfhPlus, "recall", -1.0),
         (VfhPlus, "foresight", -1.0),
+        (VfhPlus, "sideways", 0.5),
         (Dwa, "foresight", math.inf),
         (Dwa, "retreat", -0.1),
     ],

@@ -14,8 +14,7 @@ from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 
 from wayfield.benchmarks import report
-from wayfield.benchmarks.contests import TRAINED
-from wayfield.benchmarks.report.recipes import contest_of, environment
+from wayfield.benchmarks.report.recipes import AGENT, contest_of, environment
 from wayfield.benchmarks.report.wasm import MODULE, TABLES, kernel_digest
 from wayfield.benchmarks.report.worlds import DRAWS, plain
 from wayfield.envs.robots import ROBOTS
@@ -51,7 +50,7 @@ def cases(every: bool) -> Iterator[dict[str, Any]]:
         families = list(contest.families("kinematic"))
         for robot in ROBOTS:
             for n, policy in enumerate(labels(task, robot, "lagged")):
-                if not every and "(" in policy and not policy.startswith(TRAINED[0]):
+                if not every and "(" in policy and not policy.startswith(AGENT):
                     continue
                 chosen = [families[(n + 4 * k) % len(families)] for k in range(5 if every else 1)]
                 for family in chosen:
@@ -64,8 +63,8 @@ def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np
     env = environment(case["task"], case["robot"], case["actuators"], case.get("file", f"{case['family']}/test"))
     name, _, gains_name = case["policy"].partition(" ")
     wanted = gains_name.strip("()") or "default"
-    sets = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))) if name not in TRAINED else {}
-    pilot = Pilot(make(name, **(sets.get(wanted, {}) if name not in TRAINED else {"seed": 0})), env)
+    sets = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))) if name != AGENT else {}
+    pilot = Pilot(make(name, **(sets.get(wanted, {}) if name != AGENT else {"seed": 0})), env)
     observation, _ = env.reset(seed=0, options={"scenario": [0]})
     pilot.reset()
     world = plain(env.task.scenarios[0], contest.spec.clock) | {"draws": np_random(0)[0].random(DRAWS).tolist()}

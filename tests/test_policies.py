@@ -33,7 +33,8 @@ IDS = [name for name in gymnasium.registry if name.startswith("wayfield/")]
 IDS_OF = {path_following.Observation: (PATH_ID, OMNI_PATH_ID), goal_reaching.Observation: (GOAL_ID, DIFF_GOAL_ID)}
 # The law of document B is that of one kind of robot, and agents ship for the robots that they were trained on.
 OTHER_ROBOT = {("waypoint", DIFF_GOAL_ID)} | {
-    ("ppo", env_id)
+    (name, env_id)
+    for name in ("ppo", "hybrid")
     for task, env_id, robot in (("path_following", OMNI_PATH_ID, "omni3"), ("goal_reaching", GOAL_ID, "omni3"))
     if not shipped(task, robot)
 }
@@ -52,7 +53,7 @@ every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-
 
 def senses(name: str, env_id: str) -> dict[str, Any]:
     """Returns what an environment needs for a policy to see: agents look with the scan that they were trained with."""
-    return {"num_beams": 72} if name == "ppo" and env_id in IDS_OF[goal_reaching.Observation] else {}
+    return {"num_beams": 72} if name in ("ppo", "hybrid") and env_id in IDS_OF[goal_reaching.Observation] else {}
 
 
 # By name.

@@ -26,7 +26,7 @@ from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.policy import lacks
 from wayfield.policies.tuned import PACE, tuned_set
 
-TRAINED = ("ppo",)
+TRAINED = ("ppo", "hybrid")  # with a set for each seed
 DEGREES = 180.0 / math.pi
 FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own")

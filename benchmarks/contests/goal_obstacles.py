@@ -48,10 +48,10 @@ GOAL_OBSTACLES = Contest(
     spec=TASKS["goal_reaching"],
     policies=(
         *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "nav2_dwb", "nav2_mppi", "orca"),
-        *("scan_planner", "astar_tracker", "ppo"),
+        *("scan_planner", "astar_tracker", "ppo", "hybrid"),
     ),
     overview=("apf_corrected", "vfh_plus", "dwa", "scan_planner", "astar_tracker", "ppo"),
-    claims=("vfh_plus", "scan_planner", "astar_tracker", "ppo"),
+    claims=("vfh_plus", "scan_planner", "astar_tracker", "ppo", "hybrid"),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         Column("collision (%)", "collision", 1, 100.0, reduction="mean"),

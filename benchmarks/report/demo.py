@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 from gymnasium.utils.seeding import np_random
 
-from wayfield.benchmarks.contests import CONTESTS, TRAINED
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.documents import FLOOR
 from wayfield.benchmarks.report.page import Content, made, rendered
-from wayfield.benchmarks.report.recipes import decisions
+from wayfield.benchmarks.report.recipes import AGENT, decisions
 from wayfield.benchmarks.report.worlds import DRAWS, World, plain
 from wayfield.envs.command_line import OneLineErrors
 from wayfield.envs.scenarios import TASKS, splits
@@ -37,7 +37,7 @@ def unable() -> dict[str, list[str]]:
     """Returns who enters a contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
     found = {}
     for contest in CONTESTS.values():
-        able = {*decisions(contest.spec.name), *TRAINED, *FLOOR}
+        able = {*decisions(contest.spec.name), AGENT, *FLOOR}
         found[contest.spec.kind] = [name for name in contest.policies if name not in able]
     return found
 

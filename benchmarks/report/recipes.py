@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
+from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.envs.batch import Results
 from wayfield.envs.compiled import compiled
 from wayfield.envs.disturbances import DISTURBANCES
@@ -52,7 +52,9 @@ TO_POSES: Mapping[str, Decision] = {
     "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
 }
 OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
-# Of a trained agent, which puts together what several functions fill.
+# Of a trained agent, which puts together what several functions fill. Those of one robot drive in the page: the network
+# of each goal seeker would make it larger by an eighth.
+AGENT, AGENT_OF = "ppo", "p3dx"
 NETWORK_ALONG_PATHS = (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward"))
 NETWORK_TO_POSES = (
     ("perception", "fill_goal"),
@@ -167,7 +169,7 @@ def decisions(task: str) -> dict[str, Decision]:
 def network(task: str) -> Sequence[tuple[str, str]]:
     """Returns the compiled functions of the agents that ship for a task; none where none ship."""
     contest = contest_of(task)
-    return NETWORKS[contest.spec.kind] if set(TRAINED) & set(contest.policies) else ()
+    return NETWORKS[contest.spec.kind] if AGENT in contest.policies else ()
 
 
 def halves(numbers: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -274,7 +276,7 @@ def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
 
 def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
     """Returns how the page makes a trained agent decide."""
-    policy: Any = make("ppo", seed=seed)
+    policy: Any = make(AGENT, seed=seed)
     functions = [(of_policies(module), name) for module, name in network(task)]
     calls = {
         kernel.py_func.__name__: dict(leaves(names_of(kernel), values))
@@ -407,9 +409,9 @@ def tables() -> dict[str, Any]:
                     for gains_name, gains in sets:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         told["pilots"][f"{task} {robot} {actuators} {label}"] = recipe(task, name, gains, env, blobs)
-                for gains_name, gains in contest.gain_sets(TRAINED[0], robot, ()):
-                    if gains["seed"] == 0 and network(task):
-                        key = f"{task} {robot} {actuators} {TRAINED[0]} ({gains_name})"
+                for gains_name, gains in contest.gain_sets(AGENT, robot, ()):
+                    if gains["seed"] == 0 and robot == AGENT_OF and network(task):
+                        key = f"{task} {robot} {actuators} {AGENT} ({gains_name})"
                         told["pilots"][key] = network_recipe(task, robot, 0, env, blobs)
     told["blobs"] = blobs.listed()
     return told
@@ -433,14 +435,14 @@ Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an 
 
 def jobs() -> list[tuple[str, str]]:
     """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
-    return [(task, name) for task in TASKS for name in ("", *decisions(task), *(TRAINED if network(task) else ()))]
+    return [(task, name) for task in TASKS for name in ("", *decisions(task), *((AGENT,) if network(task) else ()))]
 
 
 def exports(task: str, policy: str) -> dict[str, Export]:
     """Returns the functions of the WebAssembly module that a job of `jobs` stands for, by their names there."""
     contest = contest_of(task)
     timed_on = f"{contest.timed_on}/test"
-    if policy in TRAINED:
+    if policy == AGENT:
         functions = [(of_policies(module), name) for module, name in network(task)]
         found: dict[str, Export] = {}
         for robot in FITTING:  # agents of one may call more than those of another

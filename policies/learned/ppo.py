@@ -58,7 +58,7 @@ class Ppo:
             if self._own.card["task"] != task:
                 raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
             return self._own
-        return _shipped(task, robot, self.seed, self.speed)
+        return shipped_agent(task, robot, self.seed, self.speed)
 
     @functools.cached_property
     def _own(self) -> Agent:
@@ -82,6 +82,19 @@ def shipped(task: str, robot: str) -> dict[int, Path]:
     return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}")
 
 
+@functools.lru_cache(maxsize=128)
+def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0) -> Agent:
+    """Returns the agent of a seed that ships for a task, by its name, and robot.
+
+    Args:
+        speed: m/s, the most that it drives; 0: the one that it was validated at.
+
+    Raises:
+        ValueError: if none ships for them, or none of this seed, or its folder is damaged.
+    """
+    return _loaded(shipped(task, robot), seed, speed, f"ships for {task} with {robot}")
+
+
 def trained(home: str) -> dict[int, Path]:
     """Returns the folders of the best agents of the training runs in a folder, by seed."""
     runs = {seed: folder / "best" for seed, folder in _by_seed(Path(home)).items()}
@@ -98,8 +111,3 @@ def _loaded(folders: dict[int, Path], seed: int, speed: float, what: str) -> Age
         there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
         raise ValueError(f"no agent of seed {seed} {what}; there are {there}")
     return load_agent(folders[seed], **({"speed": speed} if speed else {}))
-
-
-@functools.lru_cache(maxsize=128)
-def _shipped(task: str, robot: str, seed: int, speed: float) -> Agent:
-    return _loaded(shipped(task, robot), seed, speed, f"ships for {task} with {robot}")

@@ -266,6 +266,10 @@ _ALL_GOALS = _SCAN | {"scenario": "all/train"}
 # What fails most, and so is met more often than as one family of twenty.
 _HARD_GOALS = {"clutter_15": 0.08, "rooms": 0.06, "doors_narrow": 0.06, "moving_crossing": 0.05, "moving_crowd": 0.1}
 
+_DIFF_FEATURES = GoalFeatures(
+    hull_radius=ROBOTS["p3dx"].hull_radius, frame="body", crumbs=32, limits=True, arrival=0.5, moving=True
+)
+
 # A copy of a controller that sees the same, learned from what is kept of two million moments; PPO then makes it surer.
 _DIFF_GOAL = Preset(
     name="diff_drive_goal",
@@ -278,9 +282,7 @@ _DIFF_GOAL = Preset(
         (0.1, _ALL_GOALS | {"actuators": "slow"}),
     ),
     validation=_SCAN | {"scenario": "all/validation"},
-    features=GoalFeatures(
-        hull_radius=ROBOTS["p3dx"].hull_radius, frame="body", crumbs=32, limits=True, arrival=0.5, moving=True
-    ),
+    features=_DIFF_FEATURES,
     actions=Actions("unicycle", 2.0, reverse=0.5),
     reward=GoalReward(collision=150.0),
     bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged: what its teacher does there",
@@ -305,46 +307,28 @@ _DIFF_GOAL = Preset(
     time_limit=600,
 )
 
-_OMNI_FEATURES = GoalFeatures(frames=2, stride=5, arrival=0.5, crumbs=32)
-
-# With no front that keeps a course, an omni base forgets which way round it was going: it drops crumbs.
-_OMNI3_GOAL = Preset(
-    name="omni3_goal",
+# An omni base is driven as a differential drive is, which turns to where it goes: its heading tells which way round it
+# was going. First tries that drove sideways, with the goal ahead, came to 91 % of the validation scenarios (omni4,
+# taught by scan_planner), 88.5 and 95 % (omni3, by scan_planner and by VFH+).
+_OMNI4_GOAL = dataclasses.replace(
+    _DIFF_GOAL,
+    name="omni4_goal",
     env_ids=("wayfield/OmniGoalObstacles-v0",),
-    task="goal_reaching",
-    worlds=(
-        (0.2, _SCAN | {"scenario": "clutter_10/train"}),
-        (0.05, _SCAN | {"scenario": "clutter_5/train"}),
-        (0.15, _SCAN | {"scenario": "clutter_15/train"}),
-        (0.15, _SCAN | {"scenario": "clutter_10/train", "disturbance": "moderate"}),
-        (0.45, _SCAN | {"scenario": "all/train"}),
-    ),
-    validation=_SCAN | {"scenario": "all/validation"},
-    features=dataclasses.replace(_OMNI_FEATURES, hull_radius=ROBOTS["omni3"].hull_radius),
-    actions=Actions("planar"),
-    reward=GoalReward(),
-    bar="at least 90 % success and at most 3 % collisions on clutter_10/validation, lagged",
-    measured="4 of 10 seeds reach it, one collides there; 210 to 239 s, two side by side on two cores",
-    robot="omni3",
-    steps=9_000_000,
-    learning_rate=5e-4,
-    discount=0.99,
-    log_std=-1.2,
-    final_clip=0.1,
-    target_kl=0.03,
-    controller="vfh_plus",
-    controller_gains="shipped",
-    imitation=1_500_000,
-    shortest_ways=True,
-    time_limit=600,
+    features=dataclasses.replace(_DIFF_FEATURES, hull_radius=ROBOTS["omni4"].hull_radius),
+    bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged",
+    measured="5 of 5 seeds reach it, with 95 to 98.5 % and at most 1 %; 372 to 544 s, two at a time beside other work",
+    robot="omni4",
+    imitation=1_400_000,
+    validations=4,
 )
 
-_OMNI4_GOAL = dataclasses.replace(
-    _OMNI3_GOAL,
-    name="omni4_goal",
-    measured="8 of 10 seeds reach it, none collides there; 199 to 244 s, two side by side on two cores",
-    robot="omni4",
-    features=dataclasses.replace(_OMNI_FEATURES, hull_radius=ROBOTS["omni4"].hull_radius),
+# A hull of 0.3 m fits through doors of 0.65 m: what keeps it two centimetres off keeps it out.
+_OMNI3_GOAL = dataclasses.replace(
+    _OMNI4_GOAL,
+    name="omni3_goal",
+    features=dataclasses.replace(_DIFF_FEATURES, hull_radius=ROBOTS["omni3"].hull_radius, margin=0.01, gap=0.01),
+    measured="4 of 5 seeds reach it, one with 2.5 % collisions, all 93.5 to 97.5 %; 365 to 516 s, as those",
+    robot="omni3",
 )
 
 # It begins as a copy of a planner that is told the map, of which the scan shows nearly all: a dock is near. In first

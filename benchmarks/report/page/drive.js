@@ -86,7 +86,7 @@ class Drive {
     who.value = able.includes(before) || before === KEYBOARD ? before : able.find((each) => each.startsWith("ppo")) || able[0] || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
-    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
+    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : label.startsWith("hybrid") ? "joins two that drive here" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; nobody can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";

@@ -1,0 +1,127 @@
+"""A planner above and an agent below: the agent that ships drives to a point ahead on the scan planner's way."""
+
+import dataclasses
+import functools
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.checks import LAST_SEED
+from wayfield.envs.compiled import compiled
+from wayfield.envs.geometry import sin_cos
+from wayfield.policies.learned.agent import Agent
+from wayfield.policies.learned.ppo import shipped_agent
+from wayfield.policies.parts.polyline_tracker import point_at, project
+from wayfield.policies.policy import check_gain, check_whole
+from wayfield.policies.scan_planner import ScanPlanner
+from wayfield.policies.tuned import tuned_set
+
+TASK, SUITE = "goal_reaching", "goal-obstacles"
+
+
+@dataclasses.dataclass(frozen=True)
+class Hybrid:
+    """Plans as `scan_planner` does and drives as the goal seeker of its seed that ships: each does what it is good at.
+
+    In every step the planner enters the scan in its map and plans where it must. In place of the goal the agent is told
+    the point `ahead` further on along that way, as a waypoint, and once the way left is shorter, or where there is
+    none, the goal itself; its twist is driven. So the planner's map leads out of dead ends and around what is out of
+    sight, and the network sees to what moves and to what is near. What the agent remembers of a goal that it comes no
+    nearer to, it does not of a point that moves on with it. The planner takes what the agent asks for as its own
+    command.
+
+    Nothing was trained for it: the agent is the one of `ppo`, the planner has the gains tuned for the robot, or its own
+    where none were found to be better. Serves the robots that goal seekers ship for, and sees what those see. Limits: a
+    point that the planner leads around a mover with moves on as it plans anew, which takes from what the network knows
+    of crowds; the agents drive omni bases as differential drives, and the planner alone does better there.
+
+    Source: waypoints of a planner for a learned local planner, as in Faust et al., "PRM-RL: Long-range robotic
+    navigation tasks by combining reinforcement learning and sampling-based planning", ICRA 2018; here on a map of its
+    own scans.
+    """
+
+    seed: int = 0  # of the agent's training run
+    speed: float = 0.0  # m/s, the most that it drives; 0: the one that the agent was validated at
+    ahead: float = 1.2  # m
+
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+
+    def __post_init__(self) -> None:
+        check_whole(self, "seed", most=LAST_SEED)
+        check_gain(self, "speed", least=0.0)
+        check_gain(self, "ahead", above=0.0)
+
+    def agent(self, briefing: Briefing) -> Agent:
+        """Returns the agent that drives.
+
+        Raises:
+            ValueError: if none ships for the robot, or none of this seed.
+        """
+        return shipped_agent(TASK, briefing.robot.name, self.seed, self.speed)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the agent's empty memory beside the planner's, (b,).
+
+        Raises:
+            ValueError: if no agent ships for robot and seed, or its card asks for another scan or control period.
+        """
+        agent = self.agent(briefing)
+        planner = planner_of(briefing.robot.name, agent.speed)
+        parts = {"agent": agent.reset(briefing), "planner": planner.reset(briefing)}
+        memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
+        for name, each in parts.items():
+            memory[name] = each
+        return memory
+
+    def act(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        agent = self.agent(briefing)
+        # kernels are compiled for records that lie side by side
+        planned, kept = memory["planner"].copy(), memory["agent"].copy()
+        planner_of(briefing.robot.name, agent.speed).act(observation, briefing, planned)
+        goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
+        lead(planned["state"], observation.pose, self.ahead, goals, led)
+        own = kept["network"] if "network" in (kept.dtype.names or ()) else kept
+        if "least" in (own.dtype.names or ()):
+            own["least"][led] = own["distance"][led] = np.hypot(goals[led, 0], goals[led, 1])
+            own["waited"][led] = 0.0
+        left = np.where(led, np.maximum(observation.waypoints_left, 1.0), observation.waypoints_left)
+        twists = agent.act(observation._replace(goal=goals, waypoints_left=left), briefing, kept)
+        planned["state"]["command"][:, briefing.robot.twist_axes] = twists
+        memory["planner"], memory["agent"] = planned, kept
+        return twists
+
+
+@functools.lru_cache(maxsize=64)
+def planner_of(robot: str, speed: float) -> ScanPlanner:
+    """Returns the planner at a cruising speed (m/s), with the gains tuned for a robot where there are better ones."""
+    found = tuned_set("scan_planner", SUITE, robot)
+    return ScanPlanner(**{**(found.gains if found else {}), "max_speed": speed})
+
+
+@compiled
+def lead(memory, poses, ahead, goals, led):
+    """Puts points ahead (m) on the ways of the planner's memory (b,) in place of goals (b, 2), m, body frame.
+
+    led (b,) becomes true where that was done: not where there is no way, nor where less of it is left.
+    """
+    for i in range(goals.shape[0]):
+        m = memory[i]
+        if m.num_points < 2 or m.arrived == 1:
+            continue
+        x = poses[i, 0]
+        y = poses[i, 1]
+        s, _, _ = project(m, x, y)
+        if m.arc[m.num_points - 1] - s <= ahead:
+            continue
+        px, py = point_at(m, m.segment, s + ahead)
+        sine, cosine = sin_cos(poses[i, 2])
+        goals[i, 0] = cosine * (px - x) + sine * (py - y)
+        goals[i, 1] = cosine * (py - y) - sine * (px - x)
+        led[i] = True
