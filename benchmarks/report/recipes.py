@@ -24,7 +24,7 @@ from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import driven_as, driven_speed
-from wayfield.policies.learned.perception import POSE, DockFeatures, limits_of
+from wayfield.policies.learned.perception import limits_of
 from wayfield.policies.policy import lacks
 
 # The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
@@ -324,8 +324,8 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
     if "fill_goal" in calls:
         goal = calls["fill_goal"]
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
-    if isinstance(features, DockFeatures):
-        told |= {"posed": POSE, "rest": features.rest, "rest_turn": features.rest_turn}
+    if features.posed:
+        told |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
     if "guard" in calls:
         told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:

@@ -38,6 +38,7 @@ ASIDE = 0.3  # rad, of a goal, beyond which a differential drive turns before it
 FULL = 2.0 * math.pi  # rad
 FORESIGHT = 1.2  # s, for which what comes nearer by itself is put forward
 NEAR = 0.01  # m, under which two points of a path give no direction
+POSE = 5  # numbers of `fill_pose`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +65,7 @@ class PathFeatures:
     crumbs: ClassVar[int] = 0
     crumbed: ClassVar[int] = 0  # numbers that crumbs give
     moved: ClassVar[int] = 0  # numbers that what moves gives
+    posed: ClassVar[int] = 0  # numbers that a pose to rest at gives
 
     def __post_init__(self) -> None:
         check_seen(self)
@@ -174,6 +176,8 @@ class GoalFeatures:
             raise ValueError(f"GoalFeatures: pool must divide num_beams, got {self.pool} and {self.num_beams}")
         choose("frame", self.frame, ("goal", "body"))
 
+    posed: ClassVar[int] = 0
+
     fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "ranges")
     observation: ClassVar[type] = goal_reaching.Observation
 
@@ -270,6 +274,8 @@ class DockFeatures(GoalFeatures):
         for name in ("fine", "fine_turn", "rest", "rest_turn"):
             check_gain(self, name, above=0.0)
 
+    posed: ClassVar[int] = POSE
+
     fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "goal_heading_error", "ranges")
 
     def width(self, num_twist: int) -> int:
@@ -296,7 +302,6 @@ class DockFeatures(GoalFeatures):
 
 Features = PathFeatures | GoalFeatures
 LIMITS = 3  # numbers of `limits_of`
-POSE = 5  # numbers of `fill_pose`
 FEATURES: Mapping[str, type[Features]] = {
     "path_following": PathFeatures,
     "goal_reaching": GoalFeatures,
