@@ -52,9 +52,8 @@ TO_POSES: Mapping[str, Decision] = {
     "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
 }
 OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
-# Of a trained agent, which puts together what several functions fill. Those of one robot drive in the page: the network
-# of each goal seeker would make it larger by an eighth.
-AGENT, AGENT_OF = "ppo", "p3dx"
+# Of a trained agent, which puts together what several functions fill.
+AGENT = "ppo"
 NETWORK_ALONG_PATHS = (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward"))
 NETWORK_TO_POSES = (
     ("perception", "fill_goal"),
@@ -410,7 +409,7 @@ def tables() -> dict[str, Any]:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         told["pilots"][f"{task} {robot} {actuators} {label}"] = recipe(task, name, gains, env, blobs)
                 for gains_name, gains in contest.gain_sets(AGENT, robot, ()):
-                    if gains["seed"] == 0 and robot == AGENT_OF and network(task):
+                    if gains["seed"] == 0 and network(task):
                         key = f"{task} {robot} {actuators} {AGENT} ({gains_name})"
                         told["pilots"][key] = network_recipe(task, robot, 0, env, blobs)
     told["blobs"] = blobs.listed()
