@@ -754,7 +754,7 @@ HISTOGRAMS = [
     VfhPlus(patience=0.2),
     VfhPlus(
         max_speed=0.5, max_yaw_rate=1.1, turn_gain=1.6, safety=0.09, margin=0.06, window=1.9, low=0.2, high=0.6,
-        wide=0.7, mu_goal=4.0, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
+        wide=0.7, mu_goal=4.3, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
         first_leg=0.15, recall=0.3, foresight=0.9,
     ),
     VfhPlus(foresight=0.0, patience=math.inf, magnitudes="sum", high=0.8),
@@ -765,7 +765,7 @@ HISTOGRAMS = [
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
 def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str) -> None:
     n, rng = 10, np.random.default_rng(8)
-    briefing = told(robot, "slow" if policy.high == 0.5 else "lagged", n, BEAMS)
+    briefing = told(robot, "slow" if policy.margin == 0.06 else "lagged", n, BEAMS)
     axes = list(briefing.robot.twist_axes)
     memory = policy.reset(briefing)
     mine = [Histogram(policy, briefing) for _ in range(n)]
