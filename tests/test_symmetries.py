@@ -179,7 +179,7 @@ POSE_LAWS = (
 MOVED = 2e-5  # m: observations have single precision
 MIRRORED = 1e-9  # m: those of a mirror image are as exact
 # Steps of a run, where the choice of one among alike depends on the last digit, or a beam lies on a sector's edge.
-SHORTER = {"mpc": 40, "mppi": 40, "dwa": 40}
+SHORTER = {"mpc": 20, "mppi": 25, "dwa": 40}
 
 
 def runs(env_id: str, name: str, scene: dict[str, Any], symmetry: Symmetry, folder: Path, **options: Any) -> list[Run]:
