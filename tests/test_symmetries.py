@@ -178,8 +178,9 @@ POSE_LAWS = (
 )
 MOVED = 2e-5  # m: observations have single precision
 MIRRORED = 1e-9  # m: those of a mirror image are as exact
+LOOSER = {"mpc": 2e-4, "mppi": 2e-4}  # m: programs that are solved to a tolerance, and weights of many samples
 # Steps of a run, where the choice of one among alike depends on the last digit, or a beam lies on a sector's edge.
-SHORTER = {"mpc": 40, "mppi": 40, "dwa": 40}
+SHORTER = {"mpc": 20, "mppi": 25, "dwa": 40}
 
 
 def runs(env_id: str, name: str, scene: dict[str, Any], symmetry: Symmetry, folder: Path, **options: Any) -> list[Run]:
@@ -197,7 +198,7 @@ def test_a_path_that_is_moved_or_mirrored_is_followed_alike(
     name: str, scene: str, symmetry: Symmetry, tmp_path: Path
 ) -> None:
     here, there = runs("wayfield/DiffDrivePathFollowing-v0", name, PATH[scene], symmetry, tmp_path)
-    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else MOVED)
+    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else LOOSER.get(name, MOVED))
 
 
 @pytest.mark.parametrize("name", POSE_LAWS)
@@ -214,4 +215,4 @@ def test_a_scene_that_is_moved_or_mirrored_is_driven_alike(
     if name == "mppi" and symmetry is MIRROR:
         pytest.skip("its samples are drawn, and not mirrored")
     here, there = runs(f"wayfield/{robot}GoalObstacles-v0", name, GOAL[scene], symmetry, tmp_path, num_beams=72)
-    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else MOVED)
+    check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else LOOSER.get(name, MOVED))
