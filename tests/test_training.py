@@ -28,7 +28,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.scenarios import GOAL_SCENARIOS, GoalScenario, box, circle, obstacle_field
-from wayfield.policies.learned.agent import Agent, Network, load_agent
+from wayfield.policies.learned.agent import Agent, Network, load_agent, rounded
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import checkpoints
@@ -256,7 +256,7 @@ def test_the_agent_drives_as_the_network_that_was_trained(tmp_path: Path) -> Non
     run = _Run(asked, Learner(asked.preset, asked.env_id, asked.seed))
     run.go(quiet, lambda: False)
     agent = load_agent(tmp_path / "run" / "best")
-    np.testing.assert_array_equal(agent.network.numbers, Network.of(run.best).numbers)
+    np.testing.assert_array_equal(agent.network.numbers, Network.of(rounded(run.best)).numbers)
     inputs = np.random.default_rng(0).normal(size=(100, agent.network.sizes[0])).astype(np.float32)
     network = Network.of(policy_layers(run.learner.ppo.policy))
     with torch.no_grad():

@@ -26,8 +26,7 @@ class Ppo:
     """
 
     seed: int = 0  # of the training run
-    # m/s: a path follower's mean, by what its card says it drives, else the most; 0: the one that it was validated at
-    speed: float = 0.0
+    speed: float = 0.0  # m/s, of a path follower the mean (its card's `cruises`), else the most; 0: as validated
     home: str = ""  # folder of training runs, as train.py's --out; "": the agents that ship
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
