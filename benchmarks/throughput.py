@@ -165,11 +165,18 @@ def scanning() -> list[Contender]:
 def contenders() -> list[Contender]:
     """Returns all that are timed; each has taken its first, slow steps."""
     goal: dict[str, Any] = {"scenario": "discs", "num_beams": 32}
+    finer = [
+        Contender(
+            f"goal reaching, {n} rays", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, **goal | {"num_beams": n})
+        )
+        for n in (72, 720)
+    ]
     pymunk: dict[str, Any] = {"dynamics": "pymunk"}
     docking = TASKS["docking"].ids[True]
     chosen = [
         Contender("path following", NUM_ENVS, vector_steps(PATH_FOLLOWING, NUM_ENVS)),
         Contender("goal reaching, 32 rays", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, **goal)),
+        *finer,
         # with as many obstacles, namely none
         Contender("goal reaching in the open", NUM_ENVS, vector_steps(GOAL_REACHING, NUM_ENVS, scenario="open_field")),
         Contender("docking in the open", NUM_ENVS, vector_steps(docking, NUM_ENVS, scenario="open")),
