@@ -4,12 +4,13 @@ import contextlib
 import dataclasses
 import importlib.util
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from typing import Any
 
 from wayfield import policies as registry
 from wayfield.benchmarks.cases import Entrant
+from wayfield.benchmarks.columns import Rows
 from wayfield.benchmarks.contest_options import ContestOptions, WrongOption
 from wayfield.benchmarks.contests import CONTESTS, GAINS
 from wayfield.benchmarks.entries import COMPARED
@@ -49,7 +50,7 @@ _TEXTS = frozenset(
 class Comparison:
     """What a comparison found."""
 
-    episodes: tuple[Row, ...]  # a row for each episode, as in episodes.csv
+    episodes: Rows  # a mapping for each episode, as in episodes.csv
     tables: dict[str, Table]  # as a contest's, by the names that their files would have
 
     @property
@@ -129,19 +130,29 @@ def compare(
     )
     settings = [setting for setting in options.settings() if _ranked(setting)]
     there = contextlib.nullcontext(Engine.of(workers)) if isinstance(workers, Executor) else processes(workers)
-    found: dict[int, list[Row]] = {}
+    failures: list[Failed] = []
     with there as engine:
-        try:
-            found.update(engine.as_done(*sent(engine, _rows, settings)))
-        except Failed as failed:
-            failed.done = _joined(found)
-            raise
-    rows = _joined(found)
+        rows = Rows(_in_order(engine, settings, failures))
+    for failed in failures:
+        failed.done = rows
+        raise failed
     return Comparison(rows, contest_tables(rows, [], options.command, ladder=False))
 
 
-def _joined(found: dict[int, list[Row]]) -> tuple[Row, ...]:
-    return tuple(row for k in sorted(found) for row in found[k])
+def _in_order(engine: Engine, settings: list[Setting], failures: list[Failed]) -> Iterator[Row]:
+    """Yields the rows of settings in their order, each as soon as it can be; notes what failed and leaves it out."""
+    early: dict[int, list[Row]] = {}
+    place = 0
+    try:
+        for k, found in engine.as_done(*sent(engine, _rows, settings)):
+            early[k] = found
+            while place in early:
+                yield from early.pop(place)
+                place += 1
+    except Failed as failed:
+        failures.append(failed)
+    for k in sorted(early):
+        yield from early[k]
 
 
 def _sorted_out(given: Iterable[Any]) -> tuple[tuple[str, ...], tuple[Entrant, ...]]:

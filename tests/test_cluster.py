@@ -411,6 +411,47 @@ def test_a_scheduler_and_two_workers_make_the_rows_of_one_process_and_refuse_a_t
     assert re.search(r"scheduler tcp://\S+, 3 workers; watch them at http://", found.stderr)
 
 
+@pytest.mark.slow
+def test_a_scheduler_and_two_workers_train_and_drive_a_robot_whose_data_sheet_they_do_not_have(
+    place: Place, tmp_path: Path
+) -> None:
+    """The agents and the rows of one process, bit for bit; a worker that opens the sheet where it lies here fails."""
+    here = tmp_path / "here"
+    here.mkdir()
+    content = json.loads((resources.files("wayfield.envs") / "data_sheets" / "turtlebot3.json").read_text())
+    (here / "mine.json").write_text(json.dumps(content | {"name": "mine"}))
+    kept_out = (
+        "import sys\n\ndef kept_out(event, arguments):\n"
+        f"    if event == 'open' and str(arguments[0]).endswith(({str(here / 'mine.json')!r}, 'here/mine.json')):\n"
+        "        raise PermissionError(arguments[0])\n\nsys.addaudithook(kept_out)\n"
+    )
+    place.scheduler()
+    place.worker("first", kept_out)
+    place.worker("second", kept_out)
+    small = ("num_envs=24", "horizon=4", "batch_size=48", "epochs=1", "hidden=4", "validations=2", "steps=192")
+    learnt = ["train.py", "wayfield/DiffDrivePathFollowing-v0", "--preset", "path_following_plain", "--seeds", "2"]
+    learnt += [word for each in small for word in ("--set", each)]
+    driven = ["evaluate.py", *CONTEST, "--families", "circles", "--episodes", "2"]
+    found = {}
+    for where, more in (("far", ["--cluster", place.address]), ("near", [])):
+        for script, *words in (learnt, driven):
+            command = [sys.executable, str(ROOT / script), *words, "--robot", "mine.json", *more]
+            command += ["--out", f"{where}_{script.removesuffix('.py')}"]
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                cwd=here,
+                timeout=600,
+                env=os.environ | {"OMP_NUM_THREADS": "1"},
+            )
+            assert done.returncode == 0, done.stderr
+        weights = [here / f"{where}_train" / f"seed_{k}" / "best" / "weights.safetensors" for k in range(2)]
+        found[where] = [file.read_bytes() for file in (*weights, here / f"{where}_evaluate" / "episodes.csv")]
+    assert found["far"] == found["near"]
+    assert b"mine" in found["far"][2]
+
+
 def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(place: Place, tmp_path: Path) -> None:
     scheduler = place.scheduler()
     place.worker(
