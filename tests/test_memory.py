@@ -10,6 +10,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
 
+STATED_ROWS = 0.8e9  # bytes, of a million rows and what their tables make on the way: docs/scale.md
 STATED = 2.5e9  # bytes, of a million path followers, observations and infos of a step among them: docs/scale.md
 
 BEGIN = """
@@ -45,3 +46,30 @@ def test_ten_million_steps_leave_the_memory_as_it_was() -> None:
         "    if k % 1000 == 999: print(resident())"
     )
     assert max(after) - after[0] < 2e6
+
+
+def test_the_tables_of_a_million_rows_take_the_stated_size() -> None:
+    """The rows of few episodes again and again, each in a scenario of its own and with numbers of its own."""
+    (grown,) = told(
+        "import re, resource\n"
+        "from wayfield.benchmarks import compare\n"
+        "from wayfield.benchmarks.columns import Rows, text\n"
+        "from wayfield.benchmarks.standings import contest_tables\n"
+        "def peak():\n"
+        "    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "laws = ['pure_pursuit', 'stanley', 'lqr', 'regulated_pure_pursuit']\n"
+        "some = [dict(row) for row in compare(laws, 'path-following', ['circles', 'splines'], 2).episodes]\n"
+        "rng = np.random.default_rng(0)\n"
+        "def row(k):\n"
+        "    found = dict(some[k % len(some)])\n"
+        "    of_its_own = 2 * (k // len(some)) + int(found['episode'])\n"
+        "    for name, cell in found.items():\n"
+        "        if re.fullmatch(r'-?\\d+\\.\\d+(e-?\\d+)?', cell):\n"
+        "            found[name] = text(float(cell) * (1.0 + 1e-3 * rng.standard_normal()))\n"
+        "    return found | {'seed': str(of_its_own), 'scenario': f'{found[\"scenario\"]}_{of_its_own}'}\n"
+        "before = peak()\n"
+        "rows = Rows(row(k) for k in range(1_000_000))\n"
+        "contest_tables(rows, [], 'a test', ladder=False)\n"
+        "print(peak() - before)"
+    )
+    assert 0.1e9 < grown < STATED_ROWS
