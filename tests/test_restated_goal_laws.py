@@ -557,12 +557,15 @@ def window(me: Sights, hits: Any, coming: bool, goal: Any, turn: float, left: fl
 
 
 def scene_of(rng: Any, n: int) -> Any:
-    """Returns discs (n, 6, 5) around robots: x, y, radius, and velocities of half of them."""
+    """Returns discs (n, 6, 5) around robots: x, y, radius, and velocities of half of them, of one that comes close."""
     discs = np.empty((n, 6, 5))
     angles, away = rng.uniform(-math.pi, math.pi, (n, 6)), rng.uniform(0.7, 3.0, (n, 6))
     discs[..., 0], discs[..., 1] = away * np.cos(angles), away * np.sin(angles)
     discs[..., 2] = rng.uniform(0.1, 0.35, (n, 6))
     speeds = rng.uniform(0.0, 0.7, (n, 6)) * (rng.random((n, 6)) < 0.5)
+    discs[:, 0, :2] *= 0.65 / away[:, :1]
+    discs[:, 0, 2] = 0.2
+    speeds[:, 0] = 0.45
     discs[..., 3], discs[..., 4] = -speeds * np.cos(angles), -speeds * np.sin(angles)
     return discs
 
