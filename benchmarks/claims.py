@@ -129,22 +129,22 @@ def claims_table(rows: Sequence[Row], command: str) -> Table:
 
 
 def summary(lines: Sequence[Row]) -> list[list[str]]:
-    """Returns for each condition whom the agents beat, whom they lose to, and from whom they are not told apart.
+    """Returns for each condition and its agents whom they beat, lose to, and are not told apart from.
 
     Args:
         lines: those of a claims table. Success decides; where it does not, the cost does.
     """
     found = []
-    for condition, mine in grouped(lines, "condition").items():
-        sides: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
-        for line in mine:
-            decided = line[OF_SUCCESS] in (WINS, LOSES)
-            sides[line[OF_SUCCESS] if decided else line[OF_COST]].append(f"`{line['against']}`")
-        apart = sides[ALIKE] + sides[FEW]
-        found.append(
-            [condition, *(", ".join(each) or "-" for each in (sides[WINS], sides[LOSES], apart, sides[SLOWER]))]
-        )
+    for condition, of_condition in grouped(lines, "condition").items():
+        for agents, mine in grouped(of_condition, "policy").items():
+            sides: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
+            for line in mine:
+                decided = line[OF_SUCCESS] in (WINS, LOSES)
+                sides[line[OF_SUCCESS] if decided else line[OF_COST]].append(f"`{line['against']}`")
+            told = (sides[WINS], sides[LOSES], sides[ALIKE] + sides[FEW], sides[SLOWER])
+            name = f"`{agents.removesuffix(' (trained)')}`"
+            found.append([condition, name, *(", ".join(each) or "-" for each in told)])
     return found
 
 
-SUMMARY_HEADER = ["condition", WINS, LOSES, ALIKE, SLOWER]
+SUMMARY_HEADER = ["condition", "agents, all seeds", WINS, LOSES, ALIKE, SLOWER]

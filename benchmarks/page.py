@@ -233,6 +233,6 @@ def _contenders(kept: Kept) -> list[str]:
 
 def _summed_up(kept: Kept) -> list[str]:
     """Returns the README's table of what the agents win, and what they do not."""
-    found = [summary(kept.rows(f"{stem}_claims"))[:1] for stem in SUMMED_UP if f"{KEPT}/{stem}_claims.csv" in kept]
-    lines = [line for each in found for line in each]
-    return [_table(["PPO, all seeds", *SUMMARY_HEADER[1:]], lines), ""] if lines else []
+    found = [summary(kept.rows(f"{stem}_claims")) for stem in SUMMED_UP if f"{KEPT}/{stem}_claims.csv" in kept]
+    lines = [line for each in found for line in each if line[0] == each[0][0]]
+    return [_table(SUMMARY_HEADER, lines), ""] if lines else []
