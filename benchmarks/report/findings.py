@@ -153,11 +153,11 @@ def _small(
     ranked: Sequence[_Standing],
     by_cost: bool,
 ) -> Table:
-    """Returns the small table: the first few, then the best trained agents and the best upper reference."""
+    """Returns the small table: the first few, then the trained agents and the best upper reference."""
     shown = list(rivals[:MOST_SMALL])
     trained = [each for each in ranked if each.entry[1] == "trained"]
     told_map = [each for each in ranked if MAP in each.told]
-    shown += [each for best in (trained[:1], told_map[:1]) for each in best if each not in shown]
+    shown += [each for more in (trained, told_map[:1]) for each in more if each not in shown]
     cost, decimals = contest.spec.cost, contest.spec.cost.decimals
     column = _scored(contest)
     lines = []
