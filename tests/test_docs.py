@@ -335,8 +335,8 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert run_publish(repository, "--no-run").returncode == 0
     readme = (repository / "README.md").read_text(encoding="utf-8")
     (line,) = [each for each in readme.splitlines() if each.startswith("| Path following, p3dx")]
-    wins, loses, alike, slower = (cell.strip() for cell in line.strip("| ").split("|")[1:])
-    assert (wins, loses, alike, slower) == ("-", "`mpc (tuned)`", "-", "-")
+    agents, wins, loses, alike, slower = (cell.strip() for cell in line.strip("| ").split("|")[1:])
+    assert (agents, wins, loses, alike, slower) == ("`ppo`", "-", "`mpc (tuned)`", "-", "-")
     claims = (repository / sections.KEPT / "path_following_p3dx_claims.csv").read_text(encoding="utf-8")
     assert "loses" in claims
     assert "wins" not in claims
