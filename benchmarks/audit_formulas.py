@@ -96,8 +96,15 @@ MEANINGS: Mapping[str, Meaning] = {
 def binomial_ends(successes: int, trials: int) -> tuple[float, float]:
     """Returns the shares under which so many successes, or more, or fewer, have a chance of 2.5 % each."""
 
+    def chance(share: float, k: int) -> float:
+        if share in (0.0, 1.0):
+            return float(k == trials * share)
+        # by logarithms: of ten thousand trials, what stands before is beyond any float
+        ways = math.lgamma(trials + 1) - math.lgamma(k + 1) - math.lgamma(trials - k + 1)
+        return math.exp(ways + k * math.log(share) + (trials - k) * math.log1p(-share))
+
     def tail(share: float, counts: range) -> float:
-        return math.fsum(math.comb(trials, k) * share**k * (1.0 - share) ** (trials - k) for k in counts)
+        return math.fsum(chance(share, k) for k in counts)
 
     def solved(excess: Callable[[float], float]) -> float:
         grid = range(1_000_001)

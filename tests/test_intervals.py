@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats.mstats import trimmed_mean_ci
 
 from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.audit_formulas import binomial_ends
 from wayfield.benchmarks.coverage import HOLDS, covered, designs
 from wayfield.benchmarks.crossed import LEAST, enough, exact_interval, share_interval, spread, winsorised
 from wayfield.benchmarks.paired import advantage, difference, holm
@@ -193,3 +194,9 @@ def test_intervals_hold_as_often_as_they_say(what: str) -> None:
 def test_all_intervals_hold() -> None:
     for index, design in enumerate(designs()):
         assert covered((index, 600, 2)) / 600 >= HOLDS - 0.015, design
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (3, 10), (10, 10), (195, 200), (9_700, 10_000)])
+def test_the_audit_finds_the_ends_of_a_share_by_itself_of_ten_thousand_trials_too(successes: int, trials: int) -> None:
+    exact = scipy.stats.binomtest(successes, trials).proportion_ci(method="exact")
+    assert binomial_ends(successes, trials) == pytest.approx((exact.low, exact.high), abs=2e-6)
