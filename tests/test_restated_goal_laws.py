@@ -1,8 +1,8 @@
 """Goal-seeking laws, stated once more in plain Python from their papers and docstrings, drive the same twists."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -593,15 +593,33 @@ WINDOWS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("policy", WINDOWS, ids=["default", "other", "still"])
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
-def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
-    n, rng = 8, np.random.default_rng(6)
+class Look(NamedTuple):
+    """What one robot of a batch is told in a step, and the twist that its policy asks for."""
+
+    robot: int
+    me: Any  # its memory, a kind of `Sights`
+    ranges: Any
+    pose: Any
+    wheels: Any
+    to_goal: Any
+    turn: float
+    left: float
+    got: Any
+
+
+def looks(policy: Any, sights: Any, robot: str, n: int, seed: int, shares: Sequence[float]) -> Iterator[Look]:
+    """Yields what each robot of a batch sees among discs that move, step by step, as the policy drives it.
+
+    Args:
+        sights: the kind of memory.
+        shares: of goals up to 2.5 m away along each axis, drawn.
+    """
+    rng = np.random.default_rng(seed)
     briefing = told(robot, "slow" if policy.margin == 0.06 else "lagged", n, BEAMS)
     axes = list(briefing.robot.twist_axes)
     memory = policy.reset(briefing)
-    mine = [Sights(policy, briefing) for _ in range(n)]
-    discs, goals = scene_of(rng, n), rng.uniform(-2.5, 2.5, (n, 2)) * rng.choice([0.1, 1.0, 1.0], (n, 1))
+    mine = [sights(policy, briefing) for _ in range(n)]
+    discs, goals = scene_of(rng, n), rng.uniform(-2.5, 2.5, (n, 2)) * rng.choice(shares, (n, 1))
     poses, wheels = rng.uniform(-0.1, 0.1, (n, 3)), np.zeros((n, 3))
     left = np.zeros(n)
     left[0] = 1.0
@@ -613,33 +631,40 @@ def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
         got = np.zeros((n, 3))
         got[:, axes] = policy.act(seen, briefing, memory)
         for k, me in enumerate(mine):
-            radius = me.robot.hull_radius + policy.margin
-            a = me.base.acceleration
-            far = policy.max_speed * (me.delay + DT + policy.max_speed / a)
-            far = radius + policy.room_range + max(policy.max_speed * policy.horizon, far, 3.0)
-            found = me.hits(ranges[k], poses[k], far, radius)
-            coming = me.approaching(ranges[k], poses[k], radius) if policy.foresight > 0.0 else []
-            hits = np.array(found + coming).reshape(-1, 3)
-            turn = me.turn(turns[k])
-            if me.arrived(math.hypot(*to_goals[k]), left[k]):
-                np.testing.assert_allclose(got[k], [0.0, 0.0, turn], atol=1e-9)
-            else:
-                best = None
-                for value, twist in window(me, hits, bool(coming), to_goals[k], turn, left[k], poses[k], wheels[k]):
-                    if best is not None and value < best - 1e-7:
-                        best = None  # what is driven is none of the best
-                        break
-                    if me.can_stop(hits, wheels[k], twist):
-                        best = value if best is None else best
-                        if np.allclose(twist, got[k], atol=1e-6):
-                            break
-                else:
-                    twist = np.zeros(3)
-                np.testing.assert_allclose(got[k], twist, atol=1e-6, err_msg=f"robot {k}")
+            yield Look(k, me, ranges[k], poses[k], wheels[k], to_goals[k], turns[k], left[k], got[k])
             me.command = me.limited(me.command, me.saturated(got[k]))
             wheels[k] = me.command + (wheels[k] - me.command) * math.exp(-DT / me.base.lag)
             poses[k] = arc(poses[k], wheels[k], DT)
         discs[..., :2] += DT * discs[..., 3:]
+
+
+@pytest.mark.parametrize("policy", WINDOWS, ids=["default", "other", "still"])
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
+    for k, me, ranges, pose, wheels, to_goal, turned, left, got in looks(policy, Sights, robot, 8, 6, [0.1, 1.0, 1.0]):
+        radius = me.robot.hull_radius + policy.margin
+        a = me.base.acceleration
+        far = policy.max_speed * (me.delay + DT + policy.max_speed / a)
+        far = radius + policy.room_range + max(policy.max_speed * policy.horizon, far, 3.0)
+        found = me.hits(ranges, pose, far, radius)
+        coming = me.approaching(ranges, pose, radius) if policy.foresight > 0.0 else []
+        hits = np.array(found + coming).reshape(-1, 3)
+        turn = me.turn(turned)
+        if me.arrived(math.hypot(*to_goal), left):
+            np.testing.assert_allclose(got, [0.0, 0.0, turn], atol=1e-9)
+            continue
+        best = None
+        for value, twist in window(me, hits, bool(coming), to_goal, turn, left, pose, wheels):
+            if best is not None and value < best - 1e-7:
+                best = None  # what is driven is none of the best
+                break
+            if me.can_stop(hits, wheels, twist):
+                best = value if best is None else best
+                if np.allclose(twist, got, atol=1e-6):
+                    break
+        else:
+            twist = np.zeros(3)
+        np.testing.assert_allclose(got, twist, atol=1e-6, err_msg=f"robot {k}")
 
 
 class Histogram(Sights):
@@ -767,37 +792,19 @@ HISTOGRAMS = [
 @pytest.mark.parametrize("policy", HISTOGRAMS, ids=["default", "other", "summed"])
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
 def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str) -> None:
-    n, rng = 10, np.random.default_rng(8)
-    briefing = told(robot, "slow" if policy.margin == 0.06 else "lagged", n, BEAMS)
-    axes = list(briefing.robot.twist_axes)
-    memory = policy.reset(briefing)
-    mine = [Histogram(policy, briefing) for _ in range(n)]
-    discs, goals = scene_of(rng, n), rng.uniform(-2.5, 2.5, (n, 2)) * rng.choice([0.1, 0.5, 1.0], (n, 1))
-    poses, wheels = rng.uniform(-0.1, 0.1, (n, 3)), np.zeros((n, 3))
-    left = np.zeros(n)
-    left[0] = 1.0
-    for _ in range(16):
-        ranges = np.array([look(poses[k], discs[k], briefing.beam_angles) for k in range(n)])
-        to_goals = np.array([body(pose, *goal) for pose, goal in zip(poses, goals, strict=True)])
-        turns = rng.uniform(-1.0, 1.0, n)
-        seen = Observation(poses, wheels[:, axes], to_goals, turns, left, ranges)
-        got = np.zeros((n, 3))
-        got[:, axes] = policy.act(seen, briefing, memory)
-        for k, me in enumerate(mine):
-            radius = me.robot.hull_radius + policy.margin
-            far = max(policy.window, radius + max(policy.max_speed * 2.0, 3.0))
-            hits = me.hits(ranges[k], poses[k], far, radius)
-            if policy.foresight > 0.0:
-                hits += me.approaching(ranges[k], poses[k], radius)
-            twist = np.array([0.0, 0.0, me.turn(turns[k])])
-            if not me.arrived(math.hypot(*to_goals[k]), left[k]):
-                known = np.array(hits).reshape(-1, 3)
-                twist = histogram(me, known, to_goals[k], twist[2], left[k], poses[k], wheels[k])
-            np.testing.assert_allclose(got[k], twist, atol=1e-6, err_msg=f"robot {k}")
-            me.command = me.limited(me.command, me.saturated(got[k]))
-            wheels[k] = me.command + (wheels[k] - me.command) * math.exp(-DT / me.base.lag)
-            poses[k] = arc(poses[k], wheels[k], DT)
-        discs[..., :2] += DT * discs[..., 3:]
+    for k, me, ranges, pose, wheels, to_goal, turned, left, got in looks(
+        policy, Histogram, robot, 10, 8, [0.1, 0.5, 1]
+    ):
+        radius = me.robot.hull_radius + policy.margin
+        far = max(policy.window, radius + max(policy.max_speed * 2.0, 3.0))
+        hits = me.hits(ranges, pose, far, radius)
+        if policy.foresight > 0.0:
+            hits += me.approaching(ranges, pose, radius)
+        twist = np.array([0.0, 0.0, me.turn(turned)])
+        if not me.arrived(math.hypot(*to_goal), left):
+            known = np.array(hits).reshape(-1, 3)
+            twist = histogram(me, known, to_goal, twist[2], left, pose, wheels)
+        np.testing.assert_allclose(got, twist, atol=1e-6, err_msg=f"robot {k}")
 
 
 # By sampled plans: what one of them costs.
