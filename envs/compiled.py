@@ -91,11 +91,15 @@ class _Part(JITCodeLibrary):
     """
 
     def finalize(self) -> None:
-        """Ends the code."""
-        self._raise_if_finalized()
-        for library in self._linking_libraries:
-            self._reload_init.update(library._reload_init)
-        self._final_module.verify()
+        """Ends the code; what it calls is left for the whole to link."""
+        called, self._linking_libraries = self._linking_libraries, []
+        super().finalize()
+        self._linking_libraries = called
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
 
