@@ -215,8 +215,14 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     with pytest.raises(SystemExit) as caught:
         main([PATH, "--preset", PLAIN, "--steps", "1024", "--seeds", "2", "--seed", "3", "--out", str(out), *settings])
     assert caught.value.code == 0
-    told = capsys.readouterr().out.splitlines()
+    said = capsys.readouterr()
+    told = said.out.splitlines()
     assert [line.split(":")[0] for line in told] == ["seed 3", "seed 4"]
+    # without a terminal a line a validation, once
+    assert sorted(line.split(",")[0] for line in said.err.splitlines()) == [f"seed {seed}: 1" for seed in (3, 4)], (
+        said.err
+    )
+    assert all("024 of 1,024 frames" in line and "success" in line for line in said.err.splitlines())
     assert all(part in told[0] for part in ("done", "frames/s", "environment", "update", "last validation"))
     digests = set()
     for seed in (3, 4):
@@ -855,7 +861,7 @@ def test_a_reader_that_has_gone_costs_nothing(tmp_path: Path) -> None:
     gone = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert gone.returncode != 0
-    assert gone.stderr == b""
+    assert all(line.startswith(b"seed 0: ") and b" frames, " in line for line in gone.stderr.splitlines())
     assert (tmp_path / "größe 走" / "curves.png").exists()
 
 

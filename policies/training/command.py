@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from wayfield.policies.training.slices import train_far
 MOST_SEEDS = 1000
 CURVES = "curves.png"
 _PAPER = 1000  # characters, where nobody looks: one line a key, for other commands to read
+_PAUSE = 30.0  # s, after which a line is printed where there is no terminal
 
 
 class _Train(OneLineErrors):
@@ -177,6 +179,10 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         task = TASKS[jobs[0].preset.task]
 
         noted = set()
+        began = time.monotonic()
+        told = {
+            job.seed: (began, 0.0) for job in jobs
+        }  # when a line was last printed of a seed, and its last validation
 
         def show(report: Report) -> None:
             if report.note and report.seed not in noted:
@@ -184,6 +190,14 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
                 console.print(f"seed {report.seed}: {report.note}", markup=False, highlight=False, soft_wrap=True)
             fields: Any = {} if report.row is None else {"score": _scores(report.row, task)}
             bar.update(tasks[report.seed], completed=report.frames, **fields)
+            if not console.is_terminal:  # which has no bar: a line a validation, and now and then before the first
+                at, validated = told[report.seed]
+                reached = validated if report.row is None else report.row["frames"]
+                if reached > validated or time.monotonic() - at > _PAUSE:
+                    told[report.seed] = time.monotonic(), reached
+                    found = f"; {fields['score']}" if reached > validated else ""
+                    far = f"{report.frames:,} of {report.steps:,} frames, {time.monotonic() - began:.0f} s"
+                    click.echo(f"seed {report.seed}: {far}{found}", err=True)
 
         if cluster_given():
             with shared_out(at_once) as engine:
