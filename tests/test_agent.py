@@ -11,7 +11,7 @@ import signal
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -243,24 +243,6 @@ def test_an_omni_robot_sees_and_does_the_same_turned() -> None:
         np.testing.assert_allclose(seen[1][1], seen[0][1] @ back.T, atol=1e-9)
 
 
-def test_features_are_what_their_docstring_says() -> None:
-    features = PathFeatures(num_preview=2)
-    out = np.empty((1, features.width(2)), np.float32)
-    observation = path_following.Observation(
-        np.zeros((1, 3)), np.array([[0.3, 1.0]]), np.array([0.02]), np.array([0.5]), np.zeros(1),
-        np.array([[[0.1, 0.0], [0.2, -9.0]]]),
-    )  # fmt: skip
-    features.observe(observation, np.array([0.6]), out)
-    # the nearest point of the path is at (-0.02 sin 0.5, -0.02 cos 0.5) and the path leads to -0.5 rad there
-    first = math.atan2(0.02 * math.cos(0.5), 0.1 + 0.02 * math.sin(0.5))
-    turns = [first + 0.5, math.atan2(-9.0, 0.1) - first]
-    expected = [
-        *(math.asinh(1.0), 0.1, math.sin(0.5), math.cos(0.5), 1.0, 0.5, 0.5, 0.2, 0.0, 0.4, -5.0),
-        *(math.asinh(turn / 0.1) for turn in turns),
-    ]
-    np.testing.assert_allclose(out[0], expected, atol=1e-6)
-
-
 def test_the_memory_holds_the_last_actions_and_the_strided_frames() -> None:
     features = PathFeatures(num_preview=0, previous=2, frames=3, stride=2)
     perception = Perception(features, Actions(), 2, 0.05)
@@ -303,45 +285,6 @@ def test_trailing_points_lie_one_time_constant_behind_a_steady_robot() -> None:
     behind = -speed / features.speed_scale * np.array([math.cos(heading - 0.2), math.sin(heading - 0.2)])
     for k in range(2):
         np.testing.assert_allclose(inputs[0, at + 2 * k : at + 2 * k + 2], behind, rtol=0.03)
-
-
-@pytest.mark.parametrize("frame", ["goal", "body"])
-def test_goal_features_are_what_their_docstring_says(frame: Literal["goal", "body"]) -> None:
-    features = GoalFeatures(frame=frame, pool=3, margin=0.05)
-    rng = np.random.default_rng(5)
-    ranges = rng.uniform(0.4, 7.0, (6, 72)).clip(max=5.0)
-    goals, twists = rng.normal(0.0, 2.0, (6, 2)), rng.normal(0.0, 0.4, (6, 3))
-    seen = goal_reaching.Observation(np.zeros((6, 3)), twists, goals, np.zeros(6), np.zeros(6), ranges)
-    out = np.empty((6, features.width(3)), np.float32)
-    angles = features.observe(seen, np.full(6, 0.3), out)
-    bearings, distances = np.arctan2(goals[:, 1], goals[:, 0]), np.hypot(*goals.T)
-    if frame == "goal":
-        assert np.abs((bearings - angles + math.pi) % (2.0 * math.pi) - math.pi).max() <= math.radians(2.5) + 1e-9
-    else:
-        assert not angles.any()
-    beams = np.radians(np.arange(72) * 5.0) - math.pi
-    for i in range(6):
-        points = ranges[i, :, None] * np.column_stack([np.cos(beams - angles[i]), np.sin(beams - angles[i])])
-        met = ranges[i] < 5.0
-        nearest, ways = [], []
-        for first in beams[::3]:
-            # the three beams from this direction of the frame on
-            among = [round((first + k * math.radians(5.0) + angles[i] + math.pi) / math.radians(5.0)) for k in range(3)]
-            nearest.append(min(ranges[i, k % 72] for k in among))
-            along = points @ (math.cos(first), math.sin(first))
-            aside = np.abs(points @ (-math.sin(first), math.cos(first)))
-            before = along - np.sqrt(np.maximum(0.35**2 - aside**2, 0.0))
-            ways.append(before[met & (aside < 0.35) & (along > 0.0)].clip(min=0.0).min(initial=5.0))
-        c, s = math.cos(angles[i]), math.sin(angles[i])
-        expected = [
-            *(math.asinh(distances[i]), distances[i] / (distances[i] + 0.2)),
-            *(math.sin(bearings[i] - angles[i]), math.cos(bearings[i] - angles[i]), 0.5),
-            *((c * twists[i, 0] + s * twists[i, 1]) / 0.6, (c * twists[i, 1] - s * twists[i, 0]) / 0.6),
-            twists[i, 2] / 2.0,
-            *(0.5 / (0.5 + max(r - 0.3, 0.0)) for r in nearest),
-            *(0.5 / (0.5 + way) for way in ways),
-        ]
-        np.testing.assert_allclose(out[i], expected, atol=1e-5)
 
 
 def test_crumbs_tell_where_a_robot_was_and_for_how_long_it_comes_no_nearer() -> None:

@@ -245,7 +245,7 @@ def _whole(settings: list[Setting]) -> list[dict[str, str]]:
 # Training, a slice of a run at a time.
 
 
-@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("own", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(
     tmp_path: Path, threads: Engine, monkeypatch: pytest.MonkeyPatch, own: bool
 ) -> None:
@@ -457,7 +457,7 @@ def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(place: P
     place.worker(
         "slow",
         "import time\nfrom wayfield.benchmarks import parts\n"
-        "parts.play = lambda setting, play=parts.play: (time.sleep(0.5), play(setting))[1]\n",
+        "parts.play = lambda setting, play=parts.play: (time.sleep(0.3), play(setting))[1]\n",
     )
     command = [sys.executable, str(ROOT / "evaluate.py"), *ASKED, "--cluster", place.address, "--out", "far"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)

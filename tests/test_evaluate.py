@@ -55,7 +55,8 @@ def test_it_writes_every_file_and_says_where(lookahead):
     assert [file.name for file in out.parent.iterdir()] == ["results"]  # no staging folder is left
 
 
-def test_by_default_it_prints_little_and_names_the_report_last(tmp_path):
+def test_by_default_it_prints_little_and_names_the_report_last(tmp_path, monkeypatch):
+    monkeypatch.setattr("wayfield.benchmarks.document_figures.draw", lambda wanted: None)  # nothing is said of figures
     run = CliRunner().invoke(
         main, ["--workers", "1", "--policies", "zero", "--dynamics", "kinematic", "--out", str(tmp_path)]
     )

@@ -1,9 +1,17 @@
 """Numbers that a source prints, and the code's own promises of its defaults, stand in the code as they were printed."""
 
+import ast
 import dataclasses
+import importlib
+import inspect
+import json
 import math
+import pkgutil
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from wayfield import policies
@@ -152,3 +160,81 @@ def test_every_gain_is_taken_down_to_the_edge_of_its_range(name: str) -> None:
         except ValueError:
             policy = policies.make(name, **{field.name: 1e-6})  # above zero
         assert getattr(policy, field.name) in (least, 1e-6)
+
+
+# Every number that results hang on stands once more in a file: that of a law, a plant, a family, a preset, a table. Who
+# changes one changes it there too (`python tests/test_published_numbers.py` writes the file), and publishes anew.
+NUMBERS = Path(__file__).parent / "fixtures" / "numbers.json"
+ROOMS = ("envs", "envs.scenarios", "policies", "policies.parts", "policies.learned", "benchmarks.contests")
+BESIDES = (
+    *(f"policies.training.{name}" for name in ("imitation", "offline", "presets", "shaping", "ways")),
+    *(f"benchmarks.{name}" for name in ("aggregates", "claims", "crossed", "metrics", "paired", "shortest", "suite")),
+    *(f"benchmarks.{name}" for name in ("transfer", "tune")),
+)
+# what no result hangs on: how it is computed, shown, or read
+MACHINES = {
+    *("batch", "blocks", "checks", "cluster", "command_line", "crew", "engines", "processes", "reading", "readers"),
+    *("rendering", "sandbox", "sb3", "single", "storage", "vector"),
+}
+
+
+def plain(value: Any) -> Any:
+    """Returns numbers as they are, and what holds them as lists and dictionaries of them; None of all else."""
+    if isinstance(value, bool | int | float | np.integer | np.floating):
+        return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.dtype.names is None and value.size < 100 else None
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        told = [(field.name, plain(getattr(value, field.name))) for field in dataclasses.fields(value)]
+    elif isinstance(value, Mapping):
+        told = [(str(name), plain(each)) for name, each in value.items()]
+    elif isinstance(value, tuple | list):
+        found = [plain(each) for each in value]
+        return found if any(each is not None for each in found) else None
+    else:
+        return None
+    return {name: each for name, each in told if each is not None} or None
+
+
+def is_constant(name: str) -> bool:
+    return name.strip("_").isupper() and not name.startswith("__")
+
+
+def assigned(module: Any) -> set[str]:
+    """Returns the names of a module's own constants."""
+    found = set()
+    for node in ast.parse(inspect.getsource(module)).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        for each in targets:
+            found |= {name.id for name in getattr(each, "elts", [each]) if isinstance(name, ast.Name)}
+    return {name for name in found if is_constant(name)}
+
+
+def numbers() -> dict[str, Any]:
+    """Returns the constants and the defaults of every module of the rooms, by their names."""
+    names = list(BESIDES)
+    for room in ROOMS:
+        path = importlib.import_module(f"wayfield.{room}").__path__
+        modules = (each.name for each in pkgutil.iter_modules(path) if not each.ispkg)
+        names += [f"{room}.{module}" for module in modules if module not in MACHINES]
+    found: dict[str, Any] = {f"gains of {name}": plain(policies.make(name)) for name in policies.POLICIES}
+    for name in names:
+        module = importlib.import_module(f"wayfield.{name}")
+        for key in assigned(module):
+            found[f"{name}.{key}"] = plain(getattr(module, key))
+        for key, value in vars(module).items():
+            if dataclasses.is_dataclass(value) and getattr(value, "__module__", "") == module.__name__:
+                defaults = {field.name: field.default for field in dataclasses.fields(value)}
+                found[f"{name}.{key}"] = plain(defaults)
+    return {name: told for name, told in sorted(found.items()) if told is not None}
+
+
+def test_the_numbers_are_those_that_results_were_published_with() -> None:
+    told, found = json.loads(NUMBERS.read_text(encoding="utf-8")), json.loads(json.dumps(numbers()))
+    changed = {name for name in told.keys() | found.keys() if told.get(name) != found.get(name)}
+    assert not changed, {name: (told.get(name), found.get(name)) for name in sorted(changed)}
+
+
+if __name__ == "__main__":
+    lines = (f"{json.dumps(name)}: {json.dumps(told)}" for name, told in numbers().items())
+    NUMBERS.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

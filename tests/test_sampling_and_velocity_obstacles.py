@@ -520,6 +520,50 @@ def scan(*shapes: np.void, num_beams: int = 72) -> NDArray[np.float64]:
     return ranges
 
 
+@pytest.mark.parametrize("goal", [(1.3, 0.4), (-4.0, 1.0)], ids=["inside", "outside"])
+def test_ways_solve_the_eikonal_equation_and_hulls_beside_walls_read_their_neighbours(
+    goal: tuple[float, float],
+) -> None:
+    """At every node where the hull fits: the upwind scheme's own value; elsewhere the least way around a neighbour."""
+    policy = Mppi(reach=2.5, cell=0.125, obstacle_weight=2.0, influence=0.5, margin=0.06)
+    ranges = scan(circle(0.9, 0.2, 0.3), wall(-1.0, -0.8, 0.6, -1.1), circle(-0.9, 0.9, 0.2))
+    clearances, ways, _, _ = grids(policy, ranges, goal)
+    side, h = len(ways), policy.cell
+    closed = np.clip((policy.margin - clearances) / h, 0.0, 1.0)
+    narrow = np.maximum(1.0 - np.maximum(clearances, 0.0) / policy.influence, 0.0)
+    cost = h * (1.0 + policy.obstacle_weight * narrow**2 + 60.0 * closed)  # m of way, through a cell
+    fits = clearances >= policy.margin
+    assert 20 < (~fits).sum() < 0.5 * side**2
+    half = (side - 1) // 2
+    for i in range(side):
+        for j in range(side):
+            if not fits[i, j]:
+                around = [
+                    ways[a, b] + h * math.hypot(a - i, b - j)
+                    for a in range(max(i - 1, 0), min(i + 2, side))
+                    for b in range(max(j - 1, 0), min(j + 2, side))
+                    if fits[a, b]
+                ]
+                if around:
+                    assert ways[i, j] == pytest.approx(min(around))
+                continue
+            straight = math.hypot((i - half) * h - goal[0], (j - half) * h - goal[1])
+            if straight < 2.0 * h:
+                assert ways[i, j] == pytest.approx(straight)
+            if straight < 2.0 * h or {i, j} & {0, side - 1}:
+                assert ways[i, j] <= straight + 1e-9
+                continue
+            if not (fits[i - 1 : i + 2, j].all() and fits[i, j - 1 : j + 2].all()):
+                continue  # what those were worth as they were swept is not kept
+            a, b = min(ways[i - 1, j], ways[i + 1, j]), min(ways[i, j - 1], ways[i, j + 1])
+            wanted = min(a, b) + cost[i, j]
+            if abs(a - b) < cost[i, j]:
+                wanted = 0.5 * (a + b + math.sqrt(2.0 * cost[i, j] ** 2 - (a - b) ** 2))
+            assert ways[i, j] == pytest.approx(
+                wanted, abs=0.02
+            )  # swept until nothing changes by more than a centimetre
+
+
 def test_ways_in_the_open_are_straight_and_behind_a_wall_lead_round_its_end() -> None:
     policy = Mppi()
     _, ways, _, _ = grids(policy, np.full(72, 5.0), (2.0, 1.0))
