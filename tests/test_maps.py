@@ -8,9 +8,11 @@ import tracemalloc
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from wayfield.envs.grids import MOST_CELLS, OccupancyGrid
@@ -76,23 +78,63 @@ def test_thresholds_and_modes_of_a_ros_map(tmp_path: Path, lines: str, occupied:
     assert grid.origin == (-1.0, -2.0, 0.3)
 
 
-def test_images_with_colour_depth_and_transparency(tmp_path: Path) -> None:
+def test_images_with_colour_and_depth(tmp_path: Path) -> None:
     expected = PIXELS == 0
     colours = np.repeat(PIXELS[..., None], 3, axis=2)
-    opaque = np.full((*PIXELS.shape, 1), 255, np.uint8)
-    opaque[2, 1] = 0  # an occupied pixel that is not there is unknown
     Image.fromarray(colours).save(tmp_path / "a.png")
-    Image.fromarray(np.concatenate([colours, opaque], axis=2)).save(tmp_path / "b.png")
     Image.fromarray(PIXELS.astype(np.uint16) * 257).save(tmp_path / "c.png")
     Image.fromarray(colours).save(tmp_path / "d.bmp")
     (tmp_path / "e.pgm").write_text("P2\n4 3\n254\n" + " ".join(map(str, PIXELS.ravel())) + "\n", encoding="utf-8")
     for name in ("a.png", "c.png", "d.bmp", "e.pgm"):
         grid = maps.grid_from_file(str(tmp_path / name), "free", resolution=0.1)
         np.testing.assert_array_equal(grid.occupied[::-1], expected, name)
-    expected = expected.copy()
-    expected[2, 1] = False
-    seen = maps.grid_from_file(str(tmp_path / "b.png"), "free", resolution=0.1)
-    np.testing.assert_array_equal(seen.occupied[::-1], expected)
+
+
+def map_server(colours: NDArray[np.uint8], settings: dict[str, Any]) -> NDArray[np.int64]:
+    """Returns what map_server makes of pixels (rows, columns, channels), one by one: 100, 0, -1 or what lies between.
+
+    Source: navigation2, nav2_map_server, loadMapFromFile of map_io.cpp.
+    """
+    found = np.zeros(colours.shape[:2], np.int64)
+    low, high = settings["free_thresh"], settings["occupied_thresh"]
+    for at in np.ndindex(found.shape):
+        channels = colours[at].astype(float)
+        if settings["mode"] != "trinary":  # in which transparency counts as brightness
+            channels = channels[:3]
+        shade = channels.mean() / 255.0
+        occupancy = shade if settings["negate"] else 1.0 - shade
+        if settings["mode"] == "raw":
+            level = round(255.0 * shade)
+            found[at] = level if level <= 100 else -1
+        elif settings["mode"] == "scale" and len(colours[at]) == 4 and colours[at][3] < 255:
+            found[at] = -1
+        elif occupancy > high:
+            found[at] = 100
+        elif occupancy < low:
+            found[at] = 0
+        else:
+            found[at] = -1 if settings["mode"] == "trinary" else 50  # or another number between, as it is nearer to
+    return found
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("negate", [0, 1])
+def test_every_pixel_is_what_map_server_makes_of_it(tmp_path: Path, channels: int, mode: str, negate: int) -> None:
+    rng = np.random.default_rng(channels)
+    pixels = rng.integers(0, 256, (25, 30, channels), np.uint8)
+    pixels[::2, ..., -1] = 255  # half of them opaque
+    Image.fromarray(pixels.squeeze()).save(tmp_path / "a.png")
+    wide = pixels if channels > 2 else np.concatenate([pixels[..., :1]] * 3 + [pixels[..., 1:]], axis=2)
+    settings = {"mode": mode, "negate": negate, "occupied_thresh": 0.62, "free_thresh": 0.23}
+    told = map_server(wide, settings)
+    lines = [f"{key}: {value}" for key, value in (settings | {"mode": mode.title()}).items()]
+    text = "\r\n".join(["image: a.png", "resolution: 0.5", "origin: [0, 0, 0]", *lines])
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    file = str(tmp_path / "a.yaml")
+    occupied, free = told > (62 if mode == "raw" else 99), (told >= 0) & (told < (23 if mode == "raw" else 1))
+    np.testing.assert_array_equal(maps.grid_from_file(file, "free").occupied[::-1], occupied)
+    np.testing.assert_array_equal(maps.grid_from_file(file, "occupied").occupied[::-1], ~free)
 
 
 def test_arrays_have_their_lowest_row_first(tmp_path: Path) -> None:
@@ -105,6 +147,9 @@ def test_arrays_have_their_lowest_row_first(tmp_path: Path) -> None:
 
 def test_movingai_maps_and_problems(tmp_path: Path) -> None:
     good(tmp_path)
+    # as the published reader: the ends of lines are white space, of whatever kind
+    (tmp_path / "room.map").write_bytes(OCTILE.replace("\n", " \t\r\n").encode() + b"\r\n")
+    (tmp_path / "room.scen").write_bytes(PROBLEMS.replace("\n", "\t\r\n").encode())
     grid = maps.grid_from_file(str(tmp_path / "room.map"))
     np.testing.assert_array_equal(grid.occupied[::-1], [[0, 0, 0, 0], [1, 1, 0, 1], [0, 0, 1, 0]])
     first, second = maps.scenarios_of_problems(str(tmp_path / "room.scen"), resolution=2.0)

@@ -231,6 +231,7 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
 
 
 def _problem(file: str, line: str) -> Problem:
+    line = line.rstrip()
     fields = line.split("\t") if "\t" in line else line.split()
     if len(fields) != 9:
         raise ValueError(f"has {len(fields)} columns; a problem has 9")
@@ -352,6 +353,7 @@ def _octile(file: str) -> NDArray[np.bool_]:
         body.pop()
     if len(body) != rows:
         raise ValueError(f"{file}:{4 + len(body)}: the map has {len(body)} rows; height is {rows}")
+    body = [line.rstrip() for line in body]
     for i, line in enumerate(body):
         if len(line) != columns:
             raise ValueError(f"{file}:{5 + i}: the row has {len(line)} cells; width is {columns}")
@@ -368,8 +370,9 @@ def _octile(file: str) -> NDArray[np.bool_]:
 
 
 def _image(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Returns which cells of an image are occupied and which are known, by the thresholds of map_server."""
+    """Returns which cells of an image are occupied and which are known, by the rules of map_server."""
     mode = settings.get("mode", "trinary")
+    mode = mode.lower() if isinstance(mode, str) else mode
     choose("mode", mode, MODES)
     negate = settings.get("negate", 0)
     if not (isinstance(negate, bool | int | float) and negate in (0, 1)):
@@ -378,23 +381,31 @@ def _image(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], N
     low = number("free_thresh", settings.get("free_thresh", 0.25), least=0.0, most=1.0)
     if low >= high:
         raise ValueError(f"free_thresh is {low:g}; it must be below occupied_thresh, {high:g}")
-    grey, opaque = _grey(file)
+    light, white, opaque = _brightness(file, mode)
     # of each brightness, whether it counts as occupied, and whether as known
-    levels = np.arange(256)
-    share = levels / 100.0 if mode == "raw" else (levels if negate else 255 - levels) / 255.0
+    levels = np.arange(white + 1)
+    if mode == "raw":
+        percent = np.rint(levels * (255.0 / white))
+        share = percent / 100.0
+    else:
+        share = (levels if negate else white - levels) / white
     occupied, free = share > high, share < low
     if mode == "raw":
-        occupied &= levels <= 100
-    taken = occupied[grey]
-    known = (occupied | free)[grey]
+        occupied &= percent <= 100
+    taken = occupied[light]
+    known = (occupied | free)[light]
     if opaque is not None:
         taken &= opaque
         known &= opaque
     return taken[::-1].copy(), known[::-1].copy()
 
 
-def _grey(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
-    """Returns the brightness (rows, columns) of an image, top row first, and where it is opaque, if it has such."""
+def _brightness(file: str, mode: str) -> tuple[NDArray[np.uint16], int, NDArray[np.bool_] | None]:
+    """Returns the brightness (rows, columns) of an image, top row first, what is white, and where it is opaque.
+
+    Brightness is the plain mean of the channels, not what the eye sees. As in map_server an image that has an alpha
+    channel has it averaged in where the mode is "trinary"; in "scale" all that is not wholly opaque is unknown.
+    """
     name = os.path.basename(file)
     try:
         with warnings.catch_warnings():
@@ -402,23 +413,21 @@ def _grey(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(file, formats=_FORMATS) as image:
                 check_size(f"image {name}", image.height, image.width)
-                opaque = None
-                if "A" in image.getbands() or "transparency" in image.info:
-                    image = image.convert("RGBA")
-                    opaque = np.asarray(image.getchannel("A")) > 127
                 if image.mode.startswith("I") or image.mode == "F":
                     deep = np.asarray(image)
                     if deep.dtype.kind not in "iu" or deep.min() < 0 or deep.max() > 65535:
                         raise ValueError(f"image {name} has pixels of {image.mode}; it must have 8 or 16 bits")
-                    return (deep // 257).astype(np.uint8), opaque
-                if image.mode in ("1", "L"):
-                    return np.asarray(image.convert("L")), opaque
-                colours = np.asarray(image.convert("RGB"))
-                # the plain mean of map_server, not what the eye sees
-                total = colours[..., 0].astype(np.uint16)
-                total += colours[..., 1]
-                total += colours[..., 2]
-                return (total // 3).astype(np.uint8), opaque
+                    return deep.astype(np.uint16), 65535, None
+                clear = image.has_transparency_data
+                if image.mode in ("1", "L") and not clear:
+                    return np.asarray(image.convert("L")).astype(np.uint16), 255, None
+                channels = np.asarray(image.convert("RGBA" if clear else "RGB"))
+                count = 4 if clear and mode == "trinary" else 3
+                total = channels[..., 0].astype(np.uint16)
+                for k in range(1, count):
+                    total += channels[..., k]
+                opaque = channels[..., 3] == 255 if clear and mode == "scale" else None
+                return total, 255 * count, opaque
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise ValueError(f"image {name} is too large; it must have at most {MOST_CELLS:,} pixels") from None
     except UnidentifiedImageError:
