@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import shutil
 import struct
 import tracemalloc
@@ -194,13 +195,13 @@ def _bytes(name: str, content: bytes) -> Break:
     return lambda folder: (folder / name).write_bytes(content)
 
 
-def _png(width: int, height: int) -> bytes:
+def _png(width: int, height: int, kind: int = 0) -> bytes:
     """Returns a PNG whose head promises a size and whose body holds next to nothing."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
 
 
@@ -220,6 +221,11 @@ def _elsewhere(folder: Path) -> None:
     _text("room.yaml", "room.pgm", "linked/room.pgm")(folder)
 
 
+def _pipe(folder: Path) -> None:
+    (folder / "room.pgm").unlink()
+    os.mkfifo(folder / "room.pgm")
+
+
 def _folder(folder: Path) -> None:
     (folder / "room.pgm").unlink()
     (folder / "room.pgm").mkdir()
@@ -229,6 +235,7 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("yaml no image", "room.yaml", _text("room.yaml", "image: room.pgm\n", ""), "'image' is missing"),
     ("yaml image is missing", "room.yaml", lambda f: (f / "room.pgm").unlink(), "image is 'room.pgm'; there is no"),
     ("yaml image is a folder", "room.yaml", _folder, "image room.pgm is a folder"),
+    ("yaml image is a pipe", "room.yaml", _pipe, "image room.pgm is a folder or a device"),
     ("yaml absolute image", "room.yaml", _text("room.yaml", "room.pgm", "/etc/passwd"), "must be relative"),
     ("yaml image above", "room.yaml", _text("room.yaml", "room.pgm", "../../room.pgm"), "lead out of the folder"),
     ("yaml image through a link", "room.yaml", _elsewhere, "lead out of the folder"),
@@ -266,7 +273,9 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("png huge", "room.png", _bytes("room.png", _png(100_000, 100_000)), "room.png"),
     ("png large", "room.png", _bytes("room.png", _png(10_000, 10_000)), "room.png"),
     ("png damaged", "room.png", _bytes("room.png", _png(400, 300)), "room.png"),
-    ("npy objects", "room.npy", _pickled, "room.npy: is no .npy file"),
+    ("png without its palette", "room.png", _bytes("room.png", _png(4, 3, 3)), "room.png"),
+    ("npy pipe", "room.npy", lambda f: (f / "room.npy").unlink() or os.mkfifo(f / "room.npy"), "a folder or a device"),
+    ("npy objects", "room.npy", _pickled, "it holds pickled objects"),
     ("npy huge", "room.npy", _bytes("room.npy", _npy("(100000, 100000)")), "room.npy"),
     ("npy three axes", "room.npy", lambda f: np.save(f / "room.npy", np.zeros((2, 2, 2), bool)), "rows, columns"),
     ("npy numbers", "room.npy", lambda f: np.save(f / "room.npy", np.zeros((2, 2))), "bool or whole numbers"),
@@ -283,6 +292,8 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("scen outside", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t0\t0\t9\t0\t"), "room.scen:2: goal x is 9"),
     ("scen negative", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t-1\t0\t3\t0\t"), "start x is '-1'"),
     ("scen length", "room.scen", _text("room.scen", "\t3.0\n", "\tnan\n"), "optimal length"),
+    ("scen long", "room.scen", _text("room.scen", "\t3.0\n", "\t1e9\n"), "problem 0 has the optimal length 1e"),
+    ("scen map is missing", "room.scen", lambda f: (f / "room.map").unlink(), "room.scen:2: map is 'room.map'; there"),
     ("scen size", "room.scen", _text("room.scen", "room.map\t4\t3", "room.map\t5\t3"), "map of 5 x 3 cells"),
     ("scen map above", "room.scen", _text("room.scen", "room.map", "../../x.map"), "lead out"),
     ("scen absolute map", "room.scen", _text("room.scen", "room.map", "/etc/x.map"), "must be relative"),

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
-from wayfield.envs.objects import fault
+from wayfield.envs.objects import check_ordinary, fault
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
@@ -158,6 +158,7 @@ def read_cylinders(file: Path) -> dict[int, list[np.void]]:
     """
     found: dict[int, list[np.void]] = {}
     place = 0  # the last line that was read whole
+    check_ordinary(file, f"{file}:1:")
     try:
         with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
             for place, row in enumerate(csv.DictReader(lines, strict=True), 2):
@@ -222,6 +223,7 @@ def read_world(file: Path) -> list[np.void]:
         ValueError: if the file is no such world; one line that starts with file:line.
         OSError: if it cannot be opened.
     """
+    check_ordinary(file, f"{file}:1:")
     size = os.path.getsize(file)
     if size > MOST_BYTES:
         raise ValueError(f"{file}:1: holds {size} bytes; it must be at most {MOST_BYTES}")
@@ -344,7 +346,7 @@ def _numbers(file: Path, element: _Element, count: int, meaning: str) -> list[fl
     if len(found) != count or not all(abs(each) <= FARTHEST for each in found):
         raise ValueError(
             f"{file}:{element.line}: {element.name} is {shown(element.text.strip())}; it must be {count} finite "
-            f"numbers ({meaning}), at most {FARTHEST:g} in size"
+            f"number{'s' * (count > 1)} ({meaning}), at most {FARTHEST:g} in size"
         )
     return found
 

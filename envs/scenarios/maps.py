@@ -17,9 +17,9 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from wayfield.envs.checks import MOST_OBSTACLES, choose, number, pose, real, shown, suggestion
+from wayfield.envs.checks import FARTHEST, MOST_OBSTACLES, choose, number, pose, real, shown, suggestion
 from wayfield.envs.grids import BEYOND, MOST_CELLS, OccupancyGrid, check_size
-from wayfield.envs.objects import check_keys, fault, read_text
+from wayfield.envs.objects import check_keys, check_ordinary, fault, read_text
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.scenario import GoalScenario
@@ -35,8 +35,10 @@ _MOST_NESTED = 100  # brackets and dashes behind dashes
 _MOST_YAML = 65_536  # characters
 _SETTINGS = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _FREE, _BLOCKED = ".GS", "@OTW"  # swamp can be driven on; water cannot be driven into from elsewhere
-# what reading a damaged image raises; a SyntaxError is Pillow's of a broken PNG
-_DAMAGED = (OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError)
+# what reading a damaged image raises; a SyntaxError is Pillow's of a broken PNG, an AssertionError where a palette lacks
+_DAMAGED = (
+    OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, AssertionError
+)  # fmt: skip
 _NUMERAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _PGM = b"P5\n# a room\n6 4\n255\n" + bytes([0] * 7 + [254] * 4 + [0] * 2 + [254] * 2 + [205, 254] + [0] * 7)
@@ -226,6 +228,8 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
                 f"{columns} x {rows}"
             )  # fmt: skip
         length = problem.length * resolution or math.nan  # a robot that is there has no way
+        if length > FARTHEST:
+            raise fault(file, f"problem {k} has the optimal length {length:g} m; it must be at most {FARTHEST:g}")
         found.append(problem.scenario(f"{stem} {k}", grids[problem.map], published_length=length))
     return tuple(found)
 
@@ -251,6 +255,8 @@ def _problem(file: str, line: str) -> Problem:
     path = file_beside(file, "map", fields[1].strip())
     if not os.path.exists(path):
         path = file_beside(file, "map", os.path.basename(fields[1].strip()))
+    if not os.path.exists(path):
+        raise ValueError(f"map is {shown(fields[1].strip())}; there is no such file beside it")
     return Problem(
         whole["bucket"],
         path,
@@ -407,6 +413,7 @@ def _brightness(file: str, mode: str) -> tuple[NDArray[np.uint16], int, NDArray[
     channel has it averaged in where the mode is "trinary"; in "scale" all that is not wholly opaque is unknown.
     """
     name = os.path.basename(file)
+    check_ordinary(file, f"image {name}")
     try:
         with warnings.catch_warnings():
             # Pillow's bound is above ours
@@ -434,8 +441,6 @@ def _brightness(file: str, mode: str) -> tuple[NDArray[np.uint16], int, NDArray[
         raise ValueError(f"image {name} cannot be read; it must be {', '.join(_FORMATS)}") from None
     except FileNotFoundError:
         raise
-    except IsADirectoryError:
-        raise ValueError(f"image {name} is a folder; it must be a file") from None
     except _DAMAGED as error:
         text = " ".join(str(error).split())
         raise ValueError(text if name in text else f"image {name} is damaged: {text[:200]}") from None
