@@ -131,13 +131,13 @@ def own_cases(
         ValueError: as `own_scenario`, or if a policy or the robot cannot do it.
         OSError: if the file cannot be opened.
     """
-    kind, robot = kind_of(file), robot_of(robot)
+    own, robot = own_scenario(file, scale), robot_of(robot)
+    kind = own.contest.spec.kind
     for name in names or ():
         if name not in POLICIES[kind]:
             known = ", ".join(map(repr, POLICIES[kind]))
             raise ValueError(f"--policies {name!r} does not {OF_KIND[kind].spec.asks}; choose from {known}")
         check_robot(policies.make(name), robot)
-    own = own_scenario(file, scale)
     if not own.contest.spec.on_path:
         scenarios_of(own.contest.spec, own.file, robot.hull_radius)
     if names is None:

@@ -15,8 +15,7 @@ def read_text(file: str) -> str:
         ValueError: if it is no ordinary file or no UTF-8; one line that starts with file:line.
         OSError: if it cannot be opened.
     """
-    if os.path.exists(file) and not os.path.isfile(file):
-        raise ValueError(f"{file}:1: is a folder or a device; it must be a file")
+    check_ordinary(file, f"{file}:1:")
     with open(file, "rb") as stream:
         size = os.fstat(stream.fileno()).st_size
         if size > MOST_BYTES:
@@ -28,6 +27,12 @@ def read_text(file: str) -> str:
         line = content.count(b"\n", 0, error.start) + 1
         raise ValueError(f"{file}:{line}: byte {content[error.start]:#04x} is no UTF-8; it must be text") from None
     return text
+
+
+def check_ordinary(file: str | os.PathLike[str], named: str) -> None:
+    """Raises ValueError, which begins with the name, for a folder, and for a pipe or a device, which may never end."""
+    if os.path.exists(file) and not os.path.isfile(file):
+        raise ValueError(f"{named} is a folder or a device; it must be a file")
 
 
 def check_keys(

@@ -38,6 +38,7 @@ LARGE_WORLD = 80.0  # m
 ROOM = 1.0  # m, around what the grid holds
 # Between two neighbours with more clearance than this, in sides of a cell, there is no wall: half of the diagonal.
 SAFE = 0.7072
+PIECE_END = 2.0  # m, before the end of a piece of a long way at which the next is planned
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the wanted margin, tried in turn
 
 # steps in a row in which patrols slowed a robot down
@@ -55,7 +56,8 @@ class AstarTracker(PolylineTracker):
     taken, never the narrower and shorter one; where cells are wider than 0.1 m, first of ways that keep so much along
     all of their lines, not only at the middles of cells. The polyline is then let go like an elastic band towards
     `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the robot plans
-    anew. A robot without a way stands still, and memory["no_path"] is 1.
+    anew, and so it does near the end of what the polyline holds of a way of many hundred metres, or turns. A robot
+    without a way stands still, and memory["no_path"] is 1.
 
     Obstacles on patrol are left out of the map. Their scripts are known: the greatest of the speeds max_speed, half
     of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven. A robot so held up
@@ -164,7 +166,7 @@ def decide(params, prices, told, poses, heading_errors, waypoints_left, memory):
         s = 0.0
         if m.num_points > 0:
             s, away, _ = project(m, x, y)
-            due = away > p.astray or m.stuck > 60
+            due = away > p.astray or m.stuck > 60 or (m.arc[m.num_points - 1] - s < PIECE_END and is_piece(m, stops))
         if due:
             if m.plans == 0:
                 lay_grid(p, m, told, i, x, y)
@@ -192,6 +194,14 @@ def decide(params, prices, told, poses, heading_errors, waypoints_left, memory):
         # between its cells the grid can say half a cell less than there is
         track(p, m, pose, heading_errors[i], True, False, speed_limit, -0.5 * m.cell)
         m.steps += 1
+
+
+@inlined
+def is_piece(m, stops):
+    """Returns whether the polyline is but the beginning of the way, whose rest had no room in it."""
+    last = stops.shape[0] - 1
+    end = m.points[m.num_points - 1]
+    return abs(end[0] - stops[last, 0]) + abs(end[1] - stops[last, 1]) > 1e-6
 
 
 @inlined

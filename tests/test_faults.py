@@ -35,7 +35,8 @@ ALLOWED = {
     ("envs/scenarios/tables.py", "_points"): "parses lines that were read already",
     ("envs/scenarios/splits.py", "_read"): "called by the reader of splits",
     **{
-        ("envs/scenarios/maps.py", name): "called by the reader of maps" for name in ("_ros_fields", "_octile", "_grey")
+        ("envs/scenarios/maps.py", name): "called by the reader of maps"
+        for name in ("_ros_fields", "_octile", "_brightness")
     },
     ("envs/scenarios/arrays.py", "stored_array"): "called by the readers of maps and of BARN's paths",
     ("envs/scenarios/splits.py", "_shipped"): "a sample",

@@ -2,15 +2,18 @@
 
 import json
 import math
+import os
 import shutil
 import struct
 import tracemalloc
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from wayfield.envs.grids import MOST_CELLS, OccupancyGrid
@@ -76,23 +79,63 @@ def test_thresholds_and_modes_of_a_ros_map(tmp_path: Path, lines: str, occupied:
     assert grid.origin == (-1.0, -2.0, 0.3)
 
 
-def test_images_with_colour_depth_and_transparency(tmp_path: Path) -> None:
+def test_images_with_colour_and_depth(tmp_path: Path) -> None:
     expected = PIXELS == 0
     colours = np.repeat(PIXELS[..., None], 3, axis=2)
-    opaque = np.full((*PIXELS.shape, 1), 255, np.uint8)
-    opaque[2, 1] = 0  # an occupied pixel that is not there is unknown
     Image.fromarray(colours).save(tmp_path / "a.png")
-    Image.fromarray(np.concatenate([colours, opaque], axis=2)).save(tmp_path / "b.png")
     Image.fromarray(PIXELS.astype(np.uint16) * 257).save(tmp_path / "c.png")
     Image.fromarray(colours).save(tmp_path / "d.bmp")
     (tmp_path / "e.pgm").write_text("P2\n4 3\n254\n" + " ".join(map(str, PIXELS.ravel())) + "\n", encoding="utf-8")
     for name in ("a.png", "c.png", "d.bmp", "e.pgm"):
         grid = maps.grid_from_file(str(tmp_path / name), "free", resolution=0.1)
         np.testing.assert_array_equal(grid.occupied[::-1], expected, name)
-    expected = expected.copy()
-    expected[2, 1] = False
-    seen = maps.grid_from_file(str(tmp_path / "b.png"), "free", resolution=0.1)
-    np.testing.assert_array_equal(seen.occupied[::-1], expected)
+
+
+def map_server(colours: NDArray[np.uint8], settings: dict[str, Any]) -> NDArray[np.int64]:
+    """Returns what map_server makes of pixels (rows, columns, channels), one by one: 100, 0, -1 or what lies between.
+
+    Source: navigation2, nav2_map_server, loadMapFromFile of map_io.cpp.
+    """
+    found = np.zeros(colours.shape[:2], np.int64)
+    low, high = settings["free_thresh"], settings["occupied_thresh"]
+    for at in np.ndindex(found.shape):
+        channels = colours[at].astype(float)
+        if settings["mode"] != "trinary":  # in which transparency counts as brightness
+            channels = channels[:3]
+        shade = channels.mean() / 255.0
+        occupancy = shade if settings["negate"] else 1.0 - shade
+        if settings["mode"] == "raw":
+            level = round(255.0 * shade)
+            found[at] = level if level <= 100 else -1
+        elif settings["mode"] == "scale" and len(colours[at]) == 4 and colours[at][3] < 255:
+            found[at] = -1
+        elif occupancy > high:
+            found[at] = 100
+        elif occupancy < low:
+            found[at] = 0
+        else:
+            found[at] = -1 if settings["mode"] == "trinary" else 50  # or another number between, as it is nearer to
+    return found
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("negate", [0, 1])
+def test_every_pixel_is_what_map_server_makes_of_it(tmp_path: Path, channels: int, mode: str, negate: int) -> None:
+    rng = np.random.default_rng(channels)
+    pixels = rng.integers(0, 256, (25, 30, channels), np.uint8)
+    pixels[::2, ..., -1] = 255  # half of them opaque
+    Image.fromarray(pixels.squeeze()).save(tmp_path / "a.png")
+    wide = pixels if channels > 2 else np.concatenate([pixels[..., :1]] * 3 + [pixels[..., 1:]], axis=2)
+    settings = {"mode": mode, "negate": negate, "occupied_thresh": 0.62, "free_thresh": 0.23}
+    told = map_server(wide, settings)
+    lines = [f"{key}: {value}" for key, value in (settings | {"mode": mode.title()}).items()]
+    text = "\r\n".join(["image: a.png", "resolution: 0.5", "origin: [0, 0, 0]", *lines])
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    file = str(tmp_path / "a.yaml")
+    occupied, free = told > (62 if mode == "raw" else 99), (told >= 0) & (told < (23 if mode == "raw" else 1))
+    np.testing.assert_array_equal(maps.grid_from_file(file, "free").occupied[::-1], occupied)
+    np.testing.assert_array_equal(maps.grid_from_file(file, "occupied").occupied[::-1], ~free)
 
 
 def test_arrays_have_their_lowest_row_first(tmp_path: Path) -> None:
@@ -105,6 +148,9 @@ def test_arrays_have_their_lowest_row_first(tmp_path: Path) -> None:
 
 def test_movingai_maps_and_problems(tmp_path: Path) -> None:
     good(tmp_path)
+    # as the published reader: the ends of lines are white space, of whatever kind
+    (tmp_path / "room.map").write_bytes(OCTILE.replace("\n", " \t\r\n").encode() + b"\r\n")
+    (tmp_path / "room.scen").write_bytes(PROBLEMS.replace("\n", "\t\r\n").encode())
     grid = maps.grid_from_file(str(tmp_path / "room.map"))
     np.testing.assert_array_equal(grid.occupied[::-1], [[0, 0, 0, 0], [1, 1, 0, 1], [0, 0, 1, 0]])
     first, second = maps.scenarios_of_problems(str(tmp_path / "room.scen"), resolution=2.0)
@@ -149,13 +195,13 @@ def _bytes(name: str, content: bytes) -> Break:
     return lambda folder: (folder / name).write_bytes(content)
 
 
-def _png(width: int, height: int) -> bytes:
+def _png(width: int, height: int, kind: int = 0) -> bytes:
     """Returns a PNG whose head promises a size and whose body holds next to nothing."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
 
 
@@ -175,6 +221,11 @@ def _elsewhere(folder: Path) -> None:
     _text("room.yaml", "room.pgm", "linked/room.pgm")(folder)
 
 
+def _pipe(folder: Path) -> None:
+    (folder / "room.pgm").unlink()
+    os.mkfifo(folder / "room.pgm")
+
+
 def _folder(folder: Path) -> None:
     (folder / "room.pgm").unlink()
     (folder / "room.pgm").mkdir()
@@ -184,6 +235,7 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("yaml no image", "room.yaml", _text("room.yaml", "image: room.pgm\n", ""), "'image' is missing"),
     ("yaml image is missing", "room.yaml", lambda f: (f / "room.pgm").unlink(), "image is 'room.pgm'; there is no"),
     ("yaml image is a folder", "room.yaml", _folder, "image room.pgm is a folder"),
+    ("yaml image is a pipe", "room.yaml", _pipe, "image room.pgm is a folder or a device"),
     ("yaml absolute image", "room.yaml", _text("room.yaml", "room.pgm", "/etc/passwd"), "must be relative"),
     ("yaml image above", "room.yaml", _text("room.yaml", "room.pgm", "../../room.pgm"), "lead out of the folder"),
     ("yaml image through a link", "room.yaml", _elsewhere, "lead out of the folder"),
@@ -221,7 +273,9 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("png huge", "room.png", _bytes("room.png", _png(100_000, 100_000)), "room.png"),
     ("png large", "room.png", _bytes("room.png", _png(10_000, 10_000)), "room.png"),
     ("png damaged", "room.png", _bytes("room.png", _png(400, 300)), "room.png"),
-    ("npy objects", "room.npy", _pickled, "room.npy: is no .npy file"),
+    ("png without its palette", "room.png", _bytes("room.png", _png(4, 3, 3)), "room.png"),
+    ("npy pipe", "room.npy", lambda f: (f / "room.npy").unlink() or os.mkfifo(f / "room.npy"), "a folder or a device"),
+    ("npy objects", "room.npy", _pickled, "it holds pickled objects"),
     ("npy huge", "room.npy", _bytes("room.npy", _npy("(100000, 100000)")), "room.npy"),
     ("npy three axes", "room.npy", lambda f: np.save(f / "room.npy", np.zeros((2, 2, 2), bool)), "rows, columns"),
     ("npy numbers", "room.npy", lambda f: np.save(f / "room.npy", np.zeros((2, 2))), "bool or whole numbers"),
@@ -238,6 +292,8 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("scen outside", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t0\t0\t9\t0\t"), "room.scen:2: goal x is 9"),
     ("scen negative", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t-1\t0\t3\t0\t"), "start x is '-1'"),
     ("scen length", "room.scen", _text("room.scen", "\t3.0\n", "\tnan\n"), "optimal length"),
+    ("scen long", "room.scen", _text("room.scen", "\t3.0\n", "\t1e9\n"), "problem 0 has the optimal length 1e"),
+    ("scen map is missing", "room.scen", lambda f: (f / "room.map").unlink(), "room.scen:2: map is 'room.map'; there"),
     ("scen size", "room.scen", _text("room.scen", "room.map\t4\t3", "room.map\t5\t3"), "map of 5 x 3 cells"),
     ("scen map above", "room.scen", _text("room.scen", "room.map", "../../x.map"), "lead out"),
     ("scen absolute map", "room.scen", _text("room.scen", "room.map", "/etc/x.map"), "must be relative"),

@@ -85,6 +85,11 @@ def test_a_world_is_what_its_models_collide_with(worlds: Path) -> None:
     (worlds / "world_8.world").write_text(text, encoding="utf-8")
     (turned,) = read_world(worlds / "world_8.world")
     assert (turned["x"], turned["y"]) == pytest.approx((1.0, 3.0))  # the link's pose is in the model's frame
+    nested = f"<model name='shelf'><pose>1 0 0 0 0 {math.pi / 2}</pose>{cylinder(0, 2.0, 1.0)}</model>"
+    floor = "<include><uri>model://ground_plane</uri></include>"
+    (worlds / "world_8.world").write_text(sdf(nested, floor), encoding="utf-8")
+    (stands,) = read_world(worlds / "world_8.world")
+    assert (stands["x"], stands["y"]) == pytest.approx((0.0, 2.0))  # and a model's in that of the model around it
 
 
 def test_scenarios_are_the_challenges(worlds: Path) -> None:
@@ -183,6 +188,19 @@ BROKEN_WORLDS: dict[str, tuple[str, str]] = {
     "five numbers": (sdf(cylinder(0, 1, 2)).replace(" 0.0</pose>", "</pose>"), "pose is .* 6 finite numbers"),
     "NaN": (sdf(cylinder(0, 1, 2)).replace("1.000000 2", "nan 2"), "pose is .* 6 finite numbers"),
     "far away": (sdf(cylinder(0, 1e9, 2)), "pose is .* at most 1e\\+06"),
+    "the frame of another": (
+        sdf(cylinder(0, 1, 2)).replace("frame=''>1", "relative_to='shelf'>1"),
+        ":4: pose has relative_to='shelf'",
+    ),
+    "degrees": (sdf(cylinder(0, 1, 2)).replace("frame=''>1", "degrees='true'>1"), ":4: pose has degrees='true'"),
+    "a quaternion": (
+        sdf(cylinder(0, 1, 2)).replace("frame=''>1", "rotation_format='quat_xyzw'>0 1"),
+        "rotation_format='quat_xyzw'",
+    ),
+    "what is not in it": (
+        sdf(cylinder(0, 1, 2), "<include>\n<uri>model://shelf</uri></include>"),
+        ":5: includes 'model://shelf'",
+    ),
     "roll": (sdf(cylinder(0, 1, 2)).replace("0.0 0.0 0.0 0.0</pose>", "0 0.5 0 0</pose>"), "roll and pitch"),
     "no radius": (sdf(cylinder(0, 1, 2).replace("radius>0", "size>0").replace("0</radius", "0</size")), "no <radius>"),
     "a radius of nothing": (sdf(cylinder(0, 1, 2, 0.0)), "radius is 0"),

@@ -441,6 +441,8 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
         (b"0,0\n1,1\n2\n", 3, "has 1 column(s), the first row has 2"),
         (b"0,0\n1,1\n2,2,2\n", 3, "has 3 column(s), the first row has 2"),
         (b"i,x,y\n0,0,0\n1,1\n", 3, "has 2 column(s), the first row has 3"),
+        (b"i,x,y\n0,0,0\n1,1,1\n2,2,2,2\n", 4, "has 4 column(s), the first row has 3"),
+        (b"x,y,width\n0,0,1\n1,1\n2,2,1\n", 3, "has 2 column(s), the first row has 3"),
         (b"i,x,y\n0,0\n", 2, "has 2 column(s), the header names 3"),
         (b"0,0\n1,1\n\x93NUMPY\xff\n", 3, "byte 0x93 is no UTF-8"),
         (b"\x00\x01\x02\x03", 1, "neither a row of numbers"),

@@ -5,6 +5,8 @@ import tokenize
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.objects import check_ordinary
+
 # what NumPy raises at a damaged head; the last of its repair of heads that Python 2 wrote
 _DAMAGED = (
     ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, tokenize.TokenError
@@ -20,9 +22,12 @@ def stored_array(file: str) -> NDArray[np.generic]:
         ValueError: if it is no such file; the message does not name it.
         OSError: if it cannot be opened.
     """
+    check_ordinary(file, "is no .npy file of an array: it")
     try:
         stored = np.load(file, mmap_mode="r", allow_pickle=False)
     except _DAMAGED as error:
+        if "pickle" in str(error) or "Python objects" in str(error):
+            raise ValueError("is no .npy file of an array: it holds pickled objects, which are not loaded") from None
         raise ValueError(f"is no .npy file of an array: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(stored, np.ndarray):
         stored.close()

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
-from wayfield.envs.objects import fault
+from wayfield.envs.objects import check_ordinary, fault
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
@@ -40,6 +40,14 @@ MOST_FILES = 100_000  # that a folder is searched for worlds in
 
 _WORLD, _PATH = re.compile(r"world_(\d{1,6})\.world"), re.compile(r"path_(\d{1,6})\.npy")
 _NUMBERS = ("x", "y", "radius")
+_HARMLESS = ("model://sun", "model://ground_plane")  # what a world may include: a robot does not run into it
+# attributes of a pose, with the values that leave it what it is without them
+_PLAIN_POSE = {
+    "frame": ("",),
+    "relative_to": ("",),
+    "degrees": ("false", "0"),
+    "rotation_format": ("euler_rpy",),
+}
 
 
 def barn_scenarios(folder: str | os.PathLike[str]) -> tuple[GoalScenario, ...]:
@@ -150,6 +158,7 @@ def read_cylinders(file: Path) -> dict[int, list[np.void]]:
     """
     found: dict[int, list[np.void]] = {}
     place = 0  # the last line that was read whole
+    check_ordinary(file, f"{file}:1:")
     try:
         with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
             for place, row in enumerate(csv.DictReader(lines, strict=True), 2):
@@ -191,12 +200,12 @@ def _sample_folder(folder: Path) -> None:
 
 
 class _Element:
-    """An element of an XML file: its name, its line, the text in it, what it holds."""
+    """An element of an XML file: its name, its line, its attributes, the text in it, what it holds."""
 
-    __slots__ = ("line", "name", "parts", "text")
+    __slots__ = ("attributes", "line", "name", "parts", "text")
 
-    def __init__(self, name: str, line: int) -> None:
-        self.name, self.line, self.text = name, line, ""
+    def __init__(self, name: str, line: int, attributes: dict[str, str]) -> None:
+        self.name, self.line, self.attributes, self.text = name, line, attributes, ""
         self.parts: list[_Element] = []
 
     def named(self, name: str) -> Iterator["_Element"]:
@@ -214,6 +223,7 @@ def read_world(file: Path) -> list[np.void]:
         ValueError: if the file is no such world; one line that starts with file:line.
         OSError: if it cannot be opened.
     """
+    check_ordinary(file, f"{file}:1:")
     size = os.path.getsize(file)
     if size > MOST_BYTES:
         raise ValueError(f"{file}:1: holds {size} bytes; it must be at most {MOST_BYTES}")
@@ -223,35 +233,47 @@ def read_world(file: Path) -> list[np.void]:
     if len(worlds) != 1:
         raise ValueError(f"{file}:{root.line}: holds {len(worlds)} elements sdf/world; it must hold one")
     found: list[np.void] = []
-    for model in worlds[0].named("model"):
-        for link in model.named("link"):
-            for collision in link.named("collision"):
-                for geometry in collision.named("geometry"):
-                    place = _composed(file, model, link, collision)
-                    found += [_solid(file, shape, place) for shape in geometry.parts if shape.name != "plane"]
+    for line, solid in _solids(file, (worlds[0],)):
+        found.append(solid)
         if len(found) > MOST_OBSTACLES:
             raise ValueError(
-                f"{file}:{model.line}: is obstacle {len(found)}; there must be at most {MOST_OBSTACLES} in a world"
+                f"{file}:{line}: is obstacle {len(found)}; there must be at most {MOST_OBSTACLES} in a world"
             )
     if not found:
         raise ValueError(f"{file}:{worlds[0].line}: the world holds no obstacles, no collision/geometry/cylinder")
     return found
 
 
+def _solids(file: Path, within: tuple[_Element, ...]) -> Iterator[tuple[int, np.void]]:
+    """Yields the obstacles in a world or a model, the last of the elements that it stands in, each with its line."""
+    for include in within[-1].named("include"):
+        uri = next((part.text.strip() for part in include.named("uri")), "")
+        if uri not in _HARMLESS:
+            raise ValueError(f"{file}:{include.line}: includes {shown(uri)}, which is not in the file; it must hold it")
+    for model in within[-1].named("model"):
+        yield from _solids(file, (*within, model))
+    for link in within[-1].named("link"):
+        for collision in link.named("collision"):
+            for geometry in collision.named("geometry"):
+                place = _composed(file, *within, link, collision)
+                for shape in geometry.parts:
+                    if shape.name != "plane":
+                        yield shape.line, _solid(file, shape, place)
+
+
 def _tree(file: Path, content: bytes) -> _Element:
     """Returns the root of an XML file's content without a document type: no entities, nothing from elsewhere."""
     parser = expat.ParserCreate()
     parser.buffer_text = True
-    top = _Element("", 1)
+    top = _Element("", 1, {})
     stack = [top]
 
     def begin(name: str, attributes: dict[str, str]) -> None:
-        del attributes
         if len(stack) > DEEPEST:
             raise ValueError(
                 f"{file}:{parser.CurrentLineNumber}: <{name[:40]}> is nested more than {DEEPEST} elements deep"
             )
-        stack.append(_Element(name, parser.CurrentLineNumber))
+        stack.append(_Element(name, parser.CurrentLineNumber, attributes))
         stack[-2].parts.append(stack[-1])
 
     def end(name: str) -> None:
@@ -282,6 +304,12 @@ def _composed(file: Path, *elements: _Element) -> tuple[float, float, float]:
     x = y = yaw = 0.0
     for element in elements:
         for pose in element.named("pose"):
+            for name, plain in _PLAIN_POSE.items():
+                if pose.attributes.get(name, plain[0]) not in plain:
+                    raise ValueError(
+                        f"{file}:{pose.line}: pose has {name}={shown(pose.attributes[name])}; it must be in the "
+                        "frame of the element that it stands in, x y z in metres and roll pitch yaw in radians"
+                    )
             dx, dy, _, roll, pitch, turn = _numbers(file, pose, 6, "x y z roll pitch yaw")
             if roll or pitch:
                 raise ValueError(
@@ -318,7 +346,7 @@ def _numbers(file: Path, element: _Element, count: int, meaning: str) -> list[fl
     if len(found) != count or not all(abs(each) <= FARTHEST for each in found):
         raise ValueError(
             f"{file}:{element.line}: {element.name} is {shown(element.text.strip())}; it must be {count} finite "
-            f"numbers ({meaning}), at most {FARTHEST:g} in size"
+            f"number{'s' * (count > 1)} ({meaning}), at most {FARTHEST:g} in size"
         )
     return found
 

@@ -17,9 +17,9 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from wayfield.envs.checks import MOST_OBSTACLES, choose, number, pose, real, shown, suggestion
+from wayfield.envs.checks import FARTHEST, MOST_OBSTACLES, choose, number, pose, real, shown, suggestion
 from wayfield.envs.grids import BEYOND, MOST_CELLS, OccupancyGrid, check_size
-from wayfield.envs.objects import check_keys, fault, read_text
+from wayfield.envs.objects import check_keys, check_ordinary, fault, read_text
 from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.scenario import GoalScenario
@@ -35,8 +35,10 @@ _MOST_NESTED = 100  # brackets and dashes behind dashes
 _MOST_YAML = 65_536  # characters
 _SETTINGS = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _FREE, _BLOCKED = ".GS", "@OTW"  # swamp can be driven on; water cannot be driven into from elsewhere
-# what reading a damaged image raises; a SyntaxError is Pillow's of a broken PNG
-_DAMAGED = (OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError)
+# what reading a damaged image raises; of Pillow are a SyntaxError (a broken PNG), an AssertionError (no palette)
+_DAMAGED = (
+    OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, AssertionError
+)  # fmt: skip
 _NUMERAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _PGM = b"P5\n# a room\n6 4\n255\n" + bytes([0] * 7 + [254] * 4 + [0] * 2 + [254] * 2 + [205, 254] + [0] * 7)
@@ -226,11 +228,14 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
                 f"{columns} x {rows}"
             )  # fmt: skip
         length = problem.length * resolution or math.nan  # a robot that is there has no way
+        if length > FARTHEST:
+            raise fault(file, f"problem {k} has the optimal length {length:g} m; it must be at most {FARTHEST:g}")
         found.append(problem.scenario(f"{stem} {k}", grids[problem.map], published_length=length))
     return tuple(found)
 
 
 def _problem(file: str, line: str) -> Problem:
+    line = line.rstrip()
     fields = line.split("\t") if "\t" in line else line.split()
     if len(fields) != 9:
         raise ValueError(f"has {len(fields)} columns; a problem has 9")
@@ -250,6 +255,8 @@ def _problem(file: str, line: str) -> Problem:
     path = file_beside(file, "map", fields[1].strip())
     if not os.path.exists(path):
         path = file_beside(file, "map", os.path.basename(fields[1].strip()))
+    if not os.path.exists(path):
+        raise ValueError(f"map is {shown(fields[1].strip())}; there is no such file beside it")
     return Problem(
         whole["bucket"],
         path,
@@ -352,6 +359,7 @@ def _octile(file: str) -> NDArray[np.bool_]:
         body.pop()
     if len(body) != rows:
         raise ValueError(f"{file}:{4 + len(body)}: the map has {len(body)} rows; height is {rows}")
+    body = [line.rstrip() for line in body]
     for i, line in enumerate(body):
         if len(line) != columns:
             raise ValueError(f"{file}:{5 + i}: the row has {len(line)} cells; width is {columns}")
@@ -368,8 +376,9 @@ def _octile(file: str) -> NDArray[np.bool_]:
 
 
 def _image(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Returns which cells of an image are occupied and which are known, by the thresholds of map_server."""
+    """Returns which cells of an image are occupied and which are known, by the rules of map_server."""
     mode = settings.get("mode", "trinary")
+    mode = mode.lower() if isinstance(mode, str) else mode
     choose("mode", mode, MODES)
     negate = settings.get("negate", 0)
     if not (isinstance(negate, bool | int | float) and negate in (0, 1)):
@@ -378,55 +387,60 @@ def _image(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], N
     low = number("free_thresh", settings.get("free_thresh", 0.25), least=0.0, most=1.0)
     if low >= high:
         raise ValueError(f"free_thresh is {low:g}; it must be below occupied_thresh, {high:g}")
-    grey, opaque = _grey(file)
+    light, white, opaque = _brightness(file, mode)
     # of each brightness, whether it counts as occupied, and whether as known
-    levels = np.arange(256)
-    share = levels / 100.0 if mode == "raw" else (levels if negate else 255 - levels) / 255.0
+    levels = np.arange(white + 1)
+    if mode == "raw":
+        percent = np.rint(levels * (255.0 / white))
+        share = percent / 100.0
+    else:
+        share = (levels if negate else white - levels) / white
     occupied, free = share > high, share < low
     if mode == "raw":
-        occupied &= levels <= 100
-    taken = occupied[grey]
-    known = (occupied | free)[grey]
+        occupied &= percent <= 100
+    taken = occupied[light]
+    known = (occupied | free)[light]
     if opaque is not None:
         taken &= opaque
         known &= opaque
     return taken[::-1].copy(), known[::-1].copy()
 
 
-def _grey(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
-    """Returns the brightness (rows, columns) of an image, top row first, and where it is opaque, if it has such."""
+def _brightness(file: str, mode: str) -> tuple[NDArray[np.uint16], int, NDArray[np.bool_] | None]:
+    """Returns the brightness (rows, columns) of an image, top row first, what is white, and where it is opaque.
+
+    Brightness is the plain mean of the channels, not what the eye sees. As in map_server an image that has an alpha
+    channel has it averaged in where the mode is "trinary"; in "scale" all that is not wholly opaque is unknown.
+    """
     name = os.path.basename(file)
+    check_ordinary(file, f"image {name}")
     try:
         with warnings.catch_warnings():
             # Pillow's bound is above ours
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(file, formats=_FORMATS) as image:
                 check_size(f"image {name}", image.height, image.width)
-                opaque = None
-                if "A" in image.getbands() or "transparency" in image.info:
-                    image = image.convert("RGBA")
-                    opaque = np.asarray(image.getchannel("A")) > 127
                 if image.mode.startswith("I") or image.mode == "F":
                     deep = np.asarray(image)
                     if deep.dtype.kind not in "iu" or deep.min() < 0 or deep.max() > 65535:
                         raise ValueError(f"image {name} has pixels of {image.mode}; it must have 8 or 16 bits")
-                    return (deep // 257).astype(np.uint8), opaque
-                if image.mode in ("1", "L"):
-                    return np.asarray(image.convert("L")), opaque
-                colours = np.asarray(image.convert("RGB"))
-                # the plain mean of map_server, not what the eye sees
-                total = colours[..., 0].astype(np.uint16)
-                total += colours[..., 1]
-                total += colours[..., 2]
-                return (total // 3).astype(np.uint8), opaque
+                    return deep.astype(np.uint16), 65535, None
+                clear = image.has_transparency_data
+                if image.mode in ("1", "L") and not clear:
+                    return np.asarray(image.convert("L")).astype(np.uint16), 255, None
+                channels = np.asarray(image.convert("RGBA" if clear else "RGB"))
+                count = 4 if clear and mode == "trinary" else 3
+                total = channels[..., 0].astype(np.uint16)
+                for k in range(1, count):
+                    total += channels[..., k]
+                opaque = channels[..., 3] == 255 if clear and mode == "scale" else None
+                return total, 255 * count, opaque
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise ValueError(f"image {name} is too large; it must have at most {MOST_CELLS:,} pixels") from None
     except UnidentifiedImageError:
         raise ValueError(f"image {name} cannot be read; it must be {', '.join(_FORMATS)}") from None
     except FileNotFoundError:
         raise
-    except IsADirectoryError:
-        raise ValueError(f"image {name} is a folder; it must be a file") from None
     except _DAMAGED as error:
         text = " ".join(str(error).split())
         raise ValueError(text if name in text else f"image {name} is damaged: {text[:200]}") from None

@@ -126,6 +126,11 @@ def _layout(file: str, lines: list[str]) -> _Layout:
 
 def _points(file: str, lines: list[str], layout: _Layout) -> NDArray[np.float64]:
     """Returns x and y of every row, shape (n, 2), unscaled."""
+    if layout.named:  # NumPy looks at the columns that it is asked for: a field left out would shift the others
+        for number, text in _rows(lines, layout):
+            width = len(_fields(text, layout.delimiter))
+            if width != layout.width:
+                raise _fault(file, number, f"{shown(text)} has {width} column(s), the first row has {layout.width}")
     try:
         table = np.loadtxt(
             lines,

@@ -462,7 +462,8 @@ def plan_way(p, m, prices, straight, x, y, stops):
     Without one the polyline stays as it was. Of p it reads, beside the hull's radius and `wanted_clearance`: `theta`,
     whether the ways are Theta*'s over all cells that have a price, or A*'s for those prices, drawn straight; `snap`
     (m, rounded up to cells), how far a free cell may lie from a blocked stop; `spacing` (cells, none taken for wider
-    than FINE_CELL) of the points; and `rounds` of the elastic band.
+    than FINE_CELL) of the points; and `rounds` of the elastic band. Of a way at any angle that is too long for the
+    points, or has too many turns, the beginning is laid.
 
     Args:
         prices, straight: (256,) of a metre at each level of the grid, for the search and for lines of sight.
@@ -493,22 +494,29 @@ def plan_way(p, m, prices, straight, x, y, stops):
                 return False
             cells = pulled(m.grid, straight, traced(scratch.parents, goal, size))
             enter = 1 if start == row * size + column else 0
-        if count + cells.shape[0] + 1 > turns:
-            return False
+        cut = count + cells.shape[0] + 1 > turns
+        if cut:
+            if not p.theta:
+                return False
+            cells = cells[: turns - count]
         # the end cells stand for the ends, unless those lie in a blocked cell
         leave = cells.shape[0]
-        if stands_for(m, cells[leave - 1], stops[k, 0], stops[k, 1]):
+        if not cut and stands_for(m, cells[leave - 1], stops[k, 0], stops[k, 1]):
             leave -= 1
         for c in range(enter, leave):
             corners[count, 0] = m.origin[0] + (cells[c, 1] + 0.5) * m.cell
             corners[count, 1] = m.origin[1] + (cells[c, 0] + 0.5) * m.cell
             count += 1
+        if cut:
+            break
         corners[count, 0] = stops[k, 0]
         corners[count, 1] = stops[k, 1]
         pinned[count] = True
         count += 1
     # among wide cells no farther apart than among fine ones: between points the band looks at nothing
-    held = lay(m, corners[:count], pinned, p.spacing * min(m.cell, FINE_CELL))
+    # and no farther than leaves none between two with room for the hull
+    widest = p.plant.hull_radius if p.theta else np.inf
+    held = lay(m, corners[:count], pinned, p.spacing * min(m.cell, FINE_CELL), widest)
     relax(m, held, p.plant.hull_radius + p.wanted_clearance, p.plant.hull_radius, p.rounds)
     return True
 
@@ -529,8 +537,10 @@ def stands_for(m, at, x, y):
 
 
 @allocating
-def lay(m, corners, pinned, spacing):
+def lay(m, corners, pinned, spacing, widest):
     """Lays the polyline along the corners (k, 2), with points about `spacing` (m) apart, or as many as fit.
+
+    Where they would be more than `widest` (m) apart, it ends before the corners do.
 
     Returns which points are held: the ends, and those at pinned corners.
     """
@@ -541,7 +551,7 @@ def lay(m, corners, pinned, spacing):
         dx = corners[k + 1, 0] - corners[k, 0]
         dy = corners[k + 1, 1] - corners[k, 1]
         total += math.sqrt(dx * dx + dy * dy)
-    spacing = max(spacing, total / max(most - 2 * corners.shape[0], most // 4))
+    spacing = max(spacing, min(total / max(most - 2 * corners.shape[0], most // 4), widest))
     held = np.zeros(most, np.bool_)
     points[0, 0] = corners[0, 0]
     points[0, 1] = corners[0, 1]
