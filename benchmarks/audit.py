@@ -20,7 +20,7 @@ import click
 import numpy as np
 
 from wayfield.benchmarks import audit_formulas as formulas
-from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.aggregates import counted_interval, interval, iqm
 from wayfield.benchmarks.coverage import HOLDS
 from wayfield.benchmarks.kept_rows import SUFFIX, read_packed
 from wayfield.benchmarks.results import EPISODES, Row, read_table
@@ -140,7 +140,12 @@ def _check_ends(audit: Audit, what: str, cell: str, rows: Sequence[Row], header:
     families: dict[str, list[Row]] = {}
     for row in rows:
         families.setdefault(row["family"], []).append(row)
-    below, above = formulas.resampled([of(each, metric) for each in families.values()], reduce)
+    if reduce is formulas.average:
+        failure = formulas.average(formulas.every(rows, "failure_cost")) if of is formulas.counted else 0.0
+        runs = [list(zip(of(each, metric), map(formulas.won, each), strict=True)) for each in families.values()]
+        below, above = formulas.counted_ends(runs, failure)
+    else:
+        below, above = formulas.resampled([of(each, metric) for each in families.values()], reduce)
     width = factor * (above - below)
     digits = len(_NUMBER.findall(cell)[0].partition(".")[2])
     if not 0.7 * width - 10.0**-digits <= high - low <= 1.5 * width + 10.0**-digits:
@@ -385,20 +390,25 @@ def measured_coverage(audit: Audit, rows: Sequence[Row], where: str) -> None:
         agents = len({row["agent_seed"] for row in group})
         cost = _cost(group[0])
         numbers = np.array(formulas.counted(group, cost)).reshape(-1, agents)
+        succeeded = np.array([float(formulas.won(row)) for row in group]).reshape(-1, agents)
+        failure = formulas.average(formulas.every(group, "failure_cost"))
         names = [row["family"] for row in group[::agents]]
         if min(map(len, strata(group).values())) < LEAST or np.isnan(numbers).any():
             continue
         # the tables' own: errors have long tails, and times end at the clock, where the middle half may be one number
-        middle, statistic = (formulas.middle_half, iqm) if cost == _ERROR else (formulas.average, mean)
-        true = middle(numbers.ravel().tolist())
+        true = (formulas.middle_half if cost == _ERROR else formulas.average)(numbers.ravel().tolist())
         families = np.array(names)
         members = [np.flatnonzero(families == each) for each in dict.fromkeys(names)]
         rng = np.random.default_rng(1)
         inside = 0
         for k in range(RESAMPLES):
             lines = np.concatenate([rng.choice(each, len(each)) for each in members])
-            sample = numbers[lines][:, rng.integers(agents, size=agents)]
-            ends = interval(sample, families[lines].tolist(), statistic, k, 400)
+            columns = rng.integers(agents, size=agents)
+            sample, met = numbers[lines][:, columns], families[lines].tolist()
+            if cost == _ERROR:
+                ends = interval(sample, met, iqm, k, 400)
+            else:
+                ends = counted_interval(sample, succeeded[lines][:, columns], failure, met, k, 400)
             inside += ends is not None and ends[0] <= true <= ends[1]
         share = inside / RESAMPLES
         print(f"  coverage of the interval of {name}: {100.0 * share:.1f} % of {RESAMPLES} resamples")
