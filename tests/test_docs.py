@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_contest_tables import made
 
-from wayfield.benchmarks import coverage, page, publish, sections
+from wayfield.benchmarks import coverage, page, publish, sections, transfer
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.kept_rows import SUFFIX, read_packed
 from wayfield.benchmarks.results import write_rows
@@ -192,6 +192,13 @@ def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> N
         assert (ROOT / name).read_bytes() == content, f"{name}: run {publish.__name__}"
 
 
+def test_the_table_of_gains_elsewhere_is_what_its_kept_rows_make() -> None:
+    rows = read_packed(ROOT / sections.ROWS / f"{transfer.SUITE}{SUFFIX}")
+    made = {kept.name: made for kept, made in page.Kept(ROOT).sections()}[transfer.SUITE]
+    kept = (ROOT / sections.KEPT / transfer.TRANSFER).read_text(encoding="utf-8")
+    assert transfer.transfer_table(rows, made.command).csv() == kept
+
+
 def test_every_published_table_has_its_rows_and_they_are_small() -> None:
     files = list((ROOT / sections.ROWS).glob(f"*{SUFFIX}"))
     assert sum(file.stat().st_size for file in files) < 3_000_000
@@ -286,6 +293,25 @@ def test_what_is_run_is_published_and_what_is_done_is_not_run_again(repository: 
         assert ran.returncode == 0, ran.stderr
         assert (repository / "log").read_text() == "ran\n"
     assert "0.0123" in (repository / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_section_that_needs_files_of_others_is_not_run_and_keeps_what_it_had(repository: Path) -> None:
+    folder = repository / "results/transfer"
+    folder.mkdir()
+    kept = "robot,policy,gains,validation\np3dx,dwa,tuned,91.5\n"
+    (folder / "transfer.csv").write_text(kept)
+    manifest = {"command": "python -m wayfield.benchmarks.transfer", "code": source_digest()}
+    digests = {"transfer.csv": file_digest(folder / "transfer.csv")}
+    (folder / "run.json").write_text(json.dumps(manifest | {"files": digests}))
+    assert run_publish(repository, "--no-run").returncode == 0
+    assert "| 91.5" in (repository / page.PAGE).read_text(encoding="utf-8")
+    (folder / "run.json").write_text(json.dumps(manifest | {"files": digests, "code": "0" * 64}))
+    refused = run_publish(repository, "--only", "transfer")
+    assert refused.returncode == 1
+    assert "it needs the official worlds of BARN" in refused.stderr
+    (repository / "evaluate.py").write_text("raise SystemExit(3)\n")  # the first of the others that is run
+    assert "status 3" in run_publish(repository).stderr
+    assert (repository / "docs/results/transfer.csv").read_text() == kept
 
 
 def test_a_suite_that_fails_publishes_nothing(repository: Path) -> None:
