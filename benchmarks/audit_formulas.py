@@ -130,3 +130,24 @@ def resampled(
     ]
     spread = statistics.stdev(drawn)
     return reduce(whole) - 2.0 * spread, reduce(whole) + 2.0 * spread
+
+
+def counted_ends(strata: Sequence[Sequence[tuple[float, bool]]], failure: float) -> tuple[float, float]:
+    """Returns roughly the 95 % ends of a mean of numbers, each with whether its run succeeded, where failures count.
+
+    The ends that the successes have by themselves, `resampled`, and those of the share of failures, `binomial_ends`,
+    each as far from the mean as it moves that; the two distances on either side add by their squares.
+
+    Args:
+        failure: what a failure counts as where there is none.
+    """
+    runs = [run for stratum in strata for run in stratum]
+    good, bad = ([number for number, success in runs if success is which] for which in (True, False))
+    typical = average(good)
+    cost = (average(bad) if bad else failure) - typical
+    share = len(bad) / len(runs)
+    ends = sorted(cost * (end - share) for end in binomial_ends(len(bad), len(runs)))
+    apart = [[number - (typical if success else typical + cost) for number, success in stratum] for stratum in strata]
+    below, above = resampled(apart, average)
+    middle = average([number for number, _ in runs])
+    return middle - math.hypot(below, ends[0]), middle + math.hypot(above, ends[1])

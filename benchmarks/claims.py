@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from wayfield.benchmarks.contests import ALL_CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.crossed import LEAST
 from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, by_slowness, grouped, label, mean_speed
-from wayfield.benchmarks.matrix import cost_difference, cost_unit, difference_cells, shown_as, success_difference
+from wayfield.benchmarks.matrix import ADDED, cost_difference, cost_unit, difference_cells, shown_as, success_difference
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.table import Table
@@ -119,7 +119,7 @@ def claims_table(rows: Sequence[Row], command: str) -> Table:
     note = (
         "The agents less the other, over the scenarios that both met, all training seeds counted: successes in points; "
         "errors (interquartile mean of the differences) and times (mean), failures counted. Brackets: 95 % intervals "
-        "of paired t-tests, agents and scenarios both a sample. p: corrected by Holm's method for the "
+        f"of paired t-tests{ADDED}; agents and scenarios are both a sample. p: corrected by Holm's method for the "
         f"{2 * len(found)} claims of this table, decided under {SIGNIFICANT:g}; none where a family has fewer than "
         f"{LEAST} scenarios. {SLOWER.capitalize()}: who errs less is the slower one by over "
         f"{100.0 * PACE_TOLERANCE:.0f} %; the speeds are the mean speeds of both. Made by `{command}`."

@@ -15,7 +15,7 @@ import numpy as np
 import rich.console
 from numpy.typing import NDArray
 
-from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.aggregates import counted_interval, interval, iqm, mean
 from wayfield.benchmarks.crossed import LEAST, exact_interval, share_interval
 from wayfield.benchmarks.paired import difference
 from wayfield.benchmarks.progress import tracked
@@ -33,12 +33,15 @@ COVERAGE = "coverage.csv"
 SIMULATIONS = 1_000
 HOLDS = 0.93  # what a 95 % interval must cover to be shown
 RESAMPLES = 500  # of each interval, where the tables take more
-_MANY_SCENARIOS, _MANY_AGENTS = 400, 100  # of each family, from which the true value comes
+_MANY_SCENARIOS, _MANY_AGENTS = 2_000, 100  # of each family, from which the true value comes
 _FAILURE = 1.0  # m, what a lost path counts as
+_CLOCK = 60.0  # s, what a goal that is not reached counts as
+_TYPICAL = 9.0  # s, of the goals that are
 _SHOWN = (
     "in the standings, path following",
     "in the standings, goal reaching",
     "on the front",
+    "in the standings, docking",
     "on the ladder, path following",
     "on the ladder, goal reaching",
 )
@@ -93,6 +96,20 @@ def scores(rng: np.random.Generator, families: int, scenarios: int, agents: int)
     return np.clip(level + 0.1 * rng.normal(size=won.shape), 0.0, 1.0) * won
 
 
+def times(failing: float) -> Callable[[np.random.Generator, int, int, int], Array]:
+    """Returns a population of times, s: levels of the families, skewed; a failure counts as the whole clock."""
+
+    def draw(rng: np.random.Generator, families: int, scenarios: int, agents: int) -> Array:
+        won = successes(failing)(rng, families, scenarios, agents)
+        level = np.linspace(1.6, 2.6, families)[:, np.newaxis, np.newaxis]
+        scenario = 0.3 * rng.normal(size=(families, scenarios, 1))
+        agent = 0.05 * rng.normal(size=(1, 1, agents)) if agents > 1 else 0.0
+        both = 0.1 * rng.normal(size=won.shape) if agents > 1 else 0.0
+        return np.where(won == 1.0, np.minimum(np.exp(level + scenario + agent + both), 0.9 * _CLOCK), _CLOCK)
+
+    return draw
+
+
 def pairs_of_errors(rng: np.random.Generator, families: int, scenarios: int, agents: int) -> Array:
     """Returns a population of differences of errors, m, in the same scenarios."""
     ours, theirs = errors(0.0)(rng, families, scenarios, agents), errors(0.0)(rng, families, scenarios, 1)
@@ -108,6 +125,15 @@ def pairs_of_successes(failing: float) -> Callable[[np.random.Generator, int, in
     return draw
 
 
+def pairs_of_times(failing: float, other: float) -> Callable[[np.random.Generator, int, int, int], Array]:
+    """Returns a population of differences of times, s, of two that fail with different shares."""
+
+    def draw(rng: np.random.Generator, families: int, scenarios: int, agents: int) -> Array:
+        return times(failing)(rng, families, scenarios, agents) - times(other)(rng, families, scenarios, 1)
+
+    return draw
+
+
 def bootstrap(statistic: Callable[[Array], Array]) -> Callable[[Array, list[str], int], Ends]:
     """Returns what the tables show of an error or a score."""
 
@@ -117,12 +143,23 @@ def bootstrap(statistic: Callable[[Array], Array]) -> Callable[[Array, list[str]
     return ends
 
 
-def of_pairs(reduction: Literal["mean", "iqm", "share"]) -> Callable[[Array, list[str], int], Ends]:
+def of_counted(failure: float) -> Callable[[Array, list[str], int], Ends]:
+    """Returns what the tables show of a mean in which a failure counts as `failure`, and no success does."""
+
+    def ends(values: Array, strata: list[str], seed: int) -> Ends:
+        return counted_interval(values, (values != failure).astype(np.float64), failure, strata, seed, RESAMPLES)
+
+    return ends
+
+
+def of_pairs(
+    reduction: Literal["mean", "iqm", "share"], dearer: float = 0.0
+) -> Callable[[Array, list[str], int], Ends]:
     """Returns what the tables show of a paired difference."""
 
     def ends(values: Array, strata: list[str], seed: int) -> Ends:
         del seed
-        found = difference(values, np.zeros((len(values), 1)), strata, reduction)
+        found = difference(values, np.zeros((len(values), 1)), strata, reduction, dearer)
         return found.low, found.high
 
     return ends
@@ -150,10 +187,16 @@ def designs() -> list[Design]:
                     Design("paired difference of errors", where, families, count, agents, pairs_of_errors, iqm, pair)
                 )
             else:
-                found.append(Design("score, mean", where, families, count, agents, scores, mean, bootstrap(mean)))
-                pair = of_pairs("mean")
-                found.append(Design("paired difference of scores", where, families, count, agents, scores, mean, pair))
-    for families, count, where in ((13, 10, _SHOWN[0]), (20, 10, _SHOWN[1]), (13, 5, _SHOWN[3]), (20, 5, _SHOWN[4])):
+                found.append(Design("score, mean", where, families, count, agents, scores, mean, of_counted(0.0)))
+    for families, where in ((20, _SHOWN[1]), (5, _SHOWN[3])):
+        for agents in (1, 10):
+            of_all = families, 10, agents
+            for failing in (0.0, 0.02, 0.15):
+                name = f"time, {100.0 * (1.0 - failing):.0f} % reached"
+                found.append(Design(name, where, *of_all, times(failing), mean, of_counted(_CLOCK)))
+            pair, draw = of_pairs("mean", _CLOCK - _TYPICAL), pairs_of_times(0.004, 0.02)
+            found.append(Design("paired difference of times, 99.6 and 98 %", where, *of_all, draw, mean, pair))
+    for families, count, where in ((13, 10, _SHOWN[0]), (20, 10, _SHOWN[1]), (13, 5, _SHOWN[4]), (20, 5, _SHOWN[5])):
         for agents in (1, 10):
             for failing in (0.01, 0.15):
                 of_all = families, count, agents
@@ -170,7 +213,7 @@ def covered(asked: tuple[int, int, int]) -> int:
     design = designs()[index]
     rng = np.random.default_rng([seed, index])
     many = _MANY_AGENTS if design.agents > 1 else 1
-    scenarios = _MANY_SCENARIOS * (1 if many > 1 else _MANY_AGENTS)
+    scenarios = _MANY_SCENARIOS * (1 if many > 1 else 20)
     true = float(design.reduce(design.draw(rng, design.families, scenarios, many).ravel()))
     strata = [f"{k}" for k in range(design.families) for _ in range(design.scenarios)]
     held_by = 0

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.aggregates import counted_interval, interval, iqm, mean
 from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, PUBLIC_SPLIT, Column, Contest
 from wayfield.benchmarks.crossed import share_interval
 from wayfield.benchmarks.results import Row, number
@@ -114,6 +114,12 @@ def success_interval(rows: Sequence[Row]) -> tuple[float, float] | None:
     return share_interval(*by_scenario(rows, values(rows, "success")))
 
 
+def mean_interval(rows: Sequence[Row], numbers: Array, failure: float) -> tuple[float, float] | None:
+    """Returns the 95 % interval of the mean of numbers, one an episode, of which every failure counts as `failure`."""
+    table, strata = by_scenario(rows, numbers)
+    return counted_interval(table, by_scenario(rows, values(rows, "success"))[0], failure, strata)
+
+
 def mean_speed(rows: Sequence[Row]) -> float:
     """Returns the mean speed of the successes, m/s; NaN where there are none."""
     won = [row for row in rows if number(row, "success") == 1.0]
@@ -147,8 +153,13 @@ def cell(column: Column, rows: Sequence[Row], contest: Contest) -> str:
     if not len(found):
         return ""
     reduce = REDUCTIONS[column.reduction]
-    whole = column.with_interval and len(found) == len(numbers)
-    ends = interval(*by_scenario(rows, numbers), reduce) if whole else None
+    ends = None
+    if column.with_interval and len(found) == len(numbers):
+        if column.reduction == "mean":  # of a score a failure has none
+            counts = values(rows, "failure_cost").mean() if column.metric == COST or column.imputed else 0.0
+            ends = mean_interval(rows, numbers, float(counts))
+        else:
+            ends = interval(*by_scenario(rows, numbers), reduce)
     return _with_ends(float(reduce(found)), ends, column.factor, column.decimals)
 
 

@@ -5,19 +5,22 @@ import dataclasses
 import io
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from tabulate import tabulate
 
 from wayfield.benchmarks.claims import SUMMARY_HEADER, summary
-from wayfield.benchmarks.contests import PACE_TOLERANCE
+from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE
 from wayfield.benchmarks.entries import OFF_PACE
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.sections import KEPT, SECTIONS, Section
 from wayfield.envs.identity import source_digest
 from wayfield.envs.readers import of_path, reader
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies.learned.agent import CARD, read_card
+from wayfield.policies.learned.ppo import shipped
 
 PAGE = "docs/results.md"
 README = "README.md"
@@ -177,11 +180,60 @@ def _page(kept: Kept) -> str:
             place = section.place(name)
             if place in kept:
                 blocks += [f"### {heading}", _shown(kept, place)]
+    if cards := _cards():
+        blocks += [
+            "## What the agents' cards say",
+            "Measured on the validation split, by which an agent is chosen among those of its training, or on default "
+            "scenarios, when it was trained: no result of a contest. Means of the seeds, in brackets the least and the "
+            "greatest; of paths the error is the mean RMS cross-track error in mm, else it is the time in s, both of "
+            "the successes. Every card is in the package.",
+            _table(_CARD_HEADER, cards),
+        ]
     missing = [section for section in SECTIONS if section.name not in {each.name for each, _ in sections}]
     if missing:
         rest = "\n".join(f"- {section.title}: `{section.command}`" for section in missing)
         blocks += ["## Not run on this version", rest]
     return "\n\n".join(blocks) + "\n"
+
+
+_CARD_HEADER = ["agents", "seeds", "driven", "success (%)", "collision (%)", "mm or s", "mean speed (m/s)"]
+
+
+def _cards() -> list[list[str]]:
+    """Returns what the cards of the agents that ship hold of their validation and of what else was measured."""
+    lines = []
+    for contest in CONTESTS.values():
+        for robot in ROBOTS:
+            cards = [read_card(folder / CARD) for folder in shipped(contest.spec.name, robot).values()]
+            factor = 1e3 if contest.spec.on_path else 1.0  # to mm; s
+            conditions: dict[str, list[Mapping[str, Any]]] = {}
+            for card in cards:
+                own = {"env_kwargs": card["env_kwargs"], "asked_speed": card["speed"], **card["validation"]}
+                for each in (own, *card["measured"]):
+                    conditions.setdefault(_driven(each), []).append(each)
+            for driven, found in conditions.items():
+                cells = [
+                    _spread([scale * each[name] for each in found], decimals)
+                    for name, scale, decimals in (
+                        *(("success", 100.0, 1), ("collision", 100.0, 1)),
+                        *(("error", factor, 1), ("speed", 1.0, 2)),
+                    )
+                ]
+                lines.append([f"{contest.spec.title}, {robot}", str(len(found)), driven, *cells])
+    return lines
+
+
+def _driven(measured: Mapping[str, Any]) -> str:
+    """Returns where and how an agent was measured, in words."""
+    how = measured["env_kwargs"]
+    beams = f", {how['num_beams']} beams" if "num_beams" in how else ""
+    return f"{how['scenario']}, {how['actuators']}{beams}, asked for {measured['asked_speed']:g} m/s"
+
+
+def _spread(numbers: Sequence[float], decimals: int) -> str:
+    mean = f"{sum(numbers) / len(numbers):.{decimals}f}"
+    ends = f"{min(numbers):.{decimals}f}", f"{max(numbers):.{decimals}f}"
+    return mean if ends[0] == ends[1] else f"{mean} [{ends[0]} to {ends[1]}]"
 
 
 def _claimed(kept: Kept) -> list[str]:

@@ -28,7 +28,7 @@ class Difference:
 
 
 def difference(
-    a: Array, b: Array, strata: Sequence[str], reduction: Literal["mean", "iqm", "share"] = "mean"
+    a: Array, b: Array, strata: Sequence[str], reduction: Literal["mean", "iqm", "share"] = "mean", dearer: float = 0.0
 ) -> Difference:
     """Returns the paired difference of a number that both have in each scenario, with the interval of its t-test.
 
@@ -41,9 +41,11 @@ def difference(
             Biometrika 61, 1974); "share" is a mean of successes, 0 or 1, to which two scenarios are added, one in each
             of which either wins by half, so that two policies that never fail are not told apart to the last digit
             (Agresti and Min, Statistics in Medicine 24, 2005).
+        dearer: of a mean of costs, how much more a failure counts than a success: the same two scenarios are added,
+            since where failures are few, no more are seen in many a sample than their mean allows for.
     """
     pairs = a[:, :, np.newaxis] - b[:, np.newaxis, :]
-    return _tested(pairs, strata, reduction, 1.0 if reduction == "share" else 0.0)
+    return _tested(pairs, strata, reduction, 1.0 if reduction == "share" else dearer**2)
 
 
 def advantage(won_a: Array, cost_a: Array, won_b: Array, cost_b: Array, strata: Sequence[str]) -> Difference:

@@ -17,7 +17,7 @@ import numpy as np
 
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import Rows
-from wayfield.benchmarks.contests import ALL_CONTESTS, ROBUST_LEVEL, TRAINED, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, ROBUST_LEVEL, TRAINED, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.own_scenario import own_scenario
 from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.progress import tell_of_compiling, tracked
@@ -41,6 +41,8 @@ from wayfield.policies.tuned import tuned_set
 
 _ROWS, _DIGESTS = "rows.json", "part.json"  # of a part, beside its trajectories
 _MARK = ".parts"  # in the folder of the parts
+NO_FRAMES = "0 frames"  # of a law whose gains nothing was driven for
+_OF_NAV2 = ("nav2_dwb", "nav2_mppi")
 _ENTRY = ("contest", "suite", "policy", "gains_name", "robot", "split", "disturbance")  # what the worst are chosen of
 
 
@@ -191,16 +193,17 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
 
 def _searched(contest: Contest, case: Case) -> str:
     """Returns what the gains of a law were found from; of default gains, whether a search was lost to them."""
+    if case.gains_name == "paper":
+        return f"{NO_FRAMES}, as published"
     level = ROBUST_LEVEL if case.gains_name == "robust" else "none"
-    if case.gains_name not in ("tuned", "robust", "default") or case.policy in ("zero", "random"):
-        return ""
     robot = case.env_kwargs["robot"]  # a name where it ships
     found = tuned_set(case.policy, contest.spec.suite, robot, case.asked, level) if isinstance(robot, str) else None
+    if case.gains_name == "default" and (found is None or found.chosen == "search"):
+        return f"{NO_FRAMES}, as Nav2 configures it" if case.policy in _OF_NAV2 else NO_FRAMES
     if found is None:
-        return "not tuned"
-    if case.gains_name == "default" and found.chosen == "search":
-        return ""
-    return in_frames(found.frames) + (", best of them" if case.gains_name == "default" else "")
+        return ""  # of gains that were given
+    best = ", best of them" if case.gains_name == "default" else ""
+    return in_frames(found.frames) + best + (", on validation" if found.split == TRANSFER_SPLIT else "")
 
 
 def in_frames(count: int) -> str:

@@ -51,11 +51,16 @@ def main(
     above, home = Path(results), Path(root)
     wanted = [each for each in SECTIONS if only is None or each.name in only]
     try:
-        for section in wanted:
-            if first and not stale and not done(above / section.name):
+        left = [each for each in wanted if first and not stale and not done(above / each.name)]
+        for section in left:
+            if section.needs:
+                print(f"{section.name}: not run, it needs {section.needs}: `{section.command}`", file=sys.stderr)
+            else:
                 run(section, above, home, count)
         files: dict[str, bytes] = {}
         for section in wanted:
+            if section.needs and section in left and only is None:
+                continue
             if (above / section.name / MANIFEST).is_file():
                 files |= gathered(section, above / section.name, home, stale)
             elif only is not None:

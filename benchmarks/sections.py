@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.coverage import COVERAGE, SUITE
 from wayfield.benchmarks.results import TABLE
+from wayfield.benchmarks.transfer import SUITE as TRANSFERRED
+from wayfield.benchmarks.transfer import TRANSFER
 
 KEPT = "docs/results"  # folder of the tables and of what made them
 ROWS = f"{KEPT}/rows"  # of the episodes behind them, packed
@@ -22,6 +24,7 @@ class Section:
     not_shown: str
     pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
     within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
+    needs: str = ""  # files that its command takes and that do not ship; only who has them can run it
 
     @property
     def of_contest(self) -> bool:
@@ -139,6 +142,14 @@ SECTIONS = (
             )
         },
         "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart.",
+    ),
+    Section(
+        TRANSFERRED,
+        "Do gains hold where they were not tuned?",
+        "python -m wayfield.benchmarks.transfer --data BARN",
+        {TRANSFER: "Goals reached (%)"},
+        "Only policies with a tuned set for the robot; rooms are of our drawing, BARN's worlds those that we have.",
+        needs="the official worlds of BARN",
     ),
     Section(
         SUITE,

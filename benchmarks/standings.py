@@ -187,11 +187,12 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         "ranked."
     )
     return (
-        f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors, "
-        f"scores and times: bootstrap{strata}, agents drawn with the scenarios. Shares, scores, imputed times and RMS "
-        "errors are means, other numbers interquartile means over the episodes. Rows of trained agents hold every "
+        f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors: "
+        f"bootstrap{strata}, agents drawn with the scenarios; times and scores: that of the successes, with the "
+        "interval of the share of failures. Shares, scores, imputed times and RMS errors are means, other numbers "
+        "interquartile means over the episodes. Rows of trained agents hold every "
         f"seed. A failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
-        f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, or runs, driven for it. Compute: one decision of "
+        f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, driven for it. Compute: one decision of "
         f"one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
     )
 

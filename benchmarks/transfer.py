@@ -1,42 +1,51 @@
 """Gains beside each other where they were chosen and where they were not: python -m wayfield.benchmarks.transfer
 
-The default, the tuned and the published gains of a policy, on the validation split that chose the tuned ones, on the
-test split, in drawn rooms of other sizes and densities with other hulls, and in the worlds of BARN if their folder is
-given. Nothing is tuned here.
+The default, the tuned and the published gains of every policy with a tuned set, for each robot that one was tuned for:
+on the validation split that chose the tuned ones, on the test split, in drawn rooms of other sizes and densities, with
+other hulls where the set is the P3DX's, and in the worlds of BARN if their folder is given. Nothing is tuned here.
 """
 
+import contextlib
 import dataclasses
 import math
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 import rich.console
-import rich.table
 import scipy.ndimage
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, PUBLIC_SPLIT, Contest, Course, Entrants
 from wayfield.benchmarks.crossed import exact_interval
+from wayfield.benchmarks.parts import described
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.public_suites import PUBLIC
+from wayfield.benchmarks.results import TABLE, Row, write_rows
+from wayfield.benchmarks.run_folder import Run, held, staging
 from wayfield.benchmarks.suite import Setting, episodes
+from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.tune import SEARCHED
 from wayfield.envs.command_line import SEED, Names, OneLineErrors, on_cluster, shared_out
 from wayfield.envs.grids import OccupancyGrid
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import SPLITS
 from wayfield.envs.scenarios.mrpb import CASES, COLUMNS, MAP
 
 CONTEST = CONTESTS["goal-obstacles"]
 GAINS = ("default", "tuned", "paper")
-TUNED_FOR = ROBOTS["p3dx"]
-HULLS = tuple(ROBOTS[name] for name in ("turtlebot3", "p3dx", "jackal"))  # discs of 0.1 and 0.25 m, and a rectangle
+TUNED_FOR = tuple(ROBOTS[name] for name in ("p3dx", "omni3", "omni4"))
+OTHER_HULLS = tuple(ROBOTS[name] for name in ("turtlebot3", "jackal"))  # a disc of 0.1 m, and a rectangle
+SUITE = "transfer"
+TRANSFER = "transfer.csv"
+BUDGET = "learned from"
+_BUDGET = 3  # its place among the columns
+PLACES = ("validation", "test", "rooms", *(f"rooms, {robot.name}" for robot in OTHER_HULLS), "BARN")
 WIDEST = 0.36  # m, of a disc that has a way in every room
 SIDES = (8.0, 20.0)  # m, of a room
 SHARES = (0.02, 0.12)  # of its floor, that discs stand on
@@ -96,66 +105,154 @@ def write_rooms(folder: Path, count: int, seed: int) -> list[Course]:
     return courses
 
 
-def places(rooms: Sequence[Course], data: str | None) -> Iterator[tuple[str, Contest, Any, list[Course]]]:
-    """Yields where gains are tried: a name, the contest, the robot, and the courses."""
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A set of gains of a policy, and the robot that it is shown for."""
+
+    robot: Robot
+    policy: str
+    gains_name: str
+    gains: Mapping[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where gains are tried."""
+
+    name: str
+    contest: Contest
+    robot: Robot  # that drives there
+    courses: Sequence[Course]
+
+
+def entries(names: Sequence[str] | None) -> Iterator[Entry]:
+    """Yields the sets of gains of the policies that have a tuned one, of the named ones or all, by robot."""
+    for robot in TUNED_FOR:
+        for name in CONTEST.policies:
+            if name not in SEARCHED or (names is not None and name not in names):
+                continue
+            sets = list(CONTEST.gain_sets(name, robot, GAINS))
+            if any(gains_name == "tuned" for gains_name, _ in sets):
+                yield from (Entry(robot, name, *each) for each in sets)
+
+
+def places(robot: Robot, rooms: Sequence[Course], data: str | None) -> Iterator[Place]:
+    """Yields where gains that were tuned for a robot are tried."""
     count = len(CONTEST.families("kinematic"))
     for split in ("validation", "test"):
         members = tuple(range(count * SPLITS[split]))
-        yield split, CONTEST, TUNED_FOR, [Course("all", split, members=members)]
-    for robot in HULLS:
-        yield f"rooms, {robot.name}", CONTEST, robot, list(rooms)
+        yield Place(split, CONTEST, robot, [Course("all", split, members=members)])
+    yield Place("rooms", CONTEST, robot, rooms)
+    if robot is TUNED_FOR[0]:
+        for other in OTHER_HULLS:
+            yield Place(f"rooms, {other.name}", CONTEST, other, rooms)
     if data is not None:
-        courses = PUBLIC["barn"].courses(data, TUNED_FOR)
-        yield "BARN", ALL_CONTESTS[PUBLIC["barn"].modes["p3dx"].contest], TUNED_FOR, list(courses)
+        courses = PUBLIC["barn"].courses(data, robot)
+        yield Place("BARN", ALL_CONTESTS[PUBLIC["barn"].modes["p3dx"].contest], robot, courses)
 
 
-def case_of(contest: Contest, robot: Any, course: Course, policy: str, gains: dict[str, Any]) -> Case:
+def case_of(place: Place, course: Course, entry: Entry) -> Case:
     """Returns the case of a policy with gains that may be another robot's."""
-    (case,) = contest.cases(robot, course, Entrants((policy,), ("default",)))
-    return dataclasses.replace(case, gains={**case.gains, **gains})
+    (case,) = place.contest.cases(place.robot, course, Entrants((entry.policy,), ("default",)))
+    return dataclasses.replace(case, gains={**case.gains, **entry.gains}, gains_name=entry.gains_name)
 
 
-def reached(setting: Setting) -> list[bool]:
-    """Returns whether each episode of a setting ended in success."""
-    return [row["success"] == "1" for row, _ in episodes(setting)]
+def tried(asked: tuple[Entry, Place, Course]) -> list[Row]:
+    """Returns a row for each episode of an entry on a course."""
+    entry, place, course = asked
+    case = case_of(place, course, entry)
+    setting = Setting(SUITE, case, "kinematic", "lagged", 0, len(course.members), members=course.members)
+    of_sets = {"robot": entry.robot.name, "policy": entry.policy, "gains_name": entry.gains_name}
+    learned = described(CONTEST, dataclasses.replace(case, env_kwargs={"robot": entry.robot.name}))["learned_from"]
+    return [
+        {
+            **of_sets,
+            "learned_from": learned,
+            "place": place.name,
+            "scenario": f"{place.name}, {course.family}" if course.file else row["scenario"],
+            "episode": str(member),
+            "success": row["success"],
+        }
+        for member, (row, _) in zip(course.members, episodes(setting), strict=True)
+    ]
+
+
+def transfer_table(rows: Sequence[Row], command: str) -> Table:
+    """Returns how often each set of gains reaches the goal in each place, from the rows of all."""
+    there = [place for place in PLACES if any(row["place"] == place for row in rows)]
+    sets: dict[tuple[str, ...], dict[str, list[bool]]] = {}
+    for row in rows:
+        key = tuple(row[name] for name in ("robot", "policy", "gains_name", "learned_from"))
+        sets.setdefault(key, {}).setdefault(row["place"], []).append(row["success"] == "1")
+    lines = [[*key, *(_cell(found.get(place, [])) for place in there)] for key, found in sets.items()]
+    worlds = len({row["scenario"] for row in rows if row["place"] == "rooms"})
+    note = (
+        "Goals reached in per cent; brackets: Clopper and Pearson's 95 % interval. Chosen on validation; nothing was "
+        f"chosen or tuned in the other places. Rooms: {worlds} of 8 to 20 m with discs on 2 to 12 % of their floor, "
+        f"{PAIRS} ways in each, with the robot's own hull or that of another, which then drives with the P3DX's gains. "
+        f"BARN: its worlds with the robot and the scan of goal reaching. Made by `{command}`."
+    )
+    return Table(
+        "Gains where they were chosen, and where they were not",
+        ["robot", "policy", "gains", BUDGET, *there],
+        lines,
+        note,
+    )
+
+
+def _cell(reached: Sequence[bool]) -> str:
+    if not reached:
+        return ""
+    share = sum(reached) / len(reached)
+    low, high = exact_interval(share, len(reached))
+    return f"{100.0 * share:.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
 
 
 @click.command("transfer", cls=OneLineErrors)
-@click.option("--policies", "names", type=Names("--policies", SEARCHED), default="vfh_plus,dwa,scan_planner")
+@click.option("--policies", "names", type=Names("--policies", SEARCHED), help="Comma-separated.  [default: all tuned]")
 @click.option("--rooms", type=click.IntRange(1, 1000), default=16, show_default=True, help="Four ways in each.")
 @click.option("--data", type=click.Path(exists=True, file_okay=False), help="The folder of BARN's official worlds.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the rooms.")
+@click.option("--out", metavar="DIR", help="Also write the table there, and the episodes.")
 @click.option("--workers", "count", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
 @on_cluster
-def main(names: tuple[str, ...], rooms: int, data: str | None, seed: int, count: int) -> None:
+def main(names: tuple[str, ...] | None, rooms: int, data: str | None, seed: int, out: str | None, count: int) -> None:
     """Prints how often gains reach the goal where they were chosen, and where they were not."""
-    entries = [(name, *each) for name in names for each in CONTEST.gain_sets(name, TUNED_FOR, GAINS)]
-    with tempfile.TemporaryDirectory() as folder, shared_out(count) as engine:
-        tried = list(places(write_rooms(Path(folder), rooms, seed), os.path.abspath(data) if data else None))
-        settings = [
-            Setting("transfer", case, "kinematic", "lagged", 0, len(course.members), members=course.members)
-            for name, _, gains in entries
-            for _, contest, robot, courses in tried
-            for course in courses
-            for case in (case_of(contest, robot, course, name, gains),)
-        ]
-        done = iter(list(tracked(engine(reached, settings), len(settings), "parts")))
-        table = rich.table.Table(
-            title=f"Goals reached (%), and the 95 % interval; {rooms} rooms of 8 to 20 m, seed {seed}",
-            title_justify="left",
-        )
-        for header in ("policy", "gains", *(place for place, *_ in tried)):
-            named = header in ("policy", "gains")
-            table.add_column(header, justify="left" if named else "right", no_wrap=named)
-        for name, gains_name, _ in entries:
-            cells = []
-            for *_, courses in tried:
-                found = [each for _ in courses for each in next(done)]
-                share = sum(found) / len(found)
-                low, high = exact_interval(share, len(found))
-                cells.append(f"{100.0 * share:.1f}\n[{100.0 * low:.0f}, {100.0 * high:.0f}]")
-            table.add_row(name, gains_name, *cells)
-    rich.console.Console(width=100).print(table)
+    sets = list(entries(names))
+    if not sets:
+        raise click.UsageError(f"--policies {','.join(names or ())}: nothing was tuned for them in goal reaching")
+    # where the worlds lie on this machine is not what was run
+    told = {"policies": ",".join(names or ()), "rooms": rooms if rooms != 16 else "", "data": data and "BARN"}
+    words = [f"--{name} {value}" for name, value in {**told, "seed": seed or ""}.items() if value]
+    command = " ".join(["python -m wayfield.benchmarks.transfer", *words])
+    run = Run(SUITE, command, (TRANSFER,))
+    with contextlib.ExitStack() as held_open:
+        try:
+            if out is not None:
+                held_open.enter_context(held(Path(out), run))
+            folder = held_open.enter_context(tempfile.TemporaryDirectory())
+            engine = held_open.enter_context(shared_out(count))
+            found = write_rooms(Path(folder), rooms, seed)
+            of_robot = {
+                robot: list(places(robot, found, os.path.abspath(data) if data else None)) for robot in TUNED_FOR
+            }
+            wanted = [
+                (entry, place, course) for entry in sets for place in of_robot[entry.robot] for course in place.courses
+            ]
+            rows = [row for part in tracked(engine(tried, wanted), len(wanted), "parts") for row in part]
+            table = transfer_table(rows, command)
+            if out is not None:
+                with staging(Path(out), run) as stage:
+                    write_rows(stage, rows)
+                    (stage / TRANSFER).write_text(table.csv(), encoding="utf-8")
+                    (stage / TABLE).write_text(table.markdown(), encoding="utf-8")
+        except (OSError, ValueError) as error:
+            raise click.ClickException(str(error)) from None
+    # the budget stands in the files: a terminal has no room for it
+    lines = [[*line[:_BUDGET], *line[_BUDGET + 1 :]] for line in table.rows]
+    narrow = dataclasses.replace(table, header=[each for each in table.header if each != BUDGET], rows=lines)
+    rich.console.Console(width=100).print(narrow.terminal(stacked=True))
+    print(table.note)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ class TunedSet:
     level: str  # of disturbance
     chosen: Literal["search", "default"]  # what was best on validation: a set that was found, or the policy's own gains
     frames: int  # driven to find it
+    split: str = ""  # of the scenarios that they were driven on; "" where its file does not say
 
 
 def tuned_gains(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, level: str = "none") -> dict[str, Any]:
@@ -76,7 +77,8 @@ def tuned_set(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, l
     found = condition(content["robot"], content["speed"], content["level"])
     if found != wanted:
         raise ValueError(f"{file} holds gains for {found}, not for {wanted}")
-    return TunedSet(content["gains"], robot, float(content["speed"]), level, content["chosen"], int(content["frames"]))
+    searched = int(content["frames"]), content.get("searched_on", {}).get("split", "")
+    return TunedSet(content["gains"], robot, float(content["speed"]), level, content["chosen"], *searched)
 
 
 def tuned_conditions(name: str, suite: str) -> list[str]:
@@ -137,4 +139,7 @@ def read_gains(text: bytes | str, source: str, name: str) -> dict[str, Any]:
         raise ValueError(
             f"{source}: frames must be a whole number from 0 to {MOST_FRAMES}, got {shown(content.get('frames'))}"
         )
+    searched_on = content.get("searched_on", {})
+    if not isinstance(searched_on, dict) or not isinstance(searched_on.get("split", ""), str):
+        raise ValueError(f"{source}: searched_on must be an object with a split, got {shown(searched_on)}")
     return content

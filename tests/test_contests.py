@@ -28,6 +28,7 @@ from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, GoalScenario, circle, obstacle_field, path_scenarios, splits, wall
 from wayfield.policies.tuned import TunedSet, condition, read_gains, tuned_set
 
@@ -458,7 +459,7 @@ def test_where_nothing_was_tuned_the_row_is_called_default(monkeypatch: pytest.M
         assert list(contest.gain_sets("pure_pursuit", "omni4", asked, 0.123)) == [("default", {})]
     case = next(contest.cases("omni4", Course("circles", "test"), Entrants(("lqr",), ("tuned",)), speed=0.123))
     assert (case.gains_name, case.gains) == ("default", {"speed": 0.123})
-    assert parts.described(contest, case)["learned_from"] == "not tuned"
+    assert parts.described(contest, case)["learned_from"] == "0 frames"
     kept = TunedSet({"speed": 0.7, "q_e": 50.0}, "p3dx", 0.6, "none", "search", 2_340_000)
     monkeypatch.setattr(contest_module, "tuned_set", lambda *_: kept)
     monkeypatch.setattr(parts, "tuned_set", lambda *_: kept)
@@ -466,9 +467,24 @@ def test_where_nothing_was_tuned_the_row_is_called_default(monkeypatch: pytest.M
     case = next(contest.cases("p3dx", Course("circles", "test"), Entrants(("lqr",), ("tuned",)), speed=0.6))
     assert (case.gains_name, case.gains) == ("tuned", dict(kept.gains))
     assert parts.described(contest, case)["learned_from"] == "2.3 M frames"
+    assert parts.described(contest, dataclasses.replace(case, gains_name="default"))["learned_from"] == "0 frames"
+    chosen_there = dataclasses.replace(kept, split="validation")
+    monkeypatch.setattr(parts, "tuned_set", lambda *_: chosen_there)
+    assert parts.described(contest, case)["learned_from"] == "2.3 M frames, on validation"
     lost = dataclasses.replace(kept, chosen="default")
     monkeypatch.setattr(contest_module, "tuned_set", lambda *_: lost)
     assert list(contest.gain_sets("lqr", "p3dx", ("default", "tuned"))) == [("default", {})]
+    monkeypatch.setattr(parts, "tuned_set", lambda *_: lost)
+    (case,) = contest.cases("p3dx", Course("circles", "test"), Entrants(("lqr",)))
+    assert parts.described(contest, case)["learned_from"] == "2.3 M frames, best of them"
+
+
+def test_every_row_has_its_budget_in_frames() -> None:
+    for contest in CONTESTS.values():
+        for robot in ROBOTS:
+            for case in contest.cases(robot, Course("all", "test"), Entrants(contest.policies)):
+                told = parts.described(contest, case)["learned_from"]
+                assert re.match(r"(0|[\d.]+ M) frames(, |$)", told), (case.policy, case.gains_name, told)
 
 
 def test_a_gain_that_is_given_is_not_written_over_by_a_speed() -> None:
@@ -485,7 +501,10 @@ def test_a_damaged_gains_file_is_refused() -> None:
         ('{"policy": "stanley", "gains": {"k": [1]}}', "must map names to plain values"),
         *(
             (json.dumps({**good, "gains": {}, name: value}), f"{name} must be")
-            for name, value in (("robot", 3), ("level", None), ("speed", -1.0), ("chosen", "luck"), ("frames", 0.5))
+            for name, value in (
+                *(("robot", 3), ("level", None), ("speed", -1.0), ("chosen", "luck"), ("frames", 0.5)),
+                *(("searched_on", value) for value in ("train", None, {"split": 3})),
+            )
         ),
     ):
         with pytest.raises(ValueError, match=message):

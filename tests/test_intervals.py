@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats.mstats import trimmed_mean_ci
 
-from wayfield.benchmarks.aggregates import interval, iqm, mean
-from wayfield.benchmarks.audit_formulas import binomial_ends
-from wayfield.benchmarks.coverage import HOLDS, covered, designs
+from wayfield.benchmarks.aggregates import counted_interval, interval, iqm, mean
+from wayfield.benchmarks.audit_formulas import binomial_ends, counted_ends
+from wayfield.benchmarks.coverage import HOLDS, covered, designs, times
 from wayfield.benchmarks.crossed import LEAST, enough, exact_interval, share_interval, spread, winsorised
 from wayfield.benchmarks.paired import advantage, difference, holm
 
@@ -145,6 +145,85 @@ def test_a_resample_s_spread_is_corrected_for_its_size() -> None:
     assert high - low == pytest.approx(2.0 * found.quantile * math.sqrt(found.variance), rel=0.1)
 
 
+def timed(failed: int, agents: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the times of 60 runs, so many of which failed and count as 60 s, and who succeeded."""
+    values = np.random.default_rng(6).uniform(5.0, 9.0, (60, agents))
+    won = np.ones(values.shape)
+    won[:failed] = 0.0
+    return np.where(won == 1.0, values, 60.0), won
+
+
+def test_a_mean_in_which_failures_count_leaves_room_for_those_that_were_not_seen() -> None:
+    values, won = timed(0)
+    low, high = counted_interval(values, won, 60.0, STRATA)  # type: ignore[misc]
+    plain = interval(values, STRATA, mean)
+    assert plain is not None
+    middle = values.mean()
+    assert low == pytest.approx(plain[0])
+    share = 1.0 - 0.025 ** (1.0 / 60.0)  # of failures, that none of 60 still allows for
+    assert high == pytest.approx(middle + math.hypot(plain[1] - middle, share * (60.0 - middle)))
+    # a score, which failing takes away, has that room below
+    low, high = counted_interval(60.0 - values, won, 0.0, STRATA)  # type: ignore[misc]
+    assert (60.0 - high, 60.0 - low) == pytest.approx(counted_interval(values, won, 60.0, STRATA), rel=0.02)
+
+
+def test_of_a_mean_in_which_failures_count_nothing_is_said_where_nobody_succeeds() -> None:
+    values, won = timed(60)
+    assert counted_interval(values, won, 60.0, STRATA) is None
+    few = ["a"] * 56 + ["b"] * 4
+    assert counted_interval(*timed(3), 60.0, few) is None
+
+
+@given(st.integers(0, 55), st.floats(0.01, 100.0), st.floats(-50.0, 50.0))
+def test_the_interval_of_such_a_mean_has_no_unit_and_holds_the_mean(failed: int, scale: float, shift: float) -> None:
+    values, won = timed(failed, 3)
+    low, high = counted_interval(values, won, 60.0, STRATA, resamples=50)  # type: ignore[misc]
+    assert low < values.mean() < high
+    found = counted_interval(scale * values + shift, won, scale * 60.0 + shift, STRATA, resamples=50)
+    assert found == pytest.approx((scale * low + shift, scale * high + shift), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("failed", [0, 1, 6, 30])
+def test_the_audit_finds_the_ends_of_such_a_mean_by_itself(failed: int) -> None:
+    values, won = timed(failed)
+    runs = [(float(value), bool(each)) for value, each in zip(values.ravel(), won.ravel(), strict=True)]
+    families = [runs[first : first + 10] for first in range(0, 60, 10)]
+    assert counted_interval(values, won, 60.0, STRATA) == pytest.approx(counted_ends(families, 60.0), rel=0.03)
+
+
+def test_no_bootstrap_of_few_failures_holds() -> None:
+    """Why there is `counted_interval`: one of 50 runs fails, and a third of all samples has none."""
+    rng, strata = np.random.default_rng(7), [f"{k}" for k in range(5) for _ in range(10)]
+    draw = times(0.02)
+    true = draw(rng, 5, 20_000, 1).mean()
+    held = {"bootstrap": 0, "counted": 0}
+    for k in range(200):
+        values = draw(rng, 5, 10, 1).reshape(50, 1)
+        ends = {
+            "bootstrap": interval(values, strata, mean, k, 200),
+            "counted": counted_interval(values, (values < 60.0).astype(float), 60.0, strata, k, 200),
+        }
+        for name, found in ends.items():
+            assert found is not None
+            held[name] += found[0] <= true <= found[1]
+    assert held["bootstrap"] < 0.88 * 200
+    assert held["counted"] >= HOLDS * 200
+
+
+def test_a_difference_of_times_has_two_scenarios_more_in_which_one_fails() -> None:
+    """As successes have: two who never fail and take as long are not told apart to the last digit."""
+    a, b = column(np.full(60, 7.0)), column(np.full(60, 7.0))
+    found = difference(a, b, STRATA, "mean", 53.0)
+    assert found.value == 0.0
+    share = difference(column(np.ones(60)), column(np.ones(60)), STRATA, "share")
+    assert (found.low, found.high, found.p) == pytest.approx((53.0 * share.low, 53.0 * share.high, 1.0))
+    # whose failures are all that differs differs in both alike
+    won = column([0.0] * 9 + [1.0] * 51)
+    share = difference(won, column(np.ones(60)), STRATA, "share")
+    found = difference(60.0 - 53.0 * won, b, STRATA, "mean", 53.0)
+    assert (found.low, found.high, found.p) == pytest.approx((-53.0 * share.high, -53.0 * share.low, share.p))
+
+
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
 def test_holm_is_between_each_p_and_bonferroni_and_keeps_the_order(ps: list[float]) -> None:
     found = holm(ps)
@@ -179,12 +258,14 @@ def test_differences_of_nothing_are_rarely_called_differences() -> None:
 def test_every_kind_of_interval_is_measured_where_it_is_shown() -> None:
     """Standings of both contests, front and ladder, single policies and agents."""
     found = {(each.where, each.agents > 1) for each in designs()}
-    assert len(found) == 10
+    assert len(found) == 12
     assert {each.scenarios for each in designs()} == {5, 10}
 
 
 # the narrowest of each kind; the command measures all of them
-@pytest.mark.parametrize("what", ["error, IQM, 7 % lost", "success, 99 %", "paired difference of success, 85 %"])
+@pytest.mark.parametrize(
+    "what", ["error, IQM, 7 % lost", "success, 99 %", "paired difference of success, 85 %", "time, 98 % reached"]
+)
 def test_intervals_hold_as_often_as_they_say(what: str) -> None:
     (index, *_) = [k for k, each in enumerate(designs()) if each.what == what and each.agents == 1]
     assert covered((index, 300, 1)) / 300 >= HOLDS - 0.02  # of 300 samples

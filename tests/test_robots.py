@@ -518,7 +518,7 @@ def test_a_contest_takes_a_sheet_and_says_whose_gains_it_drove(tmp_path: Path) -
     assert rows["pure_pursuit"]["robot"] == "mine"
     # nothing was tuned with a robot of one's own: the policy's own gains are driven, and the row says so
     assert rows["pure_pursuit"]["gains_name"] == "default"
-    assert rows["pure_pursuit"]["learned_from"] == "not tuned"
+    assert rows["pure_pursuit"]["learned_from"] == "0 frames"
 
 
 def test_a_training_takes_a_sheet(tmp_path: Path) -> None:

@@ -5,17 +5,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayfield.benchmarks.aggregates import interval, iqm, mean
+from wayfield.benchmarks.aggregates import iqm, mean
 from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Column, Contest
 from wayfield.benchmarks.entries import (
     OFF_PACE,
     Entry,
     by_entry,
-    by_scenario,
     by_slowness,
     costs,
     failing,
     label,
+    mean_interval,
     mean_speed,
     off_pace,
     success_interval,
@@ -99,10 +99,10 @@ def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
         entry,
         rows[0]["knows"],
         (float(values(rows, "success").mean()), *(success_interval(rows) or ())),
-        (float(mean(cost)), *(interval(*by_scenario(rows, cost), mean) or ())),
+        (float(mean(cost)), *(mean_interval(rows, cost, float(values(rows, "failure_cost").mean())) or ())),
         mean_speed(rows),
         off_pace(rows, contest.pace),
-        () if scores is None else (float(mean(scores)), *(interval(*by_scenario(rows, scores), mean) or ())),
+        () if scores is None else (float(mean(scores)), *(mean_interval(rows, scores, 0.0) or ())),
     )
 
 

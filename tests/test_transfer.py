@@ -1,0 +1,81 @@
+"""Gains where they were chosen and where they were not: rooms, rows and the table."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wayfield.benchmarks.results import read_rows
+from wayfield.benchmarks.transfer import (
+    LEAST_WAY,
+    OTHER_HULLS,
+    PAIRS,
+    PLACES,
+    TRANSFER,
+    TUNED_FOR,
+    WIDEST,
+    entries,
+    main,
+    room,
+    transfer_table,
+    write_rooms,
+)
+from wayfield.envs.scenarios import TASKS, scenarios_of
+
+
+def test_a_room_has_a_way_for_every_hull_from_each_start_to_its_goal(tmp_path: Path) -> None:
+    """By the planner's own search of the map, not by the clearance that the room was drawn with."""
+    assert max(robot.hull_radius for robot in (*TUNED_FOR, *OTHER_HULLS)) <= WIDEST
+    (course, *_) = write_rooms(tmp_path, 2, 3)
+    for scenario in scenarios_of(TASKS["goal_reaching"], course.file, WIDEST):
+        assert math.dist(scenario.start[:2], scenario.goal[:2]) >= LEAST_WAY - 1e-3
+    assert len(course.members) == PAIRS
+
+
+def test_rooms_are_of_their_seed() -> None:
+    (occupied, ways), (again, same), (other, _) = (room(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert np.array_equal(occupied, again)
+    assert ways == same
+    assert occupied.shape != other.shape or not np.array_equal(occupied, other)
+
+
+def test_every_set_that_ships_is_tried_with_those_that_it_came_out_of() -> None:
+    found = list(entries(None))
+    assert {each.robot.name for each in found} == {robot.name for robot in TUNED_FOR}
+    for entry in found:
+        names = [each.gains_name for each in found if (each.robot, each.policy) == (entry.robot, entry.policy)]
+        assert names[:2] == ["default", "tuned"]
+    assert {each.policy for each in entries(("dwa",))} == {"dwa"}
+
+
+def test_the_table_counts_the_rows_of_each_place() -> None:
+    first = {"robot": "p3dx", "policy": "dwa", "gains_name": "tuned", "learned_from": "0.7 M frames"}
+    rows = [
+        {**first, "place": place, "scenario": f"{place} {k}", "episode": "0", "success": str(int(k < won))}
+        for place, won in (("validation", 10), ("BARN", 5))
+        for k in range(10)
+    ]
+    table = transfer_table(rows, "x")
+    assert [each for each in PLACES if each in table.header] == ["validation", "BARN"]
+    (line,) = table.rows
+    assert line[:4] == ["p3dx", "dwa", "tuned", "0.7 M frames"]
+    assert line[4].startswith("100.0 [69")  # 0.025 ** 0.1
+    assert line[5].startswith("50.0 [18.7, 81.3]")
+
+
+def test_what_was_not_tuned_is_refused_in_one_line() -> None:
+    done = CliRunner().invoke(main, ["--policies", "mpc"])
+    assert done.exit_code == 2
+    assert "nothing was tuned for them in goal reaching" in done.output
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_table_that_its_rows_make(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, ["--policies", "astar_tracker", "--rooms", "1", "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    rows = read_rows(tmp_path / "out")
+    command = "python -m wayfield.benchmarks.transfer --policies astar_tracker --rooms 1"
+    assert (tmp_path / "out" / TRANSFER).read_text() == transfer_table(rows, command).csv()
+    assert {row["success"] for row in rows} <= {"0", "1"}
