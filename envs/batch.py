@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from wayfield.envs.briefing import KNOWS, Briefing
 from wayfield.envs.checks import choose, memory, shown
 from wayfield.envs.compiled import machine_code
-from wayfield.envs.crew import bounds, crew
+from wayfield.envs.crew import crew
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.grids import SCRATCH, scan_grid
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
+from wayfield.envs.sharing import PART
 from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.task import Task
 
@@ -23,8 +24,8 @@ STATE_ARRAYS = ("states", "obstacles", "actions", "skip", "noise", "asked")
 # Rows of noise drawn at once for a robot: large enough that drawing is cheap, small enough to stay in the cache.
 NOISE_BLOCK = 64
 
-# Robots stepped in the time that one is reset, by the thread that calls: it steps so many fewer beside it.
-RESET = 2
+ALONE = np.empty(0, np.int64)  # shares where no other thread takes rows
+_FIRST = np.arange(1)
 
 
 class Results:
@@ -85,13 +86,15 @@ class Batch:
         self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
         self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
         self._inputs = (task.params, self.states, self.obstacles, self.actions, self.noise, self.skip, *task.world)
-        results = Results(task, num_envs)
-        self._step_rows = machine_code(
-            task.step_rows, 0, *self._inputs, results.observations, results.numbers, results.flags
+        # fewer rows are done sooner than another thread is woken
+        self._alone = num_threads == 1 or num_envs < 2 * PART
+        results = Results(task, 1)
+        outputs = (results.observations, results.numbers, results.flags)
+        self._step_rows = machine_code(task.step_rows, 0, 0, ALONE, *self._inputs, *outputs)
+        draws = np.empty((1, self.draws))
+        self._reset_rows = machine_code(
+            task.reset_rows, task.params, self.states, self.obstacles, _FIRST, draws, self.noise, *task.world, *outputs
         )
-        # a block is the whole batch with all rows left out but its own: no row is sliced off, and none has two writers
-        blocks = len(bounds(num_envs, num_threads)) if num_threads > 1 else 0
-        self._left_out = np.ones((blocks, num_envs), np.bool_)
         self._phases = COMMAND | DRIVE | JUDGE
         self.plant: Any = None
         if task.options.dynamics == "pymunk":
@@ -180,7 +183,7 @@ class Batch:
                 generators[i].standard_normal(out=self.noise[i])
         if scenarios is not None:
             draws[:, 0] = (scenarios[rows] + 0.5) / len(self.task.scenarios)
-        self.task.reset_rows(
+        self._reset_rows(
             self.task.params,
             self.states,
             self.obstacles,
@@ -199,7 +202,7 @@ class Batch:
         self,
         generators: Sequence[np.random.Generator],
         results: Results,
-        meanwhile: Callable[[], None] = lambda: None,
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         """Moves every robot that is not in `self.skip` by `self.actions` and writes its results.
 
@@ -219,33 +222,23 @@ class Batch:
         if self.plant is None:
             self._shared_out(self._phases, results, meanwhile)
             return
-        self._shared_out(self._phases, results, lambda: None)
+        self._shared_out(self._phases, results)
         self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
-        self._shared_out(JUDGE, results, lambda: None)
-        meanwhile()
+        self._shared_out(JUDGE, results, meanwhile)
 
-    def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None]) -> None:
+    def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None] | None = None) -> None:
         """Runs phases of a step, by several threads where there are some."""
-        outputs = (results.observations, results.numbers, results.flags)
-        if not len(self._left_out):
-            bad = self._step_rows(phases, *self._inputs, *outputs)
+        arrays = (*self._inputs, results.observations, results.numbers, results.flags)
+        if self._alone:
+            bad = self._step_rows(phases, 0, ALONE, *arrays)
             if bad >= 0:
                 raise self._not_finite(bad)
-            meanwhile()
+            if meanwhile is not None:
+                meanwhile()
             return
-        if phases & COMMAND:  # before any block has moved
+        if phases & COMMAND:  # before any robot has moved
             self._check_finite()
-        params, states, obstacles, actions, noise, skip, *world = self._inputs
-
-        blocks = bounds(self.num_envs, self.num_threads, RESET * int(np.count_nonzero(skip)))
-        self._left_out[:] = True
-        for left_out, (first, last) in zip(self._left_out, blocks, strict=True):
-            left_out[first:last] = skip[first:last]
-
-        def work(k: int) -> None:
-            self._step_rows(phases, params, states, obstacles, actions, noise, self._left_out[k], *world, *outputs)
-
-        crew(self.num_threads).run(work, len(blocks), meanwhile)
+        crew(self.num_threads).share(lambda thread, shares: self._step_rows(phases, thread, shares, *arrays), meanwhile)
 
     def _delay_actions(self) -> None:
         """Puts in place of the actions just asked those asked some steps ago."""

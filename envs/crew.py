@@ -3,81 +3,120 @@
 import functools
 import itertools
 import os
-import queue
 import threading
+import time
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
-Work = Callable[[int], None]  # does block k
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.compiled import machine_code
+from wayfield.envs.sharing import BEGUN, BRIEF, all_left, entered, left, shares_of
+
+# What each thread of a job does: takes rows, by its number from 0 on and the job's shares, until none are left.
+Turn = Callable[[int, NDArray[np.int64]], Any]
 Made = TypeVar("Made")
 
 _LEAST = 32  # rows of a block: fewer are done sooner than another thread is woken
+_PAUSE = 1e-4  # s, between looks for threads that take their time
 
 
 class _Job:
-    """Blocks of work, of which each thread takes the next as long as there are some."""
+    """What the threads do next: a chain, so that who comes late meets every job, and finds it done."""
 
-    def __init__(self, work: Work, count: int) -> None:
-        self._work, self._count = work, count
-        self._next, self._ended = itertools.count(), itertools.count(1)  # whose `next` no other thread can break into
+    def __init__(self, threads: int) -> None:
+        self.shares = shares_of(threads)
+        self.gate = threading.Lock()  # shut until the job begins
+        self.gate.acquire()
+        self.turn: Turn | None = None
         self.errors: list[BaseException] = []
-        self.done = threading.Lock()
-        self.done.acquire()
+        self.following: _Job
 
-    def help(self) -> None:
-        """Does blocks until none are left to begin."""
-        while self.help_once():
-            pass
-
-    def help_once(self) -> bool:
-        """Does a block, and returns whether there was one left to begin."""
-        k = next(self._next)
-        if k >= self._count:
-            return False
-        try:
-            self._work(k)
-        except BaseException as error:
-            self.errors.append(error)
-        if next(self._ended) == self._count:
-            self.done.release()
-        return True
+    def help(self, thread: int) -> None:
+        """Does what one of the other threads can of it."""
+        turn = self.turn
+        if turn is not None:  # otherwise it has ended
+            try:
+                turn(thread, self.shares)
+            except BaseException as error:
+                self.errors.append(error)
 
 
 class Crew:
     """Threads besides the one that calls; they wait where there is nothing to do, and end with the process."""
 
     def __init__(self, others: int) -> None:
-        self._others = others
-        self._jobs: queue.SimpleQueue[_Job] = queue.SimpleQueue()
-        for _ in range(others):
-            threading.Thread(target=self._serve, name="wayfield rows", daemon=True).start()
+        self._threads = others + 1
+        self._coming = job = _Job(self._threads)
+        self._lock = threading.Lock()
+        self._entered = machine_code(entered, job.shares)
+        self._left = machine_code(left, job.shares, job.shares)
+        self._all_left = machine_code(all_left, job.shares)
+        for k in range(1, self._threads):
+            threading.Thread(target=self._serve, args=(k, job), name="wayfield rows", daemon=True).start()
 
-    def run(self, work: Work, count: int, meanwhile: Callable[[], None] | None = None) -> None:
-        """Does blocks 0 to count - 1, in any order and several at once; returns when all are done.
+    def share(self, turn: Turn, meanwhile: Callable[[], None] | None = None) -> None:
+        """Lets each thread take its turn; returns when all are done.
 
         Args:
-            meanwhile: what the caller's thread does behind its first block. Not before: the others begin when it lets
-                Python go, which Python code does not for milliseconds.
+            turn: lets Python go and sets `shares[BEGUN]` as soon as it may be taken by others.
+            meanwhile: what the caller's thread does between a brief turn and another. Not before: the others begin when
+                it lets Python go, which Python code does not for milliseconds.
+
+        Raises:
+            BaseException: the first of those that turns raised, once all have ended.
+        """
+        with self._lock:
+            job = self._coming
+            job.following = self._coming = _Job(self._threads)
+            job.turn = turn
+            job.shares[BRIEF] = meanwhile is not None
+            job.gate.release()
+        try:
+            job.help(0)
+            if meanwhile is not None:
+                meanwhile()
+        finally:
+            if meanwhile is not None:
+                job.shares[BRIEF] = 0
+                job.help(0)
+            while not self._all_left(job.shares):
+                time.sleep(_PAUSE)
+            job.turn = None
+        if job.errors:
+            raise job.errors[0]
+
+    def run(self, work: Callable[[int], None], count: int) -> None:
+        """Does blocks 0 to count - 1, in any order and several at once; returns when all are done.
 
         Raises:
             BaseException: the first of those that blocks raised, once all blocks have ended.
         """
-        job = _Job(work, count)
-        for _ in range(min(self._others, count - 1)):
-            self._jobs.put(job)
-        job.help_once()
-        try:
-            if meanwhile is not None:
-                meanwhile()
-        finally:
-            job.help()
-            job.done.acquire()
-        if job.errors:
-            raise job.errors[0]
+        blocks = iter(range(count))  # whose `next` no other thread can break into
+        errors: list[BaseException] = []
 
-    def _serve(self) -> None:
+        def turn(thread: int, shares: NDArray[np.int64]) -> None:
+            shares[BEGUN] = 1
+            for k in blocks:
+                try:
+                    work(k)
+                except BaseException as error:
+                    errors.append(error)
+
+        self.share(turn)
+        if errors:
+            raise errors[0]
+
+    def _serve(self, thread: int, job: _Job) -> None:
+        before = shares_of(0)
         while True:
-            self._jobs.get().help()
+            if not self._left(before, job.shares):
+                with job.gate:
+                    pass
+            self._entered(job.shares)
+            job.help(thread)
+            before, job = job.shares, job.following
 
 
 @functools.cache
@@ -96,14 +135,7 @@ def one_a_thread(make: Callable[..., Made]) -> Callable[..., Made]:
     return lambda *arguments: made(threading.get_ident(), *arguments)
 
 
-def bounds(rows: int, blocks: int, less: int = 0) -> list[tuple[int, int]]:
-    """Returns the first row and the one behind the last of each of at most so many blocks, alike and not small.
-
-    The first block has `less` fewer rows, as far as it has them: of the thread that has other work besides.
-    """
+def bounds(rows: int, blocks: int) -> list[tuple[int, int]]:
+    """Returns the first row and the one behind the last of each of at most so many blocks, alike and not small."""
     blocks = max(1, min(blocks, rows // _LEAST))
-    if blocks == 1:
-        return [(0, rows)]
-    first = max(0, (rows + less) // blocks - less)
-    edges = [first + (rows - first) * k // (blocks - 1) for k in range(blocks)]
-    return list(itertools.pairwise([0, *edges]))
+    return list(itertools.pairwise(rows * k // blocks for k in range(blocks + 1)))

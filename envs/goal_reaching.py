@@ -28,7 +28,7 @@ from wayfield.envs.sheets import (
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, Robots, places, reset_robots, step_robots, write_motion
+from wayfield.envs.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
 from wayfield.envs.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
@@ -274,6 +274,8 @@ def begin(p, s, world, robots, i, outputs):
 @allocating
 def step_rows(
     phases,
+    thread,
+    shares,
     params,
     states,
     obstacles,
@@ -293,7 +295,8 @@ def step_rows(
     """Runs `stepping.step_robots`."""
     world = World(courses, goals, fields, scanner(params[0], beams, cells))
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
-    return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
+    turn = Turn(thread, shares)
+    return step_robots(judge, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
 
 
 @allocating

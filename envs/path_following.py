@@ -28,7 +28,7 @@ from wayfield.envs.sheets import (
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, Robots, places, reset_robots, step_robots, write_motion
+from wayfield.envs.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
 from wayfield.envs.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
@@ -247,12 +247,28 @@ def begin(p, s, world, robots, i, outputs):
 
 @compiled
 def step_rows(
-    phases, params, states, obstacles, actions, noise, skip, courses, vertices, runs, patrols, out, numbers, flags
+    phases,
+    thread,
+    shares,
+    params,
+    states,
+    obstacles,
+    actions,
+    noise,
+    skip,
+    courses,
+    vertices,
+    runs,
+    patrols,
+    out,
+    numbers,
+    flags,
 ):
     """Runs `stepping.step_robots`."""
     robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     world = World(courses, vertices, runs)
-    return step_robots(judge, phases, robots, actions, skip, world, Outputs(out, numbers, flags))
+    turn = Turn(thread, shares)
+    return step_robots(judge, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
 
 
 @compiled

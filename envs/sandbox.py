@@ -40,7 +40,7 @@ class Observation(NamedTuple):
 
 
 @compiled
-def step_rows(phases, params, states, obstacles, actions, noise, skip, patrols, out, numbers, flags):
+def step_rows(phases, thread, shares, params, states, obstacles, actions, noise, skip, patrols, out, numbers, flags):
     """Runs the asked phases of a step for all robots but those in `skip`; returns -1: targets are always finite."""
     robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     p = params[0]

@@ -12,6 +12,7 @@ from wayfield.envs.compiled import inlined
 from wayfield.envs.grids import Grids
 from wayfield.envs.hulls import hull_clearance
 from wayfield.envs.patrols import patrol
+from wayfield.envs.sharing import BEGUN, add, next_rows
 
 # The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
 COMMAND = 1  # action to the twist asked of the wheels
@@ -30,6 +31,13 @@ class Robots(NamedTuple):
     grids: Grids
 
 
+class Turn(NamedTuple):
+    """Whose turn it is, where threads share out the robots."""
+
+    thread: int  # 0: the one that begins
+    shares: NDArray[np.int64]  # see `sharing`; empty: it is alone
+
+
 class Outputs(NamedTuple):
     """The arrays that a step writes, for b robots."""
 
@@ -46,6 +54,12 @@ def places(*names: str) -> Any:
 @inlined
 def first_not_finite(actions, skip):
     """Returns the first robot, of those not in `skip`, whose action is not finite; -1 if there is none."""
+    finite = True
+    for i in range(actions.shape[0]):
+        for k in range(actions.shape[1]):
+            finite &= math.isfinite(actions[i, k])
+    if finite:
+        return -1
     for i in range(actions.shape[0]):
         for k in range(actions.shape[1]):
             if not skip[i] and not math.isfinite(actions[i, k]):
@@ -79,7 +93,7 @@ def write_motion(s, holonomic, i, out):
 
 
 @inlined
-def step_robots(judge, phases, robots, actions, skip, world, outputs):
+def step_robots(judge, phases, robots, actions, skip, turn, world, outputs):
     """Runs the asked phases of a step for all robots but those in `skip`, as the task's `step_rows`.
 
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
@@ -88,40 +102,48 @@ def step_robots(judge, phases, robots, actions, skip, world, outputs):
         judge: the task's compiled judge(p, s, world, robots, i, row, outputs): measures robot i, whose noise is in
             `row`, against what is asked of it, and writes its observation, numbers and flags.
         robots: Robots.
+        turn: Turn; where others take rows too, it is theirs to see that actions are finite who begins.
         world: what the task's own functions read of its bank.
         outputs: Outputs.
     """
-    if phases & COMMAND:
+    thread, shares = turn
+    if shares.shape[0] > 0:
+        if thread == 0:
+            add(shares, BEGUN, 1)
+    elif phases & COMMAND:
         bad = first_not_finite(actions, skip)
         if bad >= 0:
             return bad
     params, states, obstacles, noise, patrols, _ = robots
     p = params[0]
-    for i in range(states.shape[0]):
-        if skip[i]:
-            continue
-        s = states[i]
-        row = s.noise_row if noise.shape[1] > 1 else 0
-        if phases & COMMAND:
-            s.contact = 0
-            kinematic_plant.command(p, s, actions, i)
-            if patrols.shape[1] > 0:
-                patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
-                if phases & DRIVE and s.clearance < 0.0:
-                    # run into where it stands; in a plant with forces it is pushed
-                    s.contact = 1
-                    s.vx = 0.0
-                    s.vy = 0.0
-                    s.yaw_rate = 0.0
-            if not s.contact:
-                kinematic_plant.shove(p, s, robots, i)
-        if phases & DRIVE and not s.contact:
-            kinematic_plant.drive(p, s, robots, i, row)
-        if phases & JUDGE:
-            s.steps += 1
-            judge(p, s, world, robots, i, row, outputs)
-            s.noise_row += 1
+    first, last = next_rows(shares, thread, 0, states.shape[0])
+    while first < last:
+        for i in range(first, last):
+            if skip[i]:
+                continue
+            s = states[i]
+            row = s.noise_row if noise.shape[1] > 1 else 0
+            if phases & COMMAND:
+                s.contact = 0
+                kinematic_plant.command(p, s, actions, i)
+                if patrols.shape[1] > 0:
+                    patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+                    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
+                    if phases & DRIVE and s.clearance < 0.0:
+                        # run into where it stands; in a plant with forces it is pushed
+                        s.contact = 1
+                        s.vx = 0.0
+                        s.vy = 0.0
+                        s.yaw_rate = 0.0
+                if not s.contact:
+                    kinematic_plant.shove(p, s, robots, i)
+            if phases & DRIVE and not s.contact:
+                kinematic_plant.drive(p, s, robots, i, row)
+            if phases & JUDGE:
+                s.steps += 1
+                judge(p, s, world, robots, i, row, outputs)
+                s.noise_row += 1
+        first, last = next_rows(shares, thread, last, states.shape[0])
     return -1
 
 

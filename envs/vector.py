@@ -1,6 +1,7 @@
 """The gymnasium.vector.VectorEnv shell: a batch of many robots, stepped by one compiled call."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -129,8 +130,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         batch.actions[:] = actions
         batch.skip[:] = self._ended
         results = Results(self.task, self.num_envs)
-        again = np.flatnonzero(self._ended)
-        batch.step(self._generators, results, lambda: self._begun(again, results))
+        info: dict[str, Any] = {}
+        batch.step(self._generators, results, partial(self._meanwhile, self._ended, results, info))
         if self.max_episode_steps is None:
             truncated = np.zeros(self.num_envs, np.bool_)
         else:
@@ -139,9 +140,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         ended = terminated | truncated
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._ended = ended
-            return results.observations, rewards, terminated, truncated, self._info(results)
+            return results.observations, rewards, terminated, truncated, info
         rows = np.flatnonzero(ended)
-        info: dict[str, Any] = {}
         if len(rows):
             final_obs = np.full(self.num_envs, None, dtype=object)
             for i in rows.tolist():
@@ -150,11 +150,14 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             info["final_info"], info["_final_info"] = self._info(results, ended), ended.copy()
             rewards, terminated = rewards.copy(), terminated.copy()
             batch.reset(rows, self._generators, results)
-        return results.observations, rewards, terminated, truncated, info | self._info(results)
+        return results.observations, rewards, terminated, truncated, info
 
-    def _begun(self, rows: NDArray[np.int64], results: Results) -> None:
-        if len(rows):
-            self.batch.reset(rows, self._generators, results)
+    def _meanwhile(self, ended: NDArray[np.bool_], results: Results, info: dict[str, Any]) -> None:
+        """Resets the robots that have ended and fills the info, whose arrays others may still be writing."""
+        again = np.flatnonzero(ended)
+        if len(again):
+            self.batch.reset(again, self._generators, results)
+        info.update(self._info(results))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns a frame (h, w, 3) of each robot in "rgb_array" mode."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.contests import CONTESTS, Contest
-from wayfield.envs.batch import Results
+from wayfield.envs.batch import ALONE, Results
 from wayfield.envs.compiled import compiled
 from wayfield.envs.disturbances import DISTURBANCES
 from wayfield.envs.geometry import OBSTACLE, bearing
@@ -463,7 +463,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     outputs = (results.observations, results.numbers, results.flags)
     rows, draws = np.zeros(1, np.int64), np.zeros((1, batch.draws))
     reset = (env.task.params, batch.states, batch.obstacles, rows, draws, batch.noise, *env.task.world, *outputs)
-    step = (7, *batch._inputs, *outputs)
+    step = (7, 0, ALONE, *batch._inputs, *outputs)
     corners = (np.zeros(2), np.zeros(2), np.zeros(2))
     return {
         name: (kernel, leaves(names_of(kernel), values), values)

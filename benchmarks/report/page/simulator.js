@@ -68,6 +68,7 @@ class Simulator {
       actions: room(8 * actions, [1, actions]),
       noise: room(8 * this.rows * this.columns, [1, this.rows, this.columns]),
       skip: room(1, [1]),
+      shares: room(8, [0]),
       rows: memory([0n], BigInt64Array),
       out: room(4 * this.body.size, [1, this.body.size]),
       numbers: room(8 * tables.numbers.length, [tables.numbers.length, 1]),
@@ -171,7 +172,7 @@ class Simulator {
       const [s, segment] = this.along(recorded, step);
       set({ arc_length: s, segment, measured_arc_length: s, measured_segment: segment });
     } else set({ waypoint: this.passed(recorded, step) });
-    this.kernels.call(`${this.tables.rows}_step`, { phases: 4, ...this.arrays }); // judges where it is: no motion
+    this.kernels.call(`${this.tables.rows}_step`, { phases: 4, thread: 0, ...this.arrays }); // judges where it is: no motion
     return this.observe();
   }
 
@@ -232,7 +233,7 @@ class Simulator {
       this.fillNoise();
       state.set("noise_row", 0);
     }
-    kernels.call(`${this.tables.rows}_step`, { phases: 7, ...arrays });
+    kernels.call(`${this.tables.rows}_step`, { phases: 7, thread: 0, ...arrays });
     this.observe();
     const flags = new Uint8Array(kernels.memory.buffer, arrays.flags.at, this.tables.flags.length);
     return Object.fromEntries(this.tables.flags.map((name, k) => [name, flags[k] !== 0]));
