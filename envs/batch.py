@@ -11,7 +11,7 @@ from wayfield.envs.checks import choose, memory, shown
 from wayfield.envs.compiled import machine_code
 from wayfield.envs.crew import crew
 from wayfield.envs.geometry import OBSTACLE
-from wayfield.envs.grids import SCRATCH, scan_grid
+from wayfield.envs.grids import SCRATCH, WORDS, scan_grid
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
 from wayfield.envs.sharing import PART
@@ -322,12 +322,23 @@ class Batch:
                 p["beam_step"].item(),
                 p["max_range"].item(),
                 np.empty(max(ROOM, SCRATCH)),
+                np.empty(WORDS, np.uint64),
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
             scan_ranges(lidar, self.obstacles, state["field"], count, state["num_blocks"], pose, ranges, i, 0)
             grids = self.task.grids
             if len(grids.cells):
-                scan_grid(grids.frames[state["scenario"]], grids.cells, pose, lidar.beams, ranges, i, 0, lidar.scratch)
+                scan_grid(
+                    grids.frames[state["scenario"]],
+                    grids.cells,
+                    pose,
+                    lidar.beams,
+                    ranges,
+                    i,
+                    0,
+                    lidar.scratch,
+                    lidar.words,
+                )
             drawing["ranges"] = ranges[i]
         return Scene(
             robot=self.task.robot,

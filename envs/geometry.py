@@ -136,6 +136,9 @@ def clearance_to(obstacle, x, y):
     """Returns the signed distance (m) from the point (x, y) to the obstacle's surface, negative inside it."""
     dx = x - obstacle.x
     dy = y - obstacle.y
+    if obstacle.half_length + obstacle.half_width == 0.0 and obstacle.cos == 1.0:
+        # a circle that was never turned: the bits of what follows, sooner
+        return math.sqrt(dx * dx + dy * dy) - obstacle.radius
     across = abs(obstacle.cos * dy - obstacle.sin * dx) - obstacle.half_width
     along = abs(obstacle.cos * dx + obstacle.sin * dy) - obstacle.half_length
     outside = math.sqrt(max(along, 0.0) ** 2 + max(across, 0.0) ** 2)

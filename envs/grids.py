@@ -37,13 +37,22 @@ _BLOCK = 16
 
 # So many beams go on side by side, by the same arithmetic without a branch: that a processor does for several at once.
 # No power of two, so that their numbers do not all want the same place in its cache.
-TOGETHER = 120
+TOGETHER = 216
+BESIDE = 8  # of those, so many at once; a divisor
+# in a turn: who goes on cannot be foretold, and to ask after each leap costs more than leaps for nothing
+LEAPS = 2
 # the numbers of a beam on its way, in rows of TOGETHER
 _BEAM = collections.namedtuple(
-    "_BEAM", "gone room place u v along_u along_v inverse_u inverse_v far_u far_v at_u at_v step_u step_v plane reach"
+    "_BEAM",
+    "gone room place u v along_u along_v inverse_u inverse_v far_u far_v at_u at_v step_u step_v plane reach last",
 )
-_AT = _BEAM(*(TOGETHER * row for row in range(len(_BEAM._fields))))
+_AT = _BEAM(*(np.uint64(TOGETHER * row) for row in range(len(_BEAM._fields))))
 SCRATCH = TOGETHER * len(_BEAM._fields)  # numbers that `scan_grid` needs room for
+
+# for BESIDE beams each: their rooms, a byte each; then which of them have not all ended; then whose they are
+_GOING = TOGETHER // BESIDE
+_HELD = 2 * _GOING
+WORDS = 3 * _GOING
 
 # Where a scenario's grid lies: what a record of the bank has besides.
 FRAME = [
@@ -591,19 +600,37 @@ def grid_ray(frame, cells, u, v, du, dv, reach):
 
 
 @compiled
-def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch):
+def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch, words):
     """Shortens ranges[i, column:] (m) to the distance along each beam to what is occupied in a scenario's grid.
 
-    `ray_from` for many beams at once, with the same bits: every beam leaps until the last has ended.
+    `ray_from` for many beams at once, with the same bits: in turns those that have not ended leap, BESIDE at once.
 
     Args:
         pose: x, y (m), heading (rad).
         beams: (2, n) cosines and sines of the beams in the body frame.
         ranges: (b, n) array of any float type, as `sensing.scan_ranges` leaves it.
         scratch: (SCRATCH,) room for numbers.
+        words: (WORDS,) room for whole ones.
+    """
+    for first in range(0, beams.shape[1], TOGETHER):
+        part = first, min(beams.shape[1] - first, TOGETHER), 0
+        if set_out(frame, cells, pose, beams, part, ranges, i, column, scratch):
+            travel(cells, scratch, words, part[1])
+            arrive(frame, part, ranges, i, column, scratch)
+
+
+@inlined
+def set_out(frame, cells, pose, beams, part, ranges, i, column, scratch):
+    """Writes where beams of a scan begin, for `travel`; returns False where there is nothing to travel for.
+
+    From beyond the grid the beams are looked along at once, and there is nothing left.
+
+    Args:
+        part: the first beam meant, how many, and where those stand among what goes on together.
     """
     if frame.grid_cell == 0.0:
-        return
+        return False
+    first, count, at = part
     x, y, heading = pose
     u, v = grid_place(frame, x, y)
     s, c = sin_cos(heading)
@@ -611,10 +638,10 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch):
     cosine = c * frame.grid_cos + s * frame.grid_sin
     sine = s * frame.grid_cos - c * frame.grid_sin
     if not (abs(cosine) < 2.0 and abs(sine) < 2.0):
-        return  # no number, or one that is no angle: such beams meet nothing
+        return False  # no number, or one that is no angle: such beams meet nothing
     cell = frame.grid_cell
     if not (0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows):
-        for k in range(beams.shape[1]):
+        for k in range(first, first + count):
             place = np.uint64(column + k)
             du = cosine * beams[0, k] - sine * beams[1, k]
             dv = sine * beams[0, k] + cosine * beams[1, k]
@@ -622,27 +649,86 @@ def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch):
             distance = grid_ray(frame, cells, u, v, du, dv, reach)
             if distance < reach:
                 ranges[i, place] = distance * cell
-        return
-    for first in range(0, beams.shape[1], TOGETHER):
-        count = min(beams.shape[1] - first, TOGETHER)
-        for k in range(count):
-            scratch[_AT.along_u + k] = cosine * beams[0, first + k] - sine * beams[1, first + k]
-            scratch[_AT.along_v + k] = sine * beams[0, first + k] + cosine * beams[1, first + k]
-        for k in range(count):
-            scratch[_AT.reach + k] = ranges[i, np.uint64(column + first + k)] / cell
-        aim(frame, u, v, scratch, count)
-        while look(cells, scratch, count):
-            leap(scratch, count)
-        if frame.grid_closed == 0:
-            stop_inside(frame, scratch, count)
-        for k in range(count):
-            place = np.uint64(column + first + k)
-            if scratch[_AT.gone + k] < scratch[_AT.reach + k]:
-                ranges[i, place] = scratch[_AT.gone + k] * cell
+        return False
+    for k in range(count):
+        place = np.uint64(at + k)
+        scratch[_AT.along_u + place] = cosine * beams[0, first + k] - sine * beams[1, first + k]
+        scratch[_AT.along_v + place] = sine * beams[0, first + k] + cosine * beams[1, first + k]
+    for k in range(count):
+        scratch[_AT.reach + np.uint64(at + k)] = ranges[i, np.uint64(column + first + k)] / cell
+    aim(frame, u, v, scratch, at, count)
+    return True
 
 
 @inlined
-def aim(frame, u, v, scratch, count):
+def arrive(frame, part, ranges, i, column, scratch):
+    """Shortens the ranges of the beams of `set_out` that have met something."""
+    first, count, at = part
+    if frame.grid_closed == 0:
+        stop_inside(frame, scratch, at, count)
+    for k in range(count):
+        place = np.uint64(column + first + k)
+        so_far = ranges[i, place]
+        gone = scratch[_AT.gone + np.uint64(at + k)]
+        ranges[i, place] = gone * frame.grid_cell if gone < scratch[_AT.reach + np.uint64(at + k)] else so_far
+
+
+@inlined
+def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column):
+    """Runs `scan_grid` for some robots, as many at once as go together.
+
+    Where a robot's clearance tells that nothing of its grid is in reach, no beam is looked along.
+
+    Args:
+        frames, cells: Grids.
+        states: records of the robots.
+        which: indices of robots, empty for all in order; which robots not, empty for none; and of the indices the first
+            that is meant, and the one behind the last.
+        hull_radius: m, from where the clearance counts.
+        lidar: sensing.Lidar.
+    """
+    count = lidar.beams.shape[1]
+    if count == 0:
+        return
+    wide = (count + BESIDE - 1) // BESIDE * BESIDE
+    held = 0
+    rows, skip, first, last = which
+    for j in range(first, last):
+        i = rows[j] if rows.shape[0] > 0 else j
+        if skip.shape[0] > 0 and skip[i]:
+            continue
+        s = states[i]
+        frame = frames[s.scenario]
+        if not s.clearance + hull_radius < lidar.max_range:
+            continue
+        pose = (s.x, s.y, s.heading)
+        if wide > TOGETHER:
+            scan_grid(frame, cells, pose, lidar.beams, ranges, i, column, lidar.scratch, lidar.words)
+            continue
+        part = 0, count, held * wide
+        if set_out(frame, cells, pose, lidar.beams, part, ranges, i, column, lidar.scratch):
+            lidar.words[np.uint64(_HELD + held)] = i
+            held += 1
+        if (held + 1) * wide > TOGETHER:
+            land(frames, cells, states, lidar, ranges, column, held)
+            held = 0
+    if held > 0:
+        land(frames, cells, states, lidar, ranges, column, held)
+
+
+@compiled
+def land(frames, cells, states, lidar, ranges, column, held):
+    """Brings the beams of the first robots that are held to their ends."""
+    count = lidar.beams.shape[1]
+    wide = (count + BESIDE - 1) // BESIDE * BESIDE
+    travel(cells, lidar.scratch, lidar.words, held * wide)
+    for k in range(held):
+        i = np.int64(lidar.words[np.uint64(_HELD + k)])
+        arrive(frames[states[i].scenario], (0, count, k * wide), ranges, i, column, lidar.scratch)
+
+
+@inlined
+def aim(frame, u, v, scratch, at, count):
     """Writes what `leap` reads of beams that begin at a place within the grid, along the vectors that stand there.
 
     All as if each went up the rows and the columns: with the other sign where it goes down. A beam's place is that of
@@ -653,7 +739,7 @@ def aim(frame, u, v, scratch, count):
     j = math.floor(u)
     i = math.floor(v)
     here = frame.grid_first + (i + 1.0) * width + j + 1.0
-    for k in range(count):
+    for k in range(np.uint64(at), np.uint64(at + count)):
         du = scratch[_AT.along_u + k]
         dv = scratch[_AT.along_v + k]
         left = du < 0.0
@@ -674,25 +760,52 @@ def aim(frame, u, v, scratch, count):
         plane = (size if left else 0.0) + (2.0 * size if down else 0.0)
         scratch[_AT.plane + k] = frame.grid_first + width + 1.0 + plane
         scratch[_AT.place + k] = here + plane
+        scratch[_AT.last + k] = here + plane
         scratch[_AT.gone + k] = 0.0
+    # beams that are none, up to a whole number of BESIDE, are where there is no room
+    for k in range(np.uint64(at + count), np.uint64(at + (count + BESIDE - 1) // BESIDE * BESIDE)):
+        scratch[_AT.place + k] = 0.0
 
 
 @inlined
-def look(cells, scratch, count):
-    """Writes the room of each beam; returns whether any has some."""
-    found = np.int64(0)
-    for k in range(count):
-        room = np.int64(cells[np.uint64(np.int64(scratch[_AT.place + k]))])
-        scratch[_AT.room + k] = room
-        found |= room
-    return found != 0
+def travel(cells, scratch, words, count):
+    """Lets all beams leap until the last has ended; those beside each other that all have ended are passed over."""
+    left = np.uint64((count + BESIDE - 1) // BESIDE)
+    for k in range(left):
+        words[k] = look(cells, scratch, k * np.uint64(BESIDE))
+        words[np.uint64(_GOING) + k] = k
+    while left > 0:
+        for _ in range(LEAPS):
+            for k in range(left):
+                which = words[np.uint64(_GOING) + k]
+                leap(scratch, which * np.uint64(BESIDE), words[which])
+            for k in range(left):
+                which = words[np.uint64(_GOING) + k]
+                words[which] = look(cells, scratch, which * np.uint64(BESIDE))
+        going = np.uint64(0)
+        for k in range(left):
+            which = words[np.uint64(_GOING) + k]
+            words[np.uint64(_GOING) + going] = which
+            going += np.uint64(1) if words[which] != 0 else np.uint64(0)
+        left = going
 
 
 @inlined
-def leap(scratch, count):
-    """Lets beams go on to where they leave the free squares that they are in; one whose room is 0 stays."""
-    for k in range(count):
-        room = scratch[_AT.room + k]
+def look(cells, scratch, first):
+    """Returns the rooms of BESIDE beams, from the first on, a byte each."""
+    rooms = np.uint64(0)
+    for k in range(np.uint64(BESIDE)):
+        room = np.uint64(cells[np.uint64(np.int64(scratch[_AT.place + first + k]))])
+        rooms |= room << (np.uint64(8) * k)
+    return rooms
+
+
+@inlined
+def leap(scratch, first, rooms):
+    """Lets BESIDE beams go on to where they leave the free squares that they are in; one whose room is 0 stays."""
+    for j in range(np.uint64(BESIDE)):
+        k = first + j
+        room = np.float64((rooms >> (np.uint64(8) * j)) & np.uint64(255))
         side_u = scratch[_AT.at_u + k] + room
         side_v = scratch[_AT.at_v + k] + room
         to_u = (side_u + scratch[_AT.far_u + k]) * scratch[_AT.inverse_u + k]
@@ -714,17 +827,18 @@ def leap(scratch, count):
         scratch[_AT.at_v + k] = at_v
         # where the first cell of the rim is, there is no room either
         place = 0.0 if gone >= scratch[_AT.reach + k] else place
-        scratch[_AT.place + k] = scratch[_AT.place + k] if stays else place
+        scratch[_AT.place + k] = 0.0 if stays else place
+        scratch[_AT.last + k] = scratch[_AT.last + k] if stays else place
         scratch[_AT.gone + k] = scratch[_AT.gone + k] if stays else gone
 
 
 @inlined
-def stop_inside(frame, scratch, count):
+def stop_inside(frame, scratch, at, count):
     """Lets beams that have ended on the rim of a grid, beyond which all is free, go as far as they reach."""
     width = frame.grid_columns + 2.0
     height = frame.grid_rows + 2.0
-    for k in range(count):
-        place = scratch[_AT.place + k] - frame.grid_first
+    for k in range(np.uint64(at), np.uint64(at + count)):
+        place = scratch[_AT.last + k] - frame.grid_first
         line = np.floor(place / width)
         column = place - line * width
         row = line - np.floor(line / height) * height
@@ -745,6 +859,7 @@ def _clearances(frames, cells, points):
 def _rays(frames, cells, points, headings, lengths):
     ahead = np.array([[1.0], [0.0]])
     scratch = np.empty(SCRATCH)
+    words = np.empty(WORDS, np.uint64)
     for k in range(points.shape[0]):
         pose = (points[k, 0], points[k, 1], headings[k])
-        scan_grid(frames[0], cells, pose, ahead, lengths.reshape(-1, 1), k, 0, scratch)
+        scan_grid(frames[0], cells, pose, ahead, lengths.reshape(-1, 1), k, 0, scratch, words)

@@ -28,7 +28,7 @@ from wayfield.envs.sheets import (
     sheet_like,
 )
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
+from wayfield.envs.stepping import Outputs, Robots, Turn, nothing_more, places, reset_robots, step_robots, write_motion
 from wayfield.envs.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 
@@ -268,7 +268,7 @@ def step_rows(
     robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
     world = World(courses, vertices, runs)
     turn = Turn(thread, shares)
-    return step_robots(judge, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
+    return step_robots(judge, nothing_more, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
 
 
 @compiled

@@ -178,6 +178,7 @@ class Lidar(NamedTuple):
     beam_step: float  # rad
     max_range: float  # m
     scratch: NDArray[np.float64]  # (ROOM,), and for maps at least (grids.SCRATCH,)
+    words: NDArray[np.uint64]  # for maps (grids.WORDS,)
 
 
 @inlined
@@ -268,7 +269,7 @@ def shorten(lidar, obstacle, j, turned, ranges, i, column):
     Args:
         turned: sine and cosine of the robot's heading.
     """
-    beams, first_beam, beam_step, _, scratch = lidar
+    beams, first_beam, beam_step, _, scratch, _ = lidar
     s, c = turned
     num_beams = beams.shape[1]
     inverse_step = 1.0 / beam_step

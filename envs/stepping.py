@@ -93,7 +93,12 @@ def write_motion(s, holonomic, i, out):
 
 
 @inlined
-def step_robots(judge, phases, robots, actions, skip, turn, world, outputs):
+def nothing_more(p, world, robots, skip, first, last, outputs):
+    """Does nothing: a task whose robots are judged one by one concludes so."""
+
+
+@inlined
+def step_robots(judge, conclude, phases, robots, actions, skip, turn, world, outputs):
     """Runs the asked phases of a step for all robots but those in `skip`, as the task's `step_rows`.
 
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
@@ -101,6 +106,8 @@ def step_robots(judge, phases, robots, actions, skip, turn, world, outputs):
     Args:
         judge: the task's compiled judge(p, s, world, robots, i, row, outputs): measures robot i, whose noise is in
             `row`, against what is asked of it, and writes its observation, numbers and flags.
+        conclude: its conclude(p, world, robots, skip, first, last, outputs): what is done for several robots at once,
+            behind the judging of each.
         robots: Robots.
         turn: Turn; where others take rows too, it is theirs to see that actions are finite who begins.
         world: what the task's own functions read of its bank.
@@ -143,6 +150,8 @@ def step_robots(judge, phases, robots, actions, skip, turn, world, outputs):
                 s.steps += 1
                 judge(p, s, world, robots, i, row, outputs)
                 s.noise_row += 1
+        if phases & JUDGE:
+            conclude(p, world, robots, skip, first, last, outputs)
         first, last = next_rows(shares, thread, last, states.shape[0])
     return -1
 

@@ -290,7 +290,7 @@ def test_a_scan_writes_its_own_beams_only(values: list[float], scan: tuple[int, 
     obstacles[0, 1] = (values[3], values[4], 0.6, 0.8, values[2], abs(values[1]), 0.0, 0.0)
     ranges = np.full((1, 3 * count + 8), -7.0)
     beams = np.ascontiguousarray(sensing.beam_directions(angles).T)
-    lidar = sensing.Lidar(beams, float(angles[0]), float(step), 5.0, np.empty(sensing.ROOM))
+    lidar = sensing.Lidar(beams, float(angles[0]), float(step), 5.0, np.empty(sensing.ROOM), np.empty(0, np.uint64))
     sensing.scan_ranges(lidar, obstacles, 0, 2, 0, (values[5], values[6], values[7]), ranges, 0, count + 4)
     own = slice(count + 4, 2 * count + 4)
     assert (np.delete(ranges, np.r_[own]) == -7.0).all()

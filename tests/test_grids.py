@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import wayfield.envs
 from wayfield.envs.geometry import OBSTACLE, sines
-from wayfield.envs.grids import MOST_SIDE, NO_GRIDS, SCRATCH, TOGETHER, OccupancyGrid, lay_grids, scan_grid
+from wayfield.envs.grids import MOST_SIDE, NO_GRIDS, SCRATCH, TOGETHER, WORDS, OccupancyGrid, lay_grids, scan_grid
 from wayfield.envs.scenarios import maps
 from wayfield.envs.scenarios.obstacles import box, obstacle_field
 
@@ -154,6 +154,27 @@ def traversed(grid: OccupancyGrid, place: Array, way: Array, reach: float) -> fl
     return reach
 
 
+@pytest.mark.parametrize("num_beams", [0, 1, 8, 72, TOGETHER, TOGETHER + 1])
+def test_robots_that_scan_together_see_what_each_sees_alone(num_beams: int, tmp_path: Path) -> None:
+    occupied = np.random.default_rng(4).random((60, 60)) < 0.1
+    occupied[20:60, 20:40] = False
+    np.save(tmp_path / "map.npy", occupied)
+    told = {"file": "map.npy", "resolution": 0.2, "origin": [-6.0, -6.0, 0.0], "unknown": "free"}
+    for k, (x, y) in enumerate([(0.0, 0.0), (0.0, 4.0), (30.0, 0.0)]):  # the last is far beyond the grid
+        scene = {"start": [x, y, 0.0], "start_offset": 1.0, "start_turn": 3.0, "goal": [x, y + 1.0, 0.0], "map": told}
+        (tmp_path / f"{k}.json").write_text(json.dumps(scene), encoding="utf-8")
+    for k in range(3):
+        kwargs = {"scenario": str(tmp_path / f"{k}.json"), "num_beams": num_beams, "noise": 1.0}
+        many = gymnasium.make_vec(
+            "wayfield/DiffDriveGoalObstacles-v0", 40, vectorization_mode="vector_entry_point", **kwargs
+        )
+        seen = [many.reset(seed=0)[0], many.step(np.zeros((40, 2), np.float32))[0]]
+        for i in (0, 17, 39):
+            env = gymnasium.make("wayfield/DiffDriveGoalObstacles-v0", **kwargs)
+            alone = [env.reset(seed=i)[0], env.step(np.zeros(2, np.float32))[0]]
+            assert all((one == several[i]).all() for one, several in zip(alone, seen, strict=True))
+
+
 @pytest.mark.parametrize("beyond", ["occupied", "free"])
 @pytest.mark.parametrize("density", [0.0, 0.01, 0.1, 0.4])
 def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, beyond: str) -> None:
@@ -165,7 +186,17 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
         # what stands nearer than the map has been seen already
         before = rng.uniform(0.0, 8.0, (1, beams.shape[1]))
         ranges = before.copy()
-        scan_grid(grids.frames[0], grids.cells, (*point, 0.0), beams, ranges, 0, 0, np.empty(SCRATCH))
+        scan_grid(
+            grids.frames[0],
+            grids.cells,
+            (*point, 0.0),
+            beams,
+            ranges,
+            0,
+            0,
+            np.empty(SCRATCH),
+            np.empty(WORDS, np.uint64),
+        )
         place = grid.places(point)
         for k, beam in enumerate(beams.T):
             reach = before[0, k] / 0.25
