@@ -38,7 +38,7 @@ from wayfield.policies.learned.agent import (
     signed,
     weights_digest,
 )
-from wayfield.policies.learned.conditions import driven_as, driven_speed, told_speed
+from wayfield.policies.learned.conditions import driven_as, driven_speed, outside, told_speed
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, Perception, limits_of
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
@@ -444,6 +444,28 @@ def test_a_slow_base_is_kept_from_all_that_lies_between_here_and_where_it_looks_
         assert v == pytest.approx(min(0.6, most / share)), math.degrees(angle)
 
 
+@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.1, 1.0))
+def test_a_slow_omni_base_turns_on_as_far_as_the_known_one_before_it_stops(seed: int, share: float) -> None:
+    """w^2 / (2 alpha) of the eased yaw rate is that of the asked one on the base that is guarded for."""
+    twists = np.random.default_rng(seed).uniform(-2.0, 2.0, (20, 3))
+    seen = goal_reaching.Observation(*[np.zeros((20, 1))] * 5, np.full((20, 72), 50.0))
+    known = ACTUATORS["lagged"]
+    slower = dataclasses.replace(
+        known, acceleration=share * known.acceleration, yaw_acceleration=share * known.yaw_acceleration
+    )
+    eased = GoalFeatures().guarded(seen, twists.copy(), 0.6, slower, eased=True)
+    turned = [w[:, 2] ** 2 / (2.0 * base.yaw_acceleration) for w, base in ((eased, slower), (twists, known))]
+    np.testing.assert_allclose(*turned)
+    # and it drives the same way, at most as fast
+    np.testing.assert_allclose(eased[:, 0] * twists[:, 1], eased[:, 1] * twists[:, 0], atol=1e-12)
+    assert (np.abs(eased[:, :2]) <= np.abs(twists[:, :2])).all()
+    for base, asked in ((slower, False), (known, True)):  # as it was learned; the base that is known
+        np.testing.assert_array_equal(GoalFeatures().guarded(seen, twists.copy(), 0.6, base, asked), twists)
+    straight = twists[:, [0, 2]]  # a differential drive
+    guarded = GoalFeatures().guarded(seen, straight.copy(), 0.6, slower, eased=True)
+    np.testing.assert_array_equal(guarded, straight)
+
+
 @given(count=st.integers(32, 720), seed=st.integers(0, 2**32 - 1))
 def test_a_scan_of_any_number_of_beams_is_read_by_nearness(count: int, seed: int) -> None:
     """Of more beams the least within half a step of the known ones, of fewer the nearest."""
@@ -547,6 +569,18 @@ def test_an_agent_warns_once_of_what_it_was_not_trained_on_and_says_what_was_mea
         assert said in line
         assert "\n" not in line
         assert ("70 % succeeded" if kwargs.get("actuators") == "slow" else "90 % succeeded") in line
+
+
+@pytest.mark.parametrize(("speed", "share"), [(0.2, "90 %"), (0.9, "80 %"), (1.5, "70 %")])
+def test_an_agent_says_what_was_measured_at_the_nearest_speed(speed: float, share: str) -> None:
+    measured = [
+        {"asked_speed": v, "env_kwargs": {"actuators": "lagged"}, **FOUND, "success": success}
+        for v, success in ((0.6, 0.9), (1.05, 0.7), (0.8, 0.8))
+    ]
+    env = gymnasium.make(OMNI, num_beams=72, actuators="lagged")
+    env.reset(seed=0)
+    card = {"trained_on": TRAINED_ON | {"speeds": [0.6]}, "measured": measured, "speed": 0.6, "env_kwargs": {}}
+    assert share in outside(card, env.unwrapped.briefing("sensors"), speed)
 
 
 @pytest.mark.parametrize(

@@ -229,7 +229,7 @@ class Agent:
         perception.remember(inputs, actions, own)
         twists = commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
         twists = self.features.arrived(observation, twists, speed, actuators)
-        twists = self.features.guarded(observation, twists, speed, actuators)
+        twists = self.features.guarded(observation, twists, speed, actuators, eased=True)
         if held is not None:
             hold(*held_law(briefing, actuators), held, twists)
             held[:, 2, robot.twist_axes] = twists

@@ -171,7 +171,7 @@ def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
     own = {"asked_speed": card["speed"], "env_kwargs": card.get("env_kwargs")}
     own |= validated if isinstance(validated, dict) else {}
     everywhere = [*([own] if _is_measured(own) else []), *card.get("measured", [])]
-    measured = sorted(everywhere, key=lambda each: -_likeness(each, asked))
+    measured = sorted(everywhere, key=lambda each: (-_likeness(each, asked), abs(each["asked_speed"] - speed)))
     found = _found(measured[0]) if measured else "nothing was measured"
     name = str(card.get("name", "an agent")).split(",")[0]
     return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {found}"

@@ -101,7 +101,12 @@ class PathFeatures:
         return twists
 
     def guarded(
-        self, observation: path_following.Observation, twists: Array, speed: float, actuators: Actuators
+        self,
+        observation: path_following.Observation,
+        twists: Array,
+        speed: float,
+        actuators: Actuators,
+        eased: bool = False,
     ) -> Array:
         """Returns the twists as they are: nothing stands beside a path."""
         return twists
@@ -135,7 +140,10 @@ class GoalFeatures:
     braking. An omni base loses the part of its velocity that is too fast and slides along; a differential drive slows
     down. What stands is so hardly ever touched; what moves may still come. A base that brakes no harder than a, or lags
     by tau, is guarded by at most 0.7 a and by at least tau + 0.1 s; and by as much longer as it then takes to stop, a
-    differential drive is also kept from where it would be heading after that time at its yaw rate.
+    differential drive is also kept from where it would be heading after that time at its yaw rate. An omni base that
+    brakes with the share s of a is eased where an agent drives it: it turns by sqrt(s) of what the network asks for, so
+    that it turns on as far before it stops to, w^2 / (2 alpha), and drives by sqrt(sqrt(s)) of it. In training it is
+    not: those that ship learned so.
     """
 
     num_beams: int = 72
@@ -239,14 +247,24 @@ class GoalFeatures:
         return twists
 
     def guarded(
-        self, observation: goal_reaching.Observation, twists: Array, speed: float, actuators: Actuators
+        self,
+        observation: goal_reaching.Observation,
+        twists: Array,
+        speed: float,
+        actuators: Actuators,
+        eased: bool = False,
     ) -> Array:
-        """Returns the twists with what would not stop in time taken away."""
+        """Returns the twists with what would not stop in time taken away.
+
+        Args:
+            eased: whether an omni base that is slower than what it is guarded for turns and drives more gently.
+        """
         if self.braking:
             braking = min(self.braking, 0.7 * actuators.acceleration)
             reaction = max(self.reaction, actuators.lag + 0.1)
             late = reaction - self.reaction + speed / braking - speed / self.braking
-            law = np.array([self.hull_radius + self.gap, braking, reaction, late])
+            turning = math.sqrt(braking / self.braking) if eased and twists.shape[1] == 3 else 1.0
+            law = np.array([self.hull_radius + self.gap, braking, reaction, late, math.sqrt(turning), turning])
             guard(observation.ranges, observation.twist[:, -1].copy(), law, twists)
         return twists
 
@@ -290,10 +308,15 @@ class DockFeatures(GoalFeatures):
         return angles
 
     def guarded(
-        self, observation: goal_reaching.Observation, twists: Array, speed: float, actuators: Actuators
+        self,
+        observation: goal_reaching.Observation,
+        twists: Array,
+        speed: float,
+        actuators: Actuators,
+        eased: bool = False,
     ) -> Array:
         """Returns the twists with what would not stop in time taken away, and none where the robot is to rest."""
-        twists = super().guarded(observation, twists, speed, actuators)
+        twists = super().guarded(observation, twists, speed, actuators, eased)
         x, y = observation.goal[:, 0], observation.goal[:, 1]
         there = (x * x + y * y < self.rest * self.rest) & (observation.waypoints_left < 0.5)
         twists[there & (np.abs(observation.goal_heading_error) < self.rest_turn)] = 0.0
@@ -863,9 +886,10 @@ def shelve(sights, i, dt):
 def guard(ranges, yaw_rates, law, twists):
     """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back.
 
-    law: hull (m), braking (m/s^2), reaction (s), and for how long (s) differential drives turn on before they stop.
+    law: hull (m), braking (m/s^2), reaction (s), for how long (s) differential drives turn on before they stop, and
+    the shares of the velocity and of the yaw rate that are driven at all.
     """
-    hull, braking, reaction, late = law
+    hull, braking, reaction, late, driving, turning = law
     beams = ranges.shape[1]
     cosines = np.empty(beams)
     sines = np.empty(beams)
@@ -873,9 +897,10 @@ def guard(ranges, yaw_rates, law, twists):
         sines[j], cosines[j] = sin_cos(j * (2.0 * math.pi / beams) - math.pi)
     planar = twists.shape[1] == 3
     for i in range(ranges.shape[0]):
-        vx = twists[i, 0]
-        vy = twists[i, 1] if planar else 0.0
-        w = twists[i, twists.shape[1] - 1]
+        vx = driving * twists[i, 0]
+        vy = driving * twists[i, 1] if planar else 0.0
+        w = turning * twists[i, twists.shape[1] - 1]
+        twists[i, twists.shape[1] - 1] = w
         if abs(yaw_rates[i]) > abs(w):
             w = yaw_rates[i]
         turned = 0.0 if planar else min(max(late * w, -0.5 * math.pi), 0.5 * math.pi)
