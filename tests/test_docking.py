@@ -25,8 +25,9 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.geometry import clearance
 from wayfield.envs.reeds_shepp import MOST_PIECES, pose_along, shortest_word
 from wayfield.envs.robots import ACTUATORS, ROBOTS
-from wayfield.envs.scenarios import FAMILIES, TASKS, split
+from wayfield.envs.scenarios import FAMILIES, TASKS, docking_families, split
 from wayfield.envs.scenarios.docking_families import FARTHEST_START, manoeuvre
+from wayfield.envs.scenarios.obstacles import circle, obstacle_field
 from wayfield.policies.learned.perception import Actions, DockFeatures
 from wayfield.policies.parts.arriving import is_there
 from wayfield.policies.pilot import Pilot
@@ -146,6 +147,16 @@ def test_starts_are_near_and_clear_and_a_way_is_proven(family: str) -> None:
         assert (scenario.position_tolerance, scenario.heading_tolerance) == (0.05, 0.05)
         assert scenario.quantity == manoeuvre(scenario) >= distance - 1e-6
         assert scenario.tier == TASKS["docking"].tier(scenario.quantity)
+
+
+@pytest.mark.parametrize(("gap", "feasible"), [(0.401, True), (0.399, False)])
+def test_the_largest_hull_has_a_tenth_of_a_metre_to_spare_at_its_start(gap: float, feasible: bool) -> None:
+    scene = next(each for each in split("docking", "open", "test") if math.dist(each.start[:2], each.goal[:2]) > 1.0)
+    x, y, _ = scene.start
+    away = math.atan2(y - scene.goal[1], x - scene.goal[0])
+    behind = obstacle_field(circle(x + (gap + 0.05) * math.cos(away), y + (gap + 0.05) * math.sin(away), 0.05))
+    crowded = dataclasses.replace(scene, obstacles=behind, closing=np.zeros((1, 2)))
+    assert docking_families.feasible(crowded) == feasible
 
 
 def test_a_pose_behind_lies_beside_or_behind_the_robot() -> None:

@@ -52,6 +52,15 @@ def test_the_point_lies_ahead_on_the_way_until_less_of_it_is_left(tmp_path: Path
     assert told_goal(tmp_path, 3.5, goal=[3.0, 0.0, 0.0])[1] is False
 
 
+def test_the_point_is_told_as_the_robot_sees_it(tmp_path: Path) -> None:
+    for start, aside in (((2.0, -1.0, 0.9), 0.4), ((-1.5, 0.7, -2.3), -1.1)):
+        way = start[2] + aside
+        goal = [start[0] + 3.0 * math.cos(way), start[1] + 3.0 * math.sin(way), 0.0]
+        told, led = told_goal(tmp_path, 1.2, start=list(start), goal=goal)
+        assert led
+        assert told == pytest.approx([1.2 * math.cos(aside), 1.2 * math.sin(aside)], abs=0.08)
+
+
 def test_the_point_lies_where_the_way_leads_around_what_stands(tmp_path: Path) -> None:
     goal, led = told_goal(tmp_path, 1.2, goal=[3.0, 0.0, 0.0], obstacles=[WALL])
     assert led
