@@ -169,6 +169,7 @@ FILES_OF_A_TASK = {
 }
 # Where it is named besides, because somebody wanted to.
 NAMES_A_TASK = {
+    "benchmarks/coverage.py": "how well the intervals of its standings hold",
     "benchmarks/throughput.py": "its steps a second beside those of the others",
     "policies/learned/perception.py": "what its agents see",
     "policies/training/presets.py": "how they are trained",

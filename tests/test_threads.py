@@ -8,9 +8,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numba import njit
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.crew import Crew, bounds, crew, one_a_thread
+from wayfield.envs.sharing import BEGUN, BRIEF, PART, next_rows, shares_of
 from wayfield.policies import Pilot, make
 
 ROWS = 150  # four blocks at most, and not alike
@@ -132,17 +136,62 @@ def test_every_block_is_done_once_whoever_is_late() -> None:
         assert sorted(seen) == list(range(count))
 
 
-def test_the_caller_works_on_something_else_while_the_others_begin() -> None:
-    begun, told = threading.Event(), threading.Event()
+def test_the_caller_works_on_something_else_while_the_others_take_rows() -> None:
+    taken: list[int] = []
+    told = threading.Event()
+    others = threading.Event()
 
-    def work(k: int) -> None:
-        if threading.current_thread() is not threading.main_thread():
-            begun.set()
-        elif k == 0:
-            assert begun.wait(60)
+    def turn(thread: int, shares: Any) -> None:
+        shares[BEGUN] = 1
+        if thread == 0 and not told.is_set():
+            assert shares[BRIEF]  # and it comes back
+            return
+        others.set() if thread else None
+        taken.append(thread)
 
-    Crew(1).run(work, 2, told.set)
+    def meanwhile() -> None:
+        assert others.wait(60)
+        told.set()
+
+    Crew(1).share(turn, meanwhile)
     assert told.is_set()
+    assert sorted(taken) == [0, 1]
+
+
+@njit
+def taken(shares: Any, thread: int, last: int, count: int) -> Any:
+    """Calls `sharing.next_rows`."""
+    return next_rows(shares, thread, last, count)
+
+
+@given(st.integers(0, 700), st.integers(1, 5), st.booleans(), st.randoms(use_true_random=False))
+def test_whoever_is_next_each_row_is_taken_once(count: int, threads: int, brief: bool, random: Any) -> None:
+    shares = shares_of(threads)
+    shares[BRIEF] = brief
+    done: list[int] = []
+    first_took, at_work = 0, list(range(threads))
+    while at_work:
+        thread = random.choice(at_work)
+        first, last = taken(shares, thread, 0, count)
+        if first == last:
+            at_work.remove(thread)
+            if shares[BRIEF] and thread == 0:  # its turn was brief: it has other work, then takes another
+                parts = -(-count // PART)
+                assert first_took <= parts // threads / 4 + 1
+                shares[BRIEF] = 0
+                at_work.append(0)
+        else:
+            assert first % PART == 0
+            assert last == min(first + PART, count)
+            done += range(first, last)
+            first_took += thread == 0
+    assert sorted(done) == list(range(count))
+
+
+def test_alone_a_thread_takes_all_rows_at_once() -> None:
+    alone = np.zeros(0, np.int64)
+    assert taken(alone, 0, 0, 77) == (0, 77)
+    assert taken(alone, 0, 77, 77) == (77, 77)
 
 
 def test_what_a_block_raises_is_raised_once_all_have_ended() -> None:
@@ -166,15 +215,6 @@ def test_bounds_cover_all_rows_in_blocks_alike(rows: int, blocks: int) -> None:
     sizes = [last - first for first, last in found]
     assert max(sizes) - min(sizes) <= 1
     assert len(found) == 1 or min(sizes) >= 32
-
-
-@pytest.mark.parametrize(("rows", "blocks", "less"), [(31, 4, 9), (4096, 2, 300), (4096, 2, 9999), (4096, 3, 90)])
-def test_the_first_block_is_smaller_where_its_thread_has_other_work(rows: int, blocks: int, less: int) -> None:
-    found = bounds(rows, blocks, less)
-    assert [k for first, last in found for k in range(first, last)] == list(range(rows))
-    first, *others = [last - first for first, last in found]
-    for other in others:
-        assert first == 0 < other or abs(other - first - less) <= 1
 
 
 def test_a_thing_with_a_memory_is_made_once_a_thread() -> None:
