@@ -228,8 +228,10 @@ class Search:
             study.enqueue_trial(known)
         scored: list[tuple[Score, dict[str, Any]]] = []
         frames = 0
-        while frames < self.frames and len(study.trials) < self.trials:
+        begun = 0  # those that wait, as starts do, are among the study's trials already
+        while frames < self.frames and begun < self.trials:
             trial = study.ask()
+            begun += 1
             gains = self._drawn(trial, fastest)
             if gains is None:
                 study.tell(trial, state=optuna.trial.TrialState.FAIL)

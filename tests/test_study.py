@@ -15,6 +15,7 @@ optuna = pytest.importorskip("optuna")
 
 from wayfield.benchmarks import tune  # noqa: E402  needs optuna
 from wayfield.benchmarks.shared_study import NoStudy, SharedStudy  # noqa: E402
+from wayfield.envs.robots import ROBOTS  # noqa: E402
 
 COMMAND = ("lqr", "--suite", "path-following", "--trials", "6", "--scenarios", "1", "--workers", "1", "--force")
 
@@ -55,6 +56,29 @@ def test_two_processes_search_one_study_and_a_third_goes_on_from_it(
     assert [each.params for each in after if each.state == optuna.trial.TrialState.COMPLETE] == [
         each.params for each in complete
     ]
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_search_drives_as_many_sets_as_it_was_asked_for_and_those_that_were_given_first(
+    count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two, where one is given: the policy's own gains and that one. Waiting for its turn is not having been driven."""
+    driven: list[dict[str, Any]] = []
+
+    def score(_: tune.Search, gains: dict[str, Any], split: str, *rest: Any) -> Score:
+        del rest
+        driven.extend([dict(gains)] * (split == tune.SEARCH_SPLIT))
+        return Score(0, 0, 1.0, 0.6, 1, 100)
+
+    monkeypatch.setattr(tune.Search, "score", score)
+    given = {"q_e": 50.0, "q_th": 3.0, "rounding": 0.1, "lateral_acceleration": 0.5, "share": 0.8, "pace": 1.2}
+    contest = tune.CONTESTS["path-following"]
+    asked = tune.Search("lqr", contest, ROBOTS["p3dx"], 0.6, "none", "lagged", 10**9, count, 1, 0, (given,))
+    found = asked.run(lambda *_: [])
+    assert len(driven) == count
+    assert found["frames"] == 100 * (count + 1 + min(count, tune.FINALISTS))
+    if count > 1:
+        assert driven[1] == {name: value for name, value in given.items() if name != "pace"} | {"speed": 0.72}
 
 
 @pytest.mark.parametrize("where", ["journal", "sqlite"])
