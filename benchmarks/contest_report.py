@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from wayfield.benchmarks.ahead import Ahead
 from wayfield.benchmarks.contest_options import ContestOptions, WrongOption
 from wayfield.benchmarks.decisions import measured, read_decisions, write_decisions
 from wayfield.benchmarks.parts import Part, clear_parts, drives_of, parts_of, run_contest
@@ -82,8 +83,9 @@ def contest_section(
 
 @contextlib.contextmanager
 def drawing(engine: Engine, draw: Callable[[Any], None], wanted: Sequence[Any]) -> Iterator[None]:
-    """Has figures drawn while the block runs, and waits for them at its end."""
-    engine.begin(draw, wanted)
+    """Has figures drawn while the block runs, where the engine can, and waits for them at its end."""
+    if isinstance(engine, Ahead):
+        engine.begin(draw, wanted)
     yield
     for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
         pass
@@ -108,7 +110,8 @@ def _play(options: ContestOptions, settings: Sequence[Setting], folder: Path, st
     write_drives(stage, drives_of(parts_of(settings, folder)))
     write_worlds(stage, settings)
     if not options.ladder:
-        engine.settle()  # after the rest, alone on the machine
+        if isinstance(engine, Ahead):
+            engine.settle()  # after the rest, alone on the machine
         write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
 
 

@@ -16,6 +16,7 @@ import click
 import rich.console
 
 import wayfield.policies
+from wayfield.benchmarks.ahead import Ahead, ahead
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contest_options import ContestOptions
 from wayfield.benchmarks.contest_report import (
@@ -359,7 +360,8 @@ class Asked:
         cases = documents()
         settings = settings_of(options)
         # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
-        with _ended_by_signals(), shared_out(self.processes) as engine, contextlib.ExitStack() as stack:
+        with _ended_by_signals(), shared_out(self.processes) as processes, contextlib.ExitStack() as stack:
+            engine = ahead(processes)
             _begin(engine, self._settings_of(DOCUMENTS, cases), parts_of(settings, inner))
             stack.enter_context(holding(folder, this))
             stage = stack.enter_context(staging(folder, this))
@@ -518,6 +520,8 @@ def write_case_tables(folder: Path, rows: Sequence[Row], cases: Iterable[Case]) 
 
 def _begin(engine: Engine, cases: Sequence[Setting], parts: Sequence[Part]) -> None:
     """Hands over all work of the overview at once, so that no process waits for another before the end."""
+    if not isinstance(engine, Ahead):
+        return
     left = [part.setting for part in parts if not part.folder.is_dir()]
     work = [*((episodes, setting) for setting in cases), *((play, setting) for setting in left)]
     for i in heads_first([setting for _, setting in work]):

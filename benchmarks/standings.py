@@ -192,8 +192,8 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors: "
         f"bootstrap{strata}, agents drawn with the scenarios; times and scores: that of the successes, with the "
         "interval of the share of failures. Shares, scores, imputed times and RMS errors are means, other numbers "
-        f"interquartile means over the episodes. Rows of trained agents hold {seeds_told(everyone, contest)}. A failure "
-        f"counts as {contest.counted}; speed, time of successes and effort are of the successes and "
+        f"interquartile means over the episodes. Rows of trained agents hold {seeds_told(everyone, contest)}. A "
+        f"failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
         f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, driven for it. Compute: one decision of "
         f"one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
     )

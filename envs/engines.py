@@ -77,7 +77,6 @@ class Engine:
 
     def __init__(self, submit: Submit, tries: int = 1, ahead: int = _AHEAD, remote: bool = False) -> None:
         self._submit, self._tries, self._ahead, self.remote = submit, tries, ahead, remote
-        self._begun: dict[tuple[Any, str], Future[Any]] = {}
 
     @classmethod
     def of(cls, executor: Executor) -> "Engine":
@@ -101,19 +100,6 @@ class Engine:
                 yield early.pop(place)
                 place += 1
 
-    def begin(self, function: Callable[[Any], Any], items: Iterable[Any]) -> None:
-        """Hands items over that will be asked for later, behind those before them; whoever asks finds them begun.
-
-        Nothing is begun where it would be done at once, nor on other machines.
-        """
-        if self._ahead > 1 and not self.remote:
-            for item in items:
-                self._begun[function, repr(item)] = self._submit(function, item)
-
-    def settle(self) -> None:
-        """Waits until all that was begun is done, well or not."""
-        concurrent.futures.wait(self._begun.values())
-
     def as_done(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[tuple[int, Any]]:
         """Yields the number of an item and its result, each as soon as it is there.
 
@@ -128,8 +114,7 @@ class Engine:
         total = 0
 
         def start(k: int, item: Any, failed: int) -> None:
-            begun = self._begun.pop((function, repr(item)), None) if self._begun else None
-            future = begun or self._submit(function, item)
+            future = self._submit(function, item)
             running[future] = k, item, failed
             future.add_done_callback(ended.put)
 
