@@ -18,6 +18,7 @@ from wayfield.benchmarks.contests import (
     LADDER_SETS,
     OVERVIEW,
     OVERVIEW_SCENARIOS,
+    OVERVIEW_SEEDS,
     TRAINED,
     TRANSFER_SCENARIOS,
     TRANSFER_SPLIT,
@@ -202,7 +203,8 @@ class ContestOptions:
             return
         cases = contest.cases(self.robot, course, self.entrants(contest))
         if self.suite == OVERVIEW:
-            yield from self._settings(contest, plant, course, cases, OVERVIEW_SCENARIOS)
+            few = (case for case in cases if case.policy not in TRAINED or case.gains["seed"] < OVERVIEW_SEEDS)
+            yield from self._settings(contest, plant, course, few, OVERVIEW_SCENARIOS)
             return
         yield from self._settings(contest, plant, course, cases)
         if "tuned" in self.gains_names and not course.file:

@@ -2,20 +2,21 @@
 
 import contextlib
 import errno
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
+from wayfield.benchmarks.ahead import Ahead
 from wayfield.benchmarks.contest_options import ContestOptions, WrongOption
-from wayfield.benchmarks.contests import OVERVIEW
 from wayfield.benchmarks.decisions import measured, read_decisions, write_decisions
 from wayfield.benchmarks.parts import Part, clear_parts, drives_of, parts_of, run_contest
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.report.drives import write_drives
 from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
-from wayfield.benchmarks.results import TABLE, read_rows, write_rows, write_trajectories
+from wayfield.benchmarks.results import TABLE, Row, read_rows, write_rows, write_trajectories
 from wayfield.benchmarks.run_folder import REPORT, Run, held, staging
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.suite import Setting
@@ -26,22 +27,46 @@ Short = list[tuple[str, Table]]  # of each task: who wins, as a sentence and a s
 
 
 def contest_report(options: ContestOptions, folder: Path, engine: Engine, count: int) -> tuple[list[Table], Short]:
-    """Plays a contest by an engine, writes its files into the folder; returns its tables and what they say.
+    """Plays a contest by an engine, writes its files and its page into the folder; returns tables and what they say.
 
     Args:
         count: processes of this machine for what needs its files, where the engine has none of them.
     """
+    with contest_section(options, settings_of(options), folder, engine, count) as section:
+        title = f"wayfield: {options.suite}"
+        return list(section.tables), write_page(section.folder / REPORT, title, [section], options.command)
+
+
+def settings_of(options: ContestOptions) -> list[Setting]:
+    """Returns every part of a contest's run, or says what is wrong with the options."""
     try:
-        settings = options.settings()
+        return options.settings()
     except WrongOption as error:
         raise click.UsageError(f"--{error}") from None
     except ValueError as error:  # a damaged split or agent, or a policy of the user's own that fails
         raise click.ClickException(str(error)) from None
+
+
+@contextlib.contextmanager
+def contest_section(
+    options: ContestOptions, settings: Sequence[Setting], folder: Path, engine: Engine, count: int
+) -> Iterator[Section]:
+    """Plays a contest and writes its files where they are not in the folder yet; that is yielded, with the tables.
+
+    Meanwhile its figures are drawn. Once the block has ended well they are waited for, and all moves into the folder.
+    """
+    from wayfield.benchmarks.contest_figures import draw_contest, wanted_figures  # which takes a second
+
     run = options.run
     with holding(folder, run):
         parts = parts_of(settings, folder)
         try:
-            told = _played(options, settings, folder, run, engine, count)
+            with staging(folder, run) as stage, near(engine, count) as here:
+                _play(options, settings, folder, stage, engine)
+                rows = read_rows(stage)
+                tables = write_tables(stage, rows, options.command, options.ladder)
+                with drawing(here, draw_contest, wanted_figures(stage, rows, options.ladder)):
+                    yield Section(stage, tables)
         except (KeyboardInterrupt, SystemExit):
             raise Interrupted("interrupted", parts) from None
         except Failed as error:
@@ -54,7 +79,16 @@ def contest_report(options: ContestOptions, folder: Path, engine: Engine, count:
         except ValueError as error:  # a damaged agent, or a policy of the user's own that fails
             raise click.ClickException(str(error)) from None
         clear_parts(parts)
-    return told
+
+
+@contextlib.contextmanager
+def drawing(engine: Engine, draw: Callable[[Any], None], wanted: Sequence[Any]) -> Iterator[None]:
+    """Has figures drawn while the block runs, where the engine can, and waits for them at its end."""
+    if isinstance(engine, Ahead):
+        engine.begin(draw, wanted)
+    yield
+    for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
+        pass
 
 
 @contextlib.contextmanager
@@ -68,25 +102,17 @@ def holding(folder: Path, run: Run) -> Iterator[None]:
         yield
 
 
-def _played(
-    options: ContestOptions, settings: Sequence[Setting], folder: Path, run: Run, engine: Engine, count: int
-) -> tuple[list[Table], Short]:
-    """Plays the parts of a contest and writes its files; returns its tables and what they say."""
-    with staging(folder, run) as stage:
-        rows, trajectories = run_contest(settings, folder, engine)
-        write_rows(stage, rows)
-        write_trajectories(stage, trajectories)
-        write_drives(stage, drives_of(parts_of(settings, folder)))
-        write_worlds(stage, settings)
-        if not options.ladder:
-            # after the rest, alone on the machine
-            write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
-        with near(engine, count) as here:
-            tables = write_report(stage, options.command, options.ladder, here)
-        if options.suite == OVERVIEW:  # which has one report of all that it runs
-            return tables, []
-        title = f"wayfield: {options.suite}"
-        return tables, write_page(stage / REPORT, title, [Section(stage, tables)], options.command)
+def _play(options: ContestOptions, settings: Sequence[Setting], folder: Path, stage: Path, engine: Engine) -> None:
+    """Plays the parts of a contest and writes what they tell."""
+    rows, trajectories = run_contest(settings, folder, engine)
+    write_rows(stage, rows)
+    write_trajectories(stage, trajectories)
+    write_drives(stage, drives_of(parts_of(settings, folder)))
+    write_worlds(stage, settings)
+    if not options.ladder:
+        if isinstance(engine, Ahead):
+            engine.settle()  # after the rest, alone on the machine
+        write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
 
 
 @contextlib.contextmanager
@@ -115,17 +141,11 @@ class Interrupted(Stopped):
     exit_code = 130
 
 
-def write_report(folder: Path, command: str, ladder: bool, engine: Engine) -> list[Table]:
-    """Writes tables and figures into a folder, from the files of its run; returns the tables."""
-    from wayfield.benchmarks.contest_figures import draw_contest, wanted_figures
-
-    rows = read_rows(folder)
+def write_tables(folder: Path, rows: Sequence[Row], command: str, ladder: bool) -> list[Table]:
+    """Writes the tables of a run into its folder, from its files; returns them."""
     tables = contest_tables(rows, [] if ladder else read_decisions(folder), command, ladder)
     (folder / TABLE).write_text("\n".join(table.markdown() for table in tables.values()), encoding="utf-8")
     for name, table in tables.items():
         (folder / f"{name}.csv").write_text(table.csv(), encoding="utf-8")
         (folder / f"{name}.tex").write_text(table.latex(), encoding="utf-8")
-    wanted = wanted_figures(folder, rows, ladder)
-    for _ in tracked(engine(draw_contest, wanted), len(wanted), "figures"):
-        pass
     return list(tables.values())

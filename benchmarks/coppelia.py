@@ -13,12 +13,12 @@ from pathlib import Path
 import click
 
 from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.contest_report import holding
+from wayfield.benchmarks.contest_report import drawing, holding
 from wayfield.benchmarks.contests import OF_KIND
-from wayfield.benchmarks.document_figures import stem_of
-from wayfield.benchmarks.evaluate import _ended_by_signals, _print, _report
+from wayfield.benchmarks.document_figures import draw, stem_of, wanted_figures
+from wayfield.benchmarks.evaluate import _ended_by_signals, _print, write_case_tables
 from wayfield.benchmarks.own_scenario import POLICIES, SUFFIXES, own_cases
-from wayfield.benchmarks.results import Row, readable, write_rows, write_trajectories
+from wayfield.benchmarks.results import Row, read_rows, readable, write_rows, write_trajectories
 from wayfield.benchmarks.run_folder import Run, default_folder, staging
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.trajectory import Trajectory
@@ -132,7 +132,10 @@ def main(
             raise click.ClickException(str(error)) from None
         write_rows(stage, rows)
         write_trajectories(stage, trajectories)
-        shown = _report(stage, cases, HERE)
+        written = read_rows(stage)
+        shown = write_case_tables(stage, written, cases)
+        with drawing(HERE, draw, wanted_figures(stage, written)):
+            pass
     _print(shown)
     click.echo(f"Results are in {folder}{os.sep}")
 

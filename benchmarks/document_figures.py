@@ -48,6 +48,12 @@ def draw(wanted: tuple[Path, str, str]) -> None:
     saved(lambda: figures_of(document)[name](experiments), folder / stem)
 
 
+def wanted_figures(folder: Path, rows: Sequence[Row]) -> list[tuple[Path, str, str]]:
+    """Returns the arguments of `draw` for every figure of the rows of a run."""
+    return [(folder, document, name) for document in dict.fromkeys(row["document"] for row in rows)
+            for name in figures_of(document)]  # fmt: skip
+
+
 def colours(experiments: Experiments) -> dict[str, str]:
     """Returns the colour of each policy, by the order in which they come up."""
     names = dict.fromkeys(row["policy"] for group in experiments.values() for row, _ in group)

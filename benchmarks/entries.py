@@ -11,6 +11,7 @@ from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, PUBLIC
 from wayfield.benchmarks.crossed import share_interval
 from wayfield.benchmarks.results import Row, number
 from wayfield.envs.disturbances import LEVELS
+from wayfield.policies.learned.ppo import shipped
 
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
@@ -50,6 +51,14 @@ def label(entry: Entry) -> str:
     """Returns how tables and figures call an entry."""
     policy, gains_name = entry
     return policy if gains_name == "default" else f"{policy} ({gains_name})"
+
+
+def seeds_told(rows: Sequence[Row], contest: Contest) -> str:
+    """Returns which training runs of the agents that ship drove, in words: of a short run the first alone."""
+    driven = {int(row["agent_seed"]) for row in rows if row["gains_name"] == "trained"}
+    robots = {row["robot"] for row in rows}
+    there = {seed for robot in robots for seed in shipped(contest.spec.name, robot)}
+    return f"seeds {min(driven)} to {max(driven)} alone" if driven and driven < there else "every seed"
 
 
 def levels_of(rows: Sequence[Row]) -> list[str]:

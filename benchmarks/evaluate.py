@@ -16,23 +16,32 @@ import click
 import rich.console
 
 import wayfield.policies
+from wayfield.benchmarks.ahead import Ahead, ahead
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contest_options import ContestOptions
-from wayfield.benchmarks.contest_report import contest_report, holding, near
+from wayfield.benchmarks.contest_report import (
+    Short,
+    contest_report,
+    contest_section,
+    drawing,
+    holding,
+    near,
+    settings_of,
+)
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, GAINS, OVERVIEW, Course
 from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.documents import documents
 from wayfield.benchmarks.own_policies import own_policy, told_of_models
 from wayfield.benchmarks.own_scenario import own_cases, own_courses, without_way
 from wayfield.benchmarks.parcels import in_order
-from wayfield.benchmarks.progress import tracked
+from wayfield.benchmarks.parts import Part, parts_of, play
 from wayfield.benchmarks.public_suites import PUBLIC, racetrack_courses
 from wayfield.benchmarks.report.drives import drive_of, write_drives
 from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
-from wayfield.benchmarks.results import TABLE, read_rows, readable, write_rows, write_trajectories
+from wayfield.benchmarks.results import TABLE, Row, read_rows, readable, write_rows, write_trajectories
 from wayfield.benchmarks.run_folder import REPORT, Run, default_folder, staging
-from wayfield.benchmarks.suite import WORST, Setting, run
+from wayfield.benchmarks.suite import WORST, Setting, episodes, heads_first, run
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
 from wayfield.envs.command_line import (
@@ -345,27 +354,28 @@ class Asked:
             self.seed,
             command=self.command,
         )
-        with holding(folder / "contests", options.run):  # is it free? Better told before the documents are run
+        this, inner = Run(OVERVIEW, self.command), folder / "contests"
+        with holding(inner, options.run):  # is it free? Better told before the documents are run
             pass
         cases = documents()
-        # the same processes do both: with each comes what it imports, reads and, the first time, compiles
-        with _ended_by_signals(), shared_out(self.processes) as engine:
-            shown = self._run_cases(DOCUMENTS, cases, folder / DOCUMENTS, engine)
-            tables, _ = contest_report(options, folder / "contests", engine, self.processes)
-            known = reproduced(read_rows(folder / DOCUMENTS), cases)
-            sections = [Section(folder / "contests", tables), Section(folder / DOCUMENTS, shown, known)]
-            this = Run(OVERVIEW, self.command)
-            with holding(folder, this), staging(folder, this) as stage:
-                told = write_page(stage / REPORT, "wayfield: overview", sections, self.command, SMALL_BUDGET)
-        self._tell([*tables, *shown], told, folder)
+        settings = settings_of(options)
+        # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
+        with _ended_by_signals(), shared_out(self.processes) as processes, contextlib.ExitStack() as stack:
+            engine = ahead(processes)
+            _begin(engine, self._settings_of(DOCUMENTS, cases), parts_of(settings, inner))
+            stack.enter_context(holding(folder, this))
+            stage = stack.enter_context(staging(folder, this))
+            shown = stack.enter_context(self._cases_section(DOCUMENTS, cases, folder / DOCUMENTS, engine))
+            contests = stack.enter_context(contest_section(options, settings, inner, engine, self.processes))
+            told = write_page(stage / REPORT, "wayfield: overview", [contests, shown], self.command, SMALL_BUDGET)
+        self._tell([*contests.tables, *shown.tables], told, folder)
 
     def run_documents(self) -> None:
         """Runs the experiments of the documents."""
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         cases, folder = _cases_of_documents(self.names), self.folder(DOCUMENTS, differing)
-        with _ended_by_signals(), shared_out(self.processes) as engine:
-            shown = self._run_cases(DOCUMENTS, cases, folder, engine)
-        self._tell(shown, [reproduced(read_rows(folder), cases)], folder)
+        shown, told = self._run_cases(DOCUMENTS, cases, folder)
+        self._tell(shown, told, folder)
 
     def run_path(self) -> None:
         """Runs all that can do it on a path, or in a goal scenario, of the user's own."""
@@ -377,9 +387,7 @@ class Asked:
             click.echo(f"evaluate: {hopeless}", err=True)
         differing = self.differing | _conditions(self.dynamics, "both", self.actuators, "ideal")
         folder = self.folder(cases[0].document, {"file": Path(self.path).stem} | differing)
-        with _ended_by_signals(), shared_out(self.processes) as engine:
-            shown = self._run_cases(cases[0].document, cases, folder, engine)
-        sentence, table = ranked(read_rows(folder))
+        shown, [(sentence, table)] = self._run_cases(cases[0].document, cases, folder)
         self._tell(shown, [(f"{hopeless}. {sentence}" if hopeless else sentence, table)], folder)
 
     def run_scenarios(self) -> None:
@@ -452,23 +460,38 @@ class Asked:
             print(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
         print(f"Report: {folder / REPORT}")
 
-    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path, engine: Engine) -> list[Table]:
-        """Runs cases of the documents or of a path, and writes their files; returns their tables."""
+    def _run_cases(self, name: str, cases: Sequence[Case], folder: Path) -> tuple[list[Table], Short]:
+        """Runs cases of the documents or of a path; returns their tables and what they say."""
+        with (
+            _ended_by_signals(),
+            shared_out(self.processes) as engine,
+            self._cases_section(name, cases, folder, engine) as section,
+        ):
+            told = write_page(section.folder / REPORT, f"wayfield: {name}", [section], self.command)
+        return list(section.tables), told
+
+    def _settings_of(self, name: str, cases: Sequence[Case]) -> list[Setting]:
+        """Returns the settings of cases of the documents or of a path."""
         # the overview is awaited: the plant of its contests is enough there
         plants = DYNAMICS[self.dynamics or ("kinematic" if self.wanted == OVERVIEW else "both")]
         actuators = self.actuators or "ideal"
-        settings = [
+        return [
             Setting(name, case, plant, actuators, self.seed, self.episodes or case.episodes)
             for case in cases
             for plant in plants
         ]
-        from wayfield.benchmarks.document_figures import stem_of
 
+    @contextlib.contextmanager
+    def _cases_section(self, name: str, cases: Sequence[Case], folder: Path, engine: Engine) -> Iterator[Section]:
+        """Runs cases and writes their files where they are not in the folder yet; yields that, as `contest_section`."""
+        from wayfield.benchmarks.document_figures import draw, stem_of, wanted_figures  # which takes a second
+
+        settings = self._settings_of(name, cases)
         kinds = dict.fromkeys(stem_of(case.document) for case in cases)
         films = ("video/*.mp4",) if self.video else ()
         figures = [f"{kind}_*.{suffix}" for kind in kinds for suffix in ("svg", "png")]
         this = Run(name, self.command, (*figures, *films))
-        with holding(folder, this), staging(folder, this) as stage:
+        with holding(folder, this), staging(folder, this) as stage, near(engine, self.processes) as here:
             try:
                 rows, trajectories = run(settings, functools.partial(in_order, engine))
             except ValueError as error:  # a damaged agent
@@ -477,16 +500,33 @@ class Asked:
             write_trajectories(stage, trajectories)
             write_drives(stage, {k: drive_of(each) for k, each in enumerate(trajectories.values())})
             write_worlds(stage, settings)
-            with near(engine, self.processes) as here:
-                shown = _report(stage, cases, here)
-            if self.video:
-                from wayfield.benchmarks.video import film
+            written = read_rows(stage)
+            shown = write_case_tables(stage, written, cases)
+            with drawing(here, draw, wanted_figures(stage, written)):
+                if self.video:
+                    from wayfield.benchmarks.video import film
 
-                film(stage / "video", cases, plants[0], actuators, self.seed)
-            if self.wanted != OVERVIEW:  # which has one report of all that it runs
-                told = reproduced(read_rows(stage), cases) if name == DOCUMENTS else ranked(read_rows(stage))
-                write_page(stage / REPORT, f"wayfield: {name}", [Section(stage, shown, told)], self.command)
-        return shown
+                    film(stage / "video", cases, settings[0].dynamics, settings[0].actuators, self.seed)
+                told = reproduced(written, cases) if name == DOCUMENTS else ranked(written)
+                yield Section(stage, shown, told)
+
+
+def write_case_tables(folder: Path, rows: Sequence[Row], cases: Iterable[Case]) -> list[Table]:
+    """Writes the tables of cases into the folder of their run; returns them."""
+    shown = document_tables(rows, cases)
+    (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
+    return shown
+
+
+def _begin(engine: Engine, cases: Sequence[Setting], parts: Sequence[Part]) -> None:
+    """Hands over all work of the overview at once, so that no process waits for another before the end."""
+    if not isinstance(engine, Ahead):
+        return
+    left = [part.setting for part in parts if not part.folder.is_dir()]
+    work = [*((episodes, setting) for setting in cases), *((play, setting) for setting in left)]
+    for i in heads_first([setting for _, setting in work]):
+        function, setting = work[i]
+        engine.begin(function, [setting])
 
 
 def _conditions(dynamics: str | None, plant: str, actuators: str | None, tier: str) -> dict[str, Any]:
@@ -535,20 +575,6 @@ def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
         if all(case.policy != name for case in cases):
             raise click.UsageError(f"--policies {name!r} has no case in suite {DOCUMENTS!r}")
     return tuple(case for case in cases if case.policy in policies)
-
-
-def _report(folder: Path, cases: Iterable[Case], engine: Engine) -> list[Table]:
-    """Writes tables and figures into a folder, from its episodes and trajectories alone; returns the tables."""
-    from wayfield.benchmarks.document_figures import draw, figures_of
-
-    rows = read_rows(folder)
-    shown = document_tables(rows, cases)
-    (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
-    found = dict.fromkeys(row["document"] for row in rows)
-    wanted = [(folder, document, name) for document in found for name in figures_of(document)]
-    for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
-        pass
-    return shown
 
 
 def _print(shown: Iterable[Table]) -> None:

@@ -86,8 +86,8 @@ def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tu
     if len(missing) < len(parts):
         print(f"{len(parts) - len(missing)} of {len(parts)} parts are there from before", file=sys.stderr)
     work = sent(engine, play, [part.setting for part in missing])
-    tell_of_compiling(goal_reaching.step_rows)
-    for k, files in tracked(engine.as_done(*work), len(missing), "parts"):
+    first = tell_of_compiling(goal_reaching.step_rows)
+    for k, files in tracked(engine.as_done(*work), len(missing), "parts", not first):
         keep(missing[k], files)
     worst: dict[tuple[str, ...], list[_Place]] = {}
     rows = Rows(_rows_of(parts, settings[0].keep, worst))

@@ -34,6 +34,7 @@ from wayfield.benchmarks.entries import (
     mean_speed,
     off_pace,
     reading,
+    seeds_told,
     short_cell,
     success_cell,
     values,
@@ -168,6 +169,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
     """Returns how the main table is read."""
     contest = standings.contest
     rows = next(iter(standings.entries.values()))
+    everyone = [row for mine in standings.entries.values() for row in mine]
     count = len(rows)
     met = "scenarios from the user's files" if standings.own else "test scenarios"
     if standings.public:
@@ -190,8 +192,8 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors: "
         f"bootstrap{strata}, agents drawn with the scenarios; times and scores: that of the successes, with the "
         "interval of the share of failures. Shares, scores, imputed times and RMS errors are means, other numbers "
-        "interquartile means over the episodes. Rows of trained agents hold every "
-        f"seed. A failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
+        f"interquartile means over the episodes. Rows of trained agents hold {seeds_told(everyone, contest)}. A "
+        f"failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
         f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, driven for it. Compute: one decision of "
         f"one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
     )

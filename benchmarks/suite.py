@@ -1,8 +1,7 @@
 """From cases to rows: rolls out every case of a suite and measures its episodes."""
 
 import dataclasses
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import text
@@ -40,9 +39,9 @@ class Setting:
 
 def run(settings: Sequence[Setting], in_parallel: Map) -> tuple[list[Row], dict[str, Trajectory]]:
     """Returns one row for each episode, and the trajectories by the key in the rows' column `trajectory`."""
-    order = _compiling_once(settings)
-    tell_of_compiling(goal_reaching.step_rows)
-    done = tracked(in_parallel(episodes, [settings[i] for i in order]), len(settings), "cases")
+    order = heads_first(settings)
+    first = tell_of_compiling(goal_reaching.step_rows)
+    done = tracked(in_parallel(episodes, [settings[i] for i in order]), len(settings), "cases", not first)
     of_setting = dict(zip(order, done, strict=True))
     rows: list[Row] = []
     trajectories: dict[str, Trajectory] = {}
@@ -92,13 +91,26 @@ def _row(setting: Setting, episode: int, trajectory: Trajectory) -> dict[str, st
     return conditions | {name: text(value) for name, value in found.items()}
 
 
-def _compiling_once(settings: Iterable[Setting]) -> list[int]:
-    """Returns the order in which workers shall take the settings: different environments side by side.
+def heads_first(settings: Sequence[Setting]) -> list[int]:
+    """Returns the order in which workers shall take the settings: those that compile on a first run before the rest.
 
-    On the first run ever, each then compiles another environment instead of all of them the same one.
+    The kernels of scenes take longest, so that whoever comes first compiles them. Meanwhile the others meet paths, with
+    all that drive there, and only then scenes: nobody waits for what another one compiles. What is left is short.
     """
-    groups: dict[str, list[int]] = {}
+    plants: set[tuple[str, str]] = set()
+    drivers: set[tuple[str, str, str]] = set()
+    ranked = []
     for i, setting in enumerate(settings):
-        groups.setdefault(setting.case.env_id, []).append(i)
-    interleaved = itertools.chain.from_iterable(itertools.zip_longest(*groups.values()))
-    return [i for i in interleaved if i is not None]
+        case = setting.case
+        on_path = spec_of(case.env_id).on_path
+        plant, driver = (str(on_path), setting.dynamics), (case.document, case.policy, setting.dynamics)
+        if plant not in plants:
+            rank = 1 if on_path else 0
+        elif driver not in drivers:
+            rank = 2 if on_path else 3
+        else:
+            rank = 4
+        plants.add(plant)
+        drivers.add(driver)
+        ranked.append((rank, i))
+    return [i for _, i in sorted(ranked)]

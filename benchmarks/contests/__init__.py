@@ -47,6 +47,7 @@ __all__ = [
     "OF_KIND",
     "OVERVIEW",
     "OVERVIEW_SCENARIOS",
+    "OVERVIEW_SEEDS",
     "OWN_SPLIT",
     "PACE_TOLERANCE",
     "PAPER",
@@ -83,5 +84,6 @@ LADDER_SCENARIOS = 5  # of each family, at each level
 LADDER_SETS = ("default", "tuned", "robust")  # of gains, on the ladder
 TRANSFER_SCENARIOS = 5  # of each family of the split that gains were chosen on
 OVERVIEW_SCENARIOS = 1  # of each family, in the overview, which shows no intervals
+OVERVIEW_SEEDS = 3  # of each agent's training runs there, the first
 
 OVERVIEW, DISTURBANCES = "overview", "disturbances"  # suites of all contests, in part

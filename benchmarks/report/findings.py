@@ -18,6 +18,7 @@ from wayfield.benchmarks.entries import (
     mean_interval,
     mean_speed,
     off_pace,
+    seeds_told,
     success_interval,
     values,
 )
@@ -86,9 +87,12 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
         above = next(each for each in ranked if MAP in each.told)
         reference = _achieved(above, contest, by_cost)
         sentence += f" {label(above.entry)}, told the map, is the upper reference: {reference}."
+    small, seeds = _small(contest, robot, rivals, level, ranked, by_cost), seeds_told(rows, contest)
+    if "alone" in seeds:
+        small = dataclasses.replace(small, note=f"{small.note} Trained agents: {seeds}.")
     charts = [_bars(contest, robot, list(standings.values()), by_cost), _duels(contest, robot, entries)]
     charts.append(_heat(contest, robot, entries))
-    return Finding(sentence, _small(contest, robot, rivals, level, ranked, by_cost), tuple(charts))
+    return Finding(sentence, small, tuple(charts))
 
 
 def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:

@@ -121,7 +121,7 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
     """Adds the episodes whose scenario is kept; says so where there is nothing to replay."""
     if not (folder / DRIVES).is_file() or not (folder / WORLDS).is_file():
         content.missing.append(
-            f"{folder.name} lacks {DRIVES} or {WORLDS}, as runs of earlier versions do: nothing of it can be replayed."
+            f"{DRIVES} or {WORLDS} is missing, as in runs of earlier versions: nothing of that can be replayed."
         )
         return
     drives = read_drives(folder)
@@ -130,9 +130,7 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
         raise ValueError(f"{folder / WORLDS} tells of {len(keys)} episodes; there are {len(rows)}")
     many = len(rows) > MOST_DRIVES
     if many:
-        content.missing.append(
-            f"{folder.name}: of {len(rows)} episodes {len(drives)} are listed; the tables are of all."
-        )
+        content.missing.append(f"Of {len(rows)} episodes {len(drives)} are listed; the tables are of all.")
     index: dict[str, int] = {}
     for k, (row, key) in enumerate(zip(rows, keys, strict=True)):
         if (many and k not in drives) or not key or row.get("split", "test") not in (*COMPARED, "", "worlds"):
