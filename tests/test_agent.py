@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.briefing import Briefing
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
 from wayfield.envs.storage import digest
 from wayfield.policies import make
@@ -32,6 +33,7 @@ from wayfield.policies.learned.agent import (
     WEIGHTS,
     Agent,
     Network,
+    held_law,
     load_agent,
     rounded,
     save_agent,
@@ -510,6 +512,18 @@ def test_far_from_its_goal_or_before_a_waypoint_the_network_drives() -> None:
     for at, left in (((0.25, 0.0), 0.0), ((0.1, 0.0), 1.0)):
         seen = seeker((0.0, 0.0, 0.0), at)._replace(waypoints_left=np.array([left]))
         np.testing.assert_array_equal(features.arrived(seen, twists.copy(), 0.6, base), twists)
+
+
+def test_a_base_that_lags_is_held_by_what_the_slower_one_lags_more() -> None:
+    layout = path_following.Observation.layout(2, 10)
+    briefing = Briefing(1, ROBOTS["p3dx"], ACTUATORS["lagged"], 0.05, "twist", layout, np.empty(0), 0.0)
+    law, wheels = held_law(briefing, ACTUATORS["slow"])
+    decay = math.exp(-0.05 / 0.15)  # 0.25 s less 0.1 s
+    robot = ROBOTS["p3dx"]
+    assert law.tolist() == pytest.approx(
+        [0.5, 1.5, 0.05, decay, 0.15 / 0.05 * (1.0 - decay), robot.rated_wheel_speed, robot.turn_speed]
+    )
+    np.testing.assert_array_equal(wheels, robot.wheel_matrix)
 
 
 def test_what_a_base_can_do_is_told_in_seconds() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -94,6 +95,9 @@ def test_a_fault_of_ours_is_no_missing_extra(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_the_lists_name_all_that_there_is_and_fit_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(ABOUT) == list(POLICIES)
+    for what, source in ABOUT.values():
+        assert source == "" or re.search(r"(19|20)\d\d|^document [ABC]$|Nav2|Rajamani", source), source
+        assert not re.search(r"(19|20)\d\d", what), what
     families = [family for spec in TASKS.values() for family in spec.families]
     assert all(list(spec.repertoire.about) == list(spec.families) for spec in TASKS.values())
     console = lists.rich.console.Console

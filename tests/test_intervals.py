@@ -72,6 +72,13 @@ def test_winsorised_values_have_the_mean_that_is_reported(values: list[float]) -
     assert winsorised(array).mean() == pytest.approx(float(iqm(array)), abs=1e-9)
 
 
+def test_winsorised_values_lie_as_far_apart_as_the_held_ones_times_what_was_left_out() -> None:
+    values = np.random.default_rng(3).permutation(np.arange(22.0) ** 2)
+    held = np.clip(values, 5.0**2, 16.0**2)  # five of 22 at either end
+    np.testing.assert_allclose(np.ptp(winsorised(values)), np.ptp(held) * 22.0 / 12.0)
+    np.testing.assert_allclose(np.diff(winsorised(values)), np.diff(held) * 22.0 / 12.0)
+
+
 def test_a_paired_difference_of_errors_is_the_trimmed_t_test() -> None:
     values = np.random.default_rng(1).gamma(1.0, size=40)
     found = difference(column(values), column(np.zeros(40)), ["a"] * 40, "iqm")

@@ -177,6 +177,20 @@ def test_the_program_is_the_sum_to_first_order(scenario: str, actuators: str) ->
     whole = np.triu(hessian) + np.triu(hessian, 1).T
     np.testing.assert_allclose(gradient + whole @ z, expected_slope, rtol=1e-5, atol=2e-5)
     assert slope == pytest.approx(np.abs(expected_slope).max(), rel=1e-5)
+    # the bounds: speed, its change, the yaw rate's, the progress, each wheel, the last place
+    robot, base, p = drive.pilot.briefing.robot, drive.pilot.briefing.actuators, Mpc()
+    v, w = problem.last[0]
+    first = np.eye(n)[0]
+    speeds = [(0.0 * first, p.speed + 0.0 * first)]
+    speeds += [
+        (-0.1 * a + now * first, 0.1 * a + now * first)
+        for a, now in ((base.acceleration, v), (base.yaw_acceleration, w))
+    ]
+    speeds += [(problem.start[3] * first, 0.1 * p.speed + problem.start[3] * first)]
+    most = robot.rated_wheel_speed if base.at_rated_speed else robot.peak_wheel_speed
+    speeds += [(np.full(n, -most), np.full(n, most))] * len(robot.wheel_matrix)
+    np.testing.assert_allclose(program.lower, [*np.concatenate([low for low, _ in speeds]), -math.inf])
+    np.testing.assert_allclose(program.upper, [*np.concatenate([high for _, high in speeds]), problem.start[4]])
 
 
 # scenario, periods driven until the problem, whether ipopt starts from the plan found and its multipliers

@@ -169,12 +169,12 @@ ROOMS = ("envs", "envs.scenarios", "policies", "policies.parts", "policies.learn
 BESIDES = (
     *(f"policies.training.{name}" for name in ("imitation", "offline", "presets", "shaping", "ways")),
     *(f"benchmarks.{name}" for name in ("aggregates", "claims", "crossed", "metrics", "paired", "shortest", "suite")),
-    *(f"benchmarks.{name}" for name in ("transfer", "tune")),
+    "benchmarks.tune",
 )
 # what no result hangs on: how it is computed, shown, or read
 MACHINES = {
-    *("batch", "blocks", "checks", "cluster", "command_line", "crew", "engines", "processes", "reading", "readers"),
-    *("rendering", "sandbox", "sb3", "single", "storage", "vector"),
+    *("batch", "blocks", "checks", "cluster", "command_line", "compiled", "crew", "engines", "grids", "processes"),
+    *("reading", "readers", "rendering", "sandbox", "sb3", "single", "storage", "vector"),
 }
 
 

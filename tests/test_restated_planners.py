@@ -1,4 +1,4 @@
-"""What the A* tracker knows of its world and of what moves in it, stated once more in plain Python."""
+"""What planners know of their world and of what moves in it, stated once more in plain Python."""
 
 import math
 from typing import Any
@@ -15,9 +15,13 @@ from wayfield.envs.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
 from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
-from wayfield.policies import astar_tracker
+from wayfield.policies import astar_tracker, scan_planner
 from wayfield.policies.astar_tracker import AstarTracker
+from wayfield.policies.nav2_dwb import Nav2Dwb
+from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.parts.steering import Map
+from wayfield.policies.parts.stopping import Scan, Seen
+from wayfield.policies.scan_planner import ScanPlanner
 
 FARTHEST, UNIT = 1.275, 0.005  # m
 OBSTACLES = obstacle_field(
@@ -145,3 +149,81 @@ def test_the_speed_among_patrols_is_the_greatest_that_keeps_clear_of_them_or_the
         assert speed_among(p, memory, Map.of(briefing), s, time) == pytest.approx(wanted)
         seen.add((wanted, clearest > -math.inf))
     assert len(seen) == 5
+
+
+def test_at_its_goal_the_tracker_turns_to_the_goal_s_heading_whichever_way_it_looks() -> None:
+    for robot in ("p3dx", "omni3"):
+        briefing, policy, t = told(robot), AstarTracker(), len(ROBOTS[robot].twist_axes)
+        for turn in (-2.5, -0.4, 0.7, 2.9):
+            memory, (x, y, _) = policy.reset(briefing), GOALS[1]
+            seen = Observation(
+                np.array([[x, y, 0.5 - turn]]), np.zeros((1, t)), np.zeros((1, 2)), np.array([turn]), np.zeros(1),
+                np.empty((1, 0)),
+            )  # fmt: skip
+            for _ in range(3):
+                twist = policy.act(seen, briefing, memory)[0]
+            assert twist[-1] * turn > 0.0
+            assert np.hypot(*np.append(twist[:-1], 0.0)[:2]) == pytest.approx(0.0, abs=1e-9)
+            assert memory["arrived"][0] == 1
+
+
+# Planners on what the beams see.
+
+BEAMS = np.linspace(-math.pi, math.pi, 72, endpoint=False)
+evade = compiled(lambda p, m, scan, seen, approached: scan_planner.evade(p[0], m[0], scan, seen, 0, approached))
+
+
+def sighted(robot: str) -> Briefing:
+    base = ROBOTS[robot]
+    layout = Observation.layout(len(base.twist_axes), len(BEAMS), 5.0)
+    return Briefing(1, base, ACTUATORS["lagged"], 0.05, "twist", layout, BEAMS, 5.0)
+
+
+def observed(robot: str, pose: Any, goal: Any, ranges: Any) -> Observation:
+    t = len(ROBOTS[robot].twist_axes)
+    return Observation(
+        np.array([pose]), np.zeros((1, t)), np.array([goal]), np.zeros(1), np.zeros(1), np.array([ranges])
+    )
+
+
+@pytest.mark.parametrize("policy", [ScanPlanner(), Nav2Dwb(), Nav2Mppi()], ids=lambda policy: type(policy).__name__)
+@pytest.mark.parametrize("goal", [(30.0, 4.0), (-5.0, 40.0), (-30.0, -20.0), (1.0, 0.5)])
+def test_what_is_out_of_the_map_is_headed_for_through_its_nearest_cell_within(policy: Any, goal: Any) -> None:
+    briefing, pose = sighted("p3dx"), (0.3, -0.2, 0.0)
+    memory = policy.reset(briefing)
+    policy.act(observed("p3dx", pose, goal, np.full(72, 5.0)), briefing, memory)
+    state = memory["state"][0]
+    low = state["origin"] + 3.0 * policy.cell
+    high = state["origin"] + (160 - 3.0) * policy.cell
+    assert state["target"] == pytest.approx(np.clip(np.array(pose[:2]) + goal, low, high))
+    assert state["plans"] == 1
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+@pytest.mark.parametrize("beam", [36, 40, 3, 71, 20])
+def test_the_scan_planner_backs_straight_away_from_what_comes(robot: str, beam: int) -> None:
+    """Where the way back is free: as fast as it could stop within 0.6 m; a differential drive along its own axis."""
+    policy, briefing = ScanPlanner(), sighted(robot)
+    made = policy.params(
+        briefing, theta=False, snap=0.0, spacing=1.0, rounds=1, recall=1.0, period_steps=1, pause_steps=1,
+        all_round=True,
+    )  # fmt: skip
+    p = made.copy()
+    p["acceleration"], p["yaw_acceleration"], p["delay"] = 1e3, 1e3, 0.2  # what is asked for is there at once
+    memory = policy.reset(briefing)
+    state = memory["state"]
+    state["cell"], state["origin"] = policy.cell, -80.0 * policy.cell
+    state["steps"], state["closing"] = 5, 0.3
+    radius = briefing.robot.hull_radius
+    ranges = np.full(72, 5.0)
+    ranges[beam] = radius + 0.25
+    state["nearest"] = radius + 0.25 + 0.3 * 0.05  # it goes on coming as fast
+    seen = observed(robot, (0.0, 0.0, 0.4), (3.0, 0.0), ranges)
+    scan = Scan.of(policy, seen, briefing, memory)
+    assert evade(p, state, scan, Seen.of(seen, briefing), True)
+    assert not evade(p, state, scan, Seen.of(seen, briefing), False)
+    u = np.array([math.cos(BEAMS[beam]), math.sin(BEAMS[beam])])
+    dead = 1e3 * 0.2
+    speed = min(math.sqrt(dead**2 + 2.0 * 1e3 * 0.6) - dead, policy.max_speed)
+    wanted = -speed * u if briefing.robot.holonomic else [-math.copysign(speed, u[0]), 0.0]
+    assert state["command"][0].tolist() == pytest.approx([*wanted, 0.0], abs=1e-9)

@@ -10,11 +10,28 @@ import numpy as np
 import pytest
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
+from wayfield.envs.goal_reaching import Observation
+from wayfield.envs.grids import NO_GRIDS
+from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.reeds_shepp import plan_to
-from wayfield.policies import Pilot
-from wayfield.policies.reeds_shepp import ReedsShepp
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.scenarios.obstacles import circle, obstacle_field
+from wayfield.policies import Pilot, reeds_shepp
+from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import Map
+from wayfield.policies.reeds_shepp import MEMORY, ReedsShepp
 
 DT = 0.05
+
+may_set_off = compiled(lambda p, told, m, now: reeds_shepp.may_set_off(p[0], told, m[0], 0, now))
+
+
+def told_of(robot: str, n: int) -> Briefing:
+    """Returns the briefing of robots without a scan."""
+    layout = Observation.layout(len(ROBOTS[robot].twist_axes), 0, 5.0)
+    return Briefing(n, ROBOTS[robot], ACTUATORS["lagged"], DT, "twist", layout, np.empty(0), 5.0)
 
 
 def wrap(angle: float) -> float:
@@ -150,3 +167,37 @@ def test_the_shortest_way_is_driven_as_the_docstring_says(policy: ReedsShepp, ti
                 break
     assert ends == len(STARTS)
     assert legs > 20
+
+
+def test_it_sets_off_when_no_place_of_its_way_is_taken_a_little_before_or_after_it_is_there() -> None:
+    """Each 4 cm, at the speed that it would drive, from 0.2 s early to 0.5 s late; after 40 s it does not ask."""
+    policy, base, radius = ReedsShepp(), ACTUATORS["lagged"], ROBOTS["p3dx"].hull_radius
+    rng, answers = np.random.default_rng(43), []
+    p = params(policy, told_of("p3dx", 1), deceleration=0.4, yaw_acceleration=1.0, preview=base.lag + DT)
+    for k in range(120):
+        way = Way((0.0, 0.0, 0.0), (*rng.uniform(-1.5, 1.5, 2), rng.uniform(-3.1, 3.1)), policy.radius)
+        patrols = np.zeros((1, 1), PATROL)
+        speed, heading = rng.uniform(0.1, 0.5), rng.uniform(-3.1, 3.1)
+        patrols[0, 0] = (*rng.uniform(-1.0, 1.0, 2), speed * math.cos(heading), speed * math.sin(heading), 4.0, 0.0)
+        obstacles = obstacle_field(circle(0.0, 0.0, 0.15))[None]
+        memory = np.zeros(1, MEMORY)
+        memory["plan"][0, : len(way.pieces)] = way.pieces
+        memory["radius"], memory["length"], memory["start"] = policy.radius, way.length, 0.0
+        now = rng.uniform(0.0, 20.0) if k else 41.0
+        told = Map(obstacles, np.array([1]), patrols, np.zeros((1, 1, 3)), np.ones(1, np.int64), *NO_GRIDS)
+        time, begun, end, free = now + base.lag + DT, 0.0, 0.0, True
+        for s in np.arange(0.0, way.length, 0.04):
+            way.along = float(s)
+            if way.leg_end > end:
+                begun, end = s, way.leg_end
+            x, y, _ = way.pose(s)
+            for shift in (-0.2, 0.0, 0.5):
+                ox, oy, _, _ = patrol_at(patrols[0, 0], max(time + shift, now))
+                free = free and math.dist((x, y), (ox, oy)) - 0.15 >= radius + 0.05
+            bend = abs(way.bend(s))
+            v = min(policy.speed, policy.max_yaw_rate / max(bend, 1e-9), math.sqrt(0.8 * (end - s)))
+            time += 0.04 / max(min(max(v, 0.02), math.sqrt(0.8 * (s - begun + 0.04))), 0.02)
+        answers.append(may_set_off(p, told, memory, now))
+        assert answers[-1] == (free or now > 40.0)
+    assert answers[0]
+    assert 20 < sum(answers) < 110
