@@ -156,7 +156,7 @@ class _Pipeline(Compiler):
         super().__init__(typingctx, targetctx, library, args, return_type, Flags(flags), locals)
 
 
-class Flags(numba.core.compiler.Flags):  # type: ignore[misc]
+class Flags(numba.core.compiler.Flags):
     """Numba's settings of a compilation, which it looks up at every operator: compared at once where they are alike.
 
     Option by option, as Numba does it, this took a tenth of its time. The name goes into those of the machine code.

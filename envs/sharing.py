@@ -5,9 +5,11 @@ thread takes its own rows from their first on, the same ones in every job, which
 done takes those of others, from their last on: few, and again the same ones.
 """
 
+from typing import Any
+
 import numpy as np
 from numba.core import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic as numbas_intrinsic
 from numpy.typing import NDArray
 
 from wayfield.envs.compiled import compiled, inlined
@@ -27,11 +29,14 @@ def shares_of(threads: int) -> NDArray[np.int64]:
     return np.zeros(_FIRST + LINE * threads, np.int64)
 
 
+intrinsic: Any = numbas_intrinsic  # its types are those of the code that it is made of, not of calls of what it makes
+
+
 @intrinsic
-def add(typingctx, shares, place, number):  # type: ignore[no-untyped-def]
+def add(typingctx, shares, place, number):
     """Adds to a number of the shares and returns what it was; nothing comes between."""
 
-    def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def code(context, builder, signature, arguments):
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         return builder.atomic_rmw("add", builder.gep(array.data, [arguments[1]]), arguments[2], "seq_cst")
 
@@ -39,10 +44,10 @@ def add(typingctx, shares, place, number):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def look(typingctx, shares, place):  # type: ignore[no-untyped-def]
+def look(typingctx, shares, place):
     """Returns a number of the shares as it is now, and with it all that was written before it."""
 
-    def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def code(context, builder, signature, arguments):
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         return builder.load_atomic(builder.gep(array.data, [arguments[1]]), "seq_cst", 8)
 
