@@ -72,6 +72,16 @@ def test_winsorised_values_have_the_mean_that_is_reported(values: list[float]) -
     assert winsorised(array).mean() == pytest.approx(float(iqm(array)), abs=1e-9)
 
 
+def test_what_neither_scenarios_nor_agents_explain_is_taken_off_once() -> None:
+    """One stratum, scenarios by agents: mean squares of both, less that of what is left, over all."""
+    table = np.random.default_rng(5).normal(size=(6, 4)) + np.arange(4.0) + np.arange(6.0)[:, None]
+    rest = table - table.mean(axis=1, keepdims=True) - table.mean(axis=0, keepdims=True) + table.mean()
+    of_scenarios, of_agents = (table.mean(axis=axis).var(ddof=1) / count for axis, count in ((1, 6), (0, 4)))
+    wanted = of_scenarios + of_agents - (rest**2).sum() / 15.0 / 24.0
+    assert wanted > max(of_scenarios, of_agents)
+    assert spread(table, ["one"] * 6).variance == pytest.approx(wanted)
+
+
 def test_winsorised_values_lie_as_far_apart_as_the_held_ones_times_what_was_left_out() -> None:
     values = np.random.default_rng(3).permutation(np.arange(22.0) ** 2)
     held = np.clip(values, 5.0**2, 16.0**2)  # five of 22 at either end

@@ -78,11 +78,11 @@ def test_the_grid_holds_the_clearance_from_all_that_stands(cell: float, mapped: 
         blocked[5:12, 3:12] = False
         grid = OccupancyGrid(blocked, 0.43, (-3.6, -4.1, 0.15), "free")
     policy = AstarTracker(cell=cell, surroundings=3.0)
-    memory = planned(policy, told("p3dx", grid), 0.1, -0.2)[0]
+    memory = planned(policy, told("p3dx", grid), 0.1, 3.4)[0]
     side, width = len(memory["grid"]), float(memory["cell"])
     if grid is None:
         # around start, goals and what stands, cut off 3 m beyond the former; a metre more; in the middle of the grid
-        places = np.vstack([GOALS[:, :2], (0.1, -0.2)])
+        places = np.vstack([GOALS[:, :2], (0.1, 3.4)])
         low, high = places.min(axis=0), places.max(axis=0)
         bounds = low - 3.0, high + 3.0
         for k, each in enumerate(OBSTACLES):
@@ -227,3 +227,7 @@ def test_the_scan_planner_backs_straight_away_from_what_comes(robot: str, beam: 
     speed = min(math.sqrt(dead**2 + 2.0 * 1e3 * 0.6) - dead, policy.max_speed)
     wanted = -speed * u if briefing.robot.holonomic else [-math.copysign(speed, u[0]), 0.0]
     assert state["command"][0].tolist() == pytest.approx([*wanted, 0.0], abs=1e-9)
+    # a jump is another surface, of which nothing is known yet
+    state["closing"], state["nearest"] = 0.0, radius + 1.0
+    assert not evade(p, state, scan, Seen.of(seen, briefing), True)
+    assert state["closing"][0] == 0.0
