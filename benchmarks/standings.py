@@ -176,6 +176,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         met = "scenarios of the public benchmark, on which nothing was trained or tuned"
     alone = standings.own or (standings.public and len({row["family"] for row in rows}) == count)
     strata = "" if alone else ", stratified by family"
+    brackets = BRACKETS.replace("where a family has", "where there are") if alone else BRACKETS
     told = (
         f" Gap: what the entry does better on the {TRANSFER_SPLIT} split, on which gains were chosen, than on test."
         if with_gap
@@ -189,7 +190,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         "ranked."
     )
     return (
-        f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {BRACKETS} Errors: "
+        f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {brackets} Errors: "
         f"bootstrap{strata}, agents drawn with the scenarios; times and scores: that of the successes, with the "
         "interval of the share of failures. Shares, scores, imputed times and RMS errors are means, other numbers "
         f"interquartile means over the episodes. Rows of trained agents hold {seeds_told(everyone, contest)}. A "
