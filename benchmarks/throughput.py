@@ -235,21 +235,18 @@ def deciding_steps(policy: str, num_envs: int, num_threads: int) -> Steps:
     return steps
 
 
-def bytes_a_robot(env_id: str, few: int = 1_000, many: int = 21_000) -> float:
-    """Returns what a further robot adds to the memory (bytes) of a process that steps them, in this fresh process.
+def resident_with(env_id: str, count: int) -> int:
+    """Returns the memory (bytes) that this process, a fresh one, has resident with so many robots that step.
 
     The observations and infos of a step are among it, and the generator of each robot.
     """
-    grown = []
-    for count in (few, many):
-        before = _resident()
-        envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point")
-        envs.reset(seed=0)
-        action = np.zeros(envs.action_space.shape or (), np.float32)
-        told = [envs.step(action) for _ in range(3)][-1]
-        grown.append(_resident() - before)
-        del told, envs
-    return (grown[1] - grown[0]) / (many - few)
+    envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    envs.reset(seed=0)
+    action = np.zeros(envs.action_space.shape or (), np.float32)
+    told = [envs.step(action) for _ in range(3)][-1]
+    resident = _resident()
+    del told
+    return resident
 
 
 def _resident() -> int:
@@ -266,8 +263,11 @@ def _print_memory() -> None:
     ids = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
     spawned = multiprocessing.get_context("spawn")
     for env_id in ids:
-        with ProcessPoolExecutor(1, spawned) as pool:  # a process each: what another has let go would be used again
-            value = pool.submit(bytes_a_robot, env_id).result()
+        found = []
+        for count in (1, 1_000, 51_000):  # the first compiles: a compiler leaves memory that robots would move into
+            with ProcessPoolExecutor(1, spawned) as pool:
+                found.append(pool.submit(resident_with, env_id, count).result())
+        value = (found[2] - found[1]) / 50_000
         table.add_row(env_id, f"{value:,.0f}", f"{value / 1e3:.2f}")
     rich.console.Console(width=100).print(table)
 
