@@ -55,7 +55,7 @@ def label(entry: Entry) -> str:
 
 def seeds_told(rows: Sequence[Row], contest: Contest) -> str:
     """Returns which training runs of the agents that ship drove, in words: of a short run the first alone."""
-    driven = {int(row["agent_seed"]) for row in rows if row["gains_name"] == "trained"}
+    driven = {int(row["agent_seed"]) for row in rows if row["gains_name"] == "trained" and row["agent_seed"]}
     robots = {row["robot"] for row in rows}
     there = {seed for robot in robots for seed in shipped(contest.spec.name, robot)}
     return f"seeds {min(driven)} to {max(driven)} alone" if driven and driven < there else "every seed"

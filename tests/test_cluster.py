@@ -22,6 +22,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks import comparison, parts
+from wayfield.benchmarks.ahead import Ahead, ahead
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.evaluate import main
@@ -63,6 +64,25 @@ def threads() -> Iterator[Engine]:
     """Returns an engine of threads, to which this process is far away."""
     with ThreadPoolExecutor(4) as pool:
         yield Engine.of(pool)
+
+
+def test_what_is_begun_ahead_is_done_once_and_found_by_whoever_asks() -> None:
+    met: list[int] = []
+
+    def doubled(item: int) -> int:
+        met.append(item)
+        return 2 * item
+
+    with ThreadPoolExecutor(2) as pool:
+        engine = ahead(Engine(pool.submit))
+        assert isinstance(engine, Ahead)
+        engine.begin(doubled, [3, 1])
+        engine.settle()
+        assert sorted(met) == [1, 3]
+        assert list(engine(doubled, [1, 2, 3])) == [2, 4, 6]
+        assert sorted(met) == [1, 2, 3]
+        assert list(engine(doubled, [1])) == [2]  # nothing is left of it: asked for again, it is done again
+    assert ahead(HERE) is HERE
 
 
 def test_results_come_in_the_order_of_the_work_whoever_is_first(threads: Engine) -> None:

@@ -61,6 +61,17 @@ def test_what_was_compiled_is_kept(tmp_path: Path) -> None:
     assert {file: file.stat().st_mtime_ns for file in cache.rglob("*.nbc")} == kept
 
 
+def test_of_processes_that_lack_a_kernel_one_compiles_it(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    told = "import kernel; kernel.four_times(1.5); print(sum(kernel.four_times.stats.cache_misses.values()), *hits())"
+    code = f"hits = lambda: [sum(kernel.four_times.stats.cache_hits.values())]\n{told}"
+    settings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    words = [sys.executable, "-c", code]
+    processes = [subprocess.Popen(words, cwd=tmp_path, env=settings, stdout=subprocess.PIPE) for _ in range(3)]
+    found = sorted(process.communicate()[0].split() for process in processes)
+    assert found == [[b"0", b"1"], [b"0", b"1"], [b"1", b"0"]]
+
+
 def test_what_is_compiled_elsewhere_is_void_once_any_kernel_that_it_may_call_has_changed() -> None:
     stamped = [Path(name) for files in _sources(called) for name, *_ in files]  # of a function outside the package
     for file in (sin_cos.py_func.__code__.co_filename, free_time.py_func.__code__.co_filename, __file__):

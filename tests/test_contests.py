@@ -18,15 +18,25 @@ from hypothesis import strategies as st
 
 from wayfield import benchmarks, policies
 from wayfield.benchmarks import parts, suite, tune
-from wayfield.benchmarks.contest_options import seed_of
-from wayfield.benchmarks.contests import CONTESTS, PAPER, Course, Entrants, Score, goal_obstacles, path_following
+from wayfield.benchmarks.contest_options import ContestOptions, seed_of
+from wayfield.benchmarks.contests import (
+    CONTESTS,
+    OVERVIEW,
+    PAPER,
+    Course,
+    Entrants,
+    Score,
+    goal_obstacles,
+    path_following,
+)
 from wayfield.benchmarks.contests import contest as contest_module
+from wayfield.benchmarks.entries import seeds_told
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.matrix import how_often_better
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
-from wayfield.benchmarks.suite import Setting, episodes
+from wayfield.benchmarks.suite import Setting, episodes, heads_first
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, GoalScenario, circle, obstacle_field, path_scenarios, splits, wall
@@ -85,6 +95,31 @@ def test_the_overview_has_those_who_matter_and_agents_where_they_ship() -> None:
         assert set(contest.overview) < set(contest.policies)
         assert ("ppo" in contest.overview) == ("ppo" in contest.policies)
         assert len(contest.overview) >= 5
+
+
+def test_the_overview_has_the_first_seeds_of_each_agent_and_says_so() -> None:
+    names, robot = tuple(CONTESTS), ROBOTS["p3dx"]
+    options = ContestOptions(OVERVIEW, names, None, ("kinematic",), "lagged", robot, ("best",), None, None, 0)
+    met = {(each.case.document, each.case.policy, each.case.gains["seed"]) for each in options.settings()
+           if each.case.policy == "ppo"}  # fmt: skip
+    assert met == {(name, "ppo", seed) for name in names for seed in range(3)}
+    row = {"gains_name": "trained", "robot": "p3dx"}
+    few, all_seeds = ([row | {"agent_seed": str(k)} for k in range(count)] for count in (3, 5))
+    assert seeds_told(few, CONTESTS["goal-obstacles"]) == "seeds 0 to 2 alone"
+    assert seeds_told(all_seeds, CONTESTS["goal-obstacles"]) == "every seed"
+
+
+def test_what_compiles_is_begun_first_and_no_setting_is_lost() -> None:
+    names, robot = tuple(CONTESTS), ROBOTS["p3dx"]
+    settings = ContestOptions(
+        OVERVIEW, names, None, ("kinematic",), "lagged", robot, ("best",), None, None, 0
+    ).settings()
+    order = heads_first(settings)
+    assert sorted(order) == list(range(len(settings)))
+    assert [settings[i].case.document for i in order[:2]] == ["goal-obstacles", "path-following"]
+    drivers = {(each.case.document, each.case.policy) for each in settings}
+    heads = order[: len(drivers)]  # each of them once before any twice
+    assert {(settings[i].case.document, settings[i].case.policy) for i in heads} == drivers
 
 
 def test_no_two_scenes_share_their_noise() -> None:

@@ -121,7 +121,7 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
     """Adds the episodes whose scenario is kept; says so where there is nothing to replay."""
     if not (folder / DRIVES).is_file() or not (folder / WORLDS).is_file():
         content.missing.append(
-            f"{DRIVES} or {WORLDS} is missing, as in runs of earlier versions: nothing of that can be replayed."
+            f"{DRIVES} or {WORLDS} is missing, as in runs of earlier versions: nothing of it can be replayed."
         )
         return
     drives = read_drives(folder)
