@@ -303,6 +303,34 @@ def test_a_sensor_planner_never_touches_the_cell_around_its_goal(tmp_path: Path)
     assert not info["success"]
 
 
+def test_a_way_longer_than_a_plan_is_driven_in_pieces_none_of_which_crosses_a_wall(tmp_path: Path) -> None:
+    """Up and down between thin walls: some 220 m, of which a plan has room for less."""
+    walls = np.zeros((192, 160), np.bool_)
+    for k in range(1, 16):
+        walls[12 * k, 10 * (k % 2) : 150 + 10 * (k % 2)] = True  # a gap at one end or the other, in turn
+    np.save(tmp_path / "m.npy", walls)
+    told = {"start": [0.5, 0.6, 0], "goal": [8.0, 18.6, 0], "heading_tolerance": 3.1}
+    told["map"] = {"file": "m.npy", "resolution": 0.1}
+    (tmp_path / "s.json").write_text(json.dumps(told), encoding="utf-8")
+    env: Any = gymnasium.make(ID_OF["p3dx"], scenario=str(tmp_path / "s.json"), max_episode_steps=20_000, num_beams=0)
+    observation, _ = env.reset(seed=0)
+    pilot = Pilot(AstarTracker(), env)
+    pilot.reset()
+    plans, over = 0, False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(pilot.act(observation))
+        over = terminated or truncated
+        state = state_of(pilot)[0]
+        if state["plans"] > plans:
+            plans = int(state["plans"])
+            points = state["points"][: state["num_points"]]
+            shares = np.linspace(0.0, 1.0, 9)[:, None, None]
+            along = (points[:-1] + shares * (points[1:] - points[:-1])).reshape(-1, 2)
+            assert env.unwrapped.batch.task.scenarios[0].grid.clearances(along).min() > 0.1
+    assert info["success"]
+    assert plans >= 2
+
+
 @settings(max_examples=settings().max_examples // 16)
 @given(seed=st.integers(0, 1000), planner=st.sampled_from(PLANNERS), robot=st.sampled_from(["p3dx", "omni3"]))
 def test_a_row_of_a_batch_acts_as_alone(seed: int, planner: Any, robot: str) -> None:
