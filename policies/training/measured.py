@@ -1,9 +1,9 @@
 """Writes into agents' cards what they do elsewhere: `python -m wayfield.policies.training.measured FOLDER ...`
 
-Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also what
-`make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it warns. A path
-follower's card also says how fast it drives in the mean where it is told a speed, so that it can hold the one that it
-is asked for.
+Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also slowly
+and fast and what `make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it
+warns. A path follower's card also says how fast it drives in the mean where it is told a speed, so that it can hold the
+one that it is asked for.
 """
 
 import dataclasses
@@ -22,7 +22,8 @@ from wayfield.policies.learned.agent import CARD, Agent, load_agent, signed
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.training.validation import finite, validate, validated
 
-FAST = 1.05  # m/s, beside the speed that an agent was validated at
+FAST = 1.05  # m/s, of a path follower, beside the speed that it was validated at
+OTHERS = (0.3, 1.0)  # m/s, of a goal seeker
 EVERY = 16  # of the training scenarios, that a path follower's mean speed is measured on: four of a family
 
 
@@ -34,10 +35,11 @@ def _of_paths(speed: float, base: Mapping[str, Any]) -> list[Condition]:
 
 
 def _of_goals(speed: float, base: Mapping[str, Any]) -> list[Condition]:
-    """Returns what `make` gives: the scan of the data sheet, and goals with a heading."""
+    """Returns other speeds, and what `make` gives: the scan of the data sheet, and goals with a heading."""
     robot = {"robot": base["robot"]} if "robot" in base else {}
     made = {"actuators": "ideal", "num_beams": 32, **robot}
-    return [(speed, {"scenario": scenario, **made}) for scenario in ("discs", "open_field")]
+    default = [(speed, {"scenario": scenario, **made}) for scenario in ("discs", "open_field")]
+    return [*((other, dict(base)) for other in OTHERS), *default]
 
 
 def _of_docks(speed: float, base: Mapping[str, Any]) -> list[Condition]:
