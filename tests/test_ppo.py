@@ -29,20 +29,20 @@ KINDS = (
     *(("goal_reaching", robot) for robot in ("p3dx", "omni3", "omni4")),
     ("docking", "p3dx"),
 )
-MORE = {("path_following", "p3dx"): 10}  # seeds
+FEWER = {("docking", "p3dx"): 5}  # seeds; ten of all others
 AGENTS = [(*kind, seed, folder) for kind in KINDS for seed, folder in shipped(*kind).items()]
 
 
 def test_seeds_of_each_kind_ship_and_are_small() -> None:
     """All that were trained, from 0 on: none is left out."""
     for kind in KINDS:
-        assert list(shipped(*kind)) == list(range(MORE.get(kind, 5))), kind
+        assert list(shipped(*kind)) == list(range(FEWER.get(kind, 10))), kind
         for folder in shipped(*kind).values():  # what its preset teaches with today, whatever was tuned since
             training = read_card(folder / "card.json")["training"]
             assert PRESETS[training["preset"]].controller == training["taught_by"]
             assert PRESETS[training["preset"]].gains == training["taught_with"]
     home = Path(str(resources.files("wayfield.policies"))) / "agents"
-    assert sum(file.stat().st_size for file in home.rglob("*") if file.is_file()) < 10e6
+    assert sum(file.stat().st_size for file in home.rglob("*") if file.is_file()) < 16e6
 
 
 @pytest.mark.parametrize(("task", "robot", "seed", "folder"), AGENTS)

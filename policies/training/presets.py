@@ -367,6 +367,22 @@ _DIFF_DOCK = Preset(
     time_limit=600,
 )
 
+# as the goal seekers of omni bases: driven as a differential drive, for which the teacher's ways are
+_OMNI4_DOCK = dataclasses.replace(
+    _DIFF_DOCK,
+    name="omni4_dock",
+    env_ids=("wayfield/OmniDocking-v0",),
+    features=DockFeatures(hull_radius=ROBOTS["omni4"].hull_radius, frames=2, stride=5),
+    measured="not yet",
+    robot="omni4",
+)
+_OMNI3_DOCK = dataclasses.replace(
+    _OMNI4_DOCK,
+    name="omni3_dock",
+    features=DockFeatures(hull_radius=ROBOTS["omni3"].hull_radius, frames=2, stride=5),
+    robot="omni3",
+)
+
 PRESETS = {
     preset.name: preset
     for preset in (
@@ -386,6 +402,10 @@ PRESETS = {
         _DIFF_GOAL,
         # a P3DX comes to rest at a pose
         _DIFF_DOCK,
+        # an omni4 does
+        _OMNI4_DOCK,
+        # an omni3 does
+        _OMNI3_DOCK,
     )
 }
 
