@@ -31,6 +31,7 @@ RADII = (0.15, 0.4)  # m, of those
 CELL = 0.05  # m
 PAIRS = 4  # of start and goal, in a room
 STEPS = 4000  # control periods, the clock in a room: 40 m at a third of the asked speed
+SEARCHED_STEPS = 2400  # of that, where gains are searched and chosen: who gets there mostly needs less than half
 LEAST_WAY = 5.0  # m, from start to goal
 SEEDS: Mapping[str, int] = {"train": 4000, "validation": 5000}  # of the rooms in which gains are searched and chosen
 
@@ -82,8 +83,10 @@ def room(rng: np.random.Generator, shares: tuple[float, float] = SHARES) -> tupl
                 return occupied, found
 
 
-def write_rooms(folder: Path, count: int, seed: int, shares: tuple[float, float] = SHARES) -> list[Course]:
-    """Writes so many rooms, each as a map of MRPB with its cases; returns a course each."""
+def write_rooms(
+    folder: Path, count: int, seed: int, shares: tuple[float, float] = SHARES, steps: int = STEPS
+) -> list[Course]:
+    """Writes so many rooms, each as a map of MRPB with its cases; returns a course each, with that clock."""
     rng = np.random.default_rng(seed)
     courses = []
     for k in range(count):
@@ -98,8 +101,13 @@ def write_rooms(folder: Path, count: int, seed: int, shares: tuple[float, float]
         (home / MAP).write_text(told + "occupied_thresh: 0.65\nfree_thresh: 0.196\n", encoding="utf-8")
         lines = [",".join(f"{value:.4f}" for value in case) for case in cases]
         (home / CASES).write_text("\n".join([",".join(COLUMNS), *lines, ""]), encoding="utf-8")
-        courses.append(Course(home.name, PUBLIC_SPLIT, str(home), STEPS, members=tuple(range(PAIRS))))
+        courses.append(Course(home.name, PUBLIC_SPLIT, str(home), steps, members=tuple(range(PAIRS))))
     return courses
+
+
+def searched_rooms(folder: Path, split: str, count: int) -> list[Course]:
+    """Writes so many rooms of those in which gains are searched, or chosen; returns a course each."""
+    return write_rooms(folder / split, count, SEEDS[split], SEARCHED_SHARES, SEARCHED_STEPS)
 
 
 def in_rooms(contest: Contest, robot: Robot, rooms: Sequence[Course]) -> Iterator[Place]:

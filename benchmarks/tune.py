@@ -32,7 +32,7 @@ import wayfield.policies
 from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Score
 from wayfield.benchmarks.paired import difference
 from wayfield.benchmarks.parcels import in_order
-from wayfield.benchmarks.rooms import PAIRS, SEARCHED_SHARES, SEEDS, WIDEST, Place, digest, in_rooms, write_rooms
+from wayfield.benchmarks.rooms import PAIRS, SEEDS, WIDEST, Place, digest, in_rooms, searched_rooms
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice, on_cluster, shared_out
 from wayfield.envs.disturbances import LEVELS
@@ -44,8 +44,8 @@ from wayfield.envs.storage import write_whole
 from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
 
 SEARCH_SPLIT = "train"
-FINALISTS = 4  # sets of a search that drive the whole validation split, beside the default gains and what ships
-VALIDATION_ROOMS = 16
+FINALISTS = 3  # sets of a search that drive the whole validation split, beside the default gains and what ships
+VALIDATION_ROOMS = 12
 MOST_AT_ONCE = 64  # robots in a batch
 PACE_FACTORS = (0.97, 1.35)  # of the asked speed, between which a path follower's cruising speed is searched
 
@@ -207,7 +207,7 @@ class Search:
         if not self.contest.in_rooms or self.robot.hull_radius > WIDEST:
             return {}
         counts = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}
-        return {split: write_rooms(folder / split, n, SEEDS[split], SEARCHED_SHARES) for split, n in counts.items()}
+        return {split: searched_rooms(folder, split, count) for split, count in counts.items()}
 
     def _run(self, engine: Engine) -> dict[str, Any]:
         found, frames = self._searched(engine)

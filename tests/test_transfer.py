@@ -12,11 +12,11 @@ from wayfield.benchmarks.rooms import (
     LEAST_WAY,
     OTHER_HULLS,
     PAIRS,
-    SEARCHED_SHARES,
     SEEDS,
     WIDEST,
     digest,
     room,
+    searched_rooms,
     write_rooms,
 )
 from wayfield.benchmarks.transfer import PLACES, TRANSFER, TUNED_FOR, entries, main, transfer_table
@@ -34,12 +34,13 @@ def test_a_room_has_a_way_for_every_hull_from_each_start_to_its_goal(tmp_path: P
 
 def test_rooms_of_the_search_the_choice_and_the_table_are_others(tmp_path: Path) -> None:
     """Of the seeds that they have by default; and nobody makes a table in those of the search."""
-    seeds = {**SEEDS, "table": next(each.default for each in main.params if each.name == "seed")}
-    rooms = {name: write_rooms(tmp_path / name, 3, seed, SEARCHED_SHARES) for name, seed in seeds.items()}
+    seed = next(each.default for each in main.params if each.name == "seed")
+    rooms = {split: searched_rooms(tmp_path, split, 3) for split in SEEDS}
+    rooms["table"] = write_rooms(tmp_path / "table", 3, seed)
     worlds = [(Path(course.file) / "map.pgm").read_bytes() for courses in rooms.values() for course in courses]
     assert len(set(worlds)) == len(worlds) == 9
     assert len({digest(courses) for courses in rooms.values()}) == 3
-    assert digest(write_rooms(tmp_path / "again", 3, SEEDS["train"], SEARCHED_SHARES)) == digest(rooms["train"])
+    assert digest(searched_rooms(tmp_path / "again", "train", 3)) == digest(rooms["train"])
     for seed in SEEDS.values():
         refused = CliRunner().invoke(main, ["--seed", str(seed)])
         assert refused.exit_code == 2
