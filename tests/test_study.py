@@ -17,7 +17,7 @@ from wayfield.benchmarks import tune  # noqa: E402  needs optuna
 from wayfield.benchmarks.shared_study import NoStudy, SharedStudy  # noqa: E402
 from wayfield.envs.robots import ROBOTS  # noqa: E402
 
-COMMAND = ("lqr", "--suite", "path-following", "--trials", "6", "--scenarios", "1", "--workers", "1", "--force")
+COMMAND = ("polar", "--suite", "docking", "--trials", "6", "--scenarios", "1", "--workers", "1", "--force")
 
 
 def search(*words: str, folder: Path) -> "subprocess.Popen[str]":
