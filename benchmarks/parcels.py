@@ -45,7 +45,7 @@ def in_order(engine: Engine, function: Callable[[Setting], Any], settings: Itera
 
 
 def parcel(setting: Setting) -> Parcel:
-    """Returns a setting with its files: a scenario of one's own, an agent, a model, the module of a policy.
+    """Returns a setting with its files: scenarios of one's own, an agent, a model, the module of a policy.
 
     Raises:
         OSError: if a file cannot be read.
@@ -53,7 +53,8 @@ def parcel(setting: Setting) -> Parcel:
     case = setting.case
     found: list[Path] = []
     if _is_file(case.scenario):
-        found.append(Path(case.scenario))
+        there = Path(case.scenario)
+        found += sorted(each for each in there.rglob("*") if each.is_file()) if there.is_dir() else [there]
     if "home" in case.gains:
         found += sorted(each for each in trained(case.gains["home"])[case.gains["seed"]].iterdir() if each.is_file())
     if isinstance(case.entrant, OwnModel):
@@ -80,24 +81,33 @@ def _unpacked(parcel: Parcel) -> Iterator[Setting]:
         yield parcel.setting
         return
     with tempfile.TemporaryDirectory() as folder:
-        here = {name: _written(Path(folder), name, content) for name, content in parcel.files.items()}
         case = parcel.setting.case
+        here = {name: _written(Path(folder), name, content, case.scenario) for name, content in parcel.files.items()}
         yield dataclasses.replace(parcel.setting, case=_moved(case, here, parcel.files), given=case)
 
 
-def _written(folder: Path, name: str, content: bytes) -> Path:
+def _written(folder: Path, name: str, content: bytes, scenario: str) -> Path:
     """Writes a file below a folder, under as much of its path as readers look at; returns where."""
     parts = Path(name).absolute().parts[1:]
-    file = folder.joinpath(hashlib.sha256("/".join(parts[:-4]).encode()).hexdigest()[:8], *parts[-4:])
+    kept = 3 + max(_below(name, scenario), 1)
+    file = folder.joinpath(hashlib.sha256("/".join(parts[:-kept]).encode()).hexdigest()[:8], *parts[-kept:])
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)
     return file
 
 
+def _below(name: str, folder: str) -> int:
+    """Returns how many parts of a file's path are below a folder; 0: it is none of its files."""
+    return len(Path(name).relative_to(folder).parts) if Path(name).is_relative_to(folder) else 0
+
+
 def _moved(case: Case, here: Mapping[str, Path], files: Mapping[str, bytes]) -> Case:
     """Returns a case that names its files where they are here."""
-    if case.scenario in here:
-        case = dataclasses.replace(case, scenario=str(here[case.scenario]))
+    for name, file in here.items():
+        if name == case.scenario or (below := _below(name, case.scenario)):
+            place = file if name == case.scenario else file.parents[below - 1]
+            case = dataclasses.replace(case, scenario=str(place))
+            break
     if "home" in case.gains:
         agents = [file for file in here.values() if file.parent.parent.name == f"seed_{case.gains['seed']}"]
         case = dataclasses.replace(case, gains={**case.gains, "home": str(agents[0].parents[2])})

@@ -7,7 +7,6 @@ other hulls where the set is the P3DX's, and in the worlds of BARN if their fold
 
 import contextlib
 import dataclasses
-import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,94 +14,31 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 import rich.console
-import scipy.ndimage
-from numpy.typing import NDArray
 
-from wayfield.benchmarks.cases import Case
-from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, PUBLIC_SPLIT, Contest, Course, Entrants
+from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, Course
 from wayfield.benchmarks.crossed import exact_interval
 from wayfield.benchmarks.parts import described
 from wayfield.benchmarks.progress import tracked
 from wayfield.benchmarks.public_suites import PUBLIC
 from wayfield.benchmarks.results import TABLE, Row, write_rows
+from wayfield.benchmarks.rooms import OTHER_HULLS, PAIRS, SEEDS, Place, in_rooms, write_rooms
 from wayfield.benchmarks.run_folder import Run, held, staging
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.tune import SEARCHED
 from wayfield.envs.command_line import SEED, Names, OneLineErrors, on_cluster, shared_out
-from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import SPLITS
-from wayfield.envs.scenarios.mrpb import CASES, COLUMNS, MAP
 
 CONTEST = CONTESTS["goal-obstacles"]
 GAINS = ("default", "tuned", "paper")
 TUNED_FOR = tuple(ROBOTS[name] for name in ("p3dx", "omni3", "omni4"))
-OTHER_HULLS = tuple(ROBOTS[name] for name in ("turtlebot3", "jackal"))  # a disc of 0.1 m, and a rectangle
 SUITE = "transfer"
 TRANSFER = "transfer.csv"
 BUDGET = "learned from"
 _BUDGET = 3  # its place among the columns
-PLACES = ("validation", "test", "rooms", *(f"rooms, {robot.name}" for robot in OTHER_HULLS), "BARN")
-WIDEST = 0.36  # m, of a disc that has a way in every room
-SIDES = (8.0, 20.0)  # m, of a room
-SHARES = (0.02, 0.12)  # of its floor, that discs stand on
-RADII = (0.15, 0.4)  # m, of those
-CELL = 0.05  # m
-PAIRS = 4  # of start and goal, in a room
-STEPS = 4000  # control periods, the clock in a room: 40 m at a third of the asked speed
-LEAST_WAY = 5.0  # m, from start to goal
-
-
-def room(rng: np.random.Generator) -> tuple[NDArray[np.bool_], list[tuple[float, ...]]]:
-    """Returns a walled room of a drawn size, in cells, and the poses (x, y, heading) of PAIRS starts and goals, m.
-
-    There is a way for a disc of WIDEST from each start to its goal.
-    """
-    while True:
-        side = rng.uniform(*SIDES)
-        count = math.ceil(side / CELL)
-        middles = CELL * (np.arange(count) + 0.5)
-        occupied = np.zeros((count, count), np.bool_)
-        wanted = rng.uniform(*SHARES) * count * count
-        while occupied.sum() < wanted:
-            x, y, radius = *rng.uniform(0.0, side, 2), rng.uniform(*RADII)
-            occupied |= (middles[None, :] - x) ** 2 + (middles[:, None] - y) ** 2 < radius * radius
-        nodes = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2)
-        clear = OccupancyGrid(occupied, CELL).clearances(nodes).reshape(count, count) > WIDEST
-        parts, _ = scipy.ndimage.label(clear)
-        sizes = np.bincount(parts.ravel())
-        sizes[0] = 0
-        there = nodes[(parts == sizes.argmax()).ravel()]
-        found: list[tuple[float, ...]] = []
-        for _ in range(200 if len(there) else 0):
-            start, goal = there[rng.integers(len(there), size=2)]
-            if math.dist(start, goal) >= LEAST_WAY:
-                found.append((*start, rng.uniform(-3.0, 3.0), *goal, rng.uniform(-3.0, 3.0)))
-            if len(found) == PAIRS:
-                return occupied, found
-
-
-def write_rooms(folder: Path, count: int, seed: int) -> list[Course]:
-    """Writes so many rooms, each as a map of MRPB with its cases; returns a course each."""
-    rng = np.random.default_rng(seed)
-    courses = []
-    for k in range(count):
-        occupied, cases = room(rng)
-        home = folder / f"room_{k}"
-        home.mkdir()
-        # row 0 of an image is the highest
-        image = np.where(occupied, 0, 254).astype(np.uint8)[::-1]
-        header = f"P5 {image.shape[1]} {image.shape[0]} 255\n".encode()
-        (home / "map.pgm").write_bytes(header + image.tobytes())
-        told = f"image: map.pgm\nresolution: {CELL}\norigin: [0, 0, 0]\nnegate: 0\n"
-        (home / MAP).write_text(told + "occupied_thresh: 0.65\nfree_thresh: 0.196\n", encoding="utf-8")
-        lines = [",".join(f"{value:.4f}" for value in case) for case in cases]
-        (home / CASES).write_text("\n".join([",".join(COLUMNS), *lines, ""]), encoding="utf-8")
-        courses.append(Course(home.name, PUBLIC_SPLIT, str(home), STEPS, members=tuple(range(PAIRS))))
-    return courses
+PLACES = ("validation", "test", "rooms", *(f"rooms, {robot.name}" for robot in OTHER_HULLS["p3dx"]), "BARN")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,16 +49,6 @@ class Entry:
     policy: str
     gains_name: str
     gains: Mapping[str, Any]
-
-
-@dataclasses.dataclass(frozen=True)
-class Place:
-    """Where gains are tried."""
-
-    name: str
-    contest: Contest
-    robot: Robot  # that drives there
-    courses: Sequence[Course]
 
 
 def entries(names: Sequence[str] | None) -> Iterator[Entry]:
@@ -142,25 +68,17 @@ def places(robot: Robot, rooms: Sequence[Course], data: str | None) -> Iterator[
     for split in ("validation", "test"):
         members = tuple(range(count * SPLITS[split]))
         yield Place(split, CONTEST, robot, [Course("all", split, members=members)])
-    yield Place("rooms", CONTEST, robot, rooms)
-    if robot is TUNED_FOR[0]:
-        for other in OTHER_HULLS:
-            yield Place(f"rooms, {other.name}", CONTEST, other, rooms)
+    yield from in_rooms(CONTEST, robot, rooms)
     if data is not None:
         courses = PUBLIC["barn"].courses(data, robot)
         yield Place("BARN", ALL_CONTESTS[PUBLIC["barn"].modes["p3dx"].contest], robot, courses)
 
 
-def case_of(place: Place, course: Course, entry: Entry) -> Case:
-    """Returns the case of a policy with gains that may be another robot's."""
-    (case,) = place.contest.cases(place.robot, course, Entrants((entry.policy,), ("default",)))
-    return dataclasses.replace(case, gains={**case.gains, **entry.gains}, gains_name=entry.gains_name)
-
-
 def tried(asked: tuple[Entry, Place, Course]) -> list[Row]:
     """Returns a row for each episode of an entry on a course."""
     entry, place, course = asked
-    case = case_of(place, course, entry)
+    case = place.case(course, entry.policy, entry.gains)
+    case = dataclasses.replace(case, gains_name=entry.gains_name)
     setting = Setting(SUITE, case, "kinematic", "lagged", 0, len(course.members), members=course.members)
     of_sets = {"robot": entry.robot.name, "policy": entry.policy, "gains_name": entry.gains_name}
     learned = described(CONTEST, dataclasses.replace(case, env_kwargs={"robot": entry.robot.name}))["learned_from"]
@@ -187,8 +105,9 @@ def transfer_table(rows: Sequence[Row], command: str) -> Table:
     lines = [[*key, *(_cell(found.get(place, [])) for place in there)] for key, found in sets.items()]
     worlds = len({row["scenario"] for row in rows if row["place"] == "rooms"})
     note = (
-        "Goals reached in per cent; brackets: Clopper and Pearson's 95 % interval. Chosen on validation; nothing was "
-        f"chosen or tuned in the other places. Rooms: {worlds} of 8 to 20 m with discs on 2 to 12 % of their floor, "
+        "Goals reached in per cent; brackets: Clopper and Pearson's 95 % interval. Chosen on validation, and since the "
+        "search has rooms too, in those of other seeds; nothing was chosen or tuned in the other places. Rooms: "
+        f"{worlds} of 8 to 20 m with discs on 2 to 12 % of their floor, "
         f"{PAIRS} ways in each, with the robot's own hull or that of another, which then drives with the P3DX's gains. "
         f"BARN: its worlds with the robot and the scan of goal reaching. Made by `{command}`."
     )
@@ -221,6 +140,8 @@ def main(names: tuple[str, ...] | None, rooms: int, data: str | None, seed: int,
     sets = list(entries(names))
     if not sets:
         raise click.UsageError(f"--policies {','.join(names or ())}: nothing was tuned for them in goal reaching")
+    if seed in SEEDS.values():
+        raise click.UsageError(f"--seed {seed}: gains were chosen in the rooms of that seed; take another")
     # where the worlds lie on this machine is not what was run
     told = {"policies": ",".join(names or ()), "rooms": rooms if rooms != 16 else "", "data": data and "BARN"}
     words = [f"--{name} {value}" for name, value in {**told, "seed": seed or ""}.items() if value]

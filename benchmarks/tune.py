@@ -1,8 +1,12 @@
 """Finds gains for a condition: python -m wayfield.benchmarks.tune POLICY --suite S --robot R --speed V --level L
 
-The search drives training scenarios; its best sets and the policy's own gains then drive the validation split, and the
-best there is written. So a set that ships is never worse than the default gains on scenarios that the search has not
-seen, and where nothing found was better the default gains are written, and called so.
+The search drives training scenarios; its best sets, the policy's own gains and the set that ships, if one does, then
+drive the whole validation split, and the best there is written. So a set that ships is never worse than the default
+gains on scenarios that the search has not seen, and where nothing found was better the file says so: "default".
+
+Goal seekers drive drawn rooms as well, some in the search and others in the choice: sizes and densities that the splits
+do not have, and for gains of the P3DX other hulls (`rooms`). A set that does worse than the default gains in one of
+these places, by the test of differences on the same scenarios, is not chosen, however well it does in the others.
 
 Best is what the contest says (`Score` of `contests`): the fewest failures; of those, for a path follower, a mean speed
 within 3 % of the asked one, or where none has that no lower one than with the default gains; of those the least error
@@ -17,27 +21,31 @@ import json
 import os
 import shlex
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 import wayfield.policies
-from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Entrants, Score
+from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Score
+from wayfield.benchmarks.paired import difference
 from wayfield.benchmarks.parcels import in_order
+from wayfield.benchmarks.rooms import PAIRS, SEEDS, WIDEST, Place, digest, in_rooms, searched_rooms
 from wayfield.benchmarks.suite import Setting, episodes
 from wayfield.envs.command_line import SEED, Choice, Finite, OneLineErrors, RobotChoice, on_cluster, shared_out
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.engines import Engine, cores
 from wayfield.envs.identity import source_digest
-from wayfield.envs.robots import Robot, shipped_name
-from wayfield.envs.scenarios import splits
+from wayfield.envs.robots import ROBOTS, Robot, shipped_name
+from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.storage import write_whole
-from wayfield.policies.tuned import PACE, condition
+from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
 
 SEARCH_SPLIT = "train"
-FINALISTS = 2  # sets of a search that drive the validation split, beside the default gains
+FINALISTS = 3  # sets of a search that drive the whole validation split, beside the default gains and what ships
+VALIDATION_ROOMS = 12
 MOST_AT_ONCE = 64  # robots in a batch
 PACE_FACTORS = (0.97, 1.35)  # of the asked speed, between which a path follower's cruising speed is searched
 
@@ -137,6 +145,24 @@ def searched(policy: str, suite: str) -> Mapping[str, Range]:
 
 
 @dataclasses.dataclass(frozen=True)
+class Drive:
+    """What became of a set of gains: its score of all scenarios, and by place its score and its successes."""
+
+    score: Score
+    places: Mapping[str, Score] = dataclasses.field(default_factory=dict)
+    won: Mapping[str, tuple[Sequence[str], Sequence[bool]]] = dataclasses.field(default_factory=dict)  # with families
+
+    def losses(self, other: "Drive") -> list[str]:
+        """Returns the places in which the other set is told apart as the better one, on the same scenarios."""
+        found = []
+        for name, (families, won) in self.won.items():
+            ours, theirs = (np.array(each, np.float64)[:, np.newaxis] for each in (won, other.won[name][1]))
+            if difference(ours, theirs, families, "share").high < 0.0:
+                found.append(name)
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
 class Search:
     """What gains are searched for, and how long."""
 
@@ -152,6 +178,7 @@ class Search:
     seed: int
     started_from: tuple[Mapping[str, float], ...] = ()  # sets that are tried first, after the default gains
     study: str = ""  # where others search along: a journal file, or the URL of a database; "": this process alone
+    rooms: Mapping[str, Sequence[Course]] = dataclasses.field(default_factory=dict)  # by split, drawn when it is run
 
     @property
     def paced(self) -> bool:
@@ -172,17 +199,35 @@ class Search:
 
     def run(self, engine: Engine) -> dict[str, Any]:
         """Returns the content of a gains file."""
+        with tempfile.TemporaryDirectory() as folder:
+            return dataclasses.replace(self, rooms=self._drawn_rooms(Path(folder)))._run(engine)
+
+    def _drawn_rooms(self, folder: Path) -> dict[str, Sequence[Course]]:
+        """Returns the rooms of search and choice, written below a folder; none where they are no place to drive."""
+        if not self.contest.in_rooms or self.robot.hull_radius > WIDEST:
+            return {}
+        counts = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}
+        return {split: searched_rooms(folder, split, count) for split, count in counts.items()}
+
+    def _run(self, engine: Engine) -> dict[str, Any]:
         found, frames = self._searched(engine)
         default = self.gains_at({})
-        best, best_score, validated = default, self.score(default, TRANSFER_SPLIT, engine), []
-        default_score = best_score
-        for gains in found:
-            score = self.score(gains, TRANSFER_SPLIT, engine, default_score.mean_speed)
-            validated.append(score)
-            if score < best_score:
-                best, best_score = gains, score
-        frames += default_score.frames + sum(score.frames for score in validated)
-        shipped = self.robot.name if isinstance(shipped_name(self.robot), str) else f"{self.robot.name}.json"
+        drives = {"default": self.drive(default, TRANSFER_SPLIT, engine)}
+        slowest = drives["default"].score.mean_speed
+        sets: dict[str, dict[str, Any]] = {"default": default}
+        if (ships := self._ships) is not None:
+            sets["shipped"] = dict(ships.gains)
+        finalists = self._others(found, sets.values())[:FINALISTS]
+        sets |= {f"found {k + 1}": gains for k, gains in enumerate(finalists)}
+        for name, gains in sets.items():
+            if name not in drives:
+                drives[name] = self.drive(gains, TRANSFER_SPLIT, engine, slowest)
+        losses = {name: each.losses(drives["default"]) for name, each in drives.items()}
+        best = min((name for name in sets if not losses[name]), key=lambda name: drives[name].score)
+        frames += sum(each.score.frames for each in drives.values())
+        if best == "shipped" and ships is not None:
+            frames += ships.frames
+        robot = self.robot.name if isinstance(shipped_name(self.robot), str) else f"{self.robot.name}.json"
         return {
             "policy": self.policy,
             "suite": self.contest.name,
@@ -191,27 +236,69 @@ class Search:
             "speed": self.speed,
             "level": self.level,
             "actuators": self.actuators,
-            "chosen": "default" if best is default else "search",
-            "gains": best,
+            "chosen": "default" if best == "default" else "search",
+            "gains": sets[best],
             "frames": frames,
-            "validation": {"chosen": _shown(best_score), "default": _shown(default_score)},
-            "started_from": [dict(each) for each in self.started_from],
-            "searched_on": {
-                "split": SEARCH_SPLIT,
-                "scenarios": self.scenarios,
-                "sha256": self._digest(SEARCH_SPLIT),
-                "validation_sha256": self._digest(TRANSFER_SPLIT),
+            "validation": {
+                "winner": best,
+                "chosen": _shown(drives[best].score),
+                "default": _shown(drives["default"].score),
+                "finalists": {
+                    name: {
+                        "gains": gains,
+                        "loses_to_default_in": losses[name],
+                        **{place: _shown(score) for place, score in drives[name].places.items()},
+                    }
+                    for name, gains in sets.items()
+                },
             },
+            "started_from": [dict(each) for each in self.started_from],
+            "searched_on": self._searched_on(ships.split if best == "shipped" and ships is not None else SEARCH_SPLIT),
             "seed": self.seed,
             "command": f"python -m wayfield.benchmarks.tune {self.policy} --suite {self.contest.name} --robot "
-            f"{shipped} --speed {self.speed:g} --level {self.level} --actuators {self.actuators} --frames "
+            f"{robot} --speed {self.speed:g} --level {self.level} --actuators {self.actuators} --frames "
             f"{self.frames} --trials {self.trials} --scenarios {self.scenarios} --seed {self.seed}"
             + "".join(f" --from '{json.dumps(dict(each))}'" for each in self.started_from)
             + (f" --study {shlex.quote(self.study)}" if self.study else ""),
         }
 
+    @property
+    def _ships(self) -> TunedSet | None:
+        """Returns the set that ships for the condition, where one does that is not the default gains."""
+        if ROBOTS.get(self.robot.name) != self.robot:
+            return None
+        found = tuned_set(self.policy, self.contest.name, self.robot.name, self.speed, self.level)
+        return found if found is not None and found.chosen == "search" else None
+
+    def _others(self, found: Sequence[dict[str, Any]], known: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """Returns the sets that were found, each once, without those that are known."""
+        seen = [wayfield.policies.make(self.policy, **gains) for gains in known]
+        others = []
+        for gains in found:
+            made = wayfield.policies.make(self.policy, **gains)
+            if made not in seen:
+                seen.append(made)
+                others.append(gains)
+        return others
+
+    def _searched_on(self, split: str) -> dict[str, Any]:
+        """Returns the scenarios of search and choice, as a gains file tells of them."""
+        told: dict[str, Any] = {
+            "split": split or SEARCH_SPLIT,
+            "scenarios": self.scenarios,
+            "sha256": self._digest(SEARCH_SPLIT),
+            "validation_sha256": self._digest(TRANSFER_SPLIT),
+        }
+        if self.rooms:
+            robots = [place.robot.name for place in in_rooms(self.contest, self.robot, ())]
+            told["rooms"] = {"robots": robots} | {
+                name: {"seed": SEEDS[name], "rooms": len(rooms), "ways": PAIRS, "sha256": digest(rooms)}
+                for name, rooms in self.rooms.items()
+            }
+        return told
+
     def _searched(self, engine: Engine) -> tuple[list[dict[str, Any]], int]:
-        """Returns the best sets of the search, and the frames that were driven for it."""
+        """Returns the sets of the search, the best first, and the frames that were driven for it."""
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -238,12 +325,12 @@ class Search:
                 continue
             # the first are the default gains: no set shall be slower that cannot hold the asked speed either
             least = scored[0][0].mean_speed if scored else 0.0
-            score = self.score(gains, SEARCH_SPLIT, engine, least)
+            score = self.drive(gains, SEARCH_SPLIT, engine, least).score
             frames += score.frames
             scored.append((score, gains))
             study.tell(trial, score.value)
         scored.sort(key=lambda each: each[0])
-        return [gains for _, gains in scored[:FINALISTS]], frames
+        return [gains for _, gains in scored], frames
 
     def _searched_together(
         self, engine: Engine, starts: Sequence[Mapping[str, float]], fastest: float
@@ -269,8 +356,8 @@ class Search:
                 continue
             if least is None:  # as with one process, but that the default gains may be under way elsewhere
                 default = self.gains_at({name: starts[0][name] for name in self.ranges}, 1.0)
-                least = 0.0 if trial.number == 0 else self.score(default, SEARCH_SPLIT, engine).mean_speed
-            score = self.score(gains, SEARCH_SPLIT, engine, 0.0 if trial.number == 0 else least)
+                least = 0.0 if trial.number == 0 else self.drive(default, SEARCH_SPLIT, engine).score.mean_speed
+            score = self.drive(gains, SEARCH_SPLIT, engine, 0.0 if trial.number == 0 else least).score
             least = score.mean_speed if trial.number == 0 else least
             shared.tell(trial, score, gains)
         if count := shared.others():
@@ -279,13 +366,14 @@ class Search:
                 "the gains, and so does this command again"
             )
         scored = sorted(shared.scored(), key=lambda each: each[0])
-        return [gains for _, gains in scored[:FINALISTS]], shared.frames
+        return [gains for _, gains in scored], shared.frames
 
     @property
     def _study_name(self) -> str:
         """Returns what tells the search from others in the same place: all but its budget and its seed."""
         what = (self.policy, self.contest.name, self.robot.digest, f"{self.speed:g}", self.level, self.actuators)
-        return " ".join((*what, str(self.scenarios), self._digest(SEARCH_SPLIT)[:12], source_digest()[:12]))
+        rooms = [digest(self.rooms[SEARCH_SPLIT])[:12]] if self.rooms else []
+        return " ".join((*what, str(self.scenarios), self._digest(SEARCH_SPLIT)[:12], *rooms, source_digest()[:12]))
 
     def _drawn(self, trial: Any, fastest: float) -> dict[str, Any] | None:
         """Returns the gains of a trial; None where two of them do not go together."""
@@ -309,39 +397,60 @@ class Search:
             found.append(known)
         return found
 
-    def score(self, gains: Mapping[str, Any], split: str, engine: Engine, least: float = 0.0) -> Score:
-        """Returns the contest's score of the policy with these gains on a split; slower than `least` is too slow."""
-        rows = [row for part in in_order(engine, _rows, self.settings(gains, split)) for row in part]
-        scenarios = [each for family in self.families for each in self._scenarios(family, split)]
-        return self.contest.score(rows, scenarios, self.speed, least)
+    def drive(self, gains: Mapping[str, Any], split: str, engine: Engine, least: float = 0.0) -> Drive:
+        """Returns what becomes of a set in the places of a split; slower than `least` (m/s) is too slow."""
+        driven = in_order(engine, _rows, [each for place in self.places(split) for each in self.settings(place, gains)])
+        rows, scenarios, places, won = [], [], {}, {}
+        for place in self.places(split):
+            here = [row for _ in self.settings(place, gains) for row in next(driven)]
+            there = self._scenarios(place)
+            rows += here
+            scenarios += there
+            places[place.name] = self.contest.score(here, there, self.speed, least)
+            families = [each.family or row["family"] for each, row in zip(there, here, strict=True)]
+            won[place.name] = families, [row["success"] == "1" for row in here]
+        return Drive(self.contest.score(rows, scenarios, self.speed, least), places, won)
 
-    @property
-    def families(self) -> tuple[str, ...]:
-        """Returns the families that are driven."""
-        return self.contest.families("kinematic")
+    def places(self, split: str) -> list[Place]:
+        """Returns where a set is driven: some scenarios of every family, all where it is chosen, and rooms."""
+        size = splits.SPLITS[split]
+        count = size if split == TRANSFER_SPLIT else min(self.scenarios, size)
+        members = tuple(k * size + n for k in range(len(self.contest.families("kinematic"))) for n in range(count))
+        found = [Place(split, self.contest, self.robot, [Course("all", split, members=members)])]
+        return found + list(in_rooms(self.contest, self.robot, self.rooms[split]) if self.rooms else ())
 
-    def settings(self, gains: Mapping[str, Any], split: str) -> list[Setting]:
-        """Returns the parts that drive the first scenarios of every family of a split, many families in a batch."""
-        entrants = Entrants((self.policy,), ("default",))
-        (case,) = self.contest.cases(self.robot, Course("all", split), entrants, self.level)
-        case = dataclasses.replace(case, gains=dict(gains))
-        size, count = splits.SPLITS[split], min(self.scenarios, splits.SPLITS[split])
-        members = [k * size + n for k in range(len(self.families)) for n in range(count)]
-        parts = [tuple(members[first : first + MOST_AT_ONCE]) for first in range(0, len(members), MOST_AT_ONCE)]
-        return [
-            Setting("tune", case, "kinematic", self.actuators, first[0], len(first), members=first) for first in parts
-        ]
+    def settings(self, place: Place, gains: Mapping[str, Any]) -> list[Setting]:
+        """Returns the parts that drive a set in a place, many scenarios in a batch."""
+        found = []
+        for course in place.courses:
+            case = place.case(course, self.policy, gains, self.level)
+            for first in range(0, len(course.members), MOST_AT_ONCE):
+                part = course.members[first : first + MOST_AT_ONCE]
+                found.append(Setting("tune", case, "kinematic", self.actuators, part[0], len(part), members=part))
+        return found
 
-    def _scenarios(self, family: str, split: str) -> tuple[Any, ...]:
-        return splits.split(self.contest.spec.name, family, split)[: self.scenarios]
+    def _scenarios(self, place: Place) -> list[Any]:
+        """Returns the scenarios of a place in the order in which they are driven."""
+        spec, radius = self.contest.spec, place.robot.hull_radius
+        banks = [(scenarios_of(spec, course.scenario, radius), course.members) for course in place.courses]
+        return [bank[k] for bank, members in banks for k in members]
 
     def _digest(self, split: str) -> str:
         """Returns the SHA-256 of the scenarios that are driven of a split."""
-        return splits.digest(scenario for family in self.families for scenario in self._scenarios(family, split))
+        return splits.digest(self._scenarios(self.places(split)[0]))
 
 
 class StillSearched(RuntimeError):
     """Other processes are driving sets of the same study."""
+
+
+def told(content: Mapping[str, Any]) -> str:
+    """Returns in one line what a search came to."""
+    found = content["validation"]
+    if content["chosen"] == "default":
+        return f"{content['policy']}: {found['default']} by default, and no set did better"
+    whose = "the set that ships, " if found["winner"] == "shipped" else ""
+    return f"{content['policy']}: {found['default']} by default, {found['chosen']} with {whose}{content['gains']}"
 
 
 def _shown(score: Score) -> dict[str, Any]:
@@ -412,7 +521,8 @@ def main(
 ) -> None:
     """Searches the gains of POLICY for a robot, an asked speed and a level of disturbance, and writes them.
 
-    It searches on the training split of a suite and chooses on the validation split; test scenarios are never touched.
+    It searches on the training split of a suite and chooses on the whole validation split, goal seekers in drawn rooms
+    too; test scenarios are never touched.
     """
     try:
         import optuna  # noqa: F401
@@ -442,8 +552,7 @@ def main(
         except NoStudy as error:
             raise click.ClickException(str(error)) from None
     # before they are written: a disk that is full then takes nothing away
-    found = content["validation"]
-    print(f"{policy}: {found['default']} by default, {found['chosen']} with {content['gains']}", flush=True)
+    print(told(content), flush=True)
     _check_file(file, force)
     write_gains(file, content)
     print(f"Written to {file}")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import click
 
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL
-from wayfield.benchmarks.tune import SEARCHED, Search, folder_of, start_of, write_gains
+from wayfield.benchmarks.tune import SEARCHED, Search, folder_of, start_of, told, write_gains
 from wayfield.envs.command_line import SEED, Names, OneLineErrors, on_cluster, shared_out
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.tuned import PACE, condition, tuned_conditions
@@ -73,7 +73,7 @@ def main(
             )
             content = search.run(engine)
             write_gains(file, content)
-            print(f"{file.stem}: {content['chosen']}, {content['validation']}", flush=True)
+            print(f"{file.stem}: {told(content)}", flush=True)
 
 
 def _apart(known: str, robot: str, speed: float, level: str) -> tuple[bool, bool, float]:

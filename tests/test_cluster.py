@@ -7,6 +7,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from wayfield.benchmarks import comparison, parts
+from wayfield.benchmarks import comparison, parts, rooms
 from wayfield.benchmarks.ahead import Ahead, ahead
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
@@ -188,6 +189,23 @@ def test_what_a_setting_names_travels_with_it_and_its_rows_are_told_as_it_was_gi
     assert list(threads(function, [packed, packed])) == [here, here]
     assert "my_law" in sys.modules
     del sys.modules["my_law"]
+
+
+def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Engine) -> None:
+    """A drawn room, whose case names a folder with a map and its image; what lies deeper comes along."""
+    (room,) = rooms.write_rooms(tmp_path / "rooms", 1, 3)
+    place = rooms.Place("rooms", CONTESTS["goal-obstacles"], ROBOTS["p3dx"], [room])
+    case = dataclasses.replace(place.case(room, "zero", {}), max_episode_steps=20)
+    setting = Setting("a test", case, "kinematic", "lagged", 0, 2, members=(0, 2))
+    here = rows_of(setting)
+    (Path(room.file) / "more").mkdir()
+    (Path(room.file) / "more" / "notes.txt").write_text("deeper\n")
+    packed = parcel(setting)
+    assert {Path(name).name for name in packed.files} == {"map.yaml", "map.pgm", "cases.csv", "notes.txt"}
+    shutil.rmtree(room.file)
+    function, _ = sent(threads, rows_of, [])
+    assert list(threads(function, [packed])) == [here]
+    assert here[0]["scenario"] == room.file
 
 
 def test_agents_travel(tmp_path: Path, threads: Engine) -> None:

@@ -359,7 +359,7 @@ def test_a_search_ends_with_its_frames(tmp_path: Path) -> None:
 
 def test_tuning_replaces_nothing_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tune.Search, "score", lambda *_: Score(0, 0, 1.0, 0.6, 10, 1000))
+    monkeypatch.setattr(tune.Search, "drive", lambda *_: tune.Drive(Score(0, 0, 1.0, 0.6, 10, 1000)))
     shipped = tmp_path / "shipped"
     monkeypatch.setattr(tune, "folder_of", lambda suite: shipped / suite)
     (shipped / "path-following").mkdir(parents=True)
@@ -382,7 +382,7 @@ def test_tuning_replaces_nothing_unasked(tmp_path: Path, monkeypatch: pytest.Mon
     content = json.loads(published.read_text())
     assert content["robot"] == "p3dx"
     assert content["chosen"] == "default"  # nothing was better
-    monkeypatch.setattr(tune.Search, "score", lambda *_: pytest.fail("it searched"))
+    monkeypatch.setattr(tune.Search, "drive", lambda *_: pytest.fail("it searched"))
     for out in (tmp_path, published / "below", ""):
         assert tuned("--out", str(out), "--force").exit_code in (1, 2)
 

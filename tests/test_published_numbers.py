@@ -169,6 +169,7 @@ ROOMS = ("envs", "envs.scenarios", "policies", "policies.parts", "policies.learn
 BESIDES = (
     *(f"policies.training.{name}" for name in ("imitation", "offline", "presets", "shaping", "ways")),
     *(f"benchmarks.{name}" for name in ("aggregates", "claims", "crossed", "metrics", "paired", "shortest", "suite")),
+    "benchmarks.rooms",
     "benchmarks.tune",
 )
 # what no result hangs on: how it is computed, shown, or read

@@ -8,30 +8,43 @@ import pytest
 from click.testing import CliRunner
 
 from wayfield.benchmarks.results import read_rows
-from wayfield.benchmarks.transfer import (
+from wayfield.benchmarks.rooms import (
     LEAST_WAY,
     OTHER_HULLS,
     PAIRS,
-    PLACES,
-    TRANSFER,
-    TUNED_FOR,
+    SEEDS,
     WIDEST,
-    entries,
-    main,
+    digest,
     room,
-    transfer_table,
+    searched_rooms,
     write_rooms,
 )
+from wayfield.benchmarks.transfer import PLACES, TRANSFER, TUNED_FOR, entries, main, transfer_table
 from wayfield.envs.scenarios import TASKS, scenarios_of
 
 
 def test_a_room_has_a_way_for_every_hull_from_each_start_to_its_goal(tmp_path: Path) -> None:
     """By the planner's own search of the map, not by the clearance that the room was drawn with."""
-    assert max(robot.hull_radius for robot in (*TUNED_FOR, *OTHER_HULLS)) <= WIDEST
+    assert max(robot.hull_radius for robot in (*TUNED_FOR, *OTHER_HULLS["p3dx"])) <= WIDEST
     (course, *_) = write_rooms(tmp_path, 2, 3)
     for scenario in scenarios_of(TASKS["goal_reaching"], course.file, WIDEST):
         assert math.dist(scenario.start[:2], scenario.goal[:2]) >= LEAST_WAY - 1e-3
     assert len(course.members) == PAIRS
+
+
+def test_rooms_of_the_search_the_choice_and_the_table_are_others(tmp_path: Path) -> None:
+    """Of the seeds that they have by default; and nobody makes a table in those of the search."""
+    seed = next(each.default for each in main.params if each.name == "seed")
+    rooms = {split: searched_rooms(tmp_path, split, 3) for split in SEEDS}
+    rooms["table"] = write_rooms(tmp_path / "table", 3, seed)
+    worlds = [(Path(course.file) / "map.pgm").read_bytes() for courses in rooms.values() for course in courses]
+    assert len(set(worlds)) == len(worlds) == 9
+    assert len({digest(courses) for courses in rooms.values()}) == 3
+    assert digest(searched_rooms(tmp_path / "again", "train", 3)) == digest(rooms["train"])
+    for seed in SEEDS.values():
+        refused = CliRunner().invoke(main, ["--seed", str(seed)])
+        assert refused.exit_code == 2
+        assert f"--seed {seed}: gains were chosen in the rooms of that seed" in refused.stderr
 
 
 def test_rooms_are_of_their_seed() -> None:

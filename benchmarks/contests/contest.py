@@ -184,6 +184,7 @@ class Contest:
     metrics: Mapping[str, Callable[[Trajectory], float]] = dataclasses.field(default_factory=dict)
     # policies whose gains are searched here as those of another, since elsewhere they do something else
     searched_as: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    in_rooms: bool = False  # whether gains are searched and chosen in drawn rooms, too
     claims: tuple[str, ...] = ()  # of the policies, those whose differences are published on the split of that name
     # of a public benchmark
     label: str = ""  # the name of the suite; "": the task's

@@ -50,6 +50,7 @@ GOAL_OBSTACLES = Contest(
         *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "nav2_dwb", "nav2_mppi", "orca"),
         *("scan_planner", "astar_tracker", "ppo", "hybrid"),
     ),
+    in_rooms=True,
     overview=("apf_corrected", "vfh_plus", "dwa", "scan_planner", "astar_tracker", "ppo", "hybrid"),
     claims=("vfh_plus", "scan_planner", "astar_tracker", "ppo", "hybrid"),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
