@@ -5,6 +5,8 @@ from collections.abc import Mapping
 
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.coverage import COVERAGE, SUITE
+from wayfield.benchmarks.learners import LEARNERS
+from wayfield.benchmarks.learners import SUITE as LEARNED
 from wayfield.benchmarks.results import TABLE
 from wayfield.benchmarks.transfer import SUITE as TRANSFERRED
 from wayfield.benchmarks.transfer import TRANSFER
@@ -150,6 +152,15 @@ SECTIONS = (
         {TRANSFER: "Goals reached (%)"},
         "Only policies with a tuned set for the robot; rooms are of our drawing, BARN's worlds those that we have.",
         needs="the official worlds of BARN",
+    ),
+    Section(
+        LEARNED,
+        "Learners beside each other",
+        "python -m wayfield.benchmarks.learners",
+        {LEARNERS: "Path following, P3DX"},
+        "One task, few seeds, one set of numbers for all of PPO, chosen for the learner that begins with nothing; none "
+        "of these agents ships.",
+        needs="training runs that take hours",
     ),
     Section(
         SUITE,

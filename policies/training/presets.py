@@ -251,9 +251,9 @@ _PATH_PLAIN = Preset(
     reward=PathReward(),
     bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.0148 m, tuned pure pursuit's",
     measured="",
-    steps=3_000_000,
+    steps=2_000_000,
     paces=(0.4, 0.6, 0.8, 1.05),
-    validations=6,
+    validations=5,
 )
 
 # The two that begin with a controller differ from it in nothing else: what the plain one needs does them no harm.
