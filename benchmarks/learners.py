@@ -82,8 +82,9 @@ def learned(home: Path, seed: int) -> Learned:
     training = card["training"]
     base, taught_by = card.get("base"), training.get("taught_by")
     begins = f"adds to {base['controller']}" if base else f"a copy of {taught_by}" if taught_by else "nothing"
-    told = [str(training.get(name, "")) for name in ("run_frames", "run_seconds", "run_cpu_seconds")]
-    return Learned(str(training.get("algorithm", "ppo")).upper(), begins, str(seed), *told, str(home))
+    frames, seconds, cpu = (str(training.get(name, "")) for name in ("run_frames", "run_seconds", "run_cpu_seconds"))
+    algorithm = str(training.get("algorithm", "ppo")).upper()
+    return Learned(algorithm, begins, str(seed), frames, seconds, cpu, str(home))
 
 
 def driven(asked: tuple[Learned, str, str]) -> list[Row]:
@@ -104,7 +105,7 @@ def driven(asked: tuple[Learned, str, str]) -> list[Row]:
         "knows": told["knows"],
         **{name: getattr(who, name) for name in ("frames", "seconds", "cpu_seconds")},
     }
-    rows = []
+    rows: list[Row] = []
     for row, trajectory in episodes(setting):
         kept = {
             name: row[name] for name in ("scenario", "episode", "policy", "success", "mean_speed", "cross_track_rms")
@@ -135,7 +136,7 @@ def learners_table(rows: Sequence[Row], command: str) -> Table:
                 *(first["learned_from"], "" if is_law else f"{reached} of {len(seeds)}", success_cell(mine)),
                 *cells.values(),
                 "" if is_law or ruler is None else _less(mine, ruler),
-                *(_spread(seeds.values(), each) for each in ("cpu_seconds", "seconds")),
+                *(_spread(list(seeds.values()), each) for each in ("cpu_seconds", "seconds")),
             ]
         )
     bar = CONTEST.bar

@@ -26,7 +26,7 @@ class Section:
     not_shown: str
     pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
     within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
-    needs: str = ""  # files that its command takes and that do not ship; only who has them can run it
+    needs: str = ""  # what its command takes and does not ship: it is run by hand
 
     @property
     def of_contest(self) -> bool:
@@ -160,7 +160,7 @@ SECTIONS = (
         {LEARNERS: "Path following, P3DX"},
         "One task, few seeds, one set of numbers for all of PPO, chosen for the learner that begins with nothing; none "
         "of these agents ships.",
-        needs="training runs that take hours",
+        needs="training runs, a dozen",
     ),
     Section(
         SUITE,
