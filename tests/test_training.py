@@ -291,6 +291,25 @@ def test_the_agent_of_sac_drives_by_the_squashed_mean(tmp_path: Path) -> None:
     assert len(read_curve(tmp_path / "run")["critic_loss"]) == REPLAYING.validations
 
 
+def test_what_sac_replays_follows_one_another_but_where_an_episode_ends() -> None:
+    random = Sac(16 * 40, learning_starts=10**6)
+    preset = dataclasses.replace(
+        REPLAYING, horizon=1, sac=random, time_limit=9, worlds=((1.0, {"scenario": "circle"}),)
+    )
+    learner = SacLearner(preset, PATH, 0)
+    rewards = [learner.update()["reward"] for _ in range(40)]
+    replay = learner.sac.replay_buffer
+    assert replay is not None
+    ended = replay.dones[:-1] == 1.0
+    seen, following = replay.observations[1:], replay.next_observations[:-1]
+    np.testing.assert_array_equal(seen[~ended], following[~ended])
+    assert (seen[ended] != following[ended]).any(axis=1).all()
+    # the clock has no say in what a place is worth
+    assert (replay.timeouts[8] == replay.dones[8]).all()
+    assert replay.dones[8].all()
+    np.testing.assert_allclose(rewards, replay.rewards.mean(axis=1) / (1.0 - preset.discount), rtol=1e-5)
+
+
 def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     """Of steps that end, with a reward of -(a - (0.5, -0.25))^2, the mean comes to that action; drawn at random."""
     rates = {"learning_rate": 3e-3, "final_learning_rate": 3e-3}
