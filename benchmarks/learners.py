@@ -148,7 +148,7 @@ def learners_table(rows: Sequence[Row], command: str) -> Table:
         "every scenario; a failure counts as an RMS error of 1 m. The law is the controller of the first line. All "
         "four learners have the same worlds, inputs, actions, reward, network and frames, and those of PPO the same "
         "step sizes and noise too; SAC has the numbers of stable-baselines3 but for those that its preset names. They "
-        f"differ in where they begin and in the algorithm. The {CHOOSES} split chose each seed's checkpoint. The bar is "
+        f"differ in where they begin and in the algorithm. The {CHOOSES} split chose each checkpoint. The bar is "
         f"{bar.words}. Brackets are 95 % intervals; 'typical' is the interquartile mean, 'above the law's' that of the "
         f"paired differences of RMS errors. |dw| is of the base's true yaw rate, mean of all runs. {OFF_PACE}: not at "
         "the speed that was asked for. CPU and wall time are a seed's, the mean and in brackets the least and the "
