@@ -250,8 +250,8 @@ _PATH_PLAIN = Preset(
     actions=Actions("unicycle", 4.0),
     reward=PathReward(),
     bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.0148 m, tuned pure pursuit's",
-    measured="3 of 3 seeds reach it, but at 0.3 m/s, and 5 to 8 % of the paths are not driven to their end; 45 to 48 s, "
-    "two side by side on two idle cores",
+    measured="3 of 3 seeds reach it, but at 0.3 m/s, and 5 to 8 % of the paths are not driven to their end; 45 to "
+    "48 s, two side by side on two idle cores",
     steps=2_000_000,
     paces=(0.4, 0.6, 0.8, 1.05),
     validations=5,
@@ -278,8 +278,8 @@ _PATH_ADDING = dataclasses.replace(
 _PATH_SAC = dataclasses.replace(
     _PATH_PLAIN,
     name="path_following_sac",
-    measured="0 of 3 seeds reach it; past half of the run they drive 77 to 88 % of the paths to their end, at 0.15 to 0.25 "
-    "m/s, and then slow down until most are too late; 155 to 157 s, as those",
+    measured="0 of 3 seeds reach it; past half of the run they drive 77 to 88 % of the paths to their end, at 0.15 to "
+    "0.25 m/s, and then slow down until most are too late; 155 to 157 s, as those",
     horizon=1,
     batch_size=256,
     learning_rate=1e-3,
