@@ -18,6 +18,7 @@ import rich.console
 
 from wayfield.benchmarks.contests import CONTESTS, COST, Column, Course, Entrants
 from wayfield.benchmarks.entries import OFF_PACE, by_scenario, cell, costs, grouped, off_pace, success_cell
+from wayfield.benchmarks.kept_rows import DIGITS
 from wayfield.benchmarks.paired import difference
 from wayfield.benchmarks.parts import described, in_frames
 from wayfield.benchmarks.progress import tracked
@@ -112,7 +113,7 @@ def driven(asked: tuple[Learned, str, str]) -> list[Row]:
             name: row[name] for name in ("scenario", "episode", "policy", "success", "mean_speed", "cross_track_rms")
         }
         limits = {"failure_cost": str(CONTEST.failure_cost(case.max_episode_steps)), "split": split, "family": family}
-        rows.append({**whose, **limits, **kept, "yaw_change": f"{yaw_change(trajectory):.6g}"})
+        rows.append({**whose, **limits, **kept, "yaw_change": f"{yaw_change(trajectory):.{DIGITS}g}"})
     return rows
 
 
