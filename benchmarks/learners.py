@@ -263,7 +263,7 @@ def main(seeds: int, steps: int | None, home: Path, out: str | None, count: int 
                     (stage / TABLE).write_text(table.markdown(), encoding="utf-8")
         except ModuleNotFoundError as error:
             raise click.ClickException(f'{error.name} is missing; pip install "wayfield[train]"') from None
-        except (OSError, RuntimeError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError, FloatingPointError) as error:
             raise click.ClickException(str(error)) from None
     # what a terminal has no room for stands in the files
     shown = [k for k, name in enumerate(table.header) if name not in _IN_FILES]
