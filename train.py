@@ -1,4 +1,4 @@
-"""Trains agents by PPO: python train.py --help"""
+"""Trains agents by reinforcement: python train.py --help"""
 
 import os
 import signal

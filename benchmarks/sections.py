@@ -5,6 +5,8 @@ from collections.abc import Mapping
 
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.coverage import COVERAGE, SUITE
+from wayfield.benchmarks.learners import LEARNERS
+from wayfield.benchmarks.learners import SUITE as LEARNED
 from wayfield.benchmarks.results import TABLE
 from wayfield.benchmarks.transfer import SUITE as TRANSFERRED
 from wayfield.benchmarks.transfer import TRANSFER
@@ -24,7 +26,7 @@ class Section:
     not_shown: str
     pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
     within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
-    needs: str = ""  # files that its command takes and that do not ship; only who has them can run it
+    needs: str = ""  # what its command takes and does not ship: it is run by hand
 
     @property
     def of_contest(self) -> bool:
@@ -150,6 +152,15 @@ SECTIONS = (
         {TRANSFER: "Goals reached (%)"},
         "Only policies with a tuned set for the robot; rooms are of our drawing, BARN's worlds those that we have.",
         needs="the official worlds of BARN",
+    ),
+    Section(
+        LEARNED,
+        "Learners beside each other",
+        "python -m wayfield.benchmarks.learners",
+        {LEARNERS: "Path following, P3DX"},
+        "One task, few seeds, one set of numbers for all of PPO, chosen for the learner that begins with nothing; none "
+        "of these agents ships.",
+        needs="training runs, a dozen",
     ),
     Section(
         SUITE,

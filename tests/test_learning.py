@@ -27,7 +27,7 @@ from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeat
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.training import imitation, measured, run
 from wayfield.policies.training.checkpoints import BEST
-from wayfield.policies.training.learner import Learner, make_worlds
+from wayfield.policies.training.learner import PpoLearner, make_worlds
 from wayfield.policies.training.presets import PRESETS, Preset
 from wayfield.policies.training.run import Job, Report, _Run
 from wayfield.policies.training.shaping import GoalReward, PathReward, Shaped
@@ -245,7 +245,7 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
 
 def test_rates_fall_in_a_line_over_the_frames_and_frames_are_counted() -> None:
     preset = dataclasses.replace(FOLLOWING, learning_rate=1e-3, final_learning_rate=2e-4, clip=0.3, final_clip=0.1)
-    learner = Learner(preset, PATH, 0)
+    learner = PpoLearner(preset, PATH, 0)
     frames = preset.num_envs * preset.horizon
     updates = preset.steps // frames
     for k in range(1, updates + 1):
@@ -265,7 +265,7 @@ def test_ppo_has_the_numbers_of_the_preset() -> None:
         FOLLOWING, discount=0.9, gae_lambda=0.8, entropy=0.01, log_std=-0.5, epochs=2, max_grad_norm=0.3,
         target_kl=0.04, hidden=(8, 4), activation="relu",
     )  # fmt: skip
-    ppo = Learner(preset, PATH, 0).ppo
+    ppo = PpoLearner(preset, PATH, 0).ppo
     assert (ppo.gamma, ppo.gae_lambda, ppo.ent_coef, ppo.n_epochs) == (0.9, 0.8, 0.01, 2)
     assert (ppo.max_grad_norm, ppo.target_kl, ppo.n_steps, ppo.batch_size) == (0.3, 0.04, 8, 64)
     assert float(ppo.policy.log_std.detach().mean()) == pytest.approx(-0.5)
@@ -273,7 +273,7 @@ def test_ppo_has_the_numbers_of_the_preset() -> None:
         assert [each.out_features for each in part if isinstance(each, torch.nn.Linear)] == [8, 4]
         assert sum(isinstance(each, torch.nn.ReLU) for each in part) == 2
     # a batch is no larger than a rollout
-    assert Learner(dataclasses.replace(preset, batch_size=10**6), PATH, 0).ppo.batch_size == 16 * 8
+    assert PpoLearner(dataclasses.replace(preset, batch_size=10**6), PATH, 0).ppo.batch_size == 16 * 8
 
 
 @example(shares=[0.21875, 1.0, 1.0, 1.0], paces=[1.0, 1.0, 1.0, 1.0], num_envs=200)  # rounded, there were four too many
@@ -322,7 +322,7 @@ def test_lessons_hand_the_robots_over_from_the_teacher_to_the_network(monkeypatc
         # where accelerations have limits, the controller remembers its last command
         worlds=tuple((share, {**kwargs, "actuators": "lagged"}) for share, kwargs in FOLLOWING.worlds),
     )  # fmt: skip
-    learner = Learner(preset, PATH, 0)
+    learner = PpoLearner(preset, PATH, 0)
     env = learner.env
     driven, own, taught = [], [], []
     step_async, step_wait = env.step_async, env.step_wait
@@ -440,14 +440,14 @@ def scored(scores: list[float], folder: Path, monkeypatch: pytest.MonkeyPatch, *
 
     monkeypatch.setattr(run, "validate", found)
     preset = dataclasses.replace(FOLLOWING, validations=6, **changes)
-    each = _Run(Job(PATH, preset, (), 0, folder), Learner(preset, PATH, 0))
+    each = _Run(Job(PATH, preset, (), 0, folder), PpoLearner(preset, PATH, 0))
     return each, each.go(lambda report: None, lambda: False)
 
 
 def test_the_agent_that_is_kept_is_that_of_the_highest_score(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     layers: list[Any] = []
-    plain = Learner.layers
-    monkeypatch.setattr(Learner, "layers", lambda learner: layers.append(plain(learner)) or layers[-1])
+    plain = PpoLearner.layers
+    monkeypatch.setattr(PpoLearner, "layers", lambda learner: layers.append(plain(learner)) or layers[-1])
     each, last = scored([-3.0, -1.0, -2.0, -1.0, -5.0, -1.5], tmp_path, monkeypatch)
     assert last.done
     assert [row["score"] for row in each.rows] == [-3.0, -1.0, -2.0, -1.0, -5.0, -1.5]
@@ -471,7 +471,7 @@ def test_a_paced_run_keeps_how_fast_the_best_drives_where_it_is_told_a_speed(
     assert load_agent(tmp_path / BEST).card["cruises"] == {
         "slow": [[0.4, pytest.approx(0.15)], [0.6, pytest.approx(0.3)]]
     }
-    again = _Run(dataclasses.replace(each.job, resume=True), Learner(each.preset, PATH, 0))
+    again = _Run(dataclasses.replace(each.job, resume=True), PpoLearner(each.preset, PATH, 0))
     assert again.cruises == each.cruises
     with pytest.raises(ValueError, match="paced must be false"):
         dataclasses.replace(SEEKING, paced=True)

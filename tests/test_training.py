@@ -34,9 +34,10 @@ from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
-from wayfield.policies.training.learner import Learner, make_worlds, policy_layers
-from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
+from wayfield.policies.training.learner import PpoLearner, make_worlds, policy_layers
+from wayfield.policies.training.presets import PRESETS, Preset, Sac, overridden, preset_for
 from wayfield.policies.training.run import Job, Report, _Run, train
+from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.settings import ABOUT, rows
 from wayfield.policies.training.shaping import GoalReward
 from wayfield.policies.training.ways import left_from, way_field
@@ -93,6 +94,8 @@ class Killed(Exception):
 
 TAUGHT = dataclasses.replace(SMALL, controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
 ADDING = dataclasses.replace(SMALL, controller="lqr", reach=0.2, paces=(0.4, 0.6))
+# a replay buffer that comes round, and random actions until after the first update
+REPLAYING = dataclasses.replace(SMALL, batch_size=16, sac=Sac(16 * 20, learning_starts=16 * 10, gradient_steps=2))
 
 
 # all that a robot can remember: crumbs, trails, frames, and what its controller does
@@ -114,8 +117,8 @@ SEEKING = dataclasses.replace(
 
 @pytest.mark.parametrize(
     ("env_id", "preset"),
-    [(PATH, SMALL), (PATH, TAUGHT), (PATH, ADDING), (OMNI, SEEKING)],
-    ids=["plain", "taught", "adding", "seeking"],
+    [(PATH, SMALL), (PATH, TAUGHT), (PATH, ADDING), (PATH, REPLAYING), (OMNI, SEEKING)],
+    ids=["plain", "taught", "adding", "replaying", "seeking"],
 )
 def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, env_id: str, preset: Preset) -> None:
     train(job(tmp_path / "whole", preset, env_id=env_id), quiet)
@@ -142,7 +145,7 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, env
 def test_learning_and_driving_command_the_same_twists(arrival: float) -> None:
     """What a network adds to a controller, and the law that ends the way, are to the learner as to what ships."""
     features = dataclasses.replace(SEEKING.features, arrival=arrival)
-    learner = Learner(dataclasses.replace(SEEKING, paces=(0.5,), features=features, arriving=True), OMNI, 3)
+    learner = PpoLearner(dataclasses.replace(SEEKING, paces=(0.5,), features=features, arriving=True), OMNI, 3)
     env = learner.env
     network = Network.of(learner.layers())
     card = {"robots": ["omni3"], "dt": 0.05}
@@ -169,7 +172,7 @@ def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None
     )  # fmt: skip
     apart = []
     for taught in (False, True):
-        learner = Learner(preset, PATH, 0)
+        learner = PpoLearner(preset, PATH, 0)
         seen = list(learner.teach()) if taught else []
         inputs = learner.env.reset()
         pilots = learner.env.make_pilots(preset.controller_at)
@@ -259,7 +262,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(tmp_path: Path, monkeypatch: pyt
 
 def test_the_agent_drives_as_the_network_that_was_trained(tmp_path: Path) -> None:
     asked = job(tmp_path / "run")
-    run = _Run(asked, Learner(asked.preset, asked.env_id, asked.seed))
+    run = _Run(asked, PpoLearner(asked.preset, asked.env_id, asked.seed))
     run.go(quiet, lambda: False)
     agent = load_agent(tmp_path / "run" / "best")
     np.testing.assert_array_equal(agent.network.numbers, Network.of(rounded(run.best)).numbers)
@@ -269,6 +272,97 @@ def test_the_agent_drives_as_the_network_that_was_trained(tmp_path: Path) -> Non
         mean = run.learner.ppo.policy.get_distribution(torch.from_numpy(inputs)).mode().numpy()
     assert np.abs(network(inputs) - mean).max() < 1e-5
     assert agent.card["training"]["frames"] > 0
+
+
+def test_the_agent_of_sac_drives_by_the_squashed_mean(tmp_path: Path) -> None:
+    asked = job(tmp_path / "run", REPLAYING)
+    learner = SacLearner(REPLAYING, PATH, 0)
+    run = _Run(asked, learner)
+    run.go(quiet, lambda: False)
+    agent = load_agent(tmp_path / "run" / "best")
+    inputs = 3.0 * np.random.default_rng(0).normal(size=(100, agent.network.sizes[0])).astype(np.float32)
+    wanted, _ = learner.sac.predict(inputs, deterministic=True)
+    assert np.abs(Network.of(learner.layers())(inputs) - wanted).max() < 1e-5
+    # in its folder the last layer passes on what the one before has squashed
+    assert agent.card["network"]["hidden"] == [*REPLAYING.hidden, 2]
+    assert agent.card["training"]["algorithm"] == "sac"
+    np.testing.assert_array_equal(agent.network.numbers[-6:], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    assert np.abs(agent.network(inputs)).max() <= 1.0
+    assert len(read_curve(tmp_path / "run")["critic_loss"]) == REPLAYING.validations
+
+
+def test_what_sac_replays_follows_one_another_but_where_an_episode_ends() -> None:
+    random = Sac(16 * 40, learning_starts=10**6)
+    preset = dataclasses.replace(
+        REPLAYING, horizon=1, sac=random, time_limit=9, worlds=((1.0, {"scenario": "circle"}),)
+    )
+    learner = SacLearner(preset, PATH, 0)
+    rewards = [learner.update()["reward"] for _ in range(40)]
+    replay = learner.sac.replay_buffer
+    assert replay is not None
+    ended = replay.dones[:-1] == 1.0
+    seen, following = replay.observations[1:], replay.next_observations[:-1]
+    np.testing.assert_array_equal(seen[~ended], following[~ended])
+    assert (seen[ended] != following[ended]).any(axis=1).all()
+    # the clock has no say in what a place is worth
+    assert (replay.timeouts[8] == replay.dones[8]).all()
+    assert replay.dones[8].all()
+    np.testing.assert_allclose(rewards, replay.rewards.mean(axis=1) / (1.0 - preset.discount), rtol=1e-5)
+
+
+def test_sac_learns_the_best_action_where_nothing_follows() -> None:
+    """Of steps that end, with a reward of -(a - (0.5, -0.25))^2, the mean comes to that action; drawn at random."""
+    rates = {"learning_rate": 3e-3, "final_learning_rate": 3e-3}
+    preset = dataclasses.replace(REPLAYING, hidden=(32, 32), **rates)
+    learner = SacLearner(preset, PATH, 0)
+    replay, rng = learner.sac.replay_buffer, np.random.default_rng(0)
+    assert replay is not None
+    best = np.array([0.5, -0.25], np.float32)
+    replay.actions[:] = rng.uniform(-1.0, 1.0, replay.actions.shape)
+    replay.rewards[:] = -np.square(replay.actions - best).sum(axis=-1)
+    replay.dones[:], replay.full = 1.0, True
+    learner.sac.train(gradient_steps=800, batch_size=64)
+    inputs = np.zeros((1, int(learner.sac.observation_space.shape[0])), np.float32)  # type: ignore[index]
+    assert np.abs(Network.of(learner.layers())(inputs) - best).max() < 0.15
+
+
+def test_the_presets_of_one_comparison_differ_in_where_they_begin_alone() -> None:
+    plain = PRESETS[PLAIN]
+    named = {"name": "", "measured": ""}
+    begin = {"controller": "", "imitation": 0, "reach": 0.0}
+    for name in ("path_following", RESIDUAL):
+        assert dataclasses.replace(PRESETS[name], **named, **begin) == dataclasses.replace(plain, **named)
+    of_sac = {name: getattr(plain, name) for name in ("horizon", "batch_size", "learning_rate", "final_learning_rate")}
+    assert dataclasses.replace(PRESETS["path_following_sac"], **named, **of_sac, sac=None) == dataclasses.replace(
+        plain, **named
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (["activation=relu"], "activation must be tanh"),
+        (["clip=0.1"], "'clip' is unknown"),
+        (["imitation=4096"], "'imitation' is unknown"),
+        (["sac.buffer_size=1023"], "num_envs x horizon = 1024"),
+        (["sac.buffer_size=many"], "sac.buffer_size must be a whole number"),
+        (["sac.gradient_steps=0"], "gradient_steps must be a whole number >= 1, got 0"),
+        (["sac.target_rate=2"], "target_rate must be"),
+        (["sac=1"], "has parts: sac.buffer_size"),
+    ],
+)
+def test_what_does_not_go_with_sac_is_refused(settings: list[str], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        overridden(PRESETS["path_following_sac"], settings)
+
+
+def test_ppo_has_no_settings_of_sac() -> None:
+    for setting in ("sac=1", "sac.gradient_steps=2"):
+        with pytest.raises(ValueError, match="is unknown"):
+            overridden(PRESETS[PLAIN], [setting])
+    taught = dataclasses.replace(PRESETS[PLAIN], controller="lqr", imitation=4096)
+    with pytest.raises(ValueError, match="imitation must be 0 with SAC"):
+        dataclasses.replace(taught, sac=Sac())
 
 
 def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_wall() -> None:
@@ -892,7 +986,11 @@ def test_the_settings_are_listed_with_their_ranges() -> None:
     assert keys == set(ABOUT)
     listed = CliRunner().invoke(main, ["--settings"])
     assert listed.exit_code == 0
-    assert keys <= {line.split()[0] for line in listed.output.splitlines() if line.strip()}
+    of_sac = {key for key in keys if key.startswith("sac.")}
+    assert keys - of_sac <= {line.split()[0] for line in listed.output.splitlines() if line.strip()}
+    listed = CliRunner().invoke(main, ["--settings", "--preset", "path_following_sac"])
+    assert of_sac <= {line.split()[0] for line in listed.output.splitlines() if line.strip()}
+    assert "gae_lambda" not in listed.output
     assert "reward.success" in CliRunner().invoke(main, [OMNI, "--settings"]).output
     missing = CliRunner().invoke(main, [])
     assert "ENV_ID is missing" in missing.stderr

@@ -41,7 +41,7 @@ ENTRIES = {
         name: f"wayfield.benchmarks.{name}:main"
         for name in (
             "audit", "cluster_cost", "coppelia", "coppelia_latency", "coverage", "decisions", "fingerprints",
-            "pictures", "publish", "record", "robot_page", "throughput", "transfer", "tune_all",
+            "learners", "pictures", "publish", "record", "robot_page", "throughput", "transfer", "tune_all",
         )
     },
 }  # fmt: skip

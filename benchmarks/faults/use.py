@@ -63,10 +63,10 @@ def _(found: tuple, file: Path) -> None:  # type: ignore[type-arg]
         return
     from wayfield.policies.training import run
     from wayfield.policies.training.checkpoints import sample_job
-    from wayfield.policies.training.learner import Learner
+    from wayfield.policies.training.learner import PpoLearner
 
     job = dataclasses.replace(sample_job(file.parent), resume=True)
-    going_on = run._Run(job, Learner(job.preset, job.env_id, job.seed))
+    going_on = run._Run(job, PpoLearner(job.preset, job.env_id, job.seed))
     try:
         going_on.learner.update()
         if not all(np.isfinite(part).all() for layer in going_on.learner.layers() for part in layer):

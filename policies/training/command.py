@@ -84,7 +84,7 @@ def main(
     settings: tuple[str, ...],
     listing: bool,
 ) -> None:
-    """Trains an agent by PPO on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0.
+    """Trains an agent on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0, by PPO or what else the preset says.
 
     In the folder: a folder seed_N for every seed, with best/ (the agent that did best on validation scenarios),
     last.safetensors and previous.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds.

@@ -1,13 +1,14 @@
-"""stable-baselines3's PPO on a preset's worlds, with all of its state as plain arrays and numbers."""
+"""stable-baselines3's algorithms on a preset's worlds, with their state as plain arrays and numbers; PPO here."""
 
+import abc
 import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
@@ -18,42 +19,178 @@ from wayfield.policies.training.imitation import teach
 from wayfield.policies.training.presets import Preset
 from wayfield.policies.training.shaping import Shaped
 
-MOST_INPUTS = 2**29  # numbers of a rollout: 2 GiB
+MOST_INPUTS = 2**29  # numbers of what is kept to learn from: 2 GiB
 Layers = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 class _Nothing(BaseCallback):
-    """A callback that does nothing: `Learner.update` runs PPO's two halves itself."""
+    """A callback that does nothing: `Learner.update` runs an algorithm's two halves itself."""
 
     def _on_step(self) -> bool:
         return True
 
 
-class Learner:
+class Learner(abc.ABC):
     """One update at a time, so that a run can stop between any two; `state` and `restore` go round exactly."""
+
+    LOGGED: ClassVar[tuple[str, ...]]  # of what the algorithm tells of an update, what the learning curve has
 
     def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
         self.preset = preset
         self.seed = seed
         self.seconds = dict.fromkeys(("imitation", "environment", "rollout policy", "update", "validation"), 0.0)
         self.env = make_worlds(preset, env_id)
-        inputs = preset.num_envs * preset.horizon * self.env.perception.num_inputs
+        frames, named = self._kept()
+        inputs = frames * self.env.perception.num_inputs
         if inputs > MOST_INPUTS:
-            raise ValueError(
-                f"num_envs x horizon x inputs is {inputs}; a rollout is kept in memory, at most {MOST_INPUTS} numbers"
-            )
+            raise ValueError(f"{named} x inputs is {inputs}; that is kept in memory, at most {MOST_INPUTS} numbers")
         self.env.seed(seed)
         self._timed = Timed(self.env, self.seconds)
+        self._make()
+        self.model.set_logger(Logger(None, []))
+        _, self._callback = self.model._setup_learn(preset.steps, _Nothing())
+
+    @property
+    @abc.abstractmethod
+    def model(self) -> PPO | SAC:
+        """Returns the algorithm."""
+
+    @abc.abstractmethod
+    def _make(self) -> None:
+        """Makes the algorithm."""
+
+    @abc.abstractmethod
+    def _kept(self) -> tuple[int, str]:
+        """Returns how many inputs of a network are kept to learn from, and what that is the product of."""
+
+    @abc.abstractmethod
+    def _collect(self) -> float:
+        """Drives for the control periods between two updates; returns the mean reward."""
+
+    @abc.abstractmethod
+    def _learn(self) -> None:
+        """Learns from what was collected."""
+
+    @abc.abstractmethod
+    def layers(self) -> Layers:
+        """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer."""
+
+    @abc.abstractmethod
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """Returns the optimizers by the name that they have in a state."""
+
+    def teach(self) -> Iterator[int]:
+        """Runs the imitation of the preset, and yields the number of frames seen so far; nothing without one."""
+        yield from ()
+
+    @property
+    def frames(self) -> int:
+        """Returns how many frames were seen."""
+        return self.model.num_timesteps
+
+    def update(self) -> dict[str, float]:
+        """Collects once and learns from it; returns what the algorithm logs, and the reward.
+
+        Raises:
+            FloatingPointError: if the policy's numbers are no longer finite.
+        """
+        self.env.share = self.frames / self.preset.steps
+        began = time.perf_counter()
+        inside = self.seconds["environment"]
+        reward = self._collect()
+        middle = time.perf_counter()
+        self.seconds["rollout policy"] += middle - began - (self.seconds["environment"] - inside)
+        self.model._update_current_progress_remaining(self.frames, self.preset.steps)
+        try:
+            self._learn()
+        except ValueError as error:  # torch refuses to make a distribution of what is not finite
+            self.check_finite()
+            raise RuntimeError(f"the update failed: {error}") from error
+        self.check_finite()
+        self.seconds["update"] += time.perf_counter() - middle
+        logged = {key.removeprefix("train/"): float(value) for key, value in self.model.logger.name_to_value.items()}
+        self.model.logger.name_to_value.clear()
+        return {"reward": reward / (1.0 - self.preset.discount), **logged}
+
+    def check_finite(self) -> None:
+        """Raises FloatingPointError unless all numbers of the policy, its critics included, are finite."""
+        for name, tensor in self.model.policy.state_dict().items():
+            if not torch.isfinite(tensor).all():
+                raise FloatingPointError(
+                    f"the training diverged: {name} is not finite after {self.frames} frames; a lower learning_rate "
+                    f"{self.MILDER}may help; what was saved before stands"
+                )
+
+    MILDER: ClassVar[str] = ""  # what else may keep numbers finite
+
+    def state(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Returns all that decides how the run goes on: arrays, and numbers and text that JSON keeps exactly."""
+        arrays = {f"policy.{name}": tensor.numpy().copy() for name, tensor in self.model.policy.state_dict().items()}
+        for optimizer, each in self.optimizers().items():
+            for k, moments in each.state_dict()["state"].items():
+                arrays |= {f"{optimizer}.{k}.{name}": np.asarray(tensor).copy() for name, tensor in moments.items()}
+        kind, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002  the one that stable-baselines3 draws from
+        assert kind == "MT19937"
+        arrays["random.torch"] = torch.get_rng_state().numpy().copy()
+        arrays["random.numpy"] = np.asarray(keys)
+        arrays["last_episode_starts"] = np.asarray(self.model._last_episode_starts).astype(np.uint8)
+        numbers = {
+            "frames": self.frames,
+            "updates": self.model._n_updates,
+            "random.numpy": [int(rest[0]), int(rest[1]), float(rest[2])],
+            "generators": self.env.generators(),
+        }
+        return arrays | self.env.arrays(), numbers
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], numbers: Mapping[str, Any]) -> None:
+        """Puts the run back to where `state` was taken."""
+        self.model.policy.load_state_dict(
+            {
+                name.removeprefix("policy."): torch.from_numpy(array.copy())
+                for name, array in arrays.items()
+                if name.startswith("policy.")
+            }
+        )
+        for name, optimizer in self.optimizers().items():
+            moments: dict[int, dict[str, torch.Tensor]] = {}
+            for key, array in arrays.items():
+                if key.startswith(f"{name}."):
+                    _, k, part = key.split(".")
+                    moments.setdefault(int(k), {})[part] = torch.from_numpy(array.copy())
+            optimizer.load_state_dict({"state": moments, "param_groups": optimizer.state_dict()["param_groups"]})
+        self.env.restore(arrays, list(numbers["generators"]))
+        self.model._last_obs = self.env.seen
+        self.model._last_episode_starts = arrays["last_episode_starts"].astype(bool)
+        self.model.num_timesteps = int(numbers["frames"])
+        self.model._n_updates = int(numbers["updates"])
+        torch.set_rng_state(torch.from_numpy(arrays["random.torch"].copy()))
+        position, has_gauss, gauss = numbers["random.numpy"]
+        np.random.set_state(("MT19937", arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002
+
+
+class PpoLearner(Learner):
+    """PPO: an update is a rollout and some passes over it."""
+
+    LOGGED = ("approx_kl", "std", "explained_variance")
+    MILDER = "or max_grad_norm "
+
+    @property
+    def model(self) -> PPO:
+        """Returns the algorithm."""
+        return self.ppo
+
+    def _make(self) -> None:
+        preset = self.preset
         self.ppo = PPO(
             "MlpPolicy",
             self._timed,
-            learning_rate=_anneal(preset.learning_rate, preset.final_learning_rate),
+            learning_rate=anneal(preset.learning_rate, preset.final_learning_rate),
             n_steps=preset.horizon,
             batch_size=min(preset.batch_size, preset.num_envs * preset.horizon),
             n_epochs=preset.epochs,
             gamma=preset.discount,
             gae_lambda=preset.gae_lambda,
-            clip_range=_anneal(preset.clip, preset.final_clip),
+            clip_range=anneal(preset.clip, preset.final_clip),
             ent_coef=preset.entropy,
             max_grad_norm=preset.max_grad_norm,
             target_kl=preset.target_kl,
@@ -62,12 +199,13 @@ class Learner:
                 "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[preset.activation],
                 "log_std_init": preset.log_std,
             },
-            seed=seed,
+            seed=self.seed,
             device="cpu",
             verbose=0,
         )
-        self.ppo.set_logger(Logger(None, []))
-        _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
+
+    def _kept(self) -> tuple[int, str]:
+        return self.preset.num_envs * self.preset.horizon, "num_envs x horizon"
 
     def teach(self) -> Iterator[int]:
         """Runs the imitation of the preset, and yields the number of frames seen so far."""
@@ -83,92 +221,20 @@ class Learner:
         _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
         self.ppo.num_timesteps = frames
 
-    @property
-    def frames(self) -> int:
-        """Returns how many frames were seen."""
-        return self.ppo.num_timesteps
-
-    def update(self) -> dict[str, float]:
-        """Collects one rollout and learns from it; returns what PPO logs.
-
-        Raises:
-            FloatingPointError: if the policy's numbers are no longer finite.
-        """
-        self.env.share = self.frames / self.preset.steps
-        began = time.perf_counter()
-        inside = self.seconds["environment"]
+    def _collect(self) -> float:
         self.ppo.collect_rollouts(self._timed, self._callback, self.ppo.rollout_buffer, self.ppo.n_steps)
-        middle = time.perf_counter()
-        self.seconds["rollout policy"] += middle - began - (self.seconds["environment"] - inside)
-        self.ppo._update_current_progress_remaining(self.frames, self.preset.steps)
-        try:
-            self.ppo.train()
-        except ValueError as error:  # torch refuses to make a distribution of what is not finite
-            self.check_finite()
-            raise RuntimeError(f"PPO's update failed: {error}") from error
-        self.check_finite()
-        self.seconds["update"] += time.perf_counter() - middle
-        rewards = float(self.ppo.rollout_buffer.rewards.mean()) / (1.0 - self.preset.discount)
-        logged = {key.removeprefix("train/"): float(value) for key, value in self.ppo.logger.name_to_value.items()}
-        self.ppo.logger.name_to_value.clear()
-        return {"reward": rewards, **logged}
+        return float(self.ppo.rollout_buffer.rewards.mean())
 
-    def check_finite(self) -> None:
-        """Raises FloatingPointError unless all numbers of the policy, its critic included, are finite."""
-        for name, tensor in self.ppo.policy.state_dict().items():
-            if not torch.isfinite(tensor).all():
-                raise FloatingPointError(
-                    f"the training diverged: {name} is not finite after {self.frames} frames; a lower learning_rate "
-                    "or max_grad_norm may help; what was saved before stands"
-                )
+    def _learn(self) -> None:
+        self.ppo.train()
 
     def layers(self) -> Layers:
         """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer."""
         return policy_layers(self.ppo.policy)
 
-    def state(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Returns all that decides how the run goes on: arrays, and numbers and text that JSON keeps exactly."""
-        arrays = {f"policy.{name}": tensor.numpy().copy() for name, tensor in self.ppo.policy.state_dict().items()}
-        for k, moments in self.ppo.policy.optimizer.state_dict()["state"].items():
-            arrays |= {f"optimizer.{k}.{name}": np.asarray(tensor).copy() for name, tensor in moments.items()}
-        kind, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002  the one that stable-baselines3 draws from
-        assert kind == "MT19937"
-        arrays["random.torch"] = torch.get_rng_state().numpy().copy()
-        arrays["random.numpy"] = np.asarray(keys)
-        arrays["last_episode_starts"] = np.asarray(self.ppo._last_episode_starts).astype(np.uint8)
-        numbers = {
-            "frames": self.frames,
-            "updates": self.ppo._n_updates,
-            "random.numpy": [int(rest[0]), int(rest[1]), float(rest[2])],
-            "generators": self.env.generators(),
-        }
-        return arrays | self.env.arrays(), numbers
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]], numbers: Mapping[str, Any]) -> None:
-        """Puts the run back to where `state` was taken."""
-        policy = self.ppo.policy
-        policy.load_state_dict(
-            {
-                name.removeprefix("policy."): torch.from_numpy(array.copy())
-                for name, array in arrays.items()
-                if name.startswith("policy.")
-            }
-        )
-        moments: dict[int, dict[str, torch.Tensor]] = {}
-        for name, array in arrays.items():
-            if name.startswith("optimizer."):
-                _, k, part = name.split(".")
-                moments.setdefault(int(k), {})[part] = torch.from_numpy(array.copy())
-        groups = policy.optimizer.state_dict()["param_groups"]
-        policy.optimizer.load_state_dict({"state": moments, "param_groups": groups})
-        self.env.restore(arrays, list(numbers["generators"]))
-        self.ppo._last_obs = self.env.seen
-        self.ppo._last_episode_starts = arrays["last_episode_starts"].astype(bool)
-        self.ppo.num_timesteps = int(numbers["frames"])
-        self.ppo._n_updates = int(numbers["updates"])
-        torch.set_rng_state(torch.from_numpy(arrays["random.torch"].copy()))
-        position, has_gauss, gauss = numbers["random.numpy"]
-        np.random.set_state(("MT19937", arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """Returns the only one."""
+        return {"optimizer": self.ppo.policy.optimizer}
 
 
 class Timed(VecEnv):
@@ -237,13 +303,15 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
 
 def policy_layers(policy: Any) -> Layers:
     """Returns weights (outputs, inputs) and biases of a policy's mean, layer after layer."""
-    linear = [each for each in policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
-    return [
-        (each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy())
-        for each in (*linear, policy.action_net)
-    ]
+    return layers_of([*policy.mlp_extractor.policy_net, policy.action_net])
 
 
-def _anneal(first: float, last: float) -> Callable[[float], float]:
+def layers_of(modules: Iterable[torch.nn.Module]) -> Layers:
+    """Returns weights (outputs, inputs) and biases of the linear ones of modules."""
+    linear = [each for each in modules if isinstance(each, torch.nn.Linear)]
+    return [(each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy()) for each in linear]
+
+
+def anneal(first: float, last: float) -> Callable[[float], float]:
     """Returns the line from `first` at the start of a run to `last` at its end."""
     return lambda remaining: last + (first - last) * max(remaining, 0.0)

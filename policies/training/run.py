@@ -21,12 +21,13 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.envs.storage import clear_stale, locked
 from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
-from wayfield.policies.training.learner import Layers, Learner
+from wayfield.policies.training.learner import Layers, Learner, PpoLearner
 from wayfield.policies.training.measured import cruises, measurement
 from wayfield.policies.training.presets import Preset
+from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.validation import Score, finite, validate
 
-_LOGGED = ("approx_kl", "std", "explained_variance")  # of what PPO tells of an update
+LEARNERS: Mapping[str, type[Learner]] = {"ppo": PpoLearner, "sac": SacLearner}  # by the algorithm of a preset
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
 
@@ -138,7 +139,9 @@ def train(
     """
     check_folder(job)
     torch.set_num_threads(job.threads)
-    learner = Learner(job.preset, job.env_id, job.seed)  # refuses what cannot be before anything is written
+    learner = LEARNERS[job.preset.algorithm](
+        job.preset, job.env_id, job.seed
+    )  # refuses what cannot be before anything is written
     with held(job.folder):
         check_folder(job)
         run = _Run(job, learner)
@@ -158,6 +161,7 @@ class _Run:
         self.interval = max(1, round(self.total / preset.validations))
         self.rows: list[dict[str, float]] = []
         self.seconds = 0.0
+        self._computed, self._began = 0.0, time.process_time()  # s, before this process took it up; when it did
         self.best: Layers = []
         self.best_row: dict[str, float] = {}
         self.measured: list[dict[str, Any]] = []  # of the best, in each condition
@@ -192,7 +196,7 @@ class _Run:
             self.learner.check_finite()
             self.taught = True
             self.seconds = time.perf_counter() - began
-            self._validate(dict.fromkeys(("reward", *_LOGGED), math.nan))  # what was taught may be the best
+            self._validate(dict.fromkeys(("reward", *self.learner.LOGGED), math.nan))  # what was taught may be the best
             self._save()
             report(self._report(self.rows[-1]))
         while self.updates < self.total and not interrupted() and not self._given_up():
@@ -212,6 +216,11 @@ class _Run:
         self.writer.close()
         self.learner.env.close()
         return dataclasses.replace(self._report(self.rows[-1] if self.rows else None), done=done)
+
+    @property
+    def cpu_seconds(self) -> float:
+        """Returns the processor time that the run has taken so far, of all threads, s."""
+        return self._computed + time.process_time() - self._began
 
     def _given_up(self) -> bool:
         """Returns whether the last `patience` validations brought nothing better."""
@@ -245,7 +254,7 @@ class _Run:
             "updates": float(self.updates),
             "seconds": round(self.seconds, 1),
             **dataclasses.asdict(score),
-            **{name: logged[name] for name in _LOGGED if name in logged},
+            **{name: logged[name] for name in self.learner.LOGGED if name in logged},
         }
         row["return"], row["reward"] = score.reward, logged["reward"]
         self.rows.append(row)
@@ -266,6 +275,7 @@ class _Run:
             "measured": self.measured,
             "cruises": self.cruises,
             "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
             "parts": self.learner.seconds,
         }
         checkpoints.write_state(self.job.folder, arrays, numbers)
@@ -282,7 +292,7 @@ class _Run:
         self.learner.restore(arrays, numbers)
         self.updates, self.rows, self.best_row = numbers["run_updates"], numbers["rows"], numbers["best_row"]
         self.measured, self.cruises = numbers["measured"], numbers.get("cruises", {})
-        self.seconds = numbers["seconds"]
+        self.seconds, self._computed = numbers["seconds"], numbers.get("cpu_seconds", 0.0)
         self.learner.seconds.update(numbers["parts"])
         k = 0
         while f"best.{k}.weight" in arrays:
@@ -303,12 +313,14 @@ class _Run:
         return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
             "training": {
                 **self.job.described(),
+                "algorithm": preset.algorithm,
                 **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.controller else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),
                 "run_frames": self.learner.frames,
                 "run_seconds": round(self.seconds, 1),
+                "run_cpu_seconds": round(self.cpu_seconds, 1),
                 "versions": versions(),
             },
             "trained_on": trained_on(preset),
@@ -351,7 +363,7 @@ def described_agent(
         "actions": dataclasses.asdict(preset.actions),
         **({} if preset.base is None else {"base": dataclasses.asdict(preset.base)}),
         "network": {
-            "hidden": list(preset.hidden),
+            "hidden": [len(bias) for _, bias in layers[:-1]],
             "activation": preset.activation,
             "num_twist": len(task.robot.twist_axes),
             "parameters": sum(weight.size + bias.size for weight, bias in layers),
