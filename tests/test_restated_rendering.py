@@ -2,6 +2,7 @@
 
 import cmath
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -231,7 +232,8 @@ def scene_of(robot: str, seed: int) -> Scene:
         lookahead=tuple(places[13]), start=tuple(places[14]),
         marks=(Mark(places[15:18], SKY, radius=0.1, pixels=2.0), Mark(places[18:20], INK, pixels=4.0, outline=True),
                Mark(places[20:21], BLUE), Mark(places[21:23], GREEN, line=1.2)),
-        ghosts=(Ghost(ROBOTS["omni4"], (*places[23], -0.8), places[24:26]), Ghost(ROBOTS["jackal"], (*places[26], 3.0))),
+        ghosts=(Ghost(ROBOTS["omni4"], (*places[23], -0.8), places[24:26]),
+                Ghost(ROBOTS["jackal"], (*places[26], 3.0))),
     )  # fmt: skip
 
 
@@ -353,7 +355,7 @@ def test_words_stand_in_the_middle_of_their_lines_and_touch_nothing() -> None:
         row = [word for word in words if (word[1] + word[3]) / 2 == line]
         assert row[0][0] == 14.0 + 20.0
         # 16 px to the next symbol, 20 to its word; and no further than 8 px from the frame's side
-        assert all(after[0] - before[2] == 36.0 for before, after in zip(row, row[1:], strict=False))
+        assert all(after[0] - before[2] == 36.0 for before, after in itertools.pairwise(row))
         assert row[-1][2] <= view.width_px - 8
         following = [word for word in words if (word[1] + word[3]) / 2 == line + 20.0]
         if following:
