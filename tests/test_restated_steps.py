@@ -96,6 +96,13 @@ class Robot:
         change[2] = min(max(change[2], -self.yaw_acceleration * DT), self.yaw_acceleration * DT)
         return np.asarray(s.command + change)
 
+    def lagging(self, s: Any, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns the twists that the wheels turn for, on average over a time and at its end."""
+        if self.lag == 0.0:
+            return s.command, s.command
+        late, left = s.wheels - s.command, math.exp(-time / self.lag)
+        return s.command + late * (self.lag / time * (1.0 - left)), s.command + late * left
+
     def of_body(self, wheels: Any) -> NDArray[np.float64]:
         vx, vy, w = self.pull @ wheels
         return np.array([vx + self.side_slip * w * vy, vy - self.side_slip * w * vx, w])
@@ -186,17 +193,20 @@ class Bank:
         if not s.contact:
             self.be_shoved(s)
         if not s.contact:
-            wheels, decay = s.wheels - s.command, math.exp(-DT / r.lag) if r.lag else 0.0
-            mean = s.command + wheels * (r.lag / DT * (1.0 - decay) if r.lag else 0.0)
-            s.wheels = s.command + wheels * decay
-            s.twist = r.of_body(s.wheels)
-            rolled = r.of_body(mean)
-            self.go(s, rolled)
-            s.odometry = moved(s.odometry, r.measured(rolled if r.passive else mean, s.noise[s.row]), DT)
+            self.drive(s)
         if s.contact:
             s.twist = np.zeros(3)
         s.steps += 1
         self.look(s)
+
+    def drive(self, s: Any) -> None:
+        """Lets the wheels follow what they are told, by a first-order lag, and the body the wheels."""
+        r = self.robot
+        mean, s.wheels = r.lagging(s, DT)
+        s.twist = r.of_body(s.wheels)
+        rolled = r.of_body(mean)
+        self.go(s, rolled)
+        s.odometry = moved(s.odometry, r.measured(rolled if r.passive else mean, s.noise[s.row]), DT)
 
     def moves(self, s: Any) -> bool:
         return bool((s.scenario.patrols["leg_time"] > 0.0).any())
@@ -467,9 +477,8 @@ ENDS = {
 
 def chosen(kind: str, s: Any, robot: Robot, rng: np.random.Generator) -> NDArray[np.float64]:
     """Returns a twist: along the way that is asked and a little beside it, or any."""
-    most = np.array(
-        [robot.base.max_twist[0], robot.base.max_twist[-2] * robot.base.holonomic, robot.base.max_twist[-1]]
-    )
+    ahead, *_, fastest = robot.base.max_twist
+    most = np.array([ahead, ahead * robot.base.holonomic, fastest])
     anything = rng.uniform(-1.2, 1.2, 3) * most
     if kind == "still":
         return 0.02 * anything
@@ -483,6 +492,51 @@ def chosen(kind: str, s: Any, robot: Robot, rng: np.random.Generator) -> NDArray
     else:
         twist = np.array([most[0] * max(math.cos(turn), 0.0), 0.0, 2.0 * turn])
     return np.clip(twist, -most, most) + 0.05 * anything * (rng.random() < 0.3)
+
+
+def compared(env: Any, bank: Bank, clock: int, kind: str) -> set[str]:
+    """Compares a vector environment with what is restated; returns what ended its episodes."""
+    robot, rows = bank.robot, env.num_envs
+    first, info = env.reset(seed=40)
+    lone = [SimpleNamespace(rng=np_random(40 + i)[0], over=False, held=np.zeros(3)) for i in range(rows)]
+    for s in lone:
+        bank.reset(s)
+    rng = np.random.default_rng(7)
+    answer: Any = (first, np.zeros(rows), np.zeros(rows, bool), np.zeros(rows, bool), info)
+    ends = set()
+    for step in range(2 * clock + 30):
+        for i, s in enumerate(lone):
+            observation, reward, terminated, truncated = (each[i] for each in answer[:4])
+            info = answer[4]
+            place = f"step {step}, row {i}"
+            found = {name: info[name][i] for name in s.info}
+            assert all(info[f"_{name}"][i] for name in s.info)
+            told = np.ones(len(s.observation), bool)
+            if getattr(s, "corner", False):  # at a corner of the path either side of it may be meant
+                heading = 4 + (3 if robot.base.holonomic else 2)
+                told[heading] = False
+                found["heading_error"] = s.info["heading_error"]
+            np.testing.assert_allclose(observation[told], s.observation[told], rtol=1e-5, atol=2e-5, err_msg=place)
+            assert found == pytest.approx(s.info, rel=1e-6, abs=2e-6), place
+            assert reward == pytest.approx(s.reward, rel=1e-5, abs=2e-5), place
+            assert (terminated, truncated) == (s.ended, s.steps >= clock), place
+            s.over = bool(s.ended or s.steps >= clock)
+            ends |= {key for key in ("success", "collision", "left_corridor") if s.info.get(key)}
+            ends |= {"clock"} if s.steps >= clock else set()
+        actions = []
+        for s in lone:
+            if step % 8 == 0 or kind in ("goal", "path"):
+                s.held = chosen(kind, s, robot, rng)
+            actions.append(s.held if robot.twists and robot.base.holonomic else s.held[[0, 2]] if robot.twists
+                           else robot.wheels @ s.held)  # fmt: skip
+        actions = np.array(actions, np.float32)  # type: ignore[assignment]
+        answer = env.step(actions)
+        for s, action in zip(lone, actions, strict=True):
+            if s.over:
+                bank.reset(s)
+            else:
+                bank.step(s, action)
+    return ends
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -506,47 +560,5 @@ def test_a_row_answers_what_the_sheets_say(tmp_path: Path, case: str) -> None:
     else:
         docks = "Docking" in env_id
         bank = Goals(env, robot, get("shove"), 0.3 if docks else 0.1, (0.02, 0.05) if docks else (math.inf, math.inf))
-    told, info = env.reset(seed=40)
-    lone = [SimpleNamespace(rng=np_random(40 + i)[0], over=False, held=np.zeros(3)) for i in range(rows)]
-    for s in lone:
-        bank.reset(s)
-    rng = np.random.default_rng(7)
-    answer: Any = (told, np.zeros(rows), np.zeros(rows, bool), np.zeros(rows, bool), info)
-    ends = set()
-    for step in range(2 * clock + 30):
-        for i, s in enumerate(lone):
-            observation, reward, terminated, truncated, info = (
-                each[i] if k < 4 else each for k, each in enumerate(answer)
-            )
-            place = f"step {step}, row {i}"
-            found = {name: info[name][i] for name in s.info}
-            assert all(info[f"_{name}"][i] for name in s.info)
-            size = len(s.observation)
-            compared = np.ones(size, bool)
-            if getattr(s, "corner", False):  # at a corner of the path either side of it may be meant
-                heading = 4 + (3 if base.holonomic else 2)
-                compared[heading] = False
-                found["heading_error"] = s.info["heading_error"]
-            np.testing.assert_allclose(
-                observation[compared], s.observation[compared], rtol=1e-5, atol=2e-5, err_msg=place
-            )
-            assert found == pytest.approx(s.info, rel=1e-6, abs=2e-6), place
-            assert reward == pytest.approx(s.reward, rel=1e-5, abs=2e-5), place
-            assert (terminated, truncated) == (s.ended, s.steps >= clock), place
-            s.over = bool(s.ended or s.steps >= clock)
-            ends |= {key for key in ("success", "collision", "left_corridor") if s.info.get(key)}
-            ends |= {"clock"} if s.steps >= clock else set()
-        actions = []
-        for s in lone:
-            if step % 8 == 0 or kind in ("goal", "path"):
-                s.held = chosen(kind, s, robot, rng)
-            actions.append(s.held if robot.twists and base.holonomic else s.held[[0, 2]] if robot.twists
-                           else robot.wheels @ s.held)  # fmt: skip
-        actions = np.array(actions, np.float32)  # type: ignore[assignment]
-        answer = env.step(actions)
-        for s, action in zip(lone, actions, strict=True):
-            if s.over:
-                bank.reset(s)
-            else:
-                bank.step(s, action)
+    ends = compared(env, bank, clock, kind)
     assert ends == ENDS.get(case, {"clock"})
