@@ -114,7 +114,7 @@ MODES_AND_CLOCKS = [
 
 @pytest.mark.parametrize(("case", "autoreset_mode", "clock"), MODES_AND_CLOCKS)
 def test_rows_equal_single_environments(case: str, autoreset_mode: str, clock: int) -> None:
-    num_envs, steps = 3, 800
+    num_envs, steps = 3, 500
     ours, theirs = native(case, num_envs, autoreset_mode, clock), sync(case, num_envs, autoreset_mode, clock)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space

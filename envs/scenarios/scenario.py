@@ -21,7 +21,6 @@ from wayfield.envs.checks import (
     number,
     numbers_of,
     pose,
-    real,
     shown,
 )
 from wayfield.envs.geometry import OBSTACLE, clearance_to
@@ -145,7 +144,7 @@ class GoalScenario:
             ("waypoint_radius", FARTHEST),
         ):
             _settle(self, field, number(field, getattr(self, field), above=0.0, most=most))
-        if not math.isnan(real(self.published_length)):
+        if not (isinstance(self.published_length, float) and math.isnan(self.published_length)):
             _settle(self, "published_length", number("published_length", self.published_length, above=0.0))
 
     def fitted(self, shrinkage: float) -> "GoalScenario":
