@@ -18,6 +18,7 @@ from wayfield.benchmarks.entries import success_cell
 from wayfield.benchmarks.kept_rows import packed, thinned, unpacked
 from wayfield.benchmarks.matrix import cost_difference, how_often_better, success_difference
 from wayfield.benchmarks.paired import Difference, difference, holm
+from wayfield.benchmarks.report import findings
 from wayfield.benchmarks.standings import contest_tables
 from wayfield.benchmarks.table import Table
 from wayfield.envs.disturbances import LEVELS
@@ -489,3 +490,155 @@ def test_rows_that_are_kept_have_six_digits_of_what_tables_show() -> None:
             else:
                 assert cell == f"{float(row[name]):.6g}"
     assert unpacked(packed(kept), "here") == kept
+
+
+# What the report says of the same rows.
+
+
+def charted(numbers: Sequence[float], expected: Sequence[float]) -> None:
+    assert list(numbers) == pytest.approx(list(expected), rel=1e-12)
+
+
+def test_the_charts_of_a_report_hold_the_numbers_of_the_rows(drawn: Any) -> None:
+    contest, entries, _, _ = pieces(drawn)
+    by_cost, cost = contest.pace is not None, contest.spec.cost
+    rows = [row | {"success": f"{float(row['success']):g}"} for mine in entries.values() for row in mine]
+    finding = findings.found(contest, "p3dx", rows)
+    bars, duels, heat = finding.charts
+    assert [bars[name] for name in ("kind", "unit", "log", "decimals", "most")] == (
+        ["bars", cost.unit, True, cost.decimals, None] if by_cost else ["bars", "%", False, 1, 100.0]
+    )
+    for line, (entry, mine) in zip(bars["rows"], entries.items(), strict=True):
+        assert line["label"] == named(entry)
+        won = [number(row, "success") for row in mine]
+        if by_cost:
+            table, strata = table_of(mine, costs_of(mine, cost.metric))
+            ends = counted_interval(table, table_of(mine, won)[0], number(mine[0], "failure_cost"), strata)
+            charted(line["values"], [float(table.mean()), *(ends or ())])
+        else:
+            ends = share_interval(*table_of(mine, won))
+            assert ends is not None
+            charted(line["values"], [100.0 * each for each in (statistics.fmean(won), *ends)])
+    assert duels["labels"] == heat["labels"] == [named(entry) for entry in entries]
+    pairs = [*itertools.combinations(range(len(entries)), 2)]
+    keys = list(entries)
+    found = {(i, j): how_often_better(entries[keys[i]], entries[keys[j]], contest) for i, j in pairs}
+    ps = dict(zip(pairs, holm([each.p for each in found.values()]), strict=True))
+    for (i, j), each in found.items():
+        ahead, behind = (i, j) if each.value > 0.0 else (j, i)
+        speeds = [speed_of(entries[keys[k]]) for k in (ahead, behind)]
+        sure = float(ps[i, j] < 0.05 and not (by_cost and speeds[0] < 0.97 * speeds[1]))
+        assert duels["cells"][i][j] == pytest.approx([0.5 + each.value, sure])
+        assert duels["cells"][j][i] == pytest.approx([0.5 - each.value, sure])
+    assert all(duels["cells"][i][i] is None for i in range(len(keys)))
+    families = [*dict.fromkeys(row["family"] for row in rows)]
+    assert heat["columns"] == [*(["family", name] for name in families), *(["tier", name] for name in TIERS)]
+    for cells, mine in zip(heat["cells"], entries.values(), strict=True):
+        for (column, name), (won, count, typical) in zip(heat["columns"], cells, strict=True):
+            group = [row for row in mine if row[column] == name]
+            good = [number(row, cost.metric) for row in group if number(row, "success")]
+            assert (won, count) == (len(good), len(group))
+            assert typical == (pytest.approx(float(iqm(np.array(good)))) if good else None)
+    assert (heat["by_cost"], heat["factor"], heat["decimals"]) == (by_cost, 100.0, 1 if by_cost else 0)
+    swept = [row for row in drawn[1] if row["split"] == "front"]
+    front = findings.front_chart(contest, "p3dx", swept)
+    for series, (entry, mine) in zip(front["series"], groups(swept).items(), strict=True):
+        assert series["label"] == named(entry)
+        for point, asked in zip(series["points"], FRONT, strict=True):
+            here = [row for row in mine if row["speed"] == asked]
+            numbers = costs_of(here, cost.metric)
+            typical = float(iqm(np.array(numbers)))
+            ends = interval(*table_of(here, numbers), iqm) or (typical, typical)
+            assert (point["x"], point["y"], point["low"], point["high"]) == pytest.approx(
+                (speed_of(here), typical, *ends), nan_ok=True
+            )
+            assert (point["asked"], point["lost"]) == (asked, any(not number(row, "success") for row in here))
+
+
+def test_the_chart_of_a_ladder_holds_shares_and_their_ends() -> None:
+    contest = CONTESTS["docking"]
+    rows = [row for row in rows_of(contest, 5, ("severe", "none")) if row["split"] == "test"]
+    chart = findings.ladder_chart(contest, "p3dx", rows)
+    assert chart["levels"] == ["none", "severe"]
+    for series, (entry, mine) in zip(chart["series"], groups(rows).items(), strict=True):
+        assert series["label"] == named(entry)
+        for k, level in enumerate(("none", "severe")):
+            here = [row for row in mine if row["disturbance"] == level]
+            won = [number(row, "success") for row in here]
+            low, high = share_interval(*table_of(here, won)) or (0.0, 0.0)
+            point = series["points"][k]
+            assert (point["x"], point["asked"]) == (k, level)
+            charted(
+                [point[name] for name in ("y", "low", "high")], [100 * statistics.fmean(won), 100 * low, 100 * high]
+            )
+    few = [row for row in rows if int(row["episode"]) < 3]
+    for series in findings.ladder_chart(contest, "p3dx", few)["series"]:
+        assert all(point["low"] == point["y"] == point["high"] for point in series["points"])
+
+
+@pytest.mark.parametrize("map_told", [False, True])
+def test_the_small_table_and_the_sentence(drawn: Any, map_told: bool) -> None:
+    contest, entries, _, _ = pieces(drawn)
+    by_cost, cost = contest.pace is not None, contest.spec.cost
+    told_map = {("B", "default"), ("C", "default")} if map_told else set()
+    rows = [
+        row | {"knows": "map" if entry in told_map else "sensors"} for entry, mine in entries.items() for row in mine
+    ]
+    entries = groups(rows)
+    finding = findings.found(contest, "p3dx", rows)
+    order = in_order(entries, contest)
+    rivals = [entry for entry in order if entry not in told_map]
+    best, pairs = rivals[0], []
+    for other in rivals[1:]:
+        two = entries[best], entries[other]
+        pairs.append(how_often_better(*two, contest) if by_cost else success_difference(*two))
+    off = {entry: is_off(mine, contest.pace) for entry, mine in entries.items()}
+    level = [
+        other
+        for other, p in zip(rivals[1:], holm([each.p for each in pairs]), strict=True)
+        if p >= 0.05 and off[other] == off[best]
+    ]
+    shown = [*rivals[:3]]
+    upper = [entry for entry in order if entry in told_map][:1]
+    shown += [entry for entry in [*(each for each in order if each[1] == "trained"), *upper] if entry not in shown]
+    wanted = []
+    for entry in shown:
+        mine = entries[entry]
+        verdict = "first" if entry == best else "draw" if entry in level else ""
+        if entry in told_map:
+            verdict = "told map"
+        elif off[entry] and not off[best]:
+            verdict = "off speed"
+        table, strata = table_of(mine, costs_of(mine, cost.metric))
+        won = table_of(mine, [number(row, "success") for row in mine])[0]
+        ends = counted_interval(table, won, number(mine[0], "failure_cost"), strata)
+        text = told(float(table.mean()), ends, 1.0, cost.decimals)
+        wanted.append([named(entry), won_told(mine), text, f"{speed_of(mine):.2f}{'‡' * off[entry]}", verdict])
+    assert finding.small.rows == wanted
+    assert f"{len(order) - len(shown)} more are in the full table" in finding.small.note
+    assert ("‡: off the" in finding.small.note) == any(off[entry] for entry in shown)
+    achieved = {line[0]: f"{cost.name} {line[2]} {cost.unit}" if by_cost else f"success {line[1]} %" for line in wanted}
+    families = len({row["family"] for row in rows})
+    sentence = f"{contest.title} with p3dx: 5 policies on the same 14 scenarios of {families} families. "
+    if level:
+        names = [named(entry) for entry in level]
+        whom = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        how = "in pairs" if by_cost else "by their success"
+        sentence += f"A draw: {named(best)} ({achieved[named(best)]}) and {whom} cannot be told apart {how}."
+    else:
+        sentence += f"{named(best)} wins: {achieved[named(best)]}."
+    if map_told:
+        sentence += f" {named(upper[0])}, told the map, is the upper reference: {achieved[named(upper[0])]}."
+    assert finding.sentence == sentence
+
+
+def test_the_sentence_where_there_is_little_to_say() -> None:
+    contest = CONTESTS["docking"]
+    rows = [row for row in rows_of(contest, 0) if row["split"] == "test"]
+    few = [row for row in rows if int(row["episode"]) < 2]
+    sentence = findings.found(contest, "p3dx", few).sentence
+    assert "5 policies on the same 4 scenarios of 2 families." in sentence
+    assert sentence.endswith("too few scenarios to tell policies apart.")
+    alone = [row for row in rows if row["policy"] == "ppo" and row["episode"] == row["seed"] == "3"]
+    sentence = findings.found(contest, "p3dx", alone).sentence
+    assert "1 policy on the same 1 scenario of 1 family. ppo (trained) has no rival: success" in sentence
