@@ -37,6 +37,7 @@ from wayfield.benchmarks.entries import (
     scenario,
     seeds_told,
     short_cell,
+    shown_speed,
     success_cell,
     values,
 )
@@ -336,7 +337,7 @@ def _point_cell(point: Point, decimals: int) -> str:
     text = f"{point.error:.{decimals}f}"
     if not np.isnan(point.low):
         text += f" [{point.low:.{decimals}f}, {point.high:.{decimals}f}]"
-    return f"{text} | {point.pace:.2f}{OFF_PACE * point.off_pace}"
+    return f"{text} | {shown_speed(point.pace, 2)}{OFF_PACE * point.off_pace}"
 
 
 def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str) -> Table:

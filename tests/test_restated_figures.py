@@ -114,7 +114,7 @@ def test_the_map_of_families(name: str) -> None:
         ink = "white" if 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.5 else "black"
         assert same_color(texts[i, j].get_color(), ink)
     assert image.get_clim() == ((-3.0, 0.0) if by_cost else (0.0, 1.0))
-    assert "test scenarios" in figure.get_suptitle()
+    assert figure.get_suptitle() == f"{contest.title}: {contest.heat.title} by family, test scenarios"
 
 
 def test_the_front_and_the_ladder() -> None:
@@ -139,7 +139,8 @@ def test_the_front_and_the_ladder() -> None:
             assert (ys.min(), ys.max()) == pytest.approx(pair)
         assert same_color(axis.lines[2 * k].get_color(), colour(k))
     assert [each.get_text() for each in axis.get_legend().get_texts()] == [*map(named, swept)]
-    assert (axis.get_yscale(), axis.get_ylabel()) == ("log", "RMS error (m)")
+    assert (axis.get_yscale(), axis.get_xlabel(), axis.get_ylabel()) == ("log", "mean speed (m/s)", "RMS error (m)")
+    assert "each counts as an RMS error of 1 m" in axis.get_title(loc="left")
 
     levels = ("none", "light", "severe")
     rows = [row for row in rows_of(contest, 3, levels[::-1]) if row["split"] == "test"]
@@ -153,6 +154,10 @@ def test_the_front_and_the_ladder() -> None:
         np.testing.assert_allclose(curve(top, k), [range(3), shares])
         np.testing.assert_allclose(curve(bottom, k), [range(3), typical])
     assert [each.get_text() for each in bottom.get_xticklabels()] == [*levels]
+    labels = top.get_ylabel(), bottom.get_ylabel(), bottom.get_xlabel()
+    assert labels == ("success (%)", "RMS error of the successes (m)", "level of disturbance")
+    assert (top.get_ylim(), bottom.get_yscale()) == ((-3.0, 103.0), "log")
+    assert legend_of(top.figure) == [*map(named, groups(rows))]
     assert not is_off([], None)
 
 
@@ -242,6 +247,9 @@ def test_paths_and_errors_of_a_document() -> None:
             np.testing.assert_array_equal(curve(along, k), [trajectory.times, trajectory.references[:, 0]])
             np.testing.assert_allclose(curve(turn, k), [trajectory.times, np.degrees(trajectory.references[:, 2])])
         assert along.get_xlim()[0] == 0.0
+        assert (along.get_ylabel(), turn.get_ylabel()) == ("$e_d$ (m)", "$e_h$ (deg)")
+    assert [axis.get_xlabel() for axis in figure.axes[-2:]] == ["time (s)"] * 2
+    assert legend_of(figure) == ["p", "q k=2", "q"]
     small = document_figures.reference_errors({"small": told["one"][1:2]}).axes
     for axis, least in zip(small, (0.1, 20.0), strict=True):
         low, high = axis.get_ylim()
@@ -269,6 +277,9 @@ def test_ways_to_poses_of_a_document() -> None:
                 np.testing.assert_allclose(curve(parts, 3 * k + part), [trajectory.times, values], atol=1e-9)
         assert [each.get_text() for each in parts.get_legend().get_texts()] == ["x (m)", "y (m)", "heading (rad)"]
         assert (norm.get_xlim()[0], norm.get_ylim()[0], parts.get_xlim()[0]) == (0.0, 0.0, 0.0)
+        assert (plan.get_xlabel(), plan.get_ylabel(), plan.get_aspect()) == ("x (m)", "y (m)", 1.0)
+        labels = [(axis.get_xlabel(), axis.get_ylabel()) for axis in (norm, parts)]
+        assert labels == [("time (s)", "distance to the goal (m)"), ("time (s)", "error: goal minus pose")]
         assert len(plan.patches) == 3
     figure = document_figures.goal_seekers(told)
     axes = np.array(figure.axes).reshape(2, 2)
@@ -280,6 +291,7 @@ def test_ways_to_poses_of_a_document() -> None:
             np.testing.assert_allclose(curve(distance, k), [trajectory.times, off])
             assert distance.lines[k].get_linestyle() == style
         assert (distance.get_xlim()[0], distance.get_ylim()[0]) == (0.0, 0.0)
+        assert (distance.get_xlabel(), distance.get_ylabel()) == ("time (s)", "distance to the goal (m)")
     assert legend_of(figure) == ["p", "q k=2", "q"]
     assert document_figures.stem_of("A") == "document_a"
     assert document_figures.stem_of("goal") == "goal"

@@ -1,6 +1,7 @@
 """The tables of a contest, cell by cell, stated once more in plain loops over rows at random."""
 
 import itertools
+import json
 import math
 import statistics
 from collections.abc import Sequence
@@ -142,6 +143,10 @@ def short_of(rows: Sequence[Any], contest: Contest, success: str = "") -> str:
 def speed_of(rows: Sequence[Any]) -> float:
     speeds = [number(row, "mean_speed") for row in rows if number(row, "success")]
     return statistics.fmean(speeds) if speeds else NAN
+
+
+def shown_pace(speed: float) -> str:
+    return "-" if math.isnan(speed) else f"{speed:.2f}"
 
 
 def is_off(rows: Sequence[Any], asked: float | None) -> bool:
@@ -287,7 +292,7 @@ def test_the_front(drawn: Any) -> None:
             numbers = costs_of(mine, contest.spec.cost.metric)
             ends = interval(*table_of(mine, numbers), iqm)
             text = told(float(iqm(np.array(numbers))), ends, 1.0, contest.spec.cost.decimals)
-            cells.append(f"{text} | {speed_of(mine):.2f}{'‡' * is_off(mine, float(asked))}")
+            cells.append(f"{text} | {shown_pace(speed_of(mine))}{'‡' * is_off(mine, float(asked))}")
         wanted.append(cells)
     assert tables["front"].rows == wanted
 
@@ -413,7 +418,7 @@ def test_what_agents_win(drawn: Any) -> None:
                 "condition": words, "policy": "ppo (trained)", "against": named(other), "is told": theirs[0]["knows"],
                 "success (points)": success[0], "p": success[1], "on success": verdict(p, won.value > 0.0),
                 "cost": shown[0] + unit, "p of it": shown[1], "on cost": of_cost,
-                "speeds (m/s)": " / ".join(f"{each:.2f}" for each in speeds) if contest.pace else "",
+                "speeds (m/s)": " / ".join(map(shown_pace, speeds)) if contest.pace else "",
             }
         )  # fmt: skip
     table = tables["claims"]
@@ -542,10 +547,13 @@ def test_the_charts_of_a_report_hold_the_numbers_of_the_rows(drawn: Any) -> None
     assert (heat["by_cost"], heat["factor"], heat["decimals"]) == (by_cost, 100.0, 1 if by_cost else 0)
     swept = [row for row in drawn[1] if row["split"] == "front"]
     front = findings.front_chart(contest, "p3dx", swept)
-    for series, (entry, mine) in zip(front["series"], groups(swept).items(), strict=True):
+    # who never succeeds has no mean speed, and no place on the front
+    there = [(entry, mine) for entry, mine in groups(swept).items() if not math.isnan(speed_of(mine))]
+    for series, (entry, mine) in zip(front["series"], there, strict=True):
         assert series["label"] == named(entry)
         for point, asked in zip(series["points"], FRONT, strict=True):
             here = [row for row in mine if row["speed"] == asked]
+            assert not math.isnan(speed_of(here))
             numbers = costs_of(here, cost.metric)
             typical = float(iqm(np.array(numbers)))
             ends = interval(*table_of(here, numbers), iqm) or (typical, typical)
@@ -613,7 +621,8 @@ def test_the_small_table_and_the_sentence(drawn: Any, map_told: bool) -> None:
         won = table_of(mine, [number(row, "success") for row in mine])[0]
         ends = counted_interval(table, won, number(mine[0], "failure_cost"), strata)
         text = told(float(table.mean()), ends, 1.0, cost.decimals)
-        wanted.append([named(entry), won_told(mine), text, f"{speed_of(mine):.2f}{'‡' * off[entry]}", verdict])
+        pace = shown_pace(speed_of(mine)) + "‡" * off[entry]
+        wanted.append([named(entry), won_told(mine), text, pace, verdict])
     assert finding.small.rows == wanted
     assert f"{len(order) - len(shown)} more are in the full table" in finding.small.note
     assert ("‡: off the" in finding.small.note) == any(off[entry] for entry in shown)
@@ -642,3 +651,24 @@ def test_the_sentence_where_there_is_little_to_say() -> None:
     alone = [row for row in rows if row["policy"] == "ppo" and row["episode"] == row["seed"] == "3"]
     sentence = findings.found(contest, "p3dx", alone).sentence
     assert "1 policy on the same 1 scenario of 1 family. ppo (trained) has no rival: success" in sentence
+
+
+def test_a_law_that_never_arrives_is_in_tables_and_charts_that_a_page_can_hold() -> None:
+    contest = CONTESTS["path-following"]
+    lost = [
+        row | {"success": "0"} if row["policy"] == "C" else row | {"success": f"{number(row, 'success'):g}"}
+        for row in rows_of(contest, 2)
+    ]
+    tables = contest_tables(lost, [], COMMAND, ladder=False)
+    stem = "path_following_p3dx"
+    for name in (stem, f"{stem}_front", f"{stem}_claims"):
+        assert not any("nan" in cell for row in tables[name].rows for cell in row), name
+    assert next(row for row in tables[f"{stem}_front"].rows if row[0] == "C")[1].endswith("| -")
+    finding = findings.found(contest, "p3dx", [row for row in lost if row["split"] == "test"])
+    swept = [row for row in lost if row["split"] == "front"]
+    front = findings.front_chart(contest, "p3dx", swept)
+    assert [each["label"] for each in front["series"]] == [named(entry) for entry in groups(swept) if entry[0] != "C"]
+    once = [row | {"success": "1"} if row["speed"] == "0.9" else row for row in swept]
+    *_, last = findings.front_chart(contest, "p3dx", once)["series"]
+    assert [point["asked"] for point in last["points"]] == ["0.9"]
+    assert json.dumps([*finding.charts, front], allow_nan=False)
