@@ -11,6 +11,7 @@ import pytest
 from matplotlib.collections import FillBetweenPolyCollection, LineCollection
 from matplotlib.colors import same_color
 from matplotlib.patches import Circle, Polygon
+from matplotlib.ticker import NullFormatter
 from test_restated_tables import FRONT, costs_of, groups, is_off, named, number, rows_of, speed_of, table_of
 
 from wayfield.benchmarks import contest_figures, document_figures
@@ -140,6 +141,8 @@ def test_the_front_and_the_ladder() -> None:
         assert same_color(axis.lines[2 * k].get_color(), colour(k))
     assert [each.get_text() for each in axis.get_legend().get_texts()] == [*map(named, swept)]
     assert (axis.get_yscale(), axis.get_xlabel(), axis.get_ylabel()) == ("log", "mean speed (m/s)", "RMS error (m)")
+    assert isinstance(axis.yaxis.get_minor_formatter(), NullFormatter)
+    assert axis.yaxis.get_major_formatter()(0.02) == "0.02"
     assert "each counts as an RMS error of 1 m" in axis.get_title(loc="left")
 
     levels = ("none", "light", "severe")
@@ -246,6 +249,11 @@ def test_paths_and_errors_of_a_document() -> None:
         for k, (_, trajectory) in enumerate(group):
             np.testing.assert_array_equal(curve(along, k), [trajectory.times, trajectory.references[:, 0]])
             np.testing.assert_allclose(curve(turn, k), [trajectory.times, np.degrees(trajectory.references[:, 2])])
+        for axis, least in ((along, 0.1), (turn, 20.0)):
+            low, high = axis.get_ylim()
+            assert high - low >= least
+            for line in axis.lines:
+                assert low <= line.get_ydata().min() <= line.get_ydata().max() <= high
         assert along.get_xlim()[0] == 0.0
         assert (along.get_ylabel(), turn.get_ylabel()) == ("$e_d$ (m)", "$e_h$ (deg)")
     assert [axis.get_xlabel() for axis in figure.axes[-2:]] == ["time (s)"] * 2

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import itertools
+import json
 import math
 import statistics
 from pathlib import Path
@@ -11,15 +12,19 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from wayfield.benchmarks import decisions, suite, transfer
+from wayfield.benchmarks import decisions, parts, suite, transfer
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import text
 from wayfield.benchmarks.contests import CONTESTS, Score
 from wayfield.benchmarks.contests.docking import direction_changes
 from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.own_scenario import POLICIES, own_cases, own_scenario, without_way
+from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.parts import badness, slim
 from wayfield.benchmarks.recorder import Episode, Start, record, robots_for
+from wayfield.benchmarks.report.drives import write_drives
 from wayfield.benchmarks.report.worlds import keys_of, plain, read_worlds, worlds_of, write_worlds
 from wayfield.benchmarks.run_folder import default_folder
 from wayfield.benchmarks.shortest import shortest_way
@@ -28,6 +33,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle, obstacle_field, splits
 from wayfield.policies import make
+from wayfield.policies.learned.ppo import trained
 
 PATH, GOAL, DOCK = (f"wayfield/DiffDrive{name}-v0" for name in ("PathFollowing", "GoalObstacles", "Docking"))
 NAN = math.nan
@@ -363,3 +369,127 @@ def test_a_folder_is_called_by_what_is_not_as_by_default() -> None:
     whole = "x-" + "y" * 300
     assert long == f"{whole[:120]}-{hashlib.sha256(whole.encode()).hexdigest()[:8]}"
     assert default_folder("x", {"who": "y" * 118}).name == "x-" + "y" * 118
+
+
+def test_a_table_of_timings_has_a_line_a_policy_and_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[str, str]] = []
+
+    def measured(cases: Any, rounds: int) -> list[Any]:
+        seen.extend((case.document, case.policy) for case in cases)
+        assert rounds == 2
+        return [decisions.Timing(case, batch, 0.5, 1.25) for case in cases for batch in (1, 256)]
+
+    monkeypatch.setattr(decisions, "measured", measured)
+    done = CliRunner().invoke(decisions.main, ["--policies", "stanley,ppo", "--rounds", "2"])
+    assert done.exit_code == 0, done.output
+    assert seen == [("path-following", "stanley"), *((name, "ppo") for name in CONTESTS)]
+    plain_lines = ("".join(" " if each in "│┃" else each for each in line) for line in done.output.splitlines())
+    words = [line.split() for line in plain_lines if line.strip()]
+    assert words[0] == ["Decisions,", "p3dx,", "median", "of", "2", "rounds"]
+    heads = " ".join(each for line in words[1:5] for each in line)
+    assert all(name in heads for name in ("policy", "robots", "decisions/s", "median", "(ms)", "p99"))
+    lines = [line for line in words if "1.250" in line]
+    assert [line[-4:] for line in lines[:2]] == [["1", "2,000", "0.500", "1.250"], ["256", "512,000", "0.500", "1.250"]]
+    assert len(lines) == 8
+
+
+@pytest.mark.parametrize("most", [2, 5, 7, 12, 40])
+def test_of_very_many_drives_some_of_each_part_are_kept(
+    most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parts, "MOST_DRIVES", most)
+    counts, found, first = [3, 2, 4, 1, 5], [], 0
+    wanted = {}
+    for k, count in enumerate(counts):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        write_drives(folder, {i: np.full((2, 3), 10 * k + i, np.int32) for i in range(count)})
+        found.append(parts.Part(setting_of(Case("d", "e", PATH, "x", "lqr"), episodes=count), folder))
+        for i in range(count):
+            is_few = most >= sum(counts)
+            if is_few or (i < max(1, most // 5) and k % math.ceil(5 / most) == 0):
+                wanted[first + i] = 10 * k + i
+        first += count
+    assert {row: int(drive[0, 0]) for row, drive in parts.drives_of(found).items()} == wanted
+
+
+def test_the_clock_of_a_scenario_of_ones_own(tmp_path: Path) -> None:
+    """A quarter of a metre a second and twenty seconds more, of thrice the straight way, or of the laps of a path."""
+    goal, loop, line = tmp_path / "goal.json", tmp_path / "loop.json", tmp_path / "line.csv"
+    told = {"start": [0, 0, 0], "goal": [3, 4, 0.5], "waypoints": [[3, 0]], "obstacles": []}
+    goal.write_text(json.dumps(told))
+    loop.write_text(json.dumps({"path": [[0, 0], [2, 0], [2, 2], [0, 2]], "closed": True, "laps": 3}))
+    line.write_text("0,0\n2,0\n2,1\n")
+    found = {file.name: own_scenario(str(file)) for file in (goal, loop, line)}
+    lengths = {"goal.json": 3.0 * 7.0, "loop.json": 3.0 * 8.0, "line.csv": 3.0}
+    for name, own in found.items():
+        assert own.steps == math.ceil(round((lengths[name] / 0.25 + 20.0) / 0.05, 6))
+        assert own.file == str(tmp_path / name)
+        quantity = own.contest.spec.quantity(own.scenario)
+        assert (own.tiered.quantity, own.tiered.tier) == (quantity, own.contest.spec.tier(quantity))
+    assert own_scenario(str(line), 2.0).steps == math.ceil(round((6.0 / 0.25 + 20.0) / 0.05, 6))
+    assert (own_scenario(str(line), 2.0).env_kwargs, found["goal.json"].env_kwargs) == ({"scale": 2.0}, {})
+    with pytest.raises(ValueError, match=r"is 30,000 m long.* at most 10,000 m with --scale, 3\.3e\+03 for example"):
+        own_scenario(str(line), 10_000.0)
+    with pytest.raises(ValueError, match="--scale belongs to paths"):
+        own_scenario(str(goal), 2.0)
+    cases = own_cases(str(goal), None, ("polar" if "polar" in POLICIES["goal"] else "dwa", "zero"), "turtlebot3")
+    assert [case.policy for case in cases][1] == "zero"
+    for case in cases:
+        assert (case.document, case.scenario, case.max_episode_steps) == ("goal", str(goal), found["goal.json"].steps)
+        assert case.env_kwargs == {**CONTESTS["goal-obstacles"].env_kwargs, "robot": "turtlebot3"}
+        assert case.env_id == GOAL
+    every = {case.policy: case.filmed for case in own_cases(str(goal))}
+    assert {"zero", "random", "ppo", "hybrid"} <= set(every)
+    assert [name for name, is_filmed in every.items() if is_filmed] == ["scan_planner"]
+    strange = [case.policy for case in own_cases(str(goal), None, None, "turtlebot3")]  # no agents ship for it
+    assert not {"ppo", "hybrid"} & set(strange)
+    blocked = tmp_path / "blocked.json"
+    walls = [{"kind": "box", "x": 3, "y": 4 + side, "length": 3.0, "width": 0.2} for side in (-1.4, 1.4)]
+    walls += [{"kind": "box", "x": 3 + side, "y": 4, "length": 0.2, "width": 3.0} for side in (-1.4, 1.4)]
+    blocked.write_text(json.dumps({**told, "obstacles": walls}))
+    assert without_way(str(goal)) == ""
+    assert without_way(str(line)) == ""
+    assert "whoever drives there, nobody arrives" in without_way(str(blocked))
+
+
+def test_a_setting_travels_with_the_files_that_it_names(tmp_path: Path) -> None:
+    engine: Any = type("Far", (), {"remote": True})()
+    near: Any = type("Near", (), {"remote": False})()
+    file = tmp_path / "a" / "b" / "c" / "d" / "bend.json"
+    file.parent.mkdir(parents=True)
+    file.write_text('{"path": [[0, 0], [2, 0]]}')
+    own = setting_of(Case("path", "own", PATH, str(file), "lqr", split="own"))
+    home = tmp_path / "runs"
+    for seed in (0, 4):
+        best = home / f"seed_{seed}" / "best"
+        best.mkdir(parents=True)
+        (best / "card.json").write_text(f"card {seed}")
+        (best / "weights.safetensors").write_bytes(bytes([seed]))
+        (best / "folder").mkdir()
+    agent = setting_of(Case("d", "e", PATH, "circuits/test", "ppo", {"seed": 4, "home": str(home)}))
+    bank = setting_of(Case("d", "e", PATH, "circuits/test", "lqr"))
+
+    def look(setting: Setting) -> tuple[Any, ...]:
+        case = setting.case
+        scenario = Path(case.scenario).read_text() if Path(case.scenario).is_absolute() else ""
+        there = trained(case.gains["home"]) if "home" in case.gains else {}
+        told = {seed: sorted(each.read_bytes() for each in folder.iterdir()) for seed, folder in there.items()}
+        return case, setting.given, scenario, told
+
+    assert sent(near, look, [own]) == (look, [own])
+    function, items = sent(engine, look, [own, agent, bank])
+    packed = list(items)
+    assert [set(each.files) for each in packed] == [
+        {str(file)}, {str(home / "seed_4" / "best" / name) for name in ("card.json", "weights.safetensors")}, set()
+    ]  # fmt: skip
+    assert str(packed[0]) == str(own)
+    (case, given, scenario, _), of_agent, of_bank = map(function, packed)
+    assert (scenario, given) == (file.read_text(), own.case)
+    assert case.scenario != str(file)
+    assert Path(case.scenario).parts[-4:] == file.parts[-4:]
+    assert dataclasses.replace(case, scenario=str(file)) == own.case
+    assert of_agent[1] == agent.case
+    assert of_agent[3] == {4: sorted([b"card 4", bytes([4])])}
+    assert of_agent[0].gains["home"] != str(home)
+    assert of_bank[:2] == (bank.case, None)
