@@ -274,23 +274,6 @@ def test_a_table_of_gains_elsewhere() -> None:
     assert "Made by `made so`." in table.note
 
 
-def test_rooms_are_as_large_and_as_full_as_they_are_said_to_be() -> None:
-    for seed in (2, 5):
-        occupied, ways = transfer.room(np.random.default_rng(seed))
-        count = len(occupied)
-        assert 160 <= count <= 400  # 8 to 20 m in cells of 5 cm
-        assert 0.02 * count**2 <= occupied.sum() <= 0.12 * count**2 + math.pi * 8.0**2 + 8.0 * 8.0
-        assert len(ways) == 4
-        for x, y, a, gx, gy, b in ways:
-            assert math.dist((x, y), (gx, gy)) >= 5.0
-            assert max(abs(a), abs(b)) <= 3.0
-            for at in ((x, y), (gx, gy)):
-                row, column = (int(each / 0.05) for each in at[::-1])
-                near = occupied[max(row - 5, 0) : row + 6, max(column - 5, 0) : column + 6]
-                assert not near.any()
-                assert min(*at, count * 0.05 - at[0], count * 0.05 - at[1]) > 0.0
-
-
 def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:
     base = splits.split("goal_reaching", "clutter_5", "test")[0]
     empty = obstacle_field()
