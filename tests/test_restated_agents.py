@@ -280,7 +280,7 @@ def test_the_nearest_number_of_eight_bits() -> None:
 
 
 def test_in_what_an_agent_is_measured() -> None:
-    slow_of = {"path_following": [1.05], "goal_reaching": [0.6, 0.6], "docking": [0.6]}
+    speeds_of = {"path_following": [1.05], "goal_reaching": [0.3, 1.0, 0.6, 0.6], "docking": [0.6]}
     for task, robot, _, beams in cases():
         agent = shipped_agent(task, robot, 0)
         own = dict(agent.card["env_kwargs"])
@@ -290,10 +290,10 @@ def test_in_what_an_agent_is_measured() -> None:
         made = {"actuators": "ideal", "num_beams": 32, **of_robot}
         rest = {
             "path_following": [own],
-            "goal_reaching": [{"scenario": "discs", **made}, {"scenario": "open_field", **made}],
+            "goal_reaching": [own, own, {"scenario": "discs", **made}, {"scenario": "open_field", **made}],
             "docking": [{"scenario": "all/validation", **made}],
         }[task]
-        assert found[1:] == list(zip(slow_of[task], rest, strict=True))
+        assert found[1:] == list(zip(speeds_of[task], rest, strict=True))
         assert (beams == 72) == ("num_beams" in own)
     score = {"success": 1.0, "error": math.nan}
     assert measured.measurement(0.6, {"a": 1}, score) == {
