@@ -436,6 +436,25 @@ def test_the_clock_of_a_scenario_of_ones_own(tmp_path: Path) -> None:
     assert "whoever drives there, nobody arrives" in without_way(str(blocked))
 
 
+def test_the_clock_in_a_maze_is_that_of_its_way_and_of_endless_laps_that_of_one(tmp_path: Path) -> None:
+    free = np.full((60, 100), 254, np.uint8)  # cells of 0.1 m; row 0 is the highest
+    free[12:, 50] = 0  # a wall from the bottom, that leaves a gap above
+    header = f"P5 {free.shape[1]} {free.shape[0]} 255\n".encode()
+    (tmp_path / "maze.pgm").write_bytes(header + free.tobytes())
+    told = "image: maze.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+    (tmp_path / "maze.yaml").write_text(told + "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
+    scene = tmp_path / "scene.json"
+    scene.write_text(json.dumps({"start": [4, 1, 0], "goal": [6, 1, 0], "map": "maze.yaml"}))
+    own = own_scenario(str(scene))
+    way = shortest_way(own.scenario, 0.1)
+    assert way > 7.0 > 2.0  # over the wall's end, not through it
+    assert own.steps == math.ceil((3.0 * way / 0.25 + 20.0) / 0.05)
+    (tmp_path / "endless.json").write_text(json.dumps({"path": [[0, 0], [2, 0], [2, 2]], "closed": True, "laps": 0}))
+    endless = own_scenario(str(tmp_path / "endless.json"))
+    assert endless.scenario.laps == 0
+    assert endless.steps == math.ceil(((4.0 + math.sqrt(8.0)) / 0.25 + 20.0) / 0.05)
+
+
 def test_a_setting_travels_with_the_files_that_it_names(tmp_path: Path) -> None:
     engine: Any = type("Far", (), {"remote": True})()
     near: Any = type("Near", (), {"remote": False})()
