@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.crossed import LEAST
-from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, by_slowness, grouped, label, mean_speed
+from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, by_slowness, grouped, label, mean_speed, shown_speed
 from wayfield.benchmarks.matrix import ADDED, cost_difference, cost_unit, difference_cells, shown_as, success_difference
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
@@ -113,7 +113,7 @@ def claims_table(rows: Sequence[Row], command: str) -> Table:
         success = difference_cells(one.success, p_success, 100.0, 1)
         cost = difference_cells(one.cost, p_cost, *shown_as(one.contest))
         cost[0] = f"{cost[0]} {cost_unit(one.contest)}"
-        speeds = "" if one.contest.pace is None else " / ".join(f"{each:.2f}" for each in one.speeds)
+        speeds = "" if one.contest.pace is None else " / ".join(shown_speed(each, 2) for each in one.speeds)
         names = one.condition, label(one.agents), label(one.other), one.knows
         lines.append([*names, *success, one.of_success(p_success), *cost, one.of_cost(p_cost), speeds])
     note = (

@@ -135,6 +135,11 @@ def mean_speed(rows: Sequence[Row]) -> float:
     return float(values(won, "mean_speed").mean()) if won else math.nan
 
 
+def shown_speed(speed: float, decimals: int) -> str:
+    """Returns a mean speed (m/s) as it is shown: "-" where nobody has succeeded."""
+    return "-" if math.isnan(speed) else f"{speed:.{decimals}f}"
+
+
 def off_pace(rows: Sequence[Row], asked: float | None) -> bool:
     """Returns whether the mean speed is off the one that was asked for, m/s; None: none was."""
     if asked is None:

@@ -34,8 +34,10 @@ from wayfield.benchmarks.entries import (
     mean_speed,
     off_pace,
     reading,
+    scenario,
     seeds_told,
     short_cell,
+    shown_speed,
     success_cell,
     values,
 )
@@ -170,7 +172,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
     contest = standings.contest
     rows = next(iter(standings.entries.values()))
     everyone = [row for mine in standings.entries.values() for row in mine]
-    count = len(rows)
+    count = len(set(map(scenario, rows)))  # agents have a run each
     met = "scenarios from the user's files" if standings.own else "test scenarios"
     if standings.public:
         met = "scenarios of the public benchmark, on which nothing was trained or tuned"
@@ -234,7 +236,7 @@ def published_table(standings: Standings) -> Table:
     column = contest.columns[0]
     header = ["year", "entry", "score", "source"]
     lines = [[each.year, each.entry, each.score, each.source] for each in contest.published]
-    ours = f"this run, {len(next(iter(standings.entries.values())))} scenarios"
+    ours = f"this run, {len(set(map(scenario, next(iter(standings.entries.values())))))} scenarios"
     for entry, rows in ranked(standings).items():
         lines.append(["", label(entry), f"{cell(column, rows, contest)} {column.header.partition(' ')[2]}", ours])
     note = (
@@ -335,7 +337,7 @@ def _point_cell(point: Point, decimals: int) -> str:
     text = f"{point.error:.{decimals}f}"
     if not np.isnan(point.low):
         text += f" [{point.low:.{decimals}f}, {point.high:.{decimals}f}]"
-    return f"{text} | {point.pace:.2f}{OFF_PACE * point.off_pace}"
+    return f"{text} | {shown_speed(point.pace, 2)}{OFF_PACE * point.off_pace}"
 
 
 def ladder_table(contest: Contest, title: str, rows: Sequence[Row], command: str) -> Table:

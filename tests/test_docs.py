@@ -188,7 +188,14 @@ def kept_sections() -> list[sections.Section]:
     return [section for section in sections.SECTIONS if section.of_contest and section.name in there]
 
 
-@pytest.mark.parametrize("section", kept_sections(), ids=lambda section: section.name)
+# Tables of a hundred scenarios a family take as long as all others, and are made in the same way.
+KEPT = [
+    pytest.param(each, id=each.name, marks=pytest.mark.slow if each.within == "claims/" else ())
+    for each in kept_sections()
+]
+
+
+@pytest.mark.parametrize("section", KEPT)
 def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> None:
     rows = read_packed(ROOT / sections.ROWS / f"{section.name}{SUFFIX}")
     made = {kept.name: made for kept, made in page.Kept(ROOT).sections()}[section.name]

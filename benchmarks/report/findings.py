@@ -19,6 +19,7 @@ from wayfield.benchmarks.entries import (
     mean_speed,
     off_pace,
     seeds_told,
+    shown_speed,
     success_interval,
     values,
 )
@@ -173,7 +174,8 @@ def _small(
             verdict = "off speed"
         shares, of_cost = _with_ends(each.success, 100.0, 1), _with_ends(each.cost, 1.0, decimals)
         score = [_with_ends(each.score, 1.0, 3)] if column else []
-        lines.append([label(each.entry), *score, shares, of_cost, f"{each.speed:.2f}" + OFF_PACE * each.away, verdict])
+        speed = shown_speed(each.speed, 2) + OFF_PACE * each.away
+        lines.append([label(each.entry), *score, shares, of_cost, speed, verdict])
     name = cost.name if by_cost else f"imputed {cost.name}"
     by = column.header if column else cost.name if by_cost else "success"
     header = ["policy", *([by] if column else []), "success (%)", f"{name} ({cost.unit})", "speed (m/s)", "verdict"]
@@ -262,15 +264,16 @@ def _heat(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> C
 
 
 def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
-    """Returns the speed-accuracy front from the rows of its split."""
+    """Returns the speed-accuracy front from the rows of its split; where no run succeeds there is no mean speed."""
     series = []
     for entry, mine in by_entry(rows).items():
         points = [
             {"x": point.pace, "y": point.error, "low": point.error if math.isnan(point.low) else point.low,
              "high": point.error if math.isnan(point.high) else point.high, "lost": point.lost, "asked": point.asked}
-            for point in front_points(contest, mine)
+            for point in front_points(contest, mine) if not math.isnan(point.pace)
         ]  # fmt: skip
-        series.append({"label": label(entry), "points": points})
+        if points:
+            series.append({"label": label(entry), "points": points})
     cost = contest.spec.cost
     return {
         "kind": "front",

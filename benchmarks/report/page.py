@@ -106,8 +106,9 @@ def _gather_contests(rows: Sequence[Row], content: Content) -> None:
             else:
                 swept = [row for row in mine if row["split"] == "front"]
                 finding = found(contest, robot, [row for row in mine if row["split"] in COMPARED])
-                if swept:
-                    content.charts.append(front_chart(contest, robot, swept))
+                front = front_chart(contest, robot, swept)
+                if front["series"]:
+                    content.charts.append(front)
             _add(finding, content)
 
 
