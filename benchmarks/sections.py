@@ -1,7 +1,7 @@
 """The sections of the page of results: the run behind each, and what is shown of it."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.coverage import COVERAGE, SUITE
@@ -10,6 +10,8 @@ from wayfield.benchmarks.learners import SUITE as LEARNED
 from wayfield.benchmarks.results import TABLE
 from wayfield.benchmarks.transfer import SUITE as TRANSFERRED
 from wayfield.benchmarks.transfer import TRANSFER
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies.learned.ppo import shipped
 
 KEPT = "docs/results"  # folder of the tables and of what made them
 ROWS = f"{KEPT}/rows"  # of the episodes behind them, packed
@@ -111,20 +113,21 @@ def _claims(contest: Contest) -> Section:
     )
 
 
-def _others() -> tuple[Section, ...]:
-    """Returns a section for each contest that none above is about."""
+def _others() -> Iterator[Section]:
+    """Yields a section for each contest that none above is about, with every robot that agents of it ship for."""
     there = {section.command.split()[-1] for section in _MAIN}
-    return tuple(
-        Section(
-            contest.name,
-            contest.spec.title,
-            f"python evaluate.py --suite {contest.name}",
-            {f"{contest.stem}_p3dx.csv": "Standings", f"{contest.stem}_p3dx_told.csv": "What each has"},
-            "Simulation only.",
-        )
-        for contest in CONTESTS.values()
-        if contest.name not in there
-    )
+    for contest in CONTESTS.values():
+        if contest.name in there:
+            continue
+        for robot in (name for name in ROBOTS if shipped(contest.spec.name, name)):
+            default = robot == "p3dx"
+            yield Section(
+                contest.name if default else f"{contest.name}-{robot}",
+                contest.spec.title if default else f"{contest.spec.title}, {robot}",
+                f"python evaluate.py --suite {contest.name}" + ("" if default else f" --robot {robot}"),
+                {f"{contest.stem}_{robot}.csv": "Standings", f"{contest.stem}_{robot}_told.csv": "What each has"},
+                "Simulation only.",
+            )
 
 
 SECTIONS = (
