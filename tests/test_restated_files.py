@@ -1,16 +1,23 @@
 """Files of the user's at the edge of what they may hold, and what stands in worlds, maps and tables."""
 
 import cmath
+import hashlib
+import importlib
 import math
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from wayfield.envs import identity
+from wayfield.envs.grids import check_size
 from wayfield.envs.scenarios import maps
 from wayfield.envs.scenarios.barn import read_world, way_length
+from wayfield.envs.scenarios.mrpb import COLUMNS, read_cases
 from wayfield.envs.scenarios.tables import path_from_table
+from wayfield.envs.storage import write_whole
 
 ROOM = "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n....\n"
 
@@ -253,3 +260,63 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
     assert path_from_table(str(file)).points.tolist() == [[1e6, 0.0], [0.0, -1e6]]
     with pytest.raises(ValueError, match=r"table\.csv:1: "):
         path_from_table(str(file), 1.0000001)
+
+
+def test_what_a_model_includes_is_refused_however_deep_it_stands(tmp_path: Path) -> None:
+    file = tmp_path / "world_0.world"
+    post = "<link><collision><geometry><cylinder><radius>0.2</radius></cylinder></geometry></collision></link>"
+    for uri, good in (("model://sun", True), ("model://ground_plane", True), ("model://table", False)):
+        include = f"<include><uri>{uri}</uri></include>"
+        for world in (f"{include}<model>{post}</model>", f"<model>{include}{post}</model>",
+                      f"<model><model>{include}</model>{post}</model>"):  # fmt: skip
+            file.write_text(f"<sdf><world>{world}</world></sdf>")
+            if good:
+                assert len(read_world(file)) == 1
+            else:
+                with pytest.raises(ValueError, match="includes 'model://table', which is not in the file"):
+                    read_world(file)
+
+
+def test_cases_of_mrpb_may_have_empty_lines_between_them(tmp_path: Path) -> None:
+    file = tmp_path / "cases.csv"
+    rows = ["1,2,0.5,3,4,-0.5", "", "0,0,0,1,1,1", ""]
+    file.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n")
+    assert read_cases(file) == [(1.0, 2.0, 0.5, 3.0, 4.0, -0.5), (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)]
+    file.write_text("\n".join([",".join(COLUMNS), *rows, "1,2,3"]) + "\n")
+    with pytest.raises(ValueError, match=r"cases\.csv:6: has 3 cells; a case has 6"):
+        read_cases(file)
+
+
+def test_a_file_that_is_written_whole_may_be_read_by_whom_the_mask_lets(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        for mask in (0o027, 0o000, 0o077):
+            os.umask(mask)
+            write_whole(tmp_path / "ours", b"1")
+            (tmp_path / "theirs").write_bytes(b"1")
+            assert (tmp_path / "ours").stat().st_mode == (tmp_path / "theirs").stat().st_mode
+            (tmp_path / "theirs").unlink()
+    finally:
+        os.umask(before)
+
+
+def test_the_code_is_known_by_all_that_makes_results() -> None:
+    """Sources, data and agents of the rooms, but for what shows results."""
+    digest = hashlib.sha256()
+    for room in identity.ROOMS:
+        for file in sorted(Path(importlib.import_module(f"wayfield.{room}").__path__[0]).rglob("*")):
+            made = file.suffix in (".py", ".json", ".safetensors")
+            if made and file.parent.name not in ("report", "page") and file.name not in identity._SHOW_ONLY:
+                digest.update(file.read_bytes())
+    assert identity.source_digest() == digest.hexdigest()
+
+
+def test_a_map_has_as_many_cells_as_it_may() -> None:
+    for rows, columns in ((1, 1), (1, 16_383), (16_383, 4096), (8192, 8192)):
+        check_size("map", rows, columns)
+    for rows, columns in ((1, 16_384), (16_384, 1), (8192, 8193), (16_383, 4097)):
+        with pytest.raises(ValueError, match=r"at most 16,383 on a side and 67,108,864 in all"):
+            check_size("map", rows, columns)
+    for rows, columns in ((0, 1), (1, 0)):
+        with pytest.raises(ValueError, match="there must be at least one"):
+            check_size("map", rows, columns)

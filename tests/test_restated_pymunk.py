@@ -1,7 +1,9 @@
 """The pymunk plant stated once more: wheels that grip or slip, how the body goes then, and what a space holds."""
 
 import cmath
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -13,8 +15,10 @@ from test_restated_steps import DT, GOAL, PATH, Bank, Goals, Paths, Robot, compa
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import pymunk_plant
 from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.hulls import clearance_of, way_out
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
+from wayfield.envs.stepping import Robots
 
 H = DT / 5.0  # s, a sub-step
 GRAVITY = 9.81
@@ -230,3 +234,71 @@ def test_a_pushed_disc_slides_as_far_as_friction_lets_it_and_a_spinning_one_stop
     world.step(0.01, 0, hulls, bodies, np.zeros((1, 1), OBSTACLE))
     # m g mu 2/3 r over m r^2 / 2
     assert 3.0 - bodies["yaw_rate"][0, 0] == pytest.approx(0.01 * 0.4 * GRAVITY * (2.0 / 3.0) / (0.5 * 0.3), rel=1e-6)
+
+
+# What is near is looked at in time, wherever it stands and however the robot is turned.
+
+
+def arena(tmp_path: Path, robot: str, *obstacles: dict[str, Any]) -> Any:
+    file = tmp_path / "arena.json"
+    file.write_text(json.dumps({"goal": [90.0, 90.0, 0.0], "start": [30.0, 30.0, 0.0], "obstacles": obstacles}))
+    env_id = GOAL.format("Omni" if ROBOTS[robot].holonomic else "DiffDrive")
+    env: Any = gymnasium.make(
+        env_id, robot=robot, scenario=str(file), dynamics="pymunk", end_on_contact=False, num_beams=0
+    )
+    env.reset(seed=0)
+    return env.unwrapped
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_wall_is_met_where_coordinates_are_zero(tmp_path: Path, axis: int) -> None:
+    robot = ROBOTS["omni4"]
+    edge = robot.hull_radius + 0.001
+    ends = (-9.0, edge, 9.0, edge) if axis else (edge, -9.0, edge, 9.0)
+    env = arena(tmp_path, "omni4", {"kind": "wall", **dict(zip(("x1", "y1", "x2", "y2"), ends, strict=True))})
+    state = env.batch.states[0]
+    for k in range(24):
+        env.reset(seed=0)
+        state["x"], state["y"], state["heading"] = 0.0, 0.0, 0.0
+        state["xy"[axis]] = -0.15 - 0.0005 * k
+        state["clearance"] = edge - state["xy"[axis]] - robot.hull_radius
+        for name in ("vx", "vy")[axis], ("wheel_vx", "wheel_vy")[axis], ("command_vx", "command_vy")[axis]:
+            state[name] = 0.5
+        for _ in range(10):
+            env.step(np.array([0.0, 0.5, 0.0] if axis else [0.5, 0.0, 0.0], np.float32))
+        assert -2e-5 < state["clearance"] < 1e-3
+        assert state["contact"]
+
+
+def test_a_side_that_turns_into_a_post_meets_it_where_the_heading_is_zero(tmp_path: Path) -> None:
+    _, width = ROBOTS["jackal"].hull_box or (0.0, 0.0)
+    # first touched at -0.003 rad, on the left, 0.23 m ahead of the middle
+    at = complex(0.23, 0.5 * width + 0.1) * cmath.rect(1.0, -0.003)
+    env = arena(tmp_path, "jackal", {"kind": "circle", "x": at.real, "y": at.imag, "radius": 0.1})
+    state, obstacles = env.batch.states[0], env.batch.obstacles[0]
+    for k in range(24):
+        env.reset(seed=0)
+        state["x"], state["y"], state["heading"] = 0.0, 0.0, -0.004 - 0.0015 * k
+        state["clearance"] = clearance_of(ROBOTS["jackal"], obstacles, 1, (0.0, 0.0, state["heading"]))
+        for name in ("yaw_rate", "wheel_yaw_rate", "command_yaw_rate"):
+            state[name] = 1.0
+        for _ in range(3):
+            env.step(np.array([0.0, 1.0], np.float32))
+            assert state["clearance"] > -2e-4
+        assert state["contact"]
+
+
+def test_the_way_out_of_a_slanted_side_is_square_to_it(tmp_path: Path) -> None:
+    env = arena(tmp_path, "jackal")
+    task, states = env.task, env.batch.states
+    length, _ = ROBOTS["jackal"].hull_box or (0.0, 0.0)
+    obstacles = np.zeros((1, 1), OBSTACLE)
+    robots = Robots(task.params, states, obstacles, env.batch.noise, task.patrols, task.grids)
+    states["field"] = 0
+    for turn in np.linspace(-3.0, 3.0, 13).tolist():
+        # a disc that is 1 mm within the front side: out is straight back, along the heading
+        ahead = 0.5 * length + 0.2 - 0.001
+        obstacles["x"], obstacles["y"] = ahead * math.cos(turn), ahead * math.sin(turn)
+        obstacles["cos"], obstacles["radius"] = 1.0, 0.2
+        found = way_out(task.params[0], robots, 0, states[0], 0, 0.0, 0.0, turn)
+        assert found == pytest.approx((-math.cos(turn), -math.sin(turn)), abs=1e-4)

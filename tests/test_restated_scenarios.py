@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import GoalScenario, PathScenario, field_scenarios, path_scenarios, splits, tracing
+from wayfield.envs.scenarios import GoalScenario, PathScenario, field_scenarios, path_scenarios, splits, tracing, ways
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import check_clear
 from wayfield.envs.specs import TASKS
@@ -79,12 +80,17 @@ def test_a_path_has_a_length_and_a_place() -> None:
 
 def test_a_start_and_its_scatter_are_within_the_corridor() -> None:
     # 0.5 m before the first point and 0.75 m beside it; 0.25 m beside the middle
-    for start, away in (((-0.5, 0.75, 9.0), math.hypot(0.5, 0.75)), ((1.25, -0.25, 0.0), 0.25), ((3.0, 0.0, 0.0), 1.0)):
-        kept = PathScenario("mine", LINE, start=start, start_offset=0.125, corridor=away + 0.125)
+    slant = Path([(0.0, 0.0), (3.0, 4.0), (3.0, 9.0)])
+    for path, start, away in (
+        (LINE, (-0.5, 0.75, 9.0), math.hypot(0.5, 0.75)), (LINE, (1.25, -0.25, 0.0), 0.25),
+        (LINE, (3.0, 0.0, 0.0), 1.0),
+        (slant, (1.5 - 0.8, 2.0 + 0.6, 0.0), 1.0), (slant, (3.5, 7.0, 0.0), 0.5), (slant, (-3.0, -4.0, 0.0), 5.0),
+    ):  # fmt: skip
+        kept = PathScenario("mine", path, start=start, start_offset=0.125, corridor=away + 0.12501)
         assert kept.start is not None
         assert math.remainder(kept.start[2] - start[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-12)
         with pytest.raises(ValueError, match=r"up to .* from the path"):
-            PathScenario("mine", LINE, start=start, start_offset=0.125, corridor=away + 0.1249)
+            PathScenario("mine", path, start=start, start_offset=0.125, corridor=away + 0.1249)
     larger = PathScenario("mine", LINE, start=(0.25, 0.5, 1.0), tier="easy", quantity=2.0, family="f").scaled(2.0)
     assert (larger.start, larger.path.length, larger.tier, larger.family) == ((0.5, 1.0, 1.0), 4.0, "", "f")
     assert math.isnan(larger.quantity)
@@ -346,6 +352,20 @@ def test_the_largest_robot_needs_room_at_both_ends_and_a_way_that_is_not_too_lon
     # round a wall: there and back
     for reach, good in ((9.0, True), (10.0, False)):
         assert goal(wall(2.5, -reach, 2.5, 12.0)) is good
+
+
+def test_a_way_on_a_map_is_as_long_as_it_is() -> None:
+    room = np.zeros((40, 60), np.bool_)
+    room[:30, 30] = True
+    grid = OccupancyGrid(room, 0.1, (0.0, 0.0, 0.0))
+    straight = GoalScenario("mine", (2.5, 1.0, 0.0), (0.5, 1.0, 0.0), grid=grid)
+    assert ways.way_length(straight, 0.2) == pytest.approx(2.0, rel=0.02)
+    # over the wall's end, round a quarter of a disc at either corner
+    over = GoalScenario("mine", (5.0, 1.0, 0.0), (1.0, 1.0, 0.0), grid=grid)
+    rise = math.hypot(2.0, 2.0)
+    assert 2.0 * rise < ways.way_length(over, 0.2) < 2.0 * (rise + 0.5)
+    assert ways.clear_radius(over) == pytest.approx(0.5, abs=0.03)
+    assert ways.way_length(over, 0.55) == math.inf
 
 
 # Curves.

@@ -75,6 +75,12 @@ def test_a_scene_without_obstacles_holds_start_goal_and_map(tmp_path: Path) -> N
     x, y = zip(*corners, strict=True)
     assert scene.bounds == pytest.approx((min(x) - hull, min(y) - hull, max(x) + hull, max(y) + hull))
     assert scene.grid is env.task.scenarios[0].grid
+    told_of = env.briefing("map").grids
+    frame = told_of.frames[0]
+    assert (frame["grid_x"], frame["grid_y"], frame["grid_cell"]) == (-0.5, -0.25, 0.2)
+    assert (frame["grid_rows"], frame["grid_columns"], frame["grid_closed"]) == (22, 32, 1)
+    assert told_of.cells is env.task.grids.cells
+    assert env.briefing("goal").grids is None
     assert scene.ranges is None
     bare = made(tmp_path, "GoalObstacles", "p3dx", {"goal": [3.0, 1.0, 0.0], "start": [1.0, 1.5, 0.0]}).scene()
     assert bare.bounds == pytest.approx((1.0 - 0.5, 1.0 - 0.5, 3.0 + 0.5, 1.5 + 0.5))
