@@ -19,7 +19,7 @@ from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import text
 from wayfield.benchmarks.contests import CONTESTS, Score
 from wayfield.benchmarks.contests.docking import direction_changes
-from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.metrics import measure, smoothness
 from wayfield.benchmarks.own_scenario import POLICIES, own_cases, own_scenario, without_way
 from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.parts import badness, slim
@@ -101,6 +101,13 @@ def test_episodes_are_noted_in_the_order_of_their_settings() -> None:
         (f"{k:05d}", "abc"[k // 2], str(k % 2)) for k in range(6)
     ]
     assert [len(trajectories[row["trajectory"]].times) for row in rows] == [2, 3, 2, 3, 2, 3]
+
+
+def test_three_states_have_no_smoothness() -> None:
+    assert smoothness(driven(3)) == {}
+    assert set(smoothness(driven(4))) == {"velocity_smoothness", "ldlj", "squared_jerk"}
+    still = dataclasses.replace(driven(9), twists=np.zeros((9, 3)))
+    assert smoothness(still) == {"squared_jerk": 0.0, "velocity_smoothness": 0.0}
 
 
 def test_what_compiles_comes_first() -> None:
