@@ -239,7 +239,8 @@ def test_seeds_of_families_are_apart_and_fit_thirty_one_bits() -> None:
     ("given", "value", "said"),
     [
         ({}, 1.5, ""), ({}, -3, ""), ({}, np.float32(2.0), ""), ({}, math.inf, "a finite number"),
-        ({}, "1", "a finite number"), ({}, math.nan, "a finite number"), ({}, True, "a finite number"), ({}, 10**400, "a finite number"),
+        ({}, "1", "a finite number"), ({}, math.nan, "a finite number"), ({}, True, "a finite number"),
+        ({}, 10**400, "a finite number"),
         ({"above": 0.0}, 0.0, "a finite number > 0"), ({"above": 0.0}, 1e-9, ""),
         ({"least": 0.0}, -1e-9, "a finite number >= 0"), ({"least": 0.0}, 0.0, ""),
         ({"least": 0.0, "most": 1.0}, 1.0, ""), ({"least": 0.0, "most": 1.0}, 1.01, "at most 1 in size"),
