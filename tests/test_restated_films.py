@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image
 
 from wayfield.benchmarks import video
@@ -103,3 +104,35 @@ def test_a_long_way_is_shown_by_forty_robots(frames: list[Any]) -> None:
 def test_a_film_of_no_time_has_a_step(frames: list[Any]) -> None:
     assert len(filmed(drive_of("zero"), None, 1e-3)) == 2
     assert frames == []
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (["film.gif"], (640, 1.0, 3600.0)),
+        (["film.png"], (1000, 1.0, 3600.0)),
+        (["film.png", "--size", "300", "--pace", "2.5", "--seconds", "0.5"], (300, 2.5, 0.5)),
+    ],
+)
+def test_what_is_asked_for_is_filmed(
+    words: list[str], wanted: tuple[int, float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+    film = filmed(drive_of("zero"), None, 0.05)
+
+    def noted(drive: Drive, ghost: Drive | None, seconds: float) -> Any:
+        asked.append((type(drive.pilot.policy).__name__, ghost and type(ghost.pilot.policy).__name__, seconds))
+        return film
+
+    monkeypatch.setattr(video, "filmed", noted)
+    monkeypatch.setattr(video, "write_film", lambda *given: asked.append(given))
+    name, *more = words
+    place = ["DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--ghost", "stanley"]
+    done = CliRunner().invoke(video.main, [*place, "--out", str(tmp_path / name), *more])
+    assert done.exit_code == 0, done.output
+    size, pace, seconds = wanted
+    assert asked == [("PurePursuit", "Stanley", seconds), (film, tmp_path / name, size, pace)]
+    alone = CliRunner().invoke(video.main, [*place[:-2], "--out", str(tmp_path / name)])
+    assert alone.exit_code == 0, alone.output
+    assert asked[2][1] is None
+    assert "stanley" not in alone.output
