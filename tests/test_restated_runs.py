@@ -579,6 +579,11 @@ def test_what_a_policy_of_ones_own_is_called_and_has(tmp_path: Path) -> None:
     model.write_bytes(b"")
     for named in (str(model), f"PPO:{model}"):
         assert own_policies.source_and_gains(named) == (named, {})
+    folder = tmp_path / "an agent"  # of what is no model, words are words, whatever there is
+    folder.write_bytes(b"")
+    assert own_policies.source_and_gains(f'"{folder}"')[0] == str(folder)
+    with pytest.raises(ValueError, match="agent"):
+        own_policies.source_and_gains(str(folder))
     assert own_policies.source_and_gains("m:C k=2 b=true name=x y=2.5") == (
         "m:C", {"k": 2, "b": True, "name": "x", "y": 2.5},
     )  # fmt: skip
