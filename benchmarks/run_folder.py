@@ -186,7 +186,8 @@ def _publish(stage: Path, out: Path, run: Run) -> None:
     for name in known.keys() - staged.keys():
         if _present(out / name) in known[name]:
             (out / name).unlink()
-    sync_folder(out)
+    for folder in {out, *((out / name).parent for name in staged)}:
+        sync_folder(folder)
     _write_json(out / MANIFEST, manifest | {"replaced": {}})
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import math
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -265,6 +266,25 @@ def test_agents_are_found_by_their_seeds(tmp_path: Path) -> None:
         shipped_agent("docking", "omni3", 0)
     assert shipped_agent("docking", "p3dx", 1, 0.3).speed == 0.3
     assert shipped_agent("docking", "p3dx", 1).speed == load_agent(home / "seed_1").card["speed"]
+
+
+def test_an_agent_of_ones_own_drives_and_not_the_one_that_ships(tmp_path: Path, told: Any) -> None:
+    home = Path(wayfield.__file__).parent / "policies" / "agents" / "path_following_p3dx"
+    for seed, of in ((0, 1), (3, 0)):  # seed 0 here is another one there
+        shutil.copytree(home / f"seed_{of}", tmp_path / f"seed_{seed}" / "best")
+    for seed, of in ((0, 1), (3, 0)):
+        mine: Any = policies.make("ppo", seed=seed, home=str(tmp_path))
+        assert mine.agent(told).card["sha256"] == load_agent(home / f"seed_{of}").card["sha256"]
+        assert mine.knows == "sensors"
+    slow: Any = policies.make("ppo", seed=3, home=str(tmp_path), speed=0.4)
+    assert slow.agent(told).speed == 0.4
+    ships: Any = policies.make("ppo", seed=0, speed=0.4)
+    assert ships.agent(told).card["sha256"] == load_agent(home / "seed_0").card["sha256"]
+    with pytest.raises(ValueError, match="holds agents for path_following, not for goal_reaching"):
+        slow.agent(briefing_of(GOAL))
+    lost: Any = policies.make("ppo", seed=1, home=str(tmp_path))
+    with pytest.raises(ValueError, match=r"no agent of seed 1 is in .*; there are seeds 0, 3"):
+        lost.agent(told)
 
 
 def test_the_nearest_number_of_eight_bits() -> None:

@@ -14,14 +14,14 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import NullFormatter
 from test_restated_tables import FRONT, costs_of, groups, is_off, named, number, rows_of, speed_of, table_of
 
-from wayfield.benchmarks import contest_figures, document_figures
+from wayfield.benchmarks import contest_figures, document_figures, pictures
 from wayfield.benchmarks.aggregates import interval, iqm
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.drawing import colour, look, obstacle_patches, plt, wall_lines
 from wayfield.benchmarks.report.drives import drive_of, packed, read_drives, write_drives
 from wayfield.benchmarks.results import write_trajectories
 from wayfield.benchmarks.trajectory import Trajectory
-from wayfield.envs.scenarios import box, circle, obstacle_field, wall
+from wayfield.envs.scenarios import TASKS, box, circle, obstacle_field, wall
 
 NOWHERE = Path("nowhere")
 
@@ -347,3 +347,60 @@ def test_a_drive_is_whole_millimetres_and_comes_back(path: bool, tmp_path: Path)
     write_drives(tmp_path, {})
     assert read_drives(tmp_path) == {}
     assert statistics.fmean(drive[:1, 0]) == round(1000.0 * float(trajectory.poses[0, 0]))
+
+
+def arrows(axis: Any) -> list[tuple[complex, complex]]:
+    """Returns from where to where the arrows of an axis lead."""
+    return [(complex(*each.xyann), complex(*each.xy)) for each in axis.texts if hasattr(each, "xyann")]
+
+
+def test_a_picture_of_a_family_shows_its_path_or_its_field() -> None:
+    for family in ("circuits", "splines"):
+        scenario = pictures.example(TASKS["path_following"], family)
+        _, axis = plt.subplots()
+        pictures._path(axis, scenario)
+        points = scenario.path.points
+        shown = np.vstack([points, points[:1]]) if scenario.path.closed else points
+        np.testing.assert_array_equal(curve(axis, 0), shown.T)
+        np.testing.assert_array_equal(curve(axis, 1)[:, 0], points[0])
+        ((tail, tip),) = arrows(axis)
+        first, second = complex(*points[0]), complex(*points[1])
+        span = max(float(points[:, k].max() - points[:, k].min()) for k in (0, 1))
+        assert tail == first
+        assert tip - tail == pytest.approx(0.14 * span * (second - first) / abs(second - first))
+        bar = curve(axis, 2)
+        assert bar[0] == pytest.approx([points[:, 0].min(), points[:, 0].min() + 1.0])
+        assert bar[1, 0] == bar[1, 1] < points[:, 1].min()
+    for family in ("moving_crowd", "rooms"):
+        scenario = pictures.example(TASKS["goal_reaching"], family)
+        _, axis = plt.subplots()
+        pictures._field(axis, scenario)
+        moving = [each for each in scenario.patrols if each["leg_time"] > 0.0]
+        for k, each in enumerate(moving):
+            here, way = complex(each["x"], each["y"]), each["leg_time"] * complex(each["vx"], each["vy"])
+            ends = curve(axis, k)
+            assert [complex(*end) for end in ends.T] == pytest.approx([here, here + way])
+        start, goal = (complex(*pose[:2]) for pose in (scenario.start, scenario.goal))
+        straight = curve(axis, len(moving))
+        assert [complex(*end) for end in straight.T] == pytest.approx([start, goal])
+        assert complex(*curve(axis, len(moving) + 1)[:, 0]) == goal
+        ring = axis.patches[-1]
+        assert (complex(*ring.center), ring.radius) == (start, 0.3)
+        found = arrows(axis)
+        poses = [scenario.start, *([scenario.goal] if scenario.heading_tolerance < math.pi else [])]
+        for (tail, tip), (x, y, heading) in zip(found, poses, strict=True):
+            assert tail == complex(x, y)
+            assert tip - tail == pytest.approx(0.48 * np.exp(1j * heading))
+        assert len(axis.patches) == len(scenario.obstacles) + 1
+
+
+def test_a_sheet_has_a_place_for_every_family() -> None:
+    spec = TASKS["docking"]
+    figure = pictures.sheet(spec)
+    titles = [axis.get_title() for axis in figure.axes]
+    assert titles[: len(spec.families)] == [*spec.families]
+    assert set(titles[len(spec.families) :]) <= {""}
+    assert len(titles) % 5 == 0
+    assert not any(axis.axison for axis in figure.axes)
+    assert pictures.digest(spec) != pictures.digest(TASKS["goal_reaching"])
+    assert pictures.stem_of("wayfield/OmniDocking-v0") == "OmniDocking"

@@ -14,18 +14,20 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from wayfield.benchmarks import decisions, parts, suite, transfer
+from wayfield.benchmarks import decisions, own_policies, parts, suite, transfer
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import text
+from wayfield.benchmarks.comparison import compare
 from wayfield.benchmarks.contests import CONTESTS, Score
 from wayfield.benchmarks.contests.docking import direction_changes
-from wayfield.benchmarks.metrics import measure
+from wayfield.benchmarks.metrics import measure, smoothness
 from wayfield.benchmarks.own_scenario import POLICIES, own_cases, own_scenario, without_way
 from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.parts import badness, slim
 from wayfield.benchmarks.recorder import Episode, Start, record, robots_for
 from wayfield.benchmarks.report.drives import write_drives
 from wayfield.benchmarks.report.worlds import keys_of, plain, read_worlds, worlds_of, write_worlds
+from wayfield.benchmarks.rollout import roll_out
 from wayfield.benchmarks.run_folder import default_folder
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.suite import Setting, heads_first
@@ -34,6 +36,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle, obstacle_field, splits
 from wayfield.policies import make
 from wayfield.policies.learned.ppo import trained
+from wayfield.policies.training.shaping import Shaped
 
 PATH, GOAL, DOCK = (f"wayfield/DiffDrive{name}-v0" for name in ("PathFollowing", "GoalObstacles", "Docking"))
 NAN = math.nan
@@ -101,6 +104,13 @@ def test_episodes_are_noted_in_the_order_of_their_settings() -> None:
         (f"{k:05d}", "abc"[k // 2], str(k % 2)) for k in range(6)
     ]
     assert [len(trajectories[row["trajectory"]].times) for row in rows] == [2, 3, 2, 3, 2, 3]
+
+
+def test_three_states_have_no_smoothness() -> None:
+    assert smoothness(driven(3)) == {}
+    assert set(smoothness(driven(4))) == {"velocity_smoothness", "ldlj", "squared_jerk"}
+    still = dataclasses.replace(driven(9), twists=np.zeros((9, 3)))
+    assert smoothness(still) == {"squared_jerk": 0.0, "velocity_smoothness": 0.0}
 
 
 def test_what_compiles_comes_first() -> None:
@@ -495,3 +505,113 @@ def test_a_setting_travels_with_the_files_that_it_names(tmp_path: Path) -> None:
     assert of_agent[3] == {4: sorted([b"card 4", bytes([4])])}
     assert of_agent[0].gains["home"] != str(home)
     assert of_bank[:2] == (bank.case, None)
+
+
+def test_a_timing_is_the_median_and_the_ninety_ninth_of_a_hundred(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Driver:
+        def __init__(self, case: Case, batch: int) -> None:
+            self.case, self.batch = case, batch
+            self.times: list[float] = []
+
+        def drive(self, steps: int) -> None:
+            assert steps == {1: 200, 256: 20, 3: 50}[self.batch]
+            self.times += [1e-3 * self.batch * (len(self.times) + k) for k in range(steps)]
+
+    monkeypatch.setattr(decisions, "_Driver", Driver)
+    cases = [Case("d", "e", PATH, "x", policy) for policy in ("a", "b")]
+    found = decisions.measured(cases, (1, 3, 256), 3)
+    assert [(each.case.policy, each.batch) for each in found] == [(p, b) for p in "ab" for b in (1, 3, 256)]
+    for each in found:
+        count = 3 * {1: 200, 256: 20, 3: 50}[each.batch]
+        assert each.median_ms == pytest.approx(each.batch * (count - 1) / 2.0)
+        assert each.p99_ms == pytest.approx(each.batch * 0.99 * (count - 1))
+
+
+@pytest.mark.parametrize(("scenario", "closed"), [("circuits/test", True), ("splines/test", False)])
+def test_a_driven_path_is_told_with_what_belongs_to_it(scenario: str, closed: bool) -> None:
+    case = Case(
+        "path-following", "x", PATH, scenario, "pure_pursuit", max_episode_steps=30, every_scenario=True, split="t"
+    )
+    first, second = roll_out(case, actuators="lagged", seed=3, episodes=2)
+    bank = splits.split("path_following", *scenario.split("/"))
+    for trajectory, told in zip((first, second), bank, strict=False):
+        path = told.path
+        assert path.closed == closed
+        assert trajectory.lap_length == pytest.approx(path.length if closed else 0.0)
+        laps = max(told.laps, 1)
+        assert trajectory.completion == pytest.approx(trajectory.arc_lengths.max() / (path.length * laps))
+        points = np.vstack([path.points, path.points[:1]]) if closed else path.points
+        np.testing.assert_allclose(trajectory.path, points, atol=1e-9)
+        assert len(trajectory.times) == len(trajectory.poses) == 31
+        assert trajectory.times.tolist() == pytest.approx([0.05 * k for k in range(31)])
+        assert not trajectory.success
+        if told.laps:
+            assert trajectory.goals[0, :2] == pytest.approx(points[-1])
+            way = points[-1] - points[-2]
+            assert trajectory.goals[0, 2] == pytest.approx(math.atan2(way[1], way[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"seed": -1}, "seed"), ({"seed": 2**31}, "seed"), ({"workers": 0}, "workers"), ({"gains": "bst"}, "best"),
+     ({"actuators": "lagy"}, "actuators"), ({"dynamics": "coppelia"}, "dynamics")],
+)  # fmt: skip
+def test_compare_refuses_what_it_cannot_do(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        compare(["pure_pursuit"], **{"contest": "path-following", **options})
+
+
+def test_what_a_policy_of_ones_own_is_called_and_has(tmp_path: Path) -> None:
+    @dataclasses.dataclass
+    class Mine:
+        k: float = 1.0
+        name: str = "x"
+        whole: int = 3
+        more: tuple[int, ...] = ()
+
+    assert own_policies.OwnObject(Mine(k=2.0, more=(1,)), 1).gains == {"k": 2.0}
+    assert own_policies.OwnObject(Mine(name="y", whole=4), 2).gains == {"name": "y", "whole": 4}
+    assert own_policies.OwnObject(object(), 1).gains == {}
+    model = tmp_path / "my model.zip"
+    assert own_policies.source_and_gains(f'"{model}" k=2')[0] == str(model)
+    with pytest.raises(ValueError, match="model"):
+        own_policies.source_and_gains(str(model))  # two words, where there is no such file
+    model.write_bytes(b"")
+    for named in (str(model), f"PPO:{model}"):
+        assert own_policies.source_and_gains(named) == (named, {})
+    folder = tmp_path / "an agent"  # of what is no model, words are words, whatever there is
+    folder.write_bytes(b"")
+    assert own_policies.source_and_gains(f'"{folder}"')[0] == str(folder)
+    with pytest.raises(ValueError, match="agent"):
+        own_policies.source_and_gains(str(folder))
+    assert own_policies.source_and_gains("m:C k=2 b=true name=x y=2.5") == (
+        "m:C", {"k": 2, "b": True, "name": "x", "y": 2.5},
+    )  # fmt: skip
+
+
+def test_spaces_are_alike_to_a_rounding() -> None:
+    box_of = gymnasium.spaces.Box
+    space = box_of(-np.float32([1.0, 2.0]), np.float32([1.0, 2.0]))
+    for low, high, alike in (
+        (-1.0, 1.0, True), (-1.000005, 1.0, True), (-1.0, 1.000005, True), (-1.0001, 1.0, False), (-1.0, 1.0001, False),
+    ):  # fmt: skip
+        other = box_of(np.float32([low, -2.0]), np.float32([high, 2.0]))
+        assert own_policies._alike(other, space) == alike
+    assert not own_policies._alike(box_of(-1.0, 1.0, (2, 1)), space)
+    assert not own_policies._alike(gymnasium.spaces.Discrete(2), space)
+
+
+def test_whose_episode_has_ended_begins_anew() -> None:
+    told: list[tuple[str, list[int]]] = []
+
+    class Asked:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def reset(self, rows: Any) -> None:
+            told.append((self.name, rows.tolist()))
+
+    worlds: Any = type("Worlds", (), {"worlds": type("Parts", (), {"rows": [slice(0, 3), slice(3, 5), slice(5, 9)]})})
+    ended = np.array([False, True, True, False, False, True, False, False, True])
+    Shaped.tell(worlds, [Asked("a"), Asked("b"), Asked("c")], ended)  # type: ignore[list-item]
+    assert told == [("a", [1, 2]), ("c", [0, 3])]

@@ -18,7 +18,7 @@ from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, GAINS, PAPER, C
 from wayfield.benchmarks.parts import described, in_frames
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
-from wayfield.policies.policy import lacks
+from wayfield.policies.policy import check_gain, check_robot, lacks
 
 HOME = Path(wayfield.__file__).parent / "policies"
 PLAIN = [name for name, contest in CONTESTS.items()]
@@ -233,3 +233,40 @@ def test_seeds_of_families_are_apart_and_fit_thirty_one_bits() -> None:
         assert seed_of(seed, split, family) == first_seed(seed, split, family) < 2**31
     assert len({seed_of(*each) for each in itertools.product((0, 7), ("test", "claims"), ("a", "b"))}) == 8
     assert math.isfinite(seed_of(2**31 - 1, "test", ""))
+
+
+@pytest.mark.parametrize(
+    ("given", "value", "said"),
+    [
+        ({}, 1.5, ""), ({}, -3, ""), ({}, np.float32(2.0), ""), ({}, math.inf, "a finite number"),
+        ({}, "1", "a finite number"), ({}, math.nan, "a finite number"), ({}, True, "a finite number"),
+        ({}, 10**400, "a finite number"),
+        ({"above": 0.0}, 0.0, "a finite number > 0"), ({"above": 0.0}, 1e-9, ""),
+        ({"least": 0.0}, -1e-9, "a finite number >= 0"), ({"least": 0.0}, 0.0, ""),
+        ({"least": 0.0, "most": 1.0}, 1.0, ""), ({"least": 0.0, "most": 1.0}, 1.01, "at most 1 in size"),
+        ({"most": 2.0}, -2.01, "at most 2 in size"), ({"finite": False}, math.inf, ""),
+        ({"finite": False, "above": 1.0}, math.inf, ""), ({"finite": False, "above": 1.0}, 1.0, "a number > 1"),
+        ({"finite": False}, 10**400, "a number"), ({}, 1e300, "in size"),
+    ],
+)  # fmt: skip
+def test_a_gain_outside_of_its_range_is_told_the_range(given: dict[str, Any], value: Any, said: str) -> None:
+    holder = type("Law", (), {"k": value})()
+    if not said:
+        check_gain(holder, "k", **given)
+        return
+    with pytest.raises(ValueError, match="Law: k") as refused:
+        check_gain(holder, "k", **given)
+    assert said in str(refused.value)
+    assert ("> " in said) == ("> " in str(refused.value))
+
+
+def test_who_needs_what_a_robot_cannot_do_is_left_out() -> None:
+    law = policies.make("waypoint")
+    for robot in ROBOTS.values():
+        assert lacks(law, robot) == [need for need in law.needs if not getattr(robot, need)]  # type: ignore[attr-defined]
+        if not lacks(law, robot):
+            check_robot(law, robot)
+            continue
+        able = ", ".join(name for name, each in ROBOTS.items() if each.holonomic)
+        with pytest.raises(ValueError, match=rf"Waypoint drives holonomic robots only \({able}\), not '{robot.name}'"):
+            check_robot(law, robot)

@@ -98,7 +98,7 @@ def descend(optimizer: Any, loss: Any) -> None:
     optimizer.step()
 
 
-def taught(net: Net, frames: int, rate: float, kept: int) -> tuple[list[Any], list[int]]:
+def taught(net: Net, frames: int, rate: float, kept: int, batch: int) -> tuple[list[Any], list[int]]:
     """Teaches a network by the words of `teach`; returns what was driven, and the frames after each chunk."""
     worlds, generator, told, driven = Worlds(), np.random.default_rng(11), [], []
     cloned = round(0.8 * frames)
@@ -123,13 +123,17 @@ def taught(net: Net, frames: int, rate: float, kept: int) -> tuple[list[Any], li
         if lessons is None:
             x_all, y_all = (torch.from_numpy(np.concatenate(each)) for each in (xs, ys))
             for _ in range(2):
-                rows = torch.from_numpy(generator.permutation(8 * ROBOTS))
-                descend(adam, ((net.get_distribution(x_all[rows]).mode() - y_all[rows]) ** 2).mean())
+                order = torch.from_numpy(generator.permutation(8 * ROBOTS))
+                for first in range(0, 8 * ROBOTS, batch):
+                    rows = order[first : first + batch]
+                    descend(adam, ((net.get_distribution(x_all[rows]).mode() - y_all[rows]) ** 2).mean())
         else:
             adam.param_groups[0]["lr"] = rate * (1.0 - 0.95 * begun / cloned)
             for x, y in list(zip(xs, ys, strict=True))[::2]:
                 lessons.add(x, y)
-            for x, y in lessons.batches(3 * 8 * ROBOTS // 2):
+            batches = list(lessons.batches(3 * 8 * ROBOTS // 2))
+            assert len(batches) == max(1, round(72 / batch))  # three rows again for each of the 24 that came
+            for x, y in batches:
                 off = (net.get_distribution(x).mode() - y).abs()
                 descend(adam, torch.where(off < 0.2, 0.5 * off**2 / 0.2, off - 0.1).mean())
         begun += 8 * ROBOTS
@@ -137,12 +141,18 @@ def taught(net: Net, frames: int, rate: float, kept: int) -> tuple[list[Any], li
     return driven, told
 
 
-@pytest.mark.parametrize(("kept", "frames"), [(0, 500), (40, 500), (10_000, 333)])
-def test_a_network_is_taught_by_its_teacher_and_then_what_that_is_worth(kept: int, frames: int) -> None:
+@pytest.mark.parametrize(
+    ("kept", "frames", "batch"), [(0, 500, 2048), (40, 500, 2048), (10_000, 333, 2048), (0, 200, 20), (40, 200, 20)]
+)
+def test_a_network_is_taught_by_its_teacher_and_then_what_that_is_worth(
+    kept: int, frames: int, batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert imitation.BATCH == 2048
+    monkeypatch.setattr(imitation, "BATCH", batch)
     net, other = Net(), Net()
     worlds, ppo = Worlds(), learner(net)
     told = list(teach(ppo, worlds, lambda speed: -speed, frames, 0.02, 11, kept))  # type: ignore[arg-type]
-    driven, wanted = taught(other, frames, 0.02, kept)
+    driven, wanted = taught(other, frames, 0.02, kept, batch)
     np.testing.assert_allclose(np.array(worlds.driven), np.array(driven), atol=1e-5)
     assert len(worlds.told) == len(driven)
     assert sum(map(sum, worlds.told)) == sum(k % 9 < ROBOTS for k in range(1, len(driven) + 1))
@@ -157,7 +167,7 @@ def test_a_network_is_taught_by_its_teacher_and_then_what_that_is_worth(kept: in
         wanted.append(len(driven) * ROBOTS + worth)
     assert told == wanted
     assert ppo.began == [frames]
-    assert set(ppo.sizes) == {2048}
+    assert set(ppo.sizes) == {batch}
     torch.testing.assert_close(net.numbers(), other.numbers(), rtol=1e-4, atol=1e-5)
     assert not torch.allclose(net.numbers(), Net().numbers())
     assert (imitation.CHUNK, imitation.EPOCHS, imitation.EVERY, imitation.REPEATS) == (8, 2, 2, 3)

@@ -1,0 +1,138 @@
+"""What a film shows, frame by frame, stated once more."""
+
+import io
+import itertools
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from wayfield.benchmarks import video
+from wayfield.benchmarks.drives import Drive, Place, chased
+from wayfield.benchmarks.video import filmed, write_film
+from wayfield.policies.pilot import Pilot
+
+PATH = "wayfield/DiffDrivePathFollowing-v0"
+PLACE = Place(PATH, "s_curve", None, None, "lagged", None, None, (), 3, "tuned")
+
+
+def drive_of(policy: str) -> Drive:
+    env = PLACE.make(policy)
+    drive = Drive(env, PLACE.policy(policy, env))
+    drive.begin(PLACE.seed, PLACE.index)
+    return drive
+
+
+def poses_of(policy: str, steps: int) -> list[tuple[float, float, float]]:
+    """Returns the poses of an episode that is driven by hand."""
+    env = gymnasium.make(PATH, scenario="s_curve", actuators="lagged")
+    single: Any = env.unwrapped
+    pilot = Pilot(PLACE.policy(policy, env), env)
+    seen, _ = env.reset(seed=3)
+    pilot.reset()
+    found = []
+    for _ in range(steps + 1):
+        state = single.batch.states[0]
+        found.append((float(state["x"]), float(state["y"]), float(state["heading"])))
+        seen, *_ = env.step(pilot.act(seen))
+    return found
+
+
+@pytest.fixture
+def frames(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Returns the list of all scenes that are drawn, each as a plane of a grey of its own."""
+    drawn: list[Any] = []
+
+    def frame(scene: Any, renderer: Any) -> Any:
+        drawn.append(scene)
+        return np.full((6, 8, 3), 9 * len(drawn) % 250, np.uint8)
+
+    monkeypatch.setattr(video, "_frame", frame)
+    return drawn
+
+
+def test_a_film_and_its_pictures(frames: list[Any], tmp_path: Path) -> None:
+    drive, ghost = drive_of("lookahead_retuned"), drive_of("stanley")
+    film = filmed(drive, ghost, 3.0)
+    assert (len(film), film.dt) == (61, 0.05)
+    assert film.told == "under way for 3.00 s"
+    assert list(film.poses) == poses_of("lookahead_retuned", 60)
+    assert [scene.ghosts[0].pose for scene in film.scenes] == poses_of("stanley", 60)
+    marks = chased(drive.pilot, drive.single)
+    x, y, heading = film.poses[-1]
+    ahead = drive.pilot.policy.lookahead_distance  # type: ignore[attr-defined]
+    assert marks["lookahead"] == pytest.approx((x + ahead * np.cos(heading), y + ahead * np.sin(heading)))
+
+    write_film(film, tmp_path / "way.png", 300, 1.0)
+    (scene,) = frames
+    # the robot each second before, and the other one where it ended
+    assert [each.pose for each in scene.ghosts] == [*film.poses[:60:20], film.scenes[-1].ghosts[0].pose]
+    assert Image.open(tmp_path / "way.png").size == (8, 6)
+
+    for pace, skip in ((1.0, 1), (2.4, 2), (0.5, 1)):
+        frames.clear()
+        write_film(film, tmp_path / "film.gif", 300, pace)
+        wait = round(1.0 / (0.05 * skip))
+        shown = [*film.scenes[:-1:skip], *itertools.repeat(film.scenes[-1], wait)]
+        assert len(frames) == len(shown)
+        assert all(one is other for one, other in zip(frames, shown, strict=True))
+        gif = Image.open(io.BytesIO((tmp_path / "film.gif").read_bytes()))
+        total = 0
+        for k in range(gif.n_frames):
+            gif.seek(k)
+            total += gif.info["duration"]
+        # the format counts in hundredths of a second
+        assert total == pytest.approx(len(shown) * round(1000.0 * 0.05 * skip / pace), abs=10 * len(shown) // 2)
+        assert gif.info["loop"] == 0
+
+
+def test_a_long_way_is_shown_by_forty_robots(frames: list[Any]) -> None:
+    drive = drive_of("pure_pursuit")
+    film = filmed(drive, None, 1e4)
+    assert drive.ended in ("success", "the clock ran out")
+    assert film.told.startswith(drive.ended)
+    assert len(film) == drive.steps + 1
+    video.picture(film, 300)
+    every = max(20, len(film) // 40)
+    assert [each.pose for each in frames[0].ghosts] == list(film.poses[:-1:every])
+
+
+def test_a_film_of_no_time_has_a_step(frames: list[Any]) -> None:
+    assert len(filmed(drive_of("zero"), None, 1e-3)) == 2
+    assert frames == []
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (["film.gif"], (640, 1.0, 3600.0)),
+        (["film.png"], (1000, 1.0, 3600.0)),
+        (["film.png", "--size", "300", "--pace", "2.5", "--seconds", "0.5"], (300, 2.5, 0.5)),
+    ],
+)
+def test_what_is_asked_for_is_filmed(
+    words: list[str], wanted: tuple[int, float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+    film = filmed(drive_of("zero"), None, 0.05)
+
+    def noted(drive: Drive, ghost: Drive | None, seconds: float) -> Any:
+        asked.append((type(drive.pilot.policy).__name__, ghost and type(ghost.pilot.policy).__name__, seconds))
+        return film
+
+    monkeypatch.setattr(video, "filmed", noted)
+    monkeypatch.setattr(video, "write_film", lambda *given: asked.append(given))
+    name, *more = words
+    place = ["DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--ghost", "stanley"]
+    done = CliRunner().invoke(video.main, [*place, "--out", str(tmp_path / name), *more])
+    assert done.exit_code == 0, done.output
+    size, pace, seconds = wanted
+    assert asked == [("PurePursuit", "Stanley", seconds), (film, tmp_path / name, size, pace)]
+    alone = CliRunner().invoke(video.main, [*place[:-2], "--out", str(tmp_path / name)])
+    assert alone.exit_code == 0, alone.output
+    assert asked[2][1] is None
+    assert "stanley" not in alone.output
