@@ -49,7 +49,7 @@ _COLUMNS = (
     Column("RMS error (m)", COST, 4, reduction="mean", with_interval=True),
     Column("typical (m)", COST, 4, with_interval=True),
     Column("mean speed (m/s)", "mean_speed", 3, successes_only=True, reduction="mean"),
-    Column("|dw| a step (rad/s)", "yaw_change", 3, reduction="mean"),
+    Column("yaw change (rad/s)", "yaw_change", 3, reduction="mean"),
 )
 
 
@@ -151,7 +151,7 @@ def learners_table(rows: Sequence[Row], command: str) -> Table:
         "step sizes and noise too; SAC has the numbers of stable-baselines3 but for those that its preset names. They "
         f"differ in where they begin and in the algorithm. The {CHOOSES} split chose each checkpoint. The bar is "
         f"{bar.words}. Brackets are 95 % intervals; 'typical' is the interquartile mean, 'above the law's' that of the "
-        f"paired differences of RMS errors. |dw| is of the base's true yaw rate, mean of all runs. {OFF_PACE}: not at "
+        f"paired differences of RMS errors; 'yaw change' is the mean step of the base's yaw rate. {OFF_PACE}: not at "
         "the speed that was asked for. CPU and wall time are a seed's, the mean and in brackets the least and the "
         "greatest, validations included; of wall time much is the machine's other work. The law's frames are those of "
         f"the search for its gains. Made by `{command}`."

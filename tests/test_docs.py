@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_contest_tables import made
 
-from wayfield.benchmarks import coverage, page, publish, sections, transfer
+from wayfield.benchmarks import coverage, learners, page, publish, sections, transfer
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.kept_rows import SUFFIX, read_packed
 from wayfield.benchmarks.results import write_rows
@@ -208,6 +208,13 @@ def test_the_table_of_gains_elsewhere_is_what_its_kept_rows_make() -> None:
     made = {kept.name: made for kept, made in page.Kept(ROOT).sections()}[transfer.SUITE]
     kept = (ROOT / sections.KEPT / transfer.TRANSFER).read_text(encoding="utf-8")
     assert transfer.transfer_table(rows, made.command).csv() == kept
+
+
+def test_the_table_of_learners_is_what_its_kept_rows_make() -> None:
+    rows = read_packed(ROOT / sections.ROWS / f"{learners.SUITE}{SUFFIX}")
+    made = {kept.name: made for kept, made in page.Kept(ROOT).sections()}[learners.SUITE]
+    kept = (ROOT / sections.KEPT / learners.LEARNERS).read_text(encoding="utf-8")
+    assert learners.learners_table(rows, made.command).csv() == kept
 
 
 def test_every_published_table_has_its_rows_and_they_are_small() -> None:
