@@ -23,7 +23,7 @@ from wayfield.policies.training.presets import PRESETS
 from wayfield.policies.training.validation import validate
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
-DOCK_ID = "wayfield/DiffDriveDocking-v0"
+DOCK_ID, OMNI_DOCK_ID = "wayfield/DiffDriveDocking-v0", "wayfield/OmniDocking-v0"
 KINDS = (
     ("path_following", "p3dx"),
     *(("goal_reaching", robot) for robot in ("p3dx", "omni3", "omni4")),
@@ -90,10 +90,13 @@ def test_path_followers_hold_the_mean_speed_that_they_are_asked_for(tier: str, s
     assert found.speed == pytest.approx(speed, rel=0.03)
 
 
-@pytest.mark.parametrize(("tier", "beams"), [("ideal", 32), ("lagged", 72), ("slow", 72)])
-def test_agents_dock_where_a_user_meets_them_first(tier: str, beams: int) -> None:
+@pytest.mark.parametrize(
+    ("env_id", "tier", "beams"),
+    [(DOCK_ID, "ideal", 32), (DOCK_ID, "lagged", 72), (DOCK_ID, "slow", 72), (OMNI_DOCK_ID, "ideal", 32)],
+)
+def test_agents_dock_where_a_user_meets_them_first(env_id: str, tier: str, beams: int) -> None:
     """By the defaults of `make` and on the other bases they come to rest, and seldom touch."""
-    env: Any = gymnasium.make_vec(DOCK_ID, 40, scenario="all/validation", actuators=tier, num_beams=beams)
+    env: Any = gymnasium.make_vec(env_id, 40, scenario="all/validation", actuators=tier, num_beams=beams)
     seen, _ = env.reset(seed=0, options={"scenario": list(range(40))})
     pilot = Pilot(policies.make("ppo", seed=0), env)
     pilot.reset()
