@@ -17,7 +17,7 @@ from wayfield.envs.storage import write_whole
 
 DEMO = "docs/demo.html"
 BUDGET = 2_000_000  # bytes
-SEEDS = 6  # scenarios of each family
+SEEDS = 5  # scenarios of each family
 FIRST = "goal: clutter_10"
 
 
