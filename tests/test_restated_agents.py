@@ -263,7 +263,7 @@ def test_agents_are_found_by_their_seeds(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no agent of seed 99 ships for docking with p3dx; there are seeds 0, 1, 2"):
         shipped_agent("docking", "p3dx", 99)
     with pytest.raises(ValueError, match="there are none"):
-        shipped_agent("docking", "omni3", 0)
+        shipped_agent("docking", "kobuki", 0)
     assert shipped_agent("docking", "p3dx", 1, 0.3).speed == 0.3
     assert shipped_agent("docking", "p3dx", 1).speed == load_agent(home / "seed_1").card["speed"]
 
