@@ -44,8 +44,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     bare = Content(sentences=["a won"], missing=["old-run lacks drives.npz: nothing of it can be replayed."])
     files["bare"].write_text(rendered("bare", bare, made("evaluate", bare), page.BUDGET), encoding="utf-8")
     every = demo.worlds()
-    driving = Content(worlds=[*every[::20], next(each for each in every if each["family"] == "wall")])
-    first = [each for each in driving.worlds if each["kind"] == "goal"][-1]
+    # in the last one nothing moves, so that what stands there can be dragged
+    named = (next(each for each in every if each["family"] == family) for family in ("wall", "clutter_5"))
+    driving = Content(worlds=[*every[::20], *named])
+    first = driving.worlds[-1]
     told = {"demo": {"first": f"{first['kind']}: {first['family']}", "unable": demo.unable()}}
     files["demo"].write_text(rendered("demo", driving, made("demo", driving), demo.BUDGET, told), encoding="utf-8")
     return files
