@@ -124,7 +124,7 @@ def movingai_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
         lengths = {k: each.published_length for k, each in enumerate(bank) if each.published_length > 0.0}
         order = sorted(lengths, key=lengths.__getitem__)
         if not order:
-            raise ValueError(f"{file}: holds no problem with a way to go")
+            raise ValueError(f"{file}: holds no problem with a way to go; the optimal length of each is 0")
         count = min(PROBLEMS, len(order))
         members = tuple(order[(2 * j + 1) * len(order) // (2 * count)] for j in range(count))
         steps = _clock(lengths[members[-1]], PACE)

@@ -31,14 +31,18 @@ from wayfield.policies.parts.polyline_tracker import (
 from wayfield.policies.parts.steering import Map
 from wayfield.policies.policy import check_gain
 
-# Of a side of the grid: as few as hold the world in cells no wider than FINE_CELL. Where not even the most do, cells
-# are wider. A world without a map of up to LARGE_WORLD has always been held by the fewest.
-CELLS = (256, 1024, 2048)
-LARGE_WORLD = 80.0  # m
+# Of a side of the grid: as few as hold the world in cells no wider than FINE_CELL. Where WIDE do not, cells are wider,
+# and more are taken only for WIDE_SHARE of a map's own cell: in that, a gap of one cell has room for a hull.
+CELLS = (256, 1024, 2048, 4096)
+WIDE = 2048
+WIDE_SHARE = 1.0 / 3.0
+LARGE_WORLD = 80.0  # m, up to which a world without a map has always been held by the fewest
 ROOM = 1.0  # m, around what the grid holds
 # Between two neighbours with more clearance than this, in sides of a cell, there is no wall: half of the diagonal.
 SAFE = 0.7072
 PIECE_END = 2.0  # m, before the end of a piece of a long way at which the next is planned
+# where cells are wider than FINE_CELL, of the shortest way: what is longer is not taken for the sake of more room
+DETOUR = 1.1
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the wanted margin, tried in turn
 
 # steps in a row in which patrols slowed a robot down
@@ -51,10 +55,11 @@ class AstarTracker(PolylineTracker):
 
     A grid of 256 x 256 cells holds the exact clearance of each cell's centre (to 5 mm, rounded down). Its cells are
     `cell` wide, or as wide as it takes to hold start, goals and the obstacles up to `surroundings` around them, and all
-    of a map; it has 1,024 or 2,048 on a side where the cells would be too wide. Cells with less than hull radius +
-    margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with a way from goal to goal is
-    taken, never the narrower and shorter one; where cells are wider than 0.1 m, first of ways that keep so much along
-    all of their lines, not only at the middles of cells. The polyline is then let go like an elastic band towards
+    of a map; it has 1,024, 2,048 or 4,096 on a side where the cells would be too wide. Cells with less than hull radius
+    + margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with a way from goal to goal is
+    taken, never the narrower and shorter one. Where cells are wider than 0.1 m, ways that keep so much along all of
+    their lines, not only at the middles of cells, come first, and none is taken that is more than a tenth longer than
+    the shortest of all. The polyline is then let go like an elastic band towards
     `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the robot plans
     anew, and so it does near the end of what the polyline holds of a way of many hundred metres, or turns. A robot
     without a way stands still, and memory["no_path"] is 1.
@@ -120,7 +125,11 @@ def memory_of(briefing: Briefing, more: list[Any]) -> np.dtype[Any]:
     side = max((world_side(told, i) for i in range(briefing.num_envs)), default=0.0)
     cells = CELLS[0]
     if len(told.cells) or side > LARGE_WORLD:
-        cells = next((each for each in CELLS if side <= FINE_CELL * (each - 2)), CELLS[-1])
+        cell = max(FINE_CELL, side / (WIDE - 2))
+        if len(told.cells):
+            finest = float(np.min(told.frames["grid_cell"], where=told.frames["grid_cell"] > 0.0, initial=np.inf))
+            cell = min(cell, max(FINE_CELL, WIDE_SHARE * finest))
+        cells = next((each for each in CELLS if side <= cell * (each - 2)), CELLS[-1])
     kind = np.dtype([*plan_fields(2 * cells), *more, ("grid", np.uint8, (cells, cells))], align=True)
     check_memory(
         f"the grids of {briefing.num_envs} robots, {cells} x {cells} cells each,", briefing.num_envs * kind.itemsize
@@ -216,17 +225,27 @@ def moves(told, i):
 @allocating
 def plan_with_room(p, m, prices, x, y, stops):
     """Lays the way with the widest of the margins, a row of prices each, that has one; returns whether one has."""
-    found = False
-    if m.cell > FINE_CELL:
-        # between the middles of wide cells there may be less room than at them: first where there is enough anyhow
-        short = math.ceil(SAFE * m.cell / UNIT)
+    if m.cell <= FINE_CELL:
         for choice in range(prices.shape[0]):
-            stricter = np.full(256, np.inf)
-            stricter[: max(256 - short, 0)] = prices[choice, short:]
-            found = found or plan_way(p, m, stricter, stricter, x, y, stops)
+            if plan_way(p, m, prices[choice], prices[choice], x, y, stops, np.inf) < np.inf:
+                return True
+        return False
+    # the last has the most ways, and so the shortest
+    narrow = prices[prices.shape[0] - 1]
+    longest = DETOUR * plan_way(p, m, narrow, narrow, x, y, stops, np.inf)
+    if longest == np.inf:
+        return False
+    # between the middles of wide cells there may be less room than at them: first where there is enough anyhow
+    short = math.ceil(SAFE * m.cell / UNIT)
     for choice in range(prices.shape[0]):
-        found = found or plan_way(p, m, prices[choice], prices[choice], x, y, stops)
-    return found
+        stricter = np.full(256, np.inf)
+        stricter[: max(256 - short, 0)] = prices[choice, short:]
+        if plan_way(p, m, stricter, stricter, x, y, stops, longest) < np.inf:
+            return True
+    for choice in range(prices.shape[0] - 1):
+        if plan_way(p, m, prices[choice], prices[choice], x, y, stops, longest) < np.inf:
+            return True
+    return True
 
 
 @allocating

@@ -262,7 +262,7 @@ def plan(p, m, prices, table, scan, i, pose, target_x, target_y):
             m.forgotten += 1
             forget(m)
             enter_scan(m, table, scan, i, pose, p.plant.hull_radius)
-        if plan_way(p, m, prices[choice % 2], prices[2], pose[0], pose[1], stops):
+        if plan_way(p, m, prices[choice % 2], prices[2], pose[0], pose[1], stops, np.inf) < np.inf:
             m.no_path = choice % 2
             return
     m.num_points = 0

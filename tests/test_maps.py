@@ -292,6 +292,7 @@ BROKEN: list[tuple[str, str, Break, str]] = [
     ("scen outside", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t0\t0\t9\t0\t"), "room.scen:2: goal x is 9"),
     ("scen negative", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t-1\t0\t3\t0\t"), "start x is '-1'"),
     ("scen length", "room.scen", _text("room.scen", "\t3.0\n", "\tnan\n"), "optimal length"),
+    ("scen short", "room.scen", _text("room.scen", "\t3.0\n", "\t2.99\n"), "length is 2.99; it must be at least 3,"),
     ("scen long", "room.scen", _text("room.scen", "\t3.0\n", "\t1e9\n"), "problem 0 has the optimal length 1e"),
     ("scen map is missing", "room.scen", lambda f: (f / "room.map").unlink(), "room.scen:2: map is 'room.map'; there"),
     ("scen size", "room.scen", _text("room.scen", "room.map\t4\t3", "room.map\t5\t3"), "map of 5 x 3 cells"),

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.compiled import compiled
+from wayfield.policies import astar_tracker
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.parts.grid_search import a_star, sees, theta_star
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT, PolylineTracker
@@ -329,6 +330,41 @@ def test_a_way_longer_than_a_plan_is_driven_in_pieces_none_of_which_crosses_a_wa
             assert env.unwrapped.batch.task.scenarios[0].grid.clearances(along).min() > 0.1
     assert info["success"]
     assert plans >= 2
+
+
+@settings(max_examples=settings().max_examples // 5)
+@given(seed=st.integers(0, 2**32 - 1), share=st.sampled_from([0.1, 0.25, 0.35]))
+def test_among_wide_cells_gaps_of_one_cell_are_ways_and_the_plan_is_hardly_longer_than_the_shortest(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, share: float
+) -> None:
+    """A map of metres whose third is more than the few cells of a grid can hold: a way wherever A* along it has one."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((36, 36)) < share
+    free = np.argwhere(~occupied)
+    start, goal = (tuple(free[k].tolist()) for k in rng.integers(len(free), size=2))
+    folder = tmp_path_factory.mktemp("map")
+    np.save(folder / "m.npy", occupied)
+    told = {name: [at[1] + 0.5, at[0] + 0.5, 0] for name, at in (("start", start), ("goal", goal))}
+    told["map"] = {"file": "m.npy", "resolution": 1.0}
+    (folder / "s.json").write_text(json.dumps(told), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(astar_tracker, "CELLS", (48, 128))
+        patch.setattr(astar_tracker, "WIDE", 48)
+        env: Any = gymnasium.make(ID_OF["p3dx"], scenario=str(folder / "s.json"), num_beams=0)
+        observation, _ = env.reset(seed=0)
+        pilot = Pilot(AstarTracker(), env)
+        pilot.reset()
+        pilot.act(observation)
+    state = state_of(pilot)[0]
+    assert state["cell"] == pytest.approx(1.0 / 3.0)
+    shortest = a_star(occupied, start, goal).length
+    assert (state["no_path"] == 0) == math.isfinite(shortest)
+    points = state["points"][: state["num_points"]]
+    if len(points) > 1:
+        assert state["arc"][len(points) - 1] < astar_tracker.DETOUR * shortest + 0.5
+        shares = np.linspace(0.0, 1.0, 9)[:, None, None]
+        along = (points[:-1] + shares * (points[1:] - points[:-1])).reshape(-1, 2)
+        assert env.unwrapped.batch.task.scenarios[0].grid.clearances(along).min() > 0.36  # hull and half of the margin
 
 
 @settings(max_examples=settings().max_examples // 16)

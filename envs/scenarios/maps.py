@@ -28,6 +28,7 @@ IMAGE_SUFFIXES = (".pgm", ".png", ".pbm", ".ppm", ".bmp")
 MAP_SUFFIXES = (".yaml", ".yml", ".map", ".npy", *IMAGE_SUFFIXES)
 MODES = ("trinary", "scale", "raw")
 MOVINGAI_CELL = 1.0  # m, a side of a cell of a MovingAI map unless told otherwise: the sets have none of their own
+ROUNDED = 1e-3  # share of a published length that may be lost where it was written with few digits
 
 _FORMATS = ("PPM", "PNG", "BMP")  # that Pillow may try, whatever a file is called
 _LONGEST_NAME = 255  # characters, as file systems have it
@@ -252,6 +253,11 @@ def _problem(file: str, line: str) -> Problem:
                 found = whole[f"{end} {axis}"]
                 raise ValueError(f"{end} {axis} is {found}; it must be below the {side}, {whole[side]}")
     length = number("optimal length", _number(fields[8].strip()), least=0.0, most=math.inf)
+    straight = math.hypot(whole["goal x"] - whole["start x"], whole["goal y"] - whole["start y"])
+    if 0.0 < length < straight - ROUNDED * (1.0 + straight):
+        raise ValueError(
+            f"optimal length is {length:g}; it must be at least {straight:g}, as long as the straight line, in cells"
+        )
     path = file_beside(file, "map", fields[1].strip())
     if not os.path.exists(path):
         path = file_beside(file, "map", os.path.basename(fields[1].strip()))

@@ -11,7 +11,14 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import allocating, compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, to_body_frame
-from wayfield.policies.parts.grid_search import any_angle_way, pulled, scratch_for, search, traced
+from wayfield.policies.parts.grid_search import (
+    any_angle_way,
+    pulled,
+    scratch_for,
+    search,
+    straight_length,
+    traced,
+)
 from wayfield.policies.parts.params import params_of
 from wayfield.policies.policy import Policy, check_gain
 
@@ -456,14 +463,14 @@ def point_at(m, segment, s):
 
 
 @allocating
-def plan_way(p, m, prices, straight, x, y, stops):
-    """Lays the polyline from (x, y) through the stops (k, 2), the last of them its end; returns whether there is a way.
+def plan_way(p, m, prices, straight, x, y, stops, longest):
+    """Lays the polyline from (x, y) through the stops (k, 2), the last of them its end; returns the length of the way.
 
-    Without one the polyline stays as it was. Of p it reads, beside the hull's radius and `wanted_clearance`: `theta`,
-    whether the ways are Theta*'s over all cells that have a price, or A*'s for those prices, drawn straight; `snap`
-    (m, rounded up to cells), how far a free cell may lie from a blocked stop; `spacing` (cells, none taken for wider
-    than FINE_CELL) of the points; and `rounds` of the elastic band. Of a way at any angle that is too long for the
-    points, or has too many turns, the beginning is laid.
+    Without a way, or with one longer than `longest` (both m), it is inf, and the polyline stays as it was. Of p it
+    reads, beside the hull's radius and `wanted_clearance`: `theta`, whether the ways are Theta*'s over all cells that
+    have a price, or A*'s for those prices, drawn straight; `snap` (m, rounded up to cells), how far a free cell may lie
+    from a blocked stop; `spacing` (cells, none taken for wider than FINE_CELL) of the points; and `rounds` of the
+    elastic band. Of a way at any angle that is too long for the points, or has too many turns, the beginning is laid.
 
     Args:
         prices, straight: (256,) of a metre at each level of the grid, for the search and for lines of sight.
@@ -477,27 +484,32 @@ def plan_way(p, m, prices, straight, x, y, stops):
     corners[0, 0] = x
     corners[0, 1] = y
     count = 1
+    length = 0.0
     for k in range(stops.shape[0]):
         row, column = cell_of(m, corners[count - 1, 0], corners[count - 1, 1])
         start = nearest_free(m.grid, prices, row, column, reach)
         to_row, to_column = cell_of(m, stops[k, 0], stops[k, 1])
         goal = nearest_free(m.grid, prices, to_row, to_column, reach)
         if start < 0 or goal < 0:
-            return False
+            return np.inf
         if p.theta:
-            cells, _ = any_angle_way(m.grid, prices, start, goal, scratch)
+            cells, sides = any_angle_way(m.grid, prices, start, goal, scratch)
             if cells.shape[0] == 0:
-                return False
+                return np.inf
             enter = 1 if stands_for(m, cells[0], corners[count - 1, 0], corners[count - 1, 1]) else 0
         else:
             if not search(m.grid, prices, start, goal, False, scratch):
-                return False
+                return np.inf
             cells = pulled(m.grid, straight, traced(scratch.parents, goal, size))
+            sides = straight_length(cells)
             enter = 1 if start == row * size + column else 0
+        length += sides * m.cell
+        if length > longest:
+            return np.inf
         cut = count + cells.shape[0] + 1 > turns
         if cut:
             if not p.theta:
-                return False
+                return np.inf
             cells = cells[: turns - count]
         # the end cells stand for the ends, unless those lie in a blocked cell
         leave = cells.shape[0]
@@ -518,7 +530,7 @@ def plan_way(p, m, prices, straight, x, y, stops):
     widest = p.plant.hull_radius if p.theta else np.inf
     held = lay(m, corners[:count], pinned, p.spacing * min(m.cell, FINE_CELL), widest)
     relax(m, held, p.plant.hull_radius + p.wanted_clearance, p.plant.hull_radius, p.rounds)
-    return True
+    return length
 
 
 @inlined
