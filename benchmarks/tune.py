@@ -103,6 +103,8 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
         "velocity": Range(0.05, 1.0),
         "progress": Range(0.2, 4.0),
         "room": Range(0.3, 3.0),
+        # who drives past a goal beside an obstacle goes on a detour, and may never come as near to it again
+        "stop_radius": Range(0.05, 0.18),
     },
     "mppi": {
         "temperature": Range(0.01, 0.3),
