@@ -321,7 +321,8 @@ class Batch:
                 p["first_beam"].item(),
                 p["beam_step"].item(),
                 p["max_range"].item(),
-                np.empty(max(ROOM, SCRATCH)),
+                np.empty(ROOM),
+                np.empty(SCRATCH, np.float32),
                 np.empty(WORDS, np.uint64),
             )
             pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
@@ -336,7 +337,7 @@ class Batch:
                     ranges,
                     i,
                     0,
-                    lidar.scratch,
+                    lidar.ways,
                     lidar.words,
                 )
             drawing["ranges"] = ranges[i]

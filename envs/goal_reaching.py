@@ -347,12 +347,13 @@ def reset_rows(
 @allocating
 def scanner(p, beams, cells):
     """Returns the range scanner, with scratch for obstacles and, where the batch has some, for maps."""
-    size = max(sensing.ROOM, SCRATCH if cells.shape[0] > 0 else 0)
-    # from where a line of the processor's cache begins: eight numbers that go together lie in one
-    room = np.empty(size + 7)
-    begin = (64 - np.int64(room.ctypes.data) % 64) % 64 // 8
-    scratch = room[begin : begin + size]
-    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, scratch, np.empty(WORDS, np.uint64))
+    # from where a line of the processor's cache begins: numbers that go together lie in one
+    size = SCRATCH if cells.shape[0] > 0 else 0
+    room = np.empty(size + 15, np.float32)
+    begin = (64 - np.int64(room.ctypes.data) % 64) % 64 // 4
+    ways = room[begin : begin + size]
+    scratch = np.empty(sensing.ROOM)
+    return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, scratch, ways, np.empty(WORDS, np.uint64))
 
 
 class GoalReaching(Task):

@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic as numbas_intrinsic
 from numpy.typing import NDArray
 
 from wayfield.envs.blocks import blocks_clearance
@@ -37,22 +39,28 @@ _BLOCK = 16
 
 # So many beams go on side by side, by the same arithmetic without a branch: that a processor does for several at once.
 # No power of two, so that their numbers do not all want the same place in its cache.
-TOGETHER = 216
+TOGETHER = 432
 BESIDE = 8  # of those, so many at once; a divisor
-# in a turn: who goes on cannot be foretold, and to ask after each leap costs more than leaps for nothing
-LEAPS = 2
-# the numbers of a beam on its way, in rows of TOGETHER
+# the numbers of a beam on its way, in rows of TOGETHER; those behind `last` are the bits of whole ones
 _BEAM = collections.namedtuple(
-    "_BEAM",
-    "gone room place u v along_u along_v inverse_u inverse_v far_u far_v at_u at_v step_u step_v plane reach last",
+    "_BEAM", "slope_u slope_v start_u start_v sure last room place at_u at_v step_u step_v here"
 )
 _AT = _BEAM(*(np.uint64(TOGETHER * row) for row in range(len(_BEAM._fields))))
 SCRATCH = TOGETHER * len(_BEAM._fields)  # numbers that `scan_grid` needs room for
 
-# for BESIDE beams each: their rooms, a byte each; then which of them have not all ended; then whose they are
+# for BESIDE beams each: which of them have not all ended; whose they are; and where his grid begins
 _GOING = TOGETHER // BESIDE
-_HELD = 2 * _GOING
+_HELD = _GOING
+_FIRST = 2 * _GOING
 WORDS = 3 * _GOING
+
+# instead of a beam's `at_u`: it left a grid beyond which all is free; single precision cannot tell where it goes on
+_OUT = np.int32(-1)
+_UNSURE = np.int32(-2)
+_ROUNDING = np.float32(2.0**-24)  # relative, of single precision
+_STEEPEST = np.float32(2.0**20)  # beams that are steeper go too near by the sides of cells
+_HALF = np.float32(0.5)
+_ONE = np.float32(1.0)
 
 # Where a scenario's grid lies: what a record of the bank has besides.
 FRAME = [
@@ -599,78 +607,228 @@ def grid_ray(frame, cells, u, v, du, dv, reach):
     return ray_from(cells, area, gone, i, j, (u, v), (du, dv), reach)
 
 
+intrinsic: Any = numbas_intrinsic  # its types are those of the code that it is made of, not of calls of what it makes
+
+
+@intrinsic
+def whole(typingctx, number):
+    """Returns the whole number, of four bytes, whose bits a number of single precision has."""
+
+    def code(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.int32))
+
+    return types.int32(types.float32), code
+
+
+@intrinsic
+def bits(typingctx, number):
+    """Returns the number of single precision that has the bits of a whole one: all is kept in one array.
+
+    Of two arrays a compiler would not know that they never overlap, and would do nothing for several beams at once.
+    """
+
+    def code(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.float32))
+
+    return types.float32(types.int32), code
+
+
 @compiled
 def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch, words):
     """Shortens ranges[i, column:] (m) to the distance along each beam to what is occupied in a scenario's grid.
 
-    `ray_from` for many beams at once, with the same bits: in turns those that have not ended leap, BESIDE at once.
+    `ray_from` for many beams at once, with the same bits: in turns those that have not ended leap, BESIDE at once. In
+    which cell a beam ends is found in single precision, and how far that is, from the side that it enters by, in double
+    precision. What passes the corner of a cell too near by for single precision to tell the side is left to `ray_from`.
 
     Args:
         pose: x, y (m), heading (rad).
         beams: (2, n) cosines and sines of the beams in the body frame.
         ranges: (b, n) array of any float type, as `sensing.scan_ranges` leaves it.
-        scratch: (SCRATCH,) room for numbers.
+        scratch: (SCRATCH,) room for numbers of single precision.
         words: (WORDS,) room for whole ones.
     """
+    seen = seen_from(frame, pose)
     for first in range(0, beams.shape[1], TOGETHER):
         part = first, min(beams.shape[1] - first, TOGETHER), 0
-        if set_out(frame, cells, pose, beams, part, ranges, i, column, scratch):
+        if set_out(frame, cells, seen, beams, part, ranges, i, column, scratch, words):
             travel(cells, scratch, words, part[1])
-            arrive(frame, part, ranges, i, column, scratch)
+            arrive(frame, cells, seen, beams, part, ranges, i, column, scratch)
 
 
 @inlined
-def set_out(frame, cells, pose, beams, part, ranges, i, column, scratch):
+def seen_from(frame, pose):
+    """Returns a pose in a scenario's grid: the place, in cells, and the cosine and the sine of the heading."""
+    x, y, heading = pose
+    u, v = grid_place(frame, x, y)
+    s, c = sin_cos(heading)
+    return u, v, c * frame.grid_cos + s * frame.grid_sin, s * frame.grid_cos - c * frame.grid_sin
+
+
+@inlined
+def way_of(beams, k, cosine, sine):
+    """Returns the unit vector of beam k in a grid where the heading has that cosine and that sine."""
+    # unsigned: a signed index is first asked whether it counts from the end
+    ahead = beams[0, np.uint64(k)]
+    aside = beams[1, np.uint64(k)]
+    return cosine * ahead - sine * aside, sine * ahead + cosine * aside
+
+
+@inlined
+def set_out(frame, cells, seen, beams, part, ranges, i, column, scratch, words):
     """Writes where beams of a scan begin, for `travel`; returns False where there is nothing to travel for.
 
     From beyond the grid the beams are looked along at once, and there is nothing left.
 
     Args:
+        seen: `seen_from`.
         part: the first beam meant, how many, and where those stand among what goes on together.
     """
     if frame.grid_cell == 0.0:
         return False
     first, count, at = part
-    x, y, heading = pose
-    u, v = grid_place(frame, x, y)
-    s, c = sin_cos(heading)
-    # the heading in the grid's frame
-    cosine = c * frame.grid_cos + s * frame.grid_sin
-    sine = s * frame.grid_cos - c * frame.grid_sin
+    u, v, cosine, sine = seen
     if not (abs(cosine) < 2.0 and abs(sine) < 2.0):
         return False  # no number, or one that is no angle: such beams meet nothing
-    cell = frame.grid_cell
     if not (0.0 <= u < frame.grid_columns and 0.0 <= v < frame.grid_rows):
         for k in range(first, first + count):
-            place = np.uint64(column + k)
-            du = cosine * beams[0, k] - sine * beams[1, k]
-            dv = sine * beams[0, k] + cosine * beams[1, k]
-            reach = ranges[i, place] / cell
-            distance = grid_ray(frame, cells, u, v, du, dv, reach)
-            if distance < reach:
-                ranges[i, place] = distance * cell
+            look_along(frame, cells, (u, v), way_of(beams, k, cosine, sine), ranges, i, np.uint64(column + k))
         return False
-    for k in range(count):
-        place = np.uint64(at + k)
-        scratch[_AT.along_u + place] = cosine * beams[0, first + k] - sine * beams[1, first + k]
-        scratch[_AT.along_v + place] = sine * beams[0, first + k] + cosine * beams[1, first + k]
-    for k in range(count):
-        scratch[_AT.reach + np.uint64(at + k)] = ranges[i, np.uint64(column + first + k)] / cell
-    aim(frame, u, v, scratch, at, count)
+    aim(frame, cells, seen, beams, part, ranges, i, column, scratch)
+    # beams that are none, up to a whole number of BESIDE, are where there is no room
+    end = at + (count + BESIDE - 1) // BESIDE * BESIDE
+    for k in range(np.uint64(at + count), np.uint64(end)):
+        scratch[_AT.room + k] = bits(np.int32(0))
+    for k in range(np.uint64(at // BESIDE), np.uint64(end // BESIDE)):
+        words[np.uint64(_FIRST) + k] = frame.grid_first
     return True
 
 
 @inlined
-def arrive(frame, part, ranges, i, column, scratch):
-    """Shortens the ranges of the beams of `set_out` that have met something."""
+def look_along(frame, cells, place, way, ranges, i, k):
+    """Shortens ranges[i, k] (m) to the distance from a place along a unit vector, by `grid_ray`."""
+    u, v = place
+    du, dv = way
+    reach = ranges[i, k] / frame.grid_cell
+    distance = grid_ray(frame, cells, u, v, du, dv, reach)
+    if distance < reach:
+        ranges[i, k] = distance * frame.grid_cell
+
+
+@inlined
+def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
+    """Writes what `leap` reads of beams that begin within the grid.
+
+    All as if each went up the rows and the columns, and counted from the cell where it begins. A line is as well told
+    by where it crosses the sides of cells: v = start_v + u slope_v, and u = start_u + v slope_u.
+
+    Args:
+        seen: `seen_from`.
+        part: as in `set_out`.
+    """
     first, count, at = part
-    if frame.grid_closed == 0:
-        stop_inside(frame, scratch, at, count)
+    u, v, cosine, sine = seen
+    j = math.floor(u)
+    row = math.floor(v)
+    width = np.int32(frame.grid_columns + 2)
+    size = np.int32((frame.grid_rows + 2) * (frame.grid_columns + 2))
+    begin = np.int32((np.int64(row) + 1) * (frame.grid_columns + 2) + np.int64(j) + 1)
+    # all begin in one cell: of its rooms there are four
+    ahead_up = np.int32(cells[np.uint64(frame.grid_first + begin)])
+    back_up = np.int32(cells[np.uint64(frame.grid_first + begin + size)])
+    ahead_down = np.int32(cells[np.uint64(frame.grid_first + begin + 2 * size)])
+    back_down = np.int32(cells[np.uint64(frame.grid_first + begin + 3 * size)])
+    across = np.float32(frame.grid_rows + frame.grid_columns)
+    cells_per_metre = np.float32(1.0 / frame.grid_cell)
+    part_u = np.float32(u - j)
+    part_v = np.float32(v - row)
     for k in range(count):
+        du, dv = way_of(beams, first + k, cosine, sine)
+        left = du < 0.0
+        down = dv < 0.0
+        reach = np.float32(ranges[i, np.uint64(column + first + k)]) * cells_per_metre
+        reach = reach if reach < across else across
+        along_u = np.float32(abs(du))
+        along_v = np.float32(abs(dv))
+        along_u = along_u if along_u > _ONE / _STEEPEST else _ONE / _STEEPEST
+        along_v = along_v if along_v > _ONE / _STEEPEST else _ONE / _STEEPEST
+        once = _ONE / (along_u * along_v)
+        slope_u = along_u * along_u * once
+        slope_v = along_v * along_v * once
+        from_u = _ONE - part_u if left else part_u
+        from_v = _ONE - part_v if down else part_v
+        # no less than twice what rounding may have put a crossing off by, in cells: five roundings of where it is, ten
+        # of a cell's side times the slope, and two
+        steep = slope_u if slope_u > slope_v else slope_v
+        off = _ROUNDING * (np.float32(10.0) * reach + np.float32(20.0) * steep + np.float32(30.0))
+        place = np.uint64(at + k)
+        scratch[_AT.slope_u + place] = slope_u
+        scratch[_AT.slope_v + place] = slope_v
+        scratch[_AT.start_u + place] = from_u - from_v * slope_u
+        scratch[_AT.start_v + place] = from_v - from_u * slope_v
+        scratch[_AT.sure + place] = _HALF - off
+        scratch[_AT.last + place] = from_u + from_v + reach * (along_u + along_v) + np.float32(4.0) * off
+        here = begin + (size if left else np.int32(0)) + (size + size if down else np.int32(0))
+        scratch[_AT.here + place] = bits(np.int32(here))
+        room_up = back_up if left else ahead_up
+        room_down = back_down if left else ahead_down
+        scratch[_AT.room + place] = bits(room_down if down else room_up)
+        scratch[_AT.step_u + place] = bits(np.int32(-1) if left else np.int32(1))
+        scratch[_AT.step_v + place] = bits(np.int32(-width) if down else width)
+        scratch[_AT.at_u + place] = bits(np.int32(0))
+        scratch[_AT.at_v + place] = bits(np.int32(0))
+
+
+@inlined
+def arrive(frame, cells, seen, beams, part, ranges, i, column, scratch):
+    """Shortens the ranges of the beams of `set_out` that have met something.
+
+    The cell in which a beam has ended is entered by that of its two sides which is met last: as far away as `ray_from`
+    says, to the bit.
+
+    Args:
+        seen: `seen_from`.
+        part: as in `set_out`.
+    """
+    first, count, at = part
+    u, v, cosine, sine = seen
+    if frame.grid_closed == 0:
+        stop_inside(frame, u, v, scratch, at, count)
+    j = math.floor(u)
+    row = math.floor(v)
+    least = np.int32(0)
+    for k in range(count):
+        du, dv = way_of(beams, first + k, cosine, sine)
+        at_u = whole(scratch[_AT.at_u + np.uint64(at + k)])
+        at_v = whole(scratch[_AT.at_v + np.uint64(at + k)])
+        side_u = (at_u - j) + (u - 1.0) if du < 0.0 else (at_u + j) - u
+        side_v = (at_v - row) + (v - 1.0) if dv < 0.0 else (at_v + row) - v
+        by_u = side_u * abs(dv) > side_v * abs(du)
+        gone = (side_u if by_u else side_v) * (1.0 / abs(du if by_u else dv))
+        # where it begins, too, and where that makes it no number
+        distance = (gone if gone > 0.0 else 0.0) * frame.grid_cell
         place = np.uint64(column + first + k)
         so_far = ranges[i, place]
-        gone = scratch[_AT.gone + np.uint64(at + k)]
-        ranges[i, place] = gone * frame.grid_cell if gone < scratch[_AT.reach + np.uint64(at + k)] else so_far
+        ranges[i, place] = distance if (distance < so_far) & (at_u >= 0) else so_far
+        least = at_u if at_u < least else least
+    if least == _UNSURE:
+        look_closely(frame, cells, seen, beams, part, ranges, i, column, scratch)
+
+
+@compiled
+def look_closely(frame, cells, seen, beams, part, ranges, i, column, scratch):
+    """Shortens the ranges of the beams that passed so near by a corner that single precision could not tell the side.
+
+    Args:
+        seen: `seen_from`.
+        part: as in `set_out`.
+    """
+    first, count, at = part
+    u, v, cosine, sine = seen
+    for k in range(count):
+        if whole(scratch[_AT.at_u + np.uint64(at + k)]) == _UNSURE:
+            way = way_of(beams, first + k, cosine, sine)
+            look_along(frame, cells, (u, v), way, ranges, i, np.uint64(column + first + k))
 
 
 @inlined
@@ -703,11 +861,14 @@ def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column)
             continue
         pose = (s.x, s.y, s.heading)
         if wide > TOGETHER:
-            scan_grid(frame, cells, pose, lidar.beams, ranges, i, column, lidar.scratch, lidar.words)
+            scan_grid(frame, cells, pose, lidar.beams, ranges, i, column, lidar.ways, lidar.words)
             continue
         part = 0, count, held * wide
-        if set_out(frame, cells, pose, lidar.beams, part, ranges, i, column, lidar.scratch):
+        seen = seen_from(frame, pose)
+        if set_out(frame, cells, seen, lidar.beams, part, ranges, i, column, lidar.ways, lidar.words):
             lidar.words[np.uint64(_HELD + held)] = i
+            for k in range(4):
+                lidar.scratch[np.uint64(4 * held + k)] = seen[k]
             held += 1
         if (held + 1) * wide > TOGETHER:
             land(frames, cells, states, lidar, ranges, column, held)
@@ -721,50 +882,13 @@ def land(frames, cells, states, lidar, ranges, column, held):
     """Brings the beams of the first robots that are held to their ends."""
     count = lidar.beams.shape[1]
     wide = (count + BESIDE - 1) // BESIDE * BESIDE
-    travel(cells, lidar.scratch, lidar.words, held * wide)
+    travel(cells, lidar.ways, lidar.words, held * wide)
     for k in range(held):
         i = np.int64(lidar.words[np.uint64(_HELD + k)])
-        arrive(frames[states[i].scenario], (0, count, k * wide), ranges, i, column, lidar.scratch)
-
-
-@inlined
-def aim(frame, u, v, scratch, at, count):
-    """Writes what `leap` reads of beams that begin at a place within the grid, along the vectors that stand there.
-
-    All as if each went up the rows and the columns: with the other sign where it goes down. A beam's place is that of
-    its room in the cells.
-    """
-    width = frame.grid_columns + 2.0
-    size = (frame.grid_rows + 2.0) * width
-    j = math.floor(u)
-    i = math.floor(v)
-    here = frame.grid_first + (i + 1.0) * width + j + 1.0
-    for k in range(np.uint64(at), np.uint64(at + count)):
-        du = scratch[_AT.along_u + k]
-        dv = scratch[_AT.along_v + k]
-        left = du < 0.0
-        down = dv < 0.0
-        scratch[_AT.along_u + k] = abs(du)
-        scratch[_AT.along_v + k] = abs(dv)
-        scratch[_AT.inverse_u + k] = 1.0 / abs(du)
-        scratch[_AT.inverse_v + k] = 1.0 / abs(dv)
-        scratch[_AT.u + k] = -u if left else u
-        scratch[_AT.v + k] = -v if down else v
-        # a square's far side, from the place: at its first cell plus the room
-        scratch[_AT.far_u + k] = u - 1.0 if left else -u
-        scratch[_AT.far_v + k] = v - 1.0 if down else -v
-        scratch[_AT.at_u + k] = -j if left else j
-        scratch[_AT.at_v + k] = -i if down else i
-        scratch[_AT.step_u + k] = -1.0 if left else 1.0
-        scratch[_AT.step_v + k] = -width if down else width
-        plane = (size if left else 0.0) + (2.0 * size if down else 0.0)
-        scratch[_AT.plane + k] = frame.grid_first + width + 1.0 + plane
-        scratch[_AT.place + k] = here + plane
-        scratch[_AT.last + k] = here + plane
-        scratch[_AT.gone + k] = 0.0
-    # beams that are none, up to a whole number of BESIDE, are where there is no room
-    for k in range(np.uint64(at + count), np.uint64(at + (count + BESIDE - 1) // BESIDE * BESIDE)):
-        scratch[_AT.place + k] = 0.0
+        at = np.uint64(4 * k)
+        seen = lidar.scratch[at], lidar.scratch[at + 1], lidar.scratch[at + 2], lidar.scratch[at + 3]
+        frame = frames[states[i].scenario]
+        arrive(frame, cells, seen, lidar.beams, (0, count, k * wide), ranges, i, column, lidar.ways)
 
 
 @inlined
@@ -772,79 +896,74 @@ def travel(cells, scratch, words, count):
     """Lets all beams leap until the last has ended; those beside each other that all have ended are passed over."""
     left = np.uint64((count + BESIDE - 1) // BESIDE)
     for k in range(left):
-        words[k] = look(cells, scratch, k * np.uint64(BESIDE))
-        words[np.uint64(_GOING) + k] = k
+        words[k] = k
     while left > 0:
-        for _ in range(LEAPS):
-            for k in range(left):
-                which = words[np.uint64(_GOING) + k]
-                leap(scratch, which * np.uint64(BESIDE), words[which])
-            for k in range(left):
-                which = words[np.uint64(_GOING) + k]
-                words[which] = look(cells, scratch, which * np.uint64(BESIDE))
+        # one after the other: what has just been written here and there cannot be read at once
+        for k in range(left):
+            leap(scratch, words[k] * np.uint64(BESIDE))
         going = np.uint64(0)
         for k in range(left):
-            which = words[np.uint64(_GOING) + k]
-            words[np.uint64(_GOING) + going] = which
-            going += np.uint64(1) if words[which] != 0 else np.uint64(0)
+            which = words[k]
+            rooms = look(cells, scratch, which * np.uint64(BESIDE), words[np.uint64(_FIRST) + which])
+            words[going] = which
+            going += np.uint64(1) if rooms != 0 else np.uint64(0)
         left = going
 
 
 @inlined
-def look(cells, scratch, first):
-    """Returns the rooms of BESIDE beams, from the first on, a byte each."""
+def look(cells, scratch, first, begin):
+    """Writes the rooms of BESIDE beams, from the first on, in the grid that begins there; returns 0 if all are 0."""
     rooms = np.uint64(0)
     for k in range(np.uint64(BESIDE)):
-        room = np.uint64(cells[np.uint64(np.int64(scratch[_AT.place + first + k]))])
-        rooms |= room << (np.uint64(8) * k)
+        room = np.uint64(cells[begin + np.uint64(whole(scratch[_AT.place + first + k]))])
+        scratch[_AT.room + first + k] = bits(np.int32(room))
+        rooms |= room
     return rooms
 
 
 @inlined
-def leap(scratch, first, rooms):
+def leap(scratch, first):
     """Lets BESIDE beams go on to where they leave the free squares that they are in; one whose room is 0 stays."""
     for j in range(np.uint64(BESIDE)):
         k = first + j
-        room = np.float64((rooms >> (np.uint64(8) * j)) & np.uint64(255))
-        side_u = scratch[_AT.at_u + k] + room
-        side_v = scratch[_AT.at_v + k] + room
-        to_u = (side_u + scratch[_AT.far_u + k]) * scratch[_AT.inverse_u + k]
-        to_v = (side_v + scratch[_AT.far_v + k]) * scratch[_AT.inverse_v + k]
-        across = to_u < to_v
-        gone = to_u if across else to_v
-        # said so that each is an instruction
-        at_u = np.trunc(scratch[_AT.u + k] + gone * scratch[_AT.along_u + k])
-        at_u = scratch[_AT.at_u + k] if at_u < scratch[_AT.at_u + k] else at_u
-        at_u = side_u - 1.0 if side_u - 1.0 < at_u else at_u
-        at_v = np.trunc(scratch[_AT.v + k] + gone * scratch[_AT.along_v + k])
-        at_v = scratch[_AT.at_v + k] if at_v < scratch[_AT.at_v + k] else at_v
-        at_v = side_v - 1.0 if side_v - 1.0 < at_v else at_v
-        at_u = side_u if across else at_u
-        at_v = at_v if across else side_v
-        place = scratch[_AT.plane + k] + at_u * scratch[_AT.step_u + k] + at_v * scratch[_AT.step_v + k]
-        stays = room == 0.0
-        scratch[_AT.at_u + k] = at_u
-        scratch[_AT.at_v + k] = at_v
+        room = whole(scratch[_AT.room + k])
+        at_u = whole(scratch[_AT.at_u + k])
+        at_v = whole(scratch[_AT.at_v + k])
+        side_u = np.float32(np.int32(at_u + room))
+        side_v = np.float32(np.int32(at_v + room))
+        u = side_v * scratch[_AT.slope_u + k] + scratch[_AT.start_u + k]
+        v = side_u * scratch[_AT.slope_v + k] + scratch[_AT.start_v + k]
+        # one of them is where the line crosses a side, and the other is that side
+        u = u if u < side_u else side_u
+        v = v if v < side_v else side_v
+        to_u = np.int32(u)
+        to_v = np.int32(v)
+        part = (u + v) - np.float32(np.int32(to_u + to_v))
+        sure = abs(part - _HALF) < scratch[_AT.sure + k]
+        place = whole(scratch[_AT.here + k])
+        place += to_u * whole(scratch[_AT.step_u + k]) + to_v * whole(scratch[_AT.step_v + k])
         # where the first cell of the rim is, there is no room either
-        place = 0.0 if gone >= scratch[_AT.reach + k] else place
-        scratch[_AT.place + k] = 0.0 if stays else place
-        scratch[_AT.last + k] = scratch[_AT.last + k] if stays else place
-        scratch[_AT.gone + k] = scratch[_AT.gone + k] if stays else gone
+        goes = sure & (u + v < scratch[_AT.last + k]) & (room != 0)
+        scratch[_AT.place + k] = bits(np.int32(place) if goes else np.int32(0))
+        to_u = at_u if at_u > to_u else to_u
+        to_v = at_v if at_v > to_v else to_v
+        scratch[_AT.at_u + k] = bits(to_u if sure | (room == 0) else _UNSURE)
+        scratch[_AT.at_v + k] = bits(to_v)
 
 
 @inlined
-def stop_inside(frame, scratch, at, count):
-    """Lets beams that have ended on the rim of a grid, beyond which all is free, go as far as they reach."""
-    width = frame.grid_columns + 2.0
-    height = frame.grid_rows + 2.0
+def stop_inside(frame, u, v, scratch, at, count):
+    """Marks the beams that have ended on the rim of a grid, beyond which all is free."""
+    j = np.int64(math.floor(u))
+    i = np.int64(math.floor(v))
     for k in range(np.uint64(at), np.uint64(at + count)):
-        place = scratch[_AT.last + k] - frame.grid_first
-        line = np.floor(place / width)
-        column = place - line * width
-        row = line - np.floor(line / height) * height
+        at_u = whole(scratch[_AT.at_u + k])
+        at_v = whole(scratch[_AT.at_v + k])
+        column = j + at_u * whole(scratch[_AT.step_u + k])
+        row = i + (at_v if whole(scratch[_AT.step_v + k]) > 0 else -at_v)
         # without a branch, as all here
-        inside = (column >= 1.0) & (column <= frame.grid_columns) & (row >= 1.0) & (row <= frame.grid_rows)
-        scratch[_AT.gone + k] = scratch[_AT.gone + k] if inside else scratch[_AT.reach + k]
+        inside = (column >= 0) & (column < frame.grid_columns) & (row >= 0) & (row < frame.grid_rows)
+        scratch[_AT.at_u + k] = bits(at_u if inside | (at_u == _UNSURE) else _OUT)
 
 
 @allocating
@@ -858,7 +977,7 @@ def _clearances(frames, cells, points):
 @allocating
 def _rays(frames, cells, points, headings, lengths):
     ahead = np.array([[1.0], [0.0]])
-    scratch = np.empty(SCRATCH)
+    scratch = np.empty(SCRATCH, np.float32)
     words = np.empty(WORDS, np.uint64)
     for k in range(points.shape[0]):
         pose = (points[k, 0], points[k, 1], headings[k])

@@ -177,7 +177,8 @@ class Lidar(NamedTuple):
     first_beam: float  # rad, body frame
     beam_step: float  # rad
     max_range: float  # m
-    scratch: NDArray[np.float64]  # (ROOM,), and for maps at least (grids.SCRATCH,)
+    scratch: NDArray[np.float64]  # (ROOM,)
+    ways: NDArray[np.float32]  # for maps (grids.SCRATCH,)
     words: NDArray[np.uint64]  # for maps (grids.WORDS,)
 
 
@@ -269,7 +270,7 @@ def shorten(lidar, obstacle, j, turned, ranges, i, column):
     Args:
         turned: sine and cosine of the robot's heading.
     """
-    beams, first_beam, beam_step, _, scratch, _ = lidar
+    beams, first_beam, beam_step, _, scratch, _, _ = lidar
     s, c = turned
     num_beams = beams.shape[1]
     inverse_step = 1.0 / beam_step

@@ -194,7 +194,7 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
             ranges,
             0,
             0,
-            np.empty(SCRATCH),
+            np.empty(SCRATCH, np.float32),
             np.empty(WORDS, np.uint64),
         )
         place = grid.places(point)

@@ -49,6 +49,7 @@ def scan(
         float(angles[1] - angles[0]) if num_beams > 1 else FULL,
         max_range,
         np.empty(ROOM),
+        np.empty(0, np.float32),
         np.empty(0, np.uint64),
     )
     fields, blocks = in_blocks(field[None], np.array([len(field)]))
