@@ -175,16 +175,27 @@ def test_robots_that_scan_together_see_what_each_sees_alone(num_beams: int, tmp_
             assert all((one == several[i]).all() for one, several in zip(alone, seen, strict=True))
 
 
+def near_corners(place: Array, rng: np.random.Generator, count: int) -> Array:
+    """Returns unit vectors (count, 2) from a place past corners of cells, by far less than single precision tells."""
+    aside = np.exp(rng.uniform(math.log(1e-9), math.log(1e-4), count)) * rng.choice([-1.0, 1.0], count)
+    ways = np.floor(place) + rng.integers(-15, 16, (count, 2)) - place
+    ways += (aside / np.hypot(*ways.T))[:, None] * ways[:, ::-1] * (-1.0, 1.0)
+    return ways / np.hypot(*ways.T)[:, None]
+
+
 @pytest.mark.parametrize("beyond", ["occupied", "free"])
 @pytest.mark.parametrize("density", [0.0, 0.01, 0.1, 0.4])
 def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, beyond: str) -> None:
     rng = np.random.default_rng(11)
     grid = OccupancyGrid(rng.random((37, 53)) < density, 0.25, beyond=beyond)
     grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
-    beams = np.ascontiguousarray(sines(np.linspace(-3.1, 3.1, 2 * TOGETHER + 3))[::-1])  # more than go at once
+    around = sines(np.linspace(-3.1, 3.1, TOGETHER + 3))[::-1]  # more than go at once, with those past corners
     for point in rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25):
-        # what stands nearer than the map has been seen already
+        place = grid.places(point)
+        beams = np.ascontiguousarray(np.hstack([around, near_corners(place, rng, 200).T]))
+        # what stands nearer than the map has been seen already; nothing has before the beams past corners
         before = rng.uniform(0.0, 8.0, (1, beams.shape[1]))
+        before[0, around.shape[1] :] = 8.0
         ranges = before.copy()
         scan_grid(
             grids.frames[0],
@@ -197,7 +208,6 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
             np.empty(SCRATCH, np.float32),
             np.empty(WORDS, np.uint64),
         )
-        place = grid.places(point)
         for k, beam in enumerate(beams.T):
             reach = before[0, k] / 0.25
             gone = traversed(grid, place, beam, reach)
