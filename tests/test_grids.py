@@ -175,10 +175,12 @@ def test_robots_that_scan_together_see_what_each_sees_alone(num_beams: int, tmp_
             assert all((one == several[i]).all() for one, several in zip(alone, seen, strict=True))
 
 
-def near_corners(place: Array, rng: np.random.Generator, count: int) -> Array:
-    """Returns unit vectors (count, 2) from a place past corners of cells, by far less than single precision tells."""
-    aside = np.exp(rng.uniform(math.log(1e-9), math.log(1e-4), count)) * rng.choice([-1.0, 1.0], count)
-    ways = np.floor(place) + rng.integers(-15, 16, (count, 2)) - place
+def near_corners(grid: OccupancyGrid, place: Array, rng: np.random.Generator, count: int) -> Array:
+    """Returns unit vectors (count, 2) past corners of what is occupied, nearer by than single precision tells."""
+    cells = np.argwhere(grid.occupied)[:, ::-1] if grid.occupied.any() else rng.integers(0, 30, (40, 2))
+    nearest = cells[np.argsort(np.hypot(*(cells - place).T))[:40]]
+    ways = nearest[rng.integers(0, len(nearest), count)] + rng.integers(0, 2, (count, 2)) - place
+    aside = np.exp(rng.uniform(math.log(1e-8), math.log(3e-6), count)) * rng.choice([-1.0, 1.0], count)
     ways += (aside / np.hypot(*ways.T))[:, None] * ways[:, ::-1] * (-1.0, 1.0)
     return ways / np.hypot(*ways.T)[:, None]
 
@@ -189,10 +191,10 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
     rng = np.random.default_rng(11)
     grid = OccupancyGrid(rng.random((37, 53)) < density, 0.25, beyond=beyond)
     grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
-    around = sines(np.linspace(-3.1, 3.1, TOGETHER + 3))[::-1]  # more than go at once, with those past corners
+    around = sines(np.linspace(-3.1, 3.1, TOGETHER // 4))[::-1]  # with those past corners more than go at once
     for point in rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25):
         place = grid.places(point)
-        beams = np.ascontiguousarray(np.hstack([around, near_corners(place, rng, 200).T]))
+        beams = np.ascontiguousarray(np.hstack([around, near_corners(grid, place, rng, 800).T]))
         # what stands nearer than the map has been seen already; nothing has before the beams past corners
         before = rng.uniform(0.0, 8.0, (1, beams.shape[1]))
         before[0, around.shape[1] :] = 8.0
