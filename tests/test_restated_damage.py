@@ -303,3 +303,21 @@ def test_what_no_mutation_fits_has_bits_flipped(monkeypatch: pytest.MonkeyPatch,
 
     monkeypatch.setattr(mutations, "_ANY", (fails,))
     assert mutations.damaged(b"\0\0", "a.bin", Told(0, 0, 0, 1, 7)) == b"\0\x80"
+
+
+def test_a_bomb_is_a_gibibyte_of_zeros_under_the_first_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(mutations, "range", lambda count: asked.append(count) or (0, 1), raising=False)
+    content = _done(mutations._bomb, _archive(a=b"x", b=b"y", c=b"z"))
+    assert asked == [1024]
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert [each.filename for each in archive.infolist()] == ["a", "b", "c"]
+        assert archive.read("b") == archive.read("c") == b""
+        whole = archive.read("a")
+    assert whole[:8] == b"\x93NUMPY\x01\x00"
+    length = int.from_bytes(whole[8:10], "little")
+    assert (10 + length) % 64 == 0  # as NumPy's format has it
+    header = whole[10 : 10 + length]
+    assert header.endswith(b"\n")
+    assert eval(header) == {"descr": "<f8", "fortran_order": False, "shape": (2**30 // 8,)}
+    assert whole[10 + length :] == bytes(2 << 20)
