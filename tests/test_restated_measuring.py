@@ -332,6 +332,14 @@ def test_rates_are_told_beside_cartpole_s_with_as_many_robots(monkeypatch: pytes
     ]  # fmt: skip
     assert "median of 5 rounds" in " ".join(done.output.split())
     assert f"NumPy {np.__version__}" in done.output
+    # a hundred columns, whatever the terminal has
+    found[0] = (Contender("x" * 55, 1024, len), found[0][1])
+    for words in ([], ["--threads", "4"]):
+        lines = CliRunner().invoke(throughput.main, words).output.splitlines()
+        assert next(len(line) for line in lines if "x" * 55 in line) > 80
+    found[0] = (Contender("x", 1024, len), found[0][1])
+    seen.clear()
+    seen.append(())
     done = CliRunner().invoke(throughput.main, ["--rounds", "2", "--seconds", "60", "--threads", "4"])
     assert seen[1:] == [("4 threads", 2, 60.0)]
     assert cells(done.output) == [
@@ -579,8 +587,12 @@ def test_what_ships_is_not_tuned_again_unless_forced(monkeypatch: pytest.MonkeyP
         assert count == 1
         yield "engine"
 
-    wanted = [("path-following", "lqr", "p3dx", 0.6, "none"), ("path-following", "mpc", "omni3", 0.6, "none"),
-              ("goal-obstacles", "dwa", "p3dx", 0.6, "none"), ("path-following", "lqr", "p3dx", 0.3, "none")]  # fmt: skip
+    wanted = [
+        ("path-following", "lqr", "p3dx", 0.6, "none"),
+        ("path-following", "mpc", "omni3", 0.6, "none"),
+        ("goal-obstacles", "dwa", "p3dx", 0.6, "none"),
+        ("path-following", "lqr", "p3dx", 0.3, "none"),
+    ]
     for suite in CONTESTS:
         (tmp_path / suite).mkdir()
     (tmp_path / "goal-obstacles" / "dwa_p3dx_0.6_none.json").touch()
