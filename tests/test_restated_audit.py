@@ -119,8 +119,14 @@ def test_a_verdict_needs_an_interval_on_its_side(run: Any) -> None:
     lines = [dict(line) for line in tables["_claims"]]
     base = len(found(rows, {"_claims": lines}, "_claims").wrong)
     for verdict in ("wins", "loses", "level"):
-        for cell, fault in (("+1.0 [-1.0, +2.0]", True), ("+1.0 [+0.5, +2.0]", False), ("+1.0", True),
-                            ("-1.0 [-2.0, -0.5]", False), ("-1.0 [-2.0, 0.0]", True), ("+1 s [0.0, 1.0]", True)):  # fmt: skip
+        for cell, fault in (
+            ("+1.0 [-1.0, +2.0]", True),
+            ("+1.0 [+0.5, +2.0]", False),
+            ("+1.0", True),
+            ("-1.0 [-2.0, -0.5]", False),
+            ("-1.0 [-2.0, 0.0]", True),
+            ("+1 s [0.0, 1.0]", True),
+        ):
             changed = [lines[0] | {"success (points)": cell, "on success": verdict}, *lines[1:]]
             wrong = [each for each in found(rows, {"_claims": changed}, "_claims").wrong if "holds 0" in each]
             assert len(wrong) == (fault and verdict != "level")
