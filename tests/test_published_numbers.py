@@ -169,8 +169,10 @@ ROOMS = ("envs", "envs.scenarios", "policies", "policies.parts", "policies.learn
 BESIDES = (
     *(f"policies.training.{name}" for name in ("imitation", "offline", "presets", "shaping", "ways")),
     *(f"benchmarks.{name}" for name in ("aggregates", "claims", "crossed", "metrics", "paired", "shortest", "suite")),
-    "benchmarks.rooms",
-    "benchmarks.tune",
+    *(f"benchmarks.{name}" for name in ("audit", "contest_options", "coverage", "decisions", "drives", "entries")),
+    *(f"benchmarks.{name}" for name in ("kept_rows", "own_scenario", "public_suites", "recorder")),
+    *(f"benchmarks.{name}" for name in ("rollout", "rooms", "throughput", "tune", "tune_all")),
+    *(f"benchmarks.report.{name}" for name in ("drives", "worlds")),
 )
 # what no result hangs on: how it is computed, shown, or read
 MACHINES = {

@@ -615,3 +615,30 @@ def test_whose_episode_has_ended_begins_anew() -> None:
     ended = np.array([False, True, True, False, False, True, False, False, True])
     Shaped.tell(worlds, [Asked("a"), Asked("b"), Asked("c")], ended)  # type: ignore[list-item]
     assert told == [("a", [1, 2]), ("c", [0, 3])]
+
+
+def test_parts_of_a_run_that_is_done_are_deleted_and_others_stay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for others in (False, True):
+        home = tmp_path / str(others) / "unfinished"
+        mine = [parts.Part(setting=None, folder=home / name) for name in ("a", "b")]  # type: ignore[arg-type]
+        for folder in (home, *(part.folder for part in mine), *([home / "theirs"] if others else [])):
+            folder.mkdir(parents=True)
+            (folder / "rows.json").touch() if folder != home else (folder / parts._MARK).touch()
+        parts.clear_parts(mine)
+        told = capsys.readouterr().err
+        assert home.exists() is others
+        assert told == (f"{home} holds parts of other runs; they stay there\n" if others else "")
+        if others:
+            assert sorted(each.name for each in home.iterdir()) == sorted((parts._MARK, "theirs"))
+
+
+def test_a_space_in_short_is_its_shape_and_its_first_bounds() -> None:
+    box_of = gymnasium.spaces.Box
+    few = box_of(np.float32([-1.0, -2.5]), np.float32([1.0, 0.5]))
+    assert own_policies._space(few) == "Box(2,) of -1..1 -2.5..0.5"
+    many = box_of(-np.ones(4, np.float32), np.float32([1.0, 2.0, 3.0, 4.0]))
+    assert own_policies._space(many) == "Box(4,) of -1..1 -1..2 -1..3 ..."
+    assert own_policies._space(box_of(-1.0, 1.0, (3,))) == "Box(3,) of -1..1 -1..1 -1..1"
+    assert own_policies._space(gymnasium.spaces.Discrete(2)) == "Discrete(2)"
