@@ -165,9 +165,11 @@ def test_every_gain_is_taken_down_to_the_edge_of_its_range(name: str) -> None:
 # Every number that results hang on stands once more in a file: that of a law, a plant, a family, a preset, a table. Who
 # changes one changes it there too (`python tests/test_published_numbers.py` writes the file), and publishes anew.
 NUMBERS = Path(__file__).parent / "fixtures" / "numbers.json"
-ROOMS = ("envs", "envs.scenarios", "policies", "policies.parts", "policies.learned", "benchmarks.contests")
+ROOMS = (
+    *("envs", "envs.scenarios", "policies", "policies.parts", "policies.learned", "policies.training"),
+    "benchmarks.contests",
+)
 BESIDES = (
-    *(f"policies.training.{name}" for name in ("imitation", "offline", "presets", "shaping", "ways")),
     *(f"benchmarks.{name}" for name in ("aggregates", "claims", "crossed", "metrics", "paired", "shortest", "suite")),
     "benchmarks.rooms",
     "benchmarks.tune",
@@ -201,6 +203,13 @@ def is_constant(name: str) -> bool:
     return name.strip("_").isupper() and not name.startswith("__")
 
 
+def arguments(function: Any) -> dict[str, Any]:
+    """Returns the numbers that a function takes where it is told none, by argument."""
+    function = getattr(function, "py_func", function)
+    told = {name: each.default for name, each in inspect.signature(function).parameters.items()}
+    return {name: each for name, each in told.items() if isinstance(each, bool | int | float)}
+
+
 def assigned(module: Any) -> set[str]:
     """Returns the names of a module's own constants."""
     found = set()
@@ -227,6 +236,10 @@ def numbers() -> dict[str, Any]:
             if dataclasses.is_dataclass(value) and getattr(value, "__module__", "") == module.__name__:
                 defaults = {field.name: field.default for field in dataclasses.fields(value)}
                 found[f"{name}.{key}"] = plain(defaults)
+            owned = vars(value).items() if isinstance(value, type) else [("", value)]
+            for inside, each in owned if getattr(value, "__module__", "") == module.__name__ else ():
+                if inspect.isfunction(getattr(each, "py_func", each)) and inside != "__init__":
+                    found[f"{name}.{key}.{inside}()".replace(".()", "()")] = plain(arguments(each))
     return {name: told for name, told in sorted(found.items()) if told is not None}
 
 

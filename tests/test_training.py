@@ -966,6 +966,10 @@ def test_the_settings_are_listed_with_their_ranges() -> None:
         for key, default, allowed, what in rows(preset):
             keys.add(key)
             assert what
+            # a range is said in signs and numbers, or by the words that can be chosen from
+            many = r"(a,b,\.\.\. )?"
+            bounds = rf"{many}(>=? [\d.]+( to \d+)?|\d[\de]* to (\d[\de]*|steps)(, open)?)|any number"
+            assert re.fullmatch(rf"{bounds}|[a-z]+(, [a-z]+)+", allowed), allowed
             number = next((float(word) for word in re.findall(r"\d[\d.e]*", allowed)), None)
             if allowed.startswith(">") and number is not None:
                 beyond = [f"{number - 0.1:g}"] + [f"{number:g}"] * (not allowed.startswith(">="))
