@@ -1,11 +1,9 @@
 """What a training counts, keeps, tells and draws, stated once more beside a learner of a few lines."""
 
-import contextlib
 import dataclasses
 import json
 import math
 import re
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +19,7 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.perception import Perception
 from wayfield.policies.policy import check_gain, check_whole
-from wayfield.policies.training import checkpoints, command, measured, run, slices
+from wayfield.policies.training import command, measured, run, slices
 from wayfield.policies.training.checkpoints import BEST, CURVE, LAST, LOCK, RUN
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset
@@ -171,7 +169,8 @@ def test_a_run_validates_evenly_and_at_its_end(
         done = 0 if taught else at[k - bool(imitation)]
         wanted = {
             **dataclasses.asdict(score), "frames": float((imitation + done) * UPDATE), "updates": float(done),
-            "return": score.reward, "reward": math.nan if taught else 0.125 * done, "std": math.nan if taught else 0.025 * done,
+            "return": score.reward,
+            "reward": math.nan if taught else 0.125 * done, "std": math.nan if taught else 0.025 * done,
         }  # fmt: skip
         assert row.keys() - {"seconds"} == wanted.keys()
         assert {name: row[name] for name in wanted} == pytest.approx(wanted, nan_ok=True)
@@ -286,3 +285,317 @@ def test_patience_counts_validations_since_the_best(
     assert len(told.asked) == validations
     assert last.done
     assert last.frames == 2 * validations * UPDATE == reports[-1].frames
+
+
+# What is told and drawn.
+
+
+ROW = {"success": 0.756, "collision": 0.032, "error": 7.25678, "return": 12.345, "frames": 960.0}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_run_is_told_in_a_line(task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    preset = next(each for each in PRESETS.values() if each.task == task)
+    jobs = [Job(PATH, preset, (), k, tmp_path / f"seed_{k}") for k in range(5)]
+    seconds = {"imitation": 0.0, "environment": 3.0, "update": 1.0, "validation": 4.0}
+    reports = [
+        Report(0, 8_000, 9_000, ROW, seconds, done=True),
+        Report(1, 5_000, 9_000, None, seconds, stopped=15),
+        Report(2, 0, 9_000, error="out of memory"),
+        Report(3, 0, 9_000),
+        Report(4, 400, 9_000, None, {"validation": 2.0}, stopped=2),
+    ]
+    cost = {"path_following": "left 3%, RMS error 7.2568 m"}.get(task, "collided 3%, time 7.3 s")
+    found = f"success 76%, {cost}, return 12.3"
+    lines = [
+        f"seed 0: done; 2,000 frames/s (environment 38%, update 12%, validation 50%); last validation: {found}; "
+        f"{tmp_path / 'seed_0' / 'best'}",
+        "seed 1: stopped, go on with --resume; 1,250 frames/s (environment 38%, update 12%, validation 50%); "
+        f"last validation: no validation yet; {tmp_path / 'seed_1' / 'best'}",
+        f"seed 3: stopped, go on with --resume; nothing (); last validation: no validation yet; "
+        f"{tmp_path / 'seed_3' / 'best'}",
+        "seed 4: stopped, go on with --resume; nothing (validation 100%); last validation: no validation yet; "
+        f"{tmp_path / 'seed_4' / 'best'}",
+    ]
+    assert command._told(jobs, reports, preset) == 130  # that of the last that a signal stopped
+    said = capsys.readouterr()
+    assert said.out.splitlines() == lines
+    assert said.err == "seed 2: out of memory\n"
+    assert command._told(jobs[:3], reports[:3], preset) == 143
+    assert command._told(jobs[2:4], reports[2:4], preset) == 1
+    assert command._told(jobs[:1], reports[:1], preset) == 0
+
+
+def test_where_nobody_looks_a_line_is_printed_a_validation_or_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(command.time, "monotonic", lambda: clock[0])
+    preset = preset_of()
+    jobs = [Job(PATH, preset, (), k, tmp_path / f"seed_{k}") for k in (3, 4)]
+    at: list[tuple[float, Report]] = [
+        (101.0, Report(3, 96, 672, note="going on from the save before it")),
+        (105.0, Report(3, 192, 672, ROW | {"frames": 192.0}, note="going on from the save before it")),
+        (106.0, Report(3, 288, 672, ROW | {"frames": 192.0})),  # the same again
+        (131.0, Report(4, 96, 672)),
+        (134.9, Report(3, 384, 672)),
+        (135.1, Report(3, 1_480, 1_672)),
+        (136.0, Report(4, 192, 672)),
+        (166.5, Report(3, 576, 672)),
+    ]
+
+    def trained(given: Any, at_once: int, report: Any) -> list[Report]:
+        assert (given, at_once) == (jobs, 2)
+        for now, each in at:
+            clock[0] = now
+            report(each)
+        return [each for _, each in at[-2:]]
+
+    monkeypatch.setattr(command, "train_all", trained)
+    assert command._trained(jobs, 2) == [at[-2][1], at[-1][1]]
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert [line for line in said.err.splitlines() if "note" not in line] == [
+        "seed 3: going on from the save before it",
+        "seed 3: 192 of 672 frames, 5 s; success 76%, left 3%, RMS error 7.2568 m, return 12.3",
+        "seed 4: 96 of 672 frames, 31 s",
+        "seed 3: 1,480 of 1,672 frames, 35 s",
+        "seed 3: 576 of 672 frames, 66 s",
+    ]
+
+
+def test_curves_are_drawn_over_millions_of_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Any] = []
+
+    class Figure(matplotlib.figure.Figure):
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            super().__init__(*args, **kwargs)
+            figures.append(self)
+
+    monkeypatch.setattr(matplotlib.figure, "Figure", Figure)
+    names = ["frames", "success", "collision", "error", "p95"]
+    rng = np.random.default_rng(3)
+    folders = []
+    for k in (0, 7):
+        folders.append(tmp_path / f"seed_{k}")
+        folders[-1].mkdir()
+        numbers = np.column_stack([1e5 * np.arange(1.0, 4.0), rng.random((3, 4))])
+        text = [",".join(names), *(",".join(map(str, row)) for row in numbers.tolist())]
+        (folders[-1] / CURVE).write_text("\n".join(text) + "\n")
+    shown = {
+        "path_following": [("success", "success"), ("error", "cross-track RMS, IQM (m)"),
+                           ("p95", "its 95th percentile (m)")],
+        "docking": [("success", "success"), ("collision", "collisions"), ("error", "time to the goal, IQM (s)")],
+    }  # fmt: skip
+    for task, panels in shown.items():
+        file = tmp_path / f"{task}.png"
+        draw_curves(folders, task, file, "as it went")
+        assert file.read_bytes().startswith(b"\x89PNG")
+        figure = figures.pop()
+        assert figure.get_suptitle() == "as it went"
+        for (column, label), axis in zip(panels, figure.axes, strict=True):
+            assert (axis.get_xlabel(), axis.get_ylabel()) == ("million frames", label)
+            assert axis.get_yscale() == ("log" if task == "path_following" and column != "success" else "linear")
+            share = column in ("success", "collision")
+            assert (axis.get_ylim() == (-0.02, 1.02)) == share
+            assert [each.get_label() for each in axis.lines] == ["seed_0", "seed_7"]
+            for folder, line in zip(folders, axis.lines, strict=True):
+                rows = np.genfromtxt(folder / CURVE, delimiter=",", names=True)
+                np.testing.assert_allclose(line.get_xdata(), rows["frames"] / 1e6)
+                np.testing.assert_allclose(line.get_ydata(), rows[column])
+        assert [axis.get_legend() is None for axis in figure.axes] == [False, True, True]
+
+
+def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
+    def refused(what: str) -> None:
+        with pytest.raises(ValueError, match=what):
+            command.check_out(tmp_path / "out")
+
+    command.check_out(tmp_path / "out" / "deeper")
+    (tmp_path / "out").mkdir()
+    command.check_out(tmp_path / "out")
+    (tmp_path / "out" / ".lock").touch()
+    (tmp_path / "out" / "seed_12").mkdir()
+    command.check_out(tmp_path / "out")  # begun, and no run in it yet
+    for other in ("curves.png", "seed_1a", "my_seed_1"):
+        (tmp_path / "out" / other).touch()
+        refused("not empty and holds no training runs")
+        (tmp_path / "out" / "seed_12" / RUN).touch()
+        command.check_out(tmp_path / "out")  # what lies beside runs is theirs
+        (tmp_path / "out" / "seed_12" / RUN).unlink()
+        (tmp_path / "out" / other).unlink()
+    (tmp_path / "out" / "seed_12").rmdir()
+    (tmp_path / "out" / ".lock").unlink()
+    (tmp_path / "out").rmdir()
+    (tmp_path / "out").touch()
+    refused("is a file")
+    with pytest.raises(ValueError, match="is a file"):
+        command.check_out(tmp_path / "out" / "deeper")
+
+
+# Measured, and in slices.
+
+
+def test_a_card_is_measured_anew_and_nothing_else_of_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    preset = preset_of(steps=UPDATE)
+    went(began(tmp_path, preset))
+    before = load_agent(tmp_path / BEST)
+    told.asked.clear()
+    monkeypatch.setattr(measured, "validate", told)
+    monkeypatch.setattr(measured, "cruises", lambda agent: {"lagged": [[0.4, 0.39]]})
+    done = click.testing.CliRunner().invoke(measured.main, [str(tmp_path / BEST)])
+    assert done.exit_code == 0, done.output
+    card = load_agent(tmp_path / BEST).card
+    base = dict(preset.validation)
+    clock, value = TASKS["path_following"].clock, float(before.network.numbers[0])
+    asked = [(0.6, base), (0.6, base | {"actuators": "slow"}), (1.05, base)]
+    assert told.asked == [(speed, PATH, kwargs, clock, value) for speed, kwargs in asked]
+    scores = [dataclasses.asdict(score_of(k, told.scores)) for k in range(3)]
+    assert card["cruises"] == {"lagged": [[0.4, 0.39]]}
+    assert card["validation"] == {
+        **{name: each for name, each in scores[0].items() if name != "reward"}, "return": scores[0]["reward"],
+    }  # fmt: skip
+    assert card["measured"] == [
+        {"asked_speed": speed, "env_kwargs": kwargs, **score}
+        for (speed, kwargs), score in zip(asked[1:], scores[1:], strict=True)
+    ]
+    changed = {"cruises", "validation", "measured", "digest", "format", "sha256"}
+    assert {k: v for k, v in card.items() if k not in changed} == {
+        k: v for k, v in before.card.items() if k not in changed
+    }
+    place = "all/validation"
+    assert done.output == f"{tmp_path / BEST}: {place} slow 0.6 m/s: 89 %, {place} lagged 1.05 m/s: 88 %\n"
+
+
+def test_a_cruise_is_what_is_driven_where_nothing_is_known_of_it(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+    driven = {("lagged", 0.4): 0.38124, ("lagged", 0.6): 0.38119, ("lagged", 0.8): 0.7, ("slow", 0.4): 0.0,
+              ("slow", 0.6): 0.5, ("slow", 0.8): 0.50004}  # fmt: skip
+    asked = []
+
+    def validated(agent: Any, env_id: str, kwargs: Any, clock: int, every: int) -> Any:
+        assert "cruises" not in agent.card or agent.card["cruises"] == {}
+        assert (env_id, kwargs["scenario"], kwargs["num_beams"]) == (PATH, "all/train", 9)
+        assert (clock, every) == (TASKS["path_following"].clock, 16)
+        asked.append((kwargs["actuators"], agent.speed))
+        return SimpleNamespace(speed=driven[asked[-1]])
+
+    monkeypatch.setattr(measured, "validate", validated)
+
+    @dataclasses.dataclass(frozen=True)
+    class Known:
+        card: Any
+        speed: float
+
+    card = {
+        "task": "path_following", "env_id": PATH, "cruises": {"lagged": [[0.4, 0.1]]},
+        "env_kwargs": {"scenario": "all/validation", "actuators": "ideal", "num_beams": 9},
+        "trained_on": {"actuators": ["lagged", "slow"], "speeds": [0.8, 0.4, 0.6]},
+    }  # fmt: skip
+    found = measured.cruises(Known(card, 0.6))  # type: ignore[arg-type]
+    # a speed at which it is no faster than at a lower one is left out
+    assert found == {"lagged": [[0.4, 0.3812], [0.8, 0.7]], "slow": [[0.6, 0.5]]}
+    assert asked == sorted(driven)
+
+
+def test_a_slice_goes_on_from_its_files_and_ends_behind_a_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(slices.time, "monotonic", lambda: clock[0])
+    seen: dict[str, Any] = {}
+
+    def trained(job: Job, report: Any, signals: Any, asked: Any) -> Report:
+        seen.update(job=job, there={each.name for each in job.folder.rglob("*")}, signals=tuple(signals))
+        seen["asked"] = []
+        for now, row in ((70.0, None), (30.0, ROW), (59.9, None), (60.0, None)):
+            clock[0] = now
+            report(Report(job.seed, 1, 2, row))
+            seen["asked"].append(asked())
+        job.folder.mkdir(exist_ok=True)
+        for name in (LAST, RUN, LOCK, "best/card.json"):
+            (job.folder / name).parent.mkdir(exist_ok=True)
+            (job.folder / name).write_text(name)
+        return Report(job.seed, 5, 9, ROW)
+
+    monkeypatch.setattr(slices, "train", trained)
+    job = Job(PATH, preset_of(), (), 8, Path("far away"))
+    last, files = slices.train_slice(slices.Slice(job, {}, 60.0))
+    assert seen["asked"] == [False, False, False, True]
+    assert (seen["job"].resume, seen["job"].folder.name, seen["signals"], seen["there"]) == (False, "seed_8", (), set())
+    assert last == Report(8, 5, 9, ROW)
+    # the state comes last to be written and first to be told, the lock stays
+    assert list(files) == [LAST, "best/card.json", RUN]
+    assert files["best/card.json"] == b"best/card.json"
+    clock[0] = 0.0
+    own = dataclasses.replace(job, preset=dataclasses.replace(job.preset, robot="p3dx"))
+    object.__setattr__(own.preset, "robot", "/not/here/mine.json")
+    monkeypatch.setattr(Preset, "__post_init__", lambda preset: None)
+    slices.train_slice(slices.Slice(own, files, 60.0, b"a sheet"))
+    assert (seen["job"].resume, Path(seen["job"].preset.robot).name) == (True, "mine.json")
+    assert seen["there"] == {LAST, "best", CARD, RUN}
+    assert str(slices.Slice(job, {}, 1.0)) == "seed 8"
+
+
+def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path) -> None:
+    ends = {0: 3, 1: 1, 2: 2}
+    jobs = [Job(PATH, preset_of(), (), k, tmp_path / f"seed_{k}") for k in ends]
+    turns: list[int] = []
+    told: list[Report] = []
+
+    class Engine:
+        def as_done(self, function: Any, pieces: Any) -> Iterator[Any]:
+            assert function is slices.train_slice
+            for k, piece in enumerate(pieces):
+                seed, was = piece.job.seed, piece.files.get("count", b"")
+                turns.append(seed)
+                assert (piece.seconds, piece.sheet) == (9.0, None)
+                assert list(piece.files) == (["count", "best/card.json"] if was else [])
+                files = {"count": was + b"x", "best/card.json": b"card"}
+                yield k, (Report(seed, len(was) + 1, 7, done=len(was) + 1 == ends[seed]), files)
+
+    last = slices.train_far(Engine(), jobs, told.append, 9.0)  # type: ignore[arg-type]
+    assert turns == [0, 1, 2, 0, 2, 0]
+    assert [(each.seed, each.frames, each.done) for each in last] == [(0, 3, True), (1, 1, True), (2, 2, True)]
+    assert [each.seed for each in told] == turns
+    for k, count in ends.items():
+        assert (tmp_path / f"seed_{k}" / "count").read_bytes() == b"x" * count
+        assert (tmp_path / f"seed_{k}" / "best" / "card.json").read_bytes() == b"card"
+
+
+# What is refused.
+
+
+@dataclasses.dataclass(frozen=True)
+class Gains:
+    number: Any = 1.0
+
+
+@pytest.mark.parametrize(
+    ("bounds", "taken", "refused", "wanted"),
+    [
+        ({}, (-1e9, 0.0, 1e9), (-math.inf,), "a finite number"),
+        ({"above": 0.0}, (1e-9, 1e9), (0.0, -1.0), "a finite number > 0"),
+        ({"least": 0.5}, (0.5, 2.0), (0.49, math.inf), "a finite number >= 0.5"),
+        ({"above": -1.0, "least": 3.0}, (3.0,), (-1.0, 2.9), "a finite number > -1"),
+        ({"above": 0.0, "most": 1.0}, (1.0,), (0.0,), "a finite number > 0"),
+        ({"least": 0.0, "finite": False}, (math.inf, 1e9), (-1.0, -math.inf), "a number >= 0"),
+    ],
+)
+def test_a_gain_is_refused_beyond_its_bounds(bounds: Any, taken: Any, refused: Any, wanted: str) -> None:
+    for each in taken:
+        check_gain(Gains(each), "number", **bounds)
+    for each in (*refused, math.nan, "1", None, True, 1j, 10**400):
+        with pytest.raises(ValueError, match=f"Gains: number must be {re.escape(wanted)}, got"):
+            check_gain(Gains(each), "number", **bounds)
+    most = bounds.get("most", 1e9)
+    with pytest.raises(ValueError, match=re.escape(f"Gains: number must be at most {most:g} in size, got ")):
+        check_gain(Gains(1.001 * most), "number", **bounds)
+
+
+def test_a_whole_number_is_refused_beyond_its_bounds() -> None:
+    for bounds, taken, refused in (({}, (0, 10_000), (-1, 10_001)), ({"least": 2, "most": 5}, (2, 5), (1, 6))):
+        for each in taken:
+            check_whole(Gains(each), "number", **bounds)
+        for each in (*refused, 2.5, "3", None, True):
+            with pytest.raises(ValueError, match="Gains: number must be"):
+                check_whole(Gains(each), "number", **bounds)
