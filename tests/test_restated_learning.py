@@ -1,5 +1,6 @@
 """What a training counts, keeps, tells and draws, stated once more beside a learner of a few lines."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -362,6 +363,23 @@ def test_where_nobody_looks_a_line_is_printed_a_validation_or_now_and_then(
         "seed 3: 1,480 of 1,672 frames, 35 s",
         "seed 3: 576 of 672 frames, 66 s",
     ]
+
+
+def test_where_a_cluster_is_given_the_runs_are_trained_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    jobs, asked = [Job(PATH, preset_of(), (), 0, tmp_path)], []
+
+    @contextlib.contextmanager
+    def shared_out(at_once: int) -> Iterator[str]:
+        asked.append(at_once)
+        yield "engine"
+
+    monkeypatch.setattr(command, "shared_out", shared_out)
+    monkeypatch.setattr(command, "train_far", lambda engine, given, show: [engine, given, callable(show)])
+    monkeypatch.setattr(command, "train_all", lambda given, at_once, show: [given, at_once, callable(show)])
+    for given, found in ((False, [jobs, 3, True]), (True, ["engine", jobs, True])):
+        monkeypatch.setattr(command, "cluster_given", lambda given=given: given)
+        assert command._trained(jobs, 3) == found
+    assert asked == [3]
 
 
 def test_curves_are_drawn_over_millions_of_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

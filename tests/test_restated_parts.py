@@ -1,11 +1,13 @@
 """Parts that laws share, stated once more in plain Python: bands, maps, recoveries, linear programs, ways."""
 
+import dataclasses
 import itertools
 import math
 from typing import Any
 
 import numpy as np
 import pytest
+from test_local_planners import briefing_of
 from test_nav2 import gains, memory
 
 import wayfield  # noqa: F401  registers the environments
@@ -13,13 +15,15 @@ from wayfield.envs.compiled import allocating, compiled
 from wayfield.envs.records import aligned
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies import orca
+from wayfield.policies.dwa import Dwa, best_that_stops
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.parts import costmap, polyline_tracker, scan_map
 from wayfield.policies.parts.costmap import POINT_SPACING
+from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polyline_tracker import plan_fields
 from wayfield.policies.parts.scan_map import CELLS, CHART, stamps
 from wayfield.policies.parts.steering import velocity_twists
-from wayfield.policies.parts.stopping import Scan
+from wayfield.policies.parts.stopping import Scan, step_and_stop
 from wayfield.policies.training.ways import sweep
 
 DT = 0.05
@@ -408,3 +412,55 @@ def test_a_way_solves_the_eikonal_equation_to_the_end_of_a_spiral() -> None:
     wanted[side // 2, side // 2] = 0.0
     np.testing.assert_allclose(ways, wanted, atol=2e-6)
     assert ways.max() > 2.0 * math.hypot(side, side) * 0.5 * cell  # round the arms, not straight
+
+
+# What laws read.
+
+
+def test_a_law_reads_its_gains_and_the_sheet_of_its_robot_and_may_not_write() -> None:
+    briefing = briefing_of("omni4")
+    policy = Nav2Dwb(max_speed=0.47, speeds=9)
+    made = params(policy, briefing, cell=0.3, more=4)
+    assert params(policy, briefing, cell=0.3, more=4) is made
+    assert params(policy, briefing, cell=0.4, more=4) is not made
+    assert params(policy, briefing_of("p3dx"), cell=0.3, more=4) is not made
+    (p,) = made
+    for field in dataclasses.fields(policy):
+        assert p[field.name] == (0.3 if field.name == "cell" else getattr(policy, field.name))
+    assert p["more"] == 4
+    assert {name for name, (kind, *_) in made.dtype.fields.items() if kind == np.int64} == {
+        "more", *(field.name for field in dataclasses.fields(policy) if field.type in (int, bool))
+    }  # fmt: skip
+    robot, base, plant = briefing.robot, briefing.actuators, p["plant"]
+    decay = math.exp(-DT / base.lag)
+    told = {
+        "dt": DT, "holonomic": 1, "hull_radius": robot.hull_radius, "num_wheels": 4, "lag": base.lag,
+        "acceleration": base.acceleration, "yaw_acceleration": base.yaw_acceleration, "turn_speed": robot.turn_speed,
+        "wheel_speed_limit": robot.rated_wheel_speed if base.at_rated_speed else robot.peak_wheel_speed,
+        "lag_decay": decay, "lag_mean": (1.0 - decay) * base.lag / DT,
+    }  # fmt: skip
+    assert {name: plant[name] for name in told} == pytest.approx(told)
+    np.testing.assert_array_equal(plant["wheel_matrix"], np.vstack([robot.wheel_matrix, np.zeros((4, 3))]))
+    with pytest.raises(ValueError, match="read-only"):
+        made["max_speed"] = 1.0
+
+
+def test_of_the_twists_that_stop_the_first_of_the_best_is_driven() -> None:
+    p, rng = params(Dwa(), briefing_of("p3dx")), np.random.default_rng(5)
+    wall = np.array([[0.36, 0.0, 0.3]])
+    best_of = compiled(lambda p, hits, command, c: best_that_stops(p[0].plant, hits, command, command, c))
+    stops = compiled(lambda p, hits, command, vx, w: step_and_stop(p[0].plant, hits, command, command, vx, 0.0, w))
+    firsts = set()
+    for turn in range(80):
+        candidates = np.column_stack([rng.uniform(0.0, 0.6, 105), np.zeros(105), rng.uniform(-1.0, 1.0, 105),
+                                      rng.integers(0, 60, 105).astype(float)])  # fmt: skip
+        candidates[turn % 40] = (0.01, 0.0, 0.1, 99.0)
+        candidates[rng.permutation(105)[:30], 3] = -np.inf
+        hits = wall if turn % 2 else np.empty((0, 3))
+        command = np.array([rng.uniform(0.0, 0.3), 0.0, 0.0])
+        left = [k for k in np.argsort(-candidates[:, 3], kind="stable") if candidates[k, 3] > -np.inf]
+        chosen = next((k for k in left if stops(p, hits, command, *candidates[k, [0, 2]])), None)
+        wanted = (0.0, 0.0, 0.0) if chosen is None else tuple(candidates[chosen, :3])
+        assert best_of(p, hits, command, candidates) == wanted
+        firsts.add(chosen == left[0])
+    assert firsts == {True, False}
