@@ -19,6 +19,9 @@ from wayfield.envs import docking, goal_reaching, path_following, records
 from wayfield.envs.disturbances import DISTURBANCES, LEVELS
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.specs import TASKS
+from wayfield.policies.learned.perception import Actions, DockFeatures, GoalFeatures, PathFeatures
+from wayfield.policies.training.presets import Sac
+from wayfield.policies.training.shaping import GoalReward, PathReward
 
 # The gains that the documents and the papers print, and those that Nav2 ships with (nav2_bringup, Humble for DWB and
 # Jazzy for MPPI; costmaps of its local one).
@@ -210,6 +213,29 @@ def arguments(function: Any) -> dict[str, Any]:
     return {name: each for name, each in told.items() if isinstance(each, bool | int | float)}
 
 
+# Which of these a number may be, the others as they are by default: its range stands once more as well.
+ASKED = (-math.inf, -1.0, 0.0, 1e-6, 0.1, 0.5, 1.0, 2.0, 10.0, 1e4, 1e7, 1e9, 1.1e9, math.inf)
+COUNTED = (-1, 0, 1, 2, 3, 100, 101, 1000, 1001, 10_000, 10_001, 2**31 - 1, 2**31)
+
+
+def ranges(made: Any) -> dict[str, str]:
+    """Returns which of the numbers asked about each number of a dataclass may be: + or - for each."""
+    found = {}
+    for field in dataclasses.fields(made):
+        value = getattr(made, field.name)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            told = ""
+            for each in ASKED if isinstance(value, float) else COUNTED:
+                try:
+                    dataclasses.replace(made, **{field.name: each})
+                except (ValueError, MemoryError):
+                    told += "-"
+                else:
+                    told += "+"
+            found[field.name] = told
+    return found
+
+
 def assigned(module: Any) -> set[str]:
     """Returns the names of a module's own constants."""
     found = set()
@@ -228,6 +254,10 @@ def numbers() -> dict[str, Any]:
         modules = (each.name for each in pkgutil.iter_modules(path) if not each.ispkg)
         names += [f"{room}.{module}" for module in modules if module not in MACHINES]
     found: dict[str, Any] = {f"gains of {name}": plain(policies.make(name)) for name in policies.POLICIES}
+    checked = {name: policies.make(name) for name in policies.POLICIES}
+    checked |= {each.__name__: each() for each in (Actions, DockFeatures, GoalFeatures, PathFeatures)}
+    checked |= {each.__name__: each() for each in (GoalReward, PathReward, Sac)}
+    found |= {f"ranges of {name}": ranges(each) for name, each in checked.items()}
     for name in names:
         module = importlib.import_module(f"wayfield.{name}")
         for key in assigned(module):
