@@ -423,6 +423,49 @@ def test_the_plan_is_moved_on_by_the_control_period() -> None:
     np.testing.assert_allclose(plan[:, 0], np.minimum(times + DT, times[-1]))
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+def test_what_a_decision_keeps(robot: str) -> None:
+    """Its plan, which begins with what is driven, and the command as the plant takes it; at its goal it only turns."""
+    briefing, policy = brief(robot), Mppi(samples=32, steps=12)
+    axes, most = list(briefing.robot.twist_axes), briefing.actuators.acceleration * DT
+    memory, rng = policy.reset(briefing), np.random.default_rng(7)
+    last, plan = np.zeros(3), np.zeros((12, 3))
+    seen = set()
+    for step in range(12):
+        near = float(rng.choice([0.02, 0.069, 0.075, 1.4]))
+        legs, turn = float(rng.integers(2)), float(rng.uniform(-1.5, 1.5))
+        angle = rng.uniform(-math.pi, math.pi)
+        goal = near * np.array([math.cos(angle), math.sin(angle)])
+        observation = goal_reaching.Observation(
+            np.zeros((1, 3)), last[None, axes], goal[None], np.array([turn]), np.array([legs]), np.full((1, 72), 5.0)
+        )
+        twist = np.zeros(3)
+        twist[axes] = policy.act(observation, briefing, memory)[0]
+        arrived = near < 0.07 and legs == 0.0
+        seen.add(arrived)
+        if arrived:
+            wanted = np.append(2.0 * goal if robot == "omni4" else (0.0, 0.0), np.clip(2.0 * turn, -1.5, 1.5))
+            assert policy.max_yaw_rate == 1.5
+            np.testing.assert_allclose(twist, wanted)
+            assert not memory["plan"].any()
+        else:
+            np.testing.assert_array_equal(memory["plan"][0, 0], twist)
+            assert not np.array_equal(memory["plan"][0], plan)
+        plan = memory["plan"][0].copy()
+        assert memory["decisions"][0] == step + 1
+        # what the wheels can turn, and what the base can change in a period
+        wheels = np.abs(briefing.robot.wheel_matrix @ twist).max() if robot == "omni4" else abs(twist[0])
+        limit = briefing.robot.peak_wheel_speed if robot == "omni4" else math.inf
+        change = twist * min(1.0, limit / max(wheels, 1e-9)) - last
+        change[:2] *= min(1.0, most / max(float(np.hypot(*change[:2])), 1e-12))
+        change[2] = np.clip(
+            change[2], -briefing.actuators.yaw_acceleration * DT, briefing.actuators.yaw_acceleration * DT
+        )
+        np.testing.assert_allclose(memory["command"][0], last + change, atol=1e-9)
+        last = memory["command"][0].copy()
+    assert seen == {True, False}
+
+
 @pytest.mark.parametrize("goal_weight", [0.0, 1.0])
 def test_a_plan_that_ends_at_an_obstacle_pays_for_the_way_that_is_left(goal_weight: float) -> None:
     """Of a plan and of standstill alone, the share of each in what is driven tells the difference of their costs."""
