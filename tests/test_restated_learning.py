@@ -15,6 +15,7 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
+from wayfield.envs.engines import Failed
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
@@ -578,6 +579,19 @@ def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path) -> None:
     for k, count in ends.items():
         assert (tmp_path / f"seed_{k}" / "count").read_bytes() == b"x" * count
         assert (tmp_path / f"seed_{k}" / "best" / "card.json").read_bytes() == b"card"
+
+
+def test_a_run_that_fails_says_so_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = [Job(PATH, preset_of(), (), k, tmp_path / f"seed_{k}") for k in (5, 6)]
+
+    class Engine:
+        def as_done(self, function: Any, pieces: Any) -> Iterator[Any]:
+            first, second = next(pieces), next(pieces)
+            yield 1, (Report(second.job.seed, 9, 9, done=True), {})
+            raise Failed([(first, RuntimeError("it broke\n  twice"))], 2, 2)
+
+    last = slices.train_far(Engine(), jobs, lambda report: None)  # type: ignore[arg-type]
+    assert last == [Report(5, 0, jobs[0].preset.steps, error="it broke twice"), Report(6, 9, 9, done=True)]
 
 
 # What is refused.

@@ -14,7 +14,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.compiled import allocating, compiled
 from wayfield.envs.records import aligned
 from wayfield.envs.robots import ROBOTS
-from wayfield.policies import orca
+from wayfield.policies import orca, pilot
 from wayfield.policies.dwa import Dwa, best_that_stops
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.parts import costmap, polyline_tracker, scan_map
@@ -464,3 +464,43 @@ def test_of_the_twists_that_stop_the_first_of_the_best_is_driven() -> None:
         assert best_of(p, hits, command, candidates) == wanted
         firsts.add(chosen == left[0])
     assert firsts == {True, False}
+
+
+def test_what_is_beyond_the_bounds_of_actions_is_scaled_by_one_factor() -> None:
+    rng, most = np.random.default_rng(20), np.float32([1.2, 0.7, 2.5])
+    asked = np.vstack([rng.normal(0.0, 1.5, (40, 3)), [[0.0, 0.0, 0.0], [math.inf, 1.0, 2.0], [math.nan, 0.3, 9.0]]])
+    found = pilot._contained(asked, most)
+    assert found.dtype == np.float32
+    for action, got in zip(asked.tolist(), found, strict=True):
+        finite = [abs(a) / m for a, m in zip(action, most.tolist(), strict=True) if math.isfinite(a)]
+        factor = max(1.0, *finite) if all(map(math.isfinite, action)) else 1.0
+        for a, m, b in zip(action, most.tolist(), got.tolist(), strict=True):
+            wanted = min(max(a / factor, -m), m) if math.isfinite(a) else a
+            assert b == pytest.approx(wanted, rel=1e-6, nan_ok=True)
+            assert not abs(b) > m or math.isinf(a)
+
+
+def test_briefings_of_some_rows_and_of_a_part_hold_what_is_each_robot_s() -> None:
+    rng = np.random.default_rng(21)
+
+    def told(n: int) -> Any:
+        each = {name: rng.normal(size=(n, 2)) for name in ("goals", "obstacles")}
+        whole = {name: rng.integers(0, 9, n) for name in ("path_index", "num_goals", "num_obstacles")}
+        return dataclasses.replace(briefing_of("p3dx"), num_envs=n, patrols=None, **each, **whole)
+
+    old, new = told(5), told(5)
+    before = {name: getattr(old, name).copy() for name in ("goals", "num_goals")}
+    for rows in (np.array([1, 3]), np.array([False, True, False, True, False])):
+        mixed = pilot._briefed(old, new, rows)
+        for name in ("path_index", "goals", "num_goals", "obstacles", "num_obstacles"):
+            a, b, c = (getattr(each, name) for each in (old, new, mixed))
+            wanted = [(b if k in (1, 3) else a)[k] for k in range(5)]
+            np.testing.assert_array_equal(c, wanted)
+        assert mixed.patrols is None
+    for name, array in before.items():
+        np.testing.assert_array_equal(getattr(old, name), array)
+    part = pilot._part(old, 1, 4)
+    assert part.num_envs == 3
+    for name in ("path_index", "goals", "num_goals", "obstacles", "num_obstacles"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(old, name)[1:4])
+    assert part.patrols is None
