@@ -21,7 +21,7 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.perception import Perception
 from wayfield.policies.policy import check_gain, check_whole
-from wayfield.policies.training import command, measured, run, slices
+from wayfield.policies.training import checkpoints, command, measured, run, slices
 from wayfield.policies.training.checkpoints import BEST, CURVE, LAST, LOCK, RUN
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset
@@ -592,6 +592,20 @@ def test_a_run_that_fails_says_so_and_the_others_go_on(tmp_path: Path, monkeypat
 
     last = slices.train_far(Engine(), jobs, lambda report: None)  # type: ignore[arg-type]
     assert last == [Report(5, 0, jobs[0].preset.steps, error="it broke twice"), Report(6, 9, 9, done=True)]
+
+
+def test_a_state_knows_itself_by_all_that_it_holds(tmp_path: Path) -> None:
+    """By names, kinds, shapes and bytes of its arrays, and by its numbers."""
+    arrays = {"a": np.arange(6.0, dtype=np.float32), "b": np.zeros(2, np.int64)}
+    states = [
+        (arrays, {"k": 1}), (arrays, {"k": 2}), ({"c": arrays["a"], "b": arrays["b"]}, {"k": 1}),
+        (arrays | {"a": arrays["a"].reshape(2, 3)}, {"k": 1}), (arrays | {"a": arrays["a"].view(np.int32)}, {"k": 1}),
+        (arrays | {"a": -arrays["a"]}, {"k": 1}), ({"a": arrays["a"]}, {"k": 1}),
+    ]  # fmt: skip
+    digests = {checkpoints._digest(each, json.dumps(numbers)) for each, numbers in states}
+    assert len(digests) == len(states)
+    assert checkpoints._digest(dict(reversed(arrays.items())), json.dumps({"k": 1})) in digests
+    assert all(re.fullmatch("[0-9a-f]{64}", each) for each in digests)
 
 
 # What is refused.

@@ -14,7 +14,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.compiled import allocating, compiled
 from wayfield.envs.records import aligned
 from wayfield.envs.robots import ROBOTS
-from wayfield.policies import orca, pilot
+from wayfield.policies import mpc_pose, orca, pilot
 from wayfield.policies.dwa import Dwa, best_that_stops
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.parts import costmap, polyline_tracker, scan_map
@@ -382,6 +382,36 @@ def test_a_velocity_in_the_middle_of_what_a_disc_cuts_off_is_beside_a_leg() -> N
     assert b == 0.0
     assert math.hypot(nx, ny) == pytest.approx(1.0)
     assert nx * px + ny * py == pytest.approx(-reach)  # the leg touches the disc
+
+
+def test_a_disc_on_the_robot_is_left_along_x() -> None:
+    assert orca.disc_half_plane(0.0, 0.0, 0.6, 0.2, 0.1, 2.0, 0.5) == (1.0, 0.0, 1.2)
+    assert orca.disc_half_plane(0.0, -0.3, 0.6, 0.2, 0.1, 2.0, 0.5) == pytest.approx((0.0, 1.0, 0.6))
+
+
+@pytest.mark.parametrize("name", ["p3dx", "turtlebot3"])
+def test_the_twist_of_a_plan_is_saturated_and_then_limited(name: str) -> None:
+    """A part of the way to the plan's first twist; one factor for both where the wheels are too slow."""
+    briefing, rng = briefing_of(name), np.random.default_rng(23)
+    policy = mpc_pose.MpcPose(step=0.2)
+    p = params(policy, briefing, dt=DT, substeps=4).copy()
+    robot, base = briefing.robot, briefing.actuators
+    p["plant"]["wheel_speed_limit"] = limit = 6.0
+    wheels, factors = np.ascontiguousarray(robot.wheel_matrix), []
+    commands, command, twists = np.zeros((1, 2, policy.horizon)), np.zeros((1, 2)), np.zeros((1, 2))
+    for _ in range(30):
+        last, first = rng.uniform(-0.6, 0.6, 2) * (1.0, 3.0), rng.uniform(-2.0, 2.0, 2) * (1.0, 3.0)
+        command[0], commands[0, :, 0] = last, first
+        mpc_pose.apply(p, wheels, commands, command, 0, twists)
+        asked = last + (first - last) * DT / 0.2
+        turning = np.abs(wheels @ [asked[0], 0.0, asked[1]]).max()
+        factor = min(1.0, limit / turning, robot.turn_speed / max(abs(asked[1]), 1e-12))
+        most = np.array([base.acceleration, base.yaw_acceleration]) * DT
+        wanted = last + np.clip(factor * asked - last, -most, most)
+        np.testing.assert_allclose(twists[0], wanted, atol=1e-12)
+        np.testing.assert_array_equal(command[0], twists[0])
+        factors.append(factor)
+    assert min(factors) < 0.9 < max(factors)
 
 
 # The shortest way.

@@ -245,7 +245,7 @@ def test_what_comes_is_noticed_by_how_the_nearest_distance_falls() -> None:
     radius, closing, before, told = briefing.robot.hull_radius, 0.0, 0.0, set()
     surface = 1.6
     for step in range(160):
-        approach = 0.9 if step % 40 > 16 else -0.9
+        approach = float(rng.choice([0.9, 1.4, 1.58])) if step % 40 > 16 else -0.9
         surface += -0.05 * approach + (1.7 if step % 55 == 54 else 0.0)
         surface = min(max(surface, radius + 0.02), 3.0)
         ranges = np.full(72, 5.0)
@@ -353,6 +353,35 @@ def test_how_far_a_plan_has_been_seen() -> None:
     state["evidence"] = 1
     state["segment"] = 0
     assert seen_ahead(state, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("stuck", [9, 10])
+def test_who_is_stuck_bars_the_narrowest_place_and_who_is_shut_in_has_no_plan(stuck: int) -> None:
+    from wayfield.policies.parts.scan_map import BARRED
+
+    policy, briefing = ScanPlanner(), sighted("p3dx")
+    memory = policy.reset(briefing)
+    ranges = np.full(72, 5.0)
+    seen = observed("p3dx", (0.0, 0.0, 0.0), (3.0, 0.0), ranges)
+    policy.act(seen, briefing, memory)
+    assert (memory["state"]["plans"][0], memory["state"]["no_path"][0]) == (1, 0)
+    assert memory["state"]["num_points"][0] > 2
+    at = (
+        memory["state"]["points"][0, np.searchsorted(memory["state"]["arc"][0, :9], 0.3)] - memory["state"]["origin"][0]
+    )
+    column, row = (at / policy.cell).astype(int)
+    memory["state"]["grid"][0, row - 1 : row + 2, column - 1 : column + 2] = 215  # 0.2 m of room
+    memory["state"]["stuck"], memory["state"]["steps"] = stuck, 1000
+    policy.act(seen, briefing, memory)
+    state = memory["state"]
+    assert state["plans"][0] == 2
+    assert (state["evidence"] == BARRED).sum() == (stuck == 10)
+    walled = observed("p3dx", (0.0, 0.0, 0.0), (3.0, 0.0), np.full(72, 0.4))
+    other = policy.reset(briefing)
+    twist = policy.act(walled, briefing, other)
+    state = other["state"]
+    assert (state["num_points"][0], state["no_path"][0], state["forgotten"][0]) == (0, 1, 1)
+    assert not twist.any()
 
 
 def test_when_a_scan_planner_plans_anew() -> None:
