@@ -182,7 +182,7 @@ def test_gradient_steps_are_those_of_the_equations(activation: str, monkeypatch:
                             x.data += 0.005 * (y.data - x.data)
             if k in (3, 6, 7):
                 _, found, layers = next(seen)
-                assert found == pytest.approx(float(loss), rel=1e-4)
+                assert found == pytest.approx(loss.item(), rel=1e-4)
                 flat = [each for pair in layers for each in pair]
                 for mine, other in zip(flat, numbers_of, strict=True):
                     np.testing.assert_allclose(mine, other.detach().numpy(), atol=1e-5)
