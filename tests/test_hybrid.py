@@ -1,5 +1,6 @@
 """The hybrid: the planner's way leads the agent, and where none is left to lead it the agent drives as by itself."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -12,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the ids
-from wayfield.policies import Pilot, make
+from wayfield.envs import goal_reaching
+from wayfield.policies import Pilot, hybrid, make
 from wayfield.policies.hybrid import Hybrid, lead, planner_of
 from wayfield.policies.learned.ppo import shipped
 
@@ -117,3 +119,70 @@ def test_gains_out_of_range_are_refused(gains: dict[str, Any], said: str) -> Non
 def test_robots_and_seeds_without_an_agent_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no agent of seed 99 ships for goal_reaching with p3dx; there are seeds"):
         started(make("hybrid", seed=99), tmp_path, goal=[3.0, 0.0, 0.0])
+
+
+class Decides:
+    """An agent, or a planner, of which is asked what it is told."""
+
+    speed = 0.45
+
+    def __init__(self, twists: Any = None, state: Any = None) -> None:
+        self.twists, self.state = twists, state
+        self.told: list[Any] = []
+
+    def act(self, observation: Any, briefing: Any, memory: Any) -> Any:
+        self.told.append((observation, memory.copy()))
+        if self.state is not None:
+            memory["state"] = self.state
+        return self.twists
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_the_agent_is_told_the_point_ahead_and_forgets_how_long_it_has_waited(
+    nested: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Three robots: one that is led, one near the end of its way, one that has arrived."""
+    pilot, _, _ = started(planner_of("p3dx", 0.6), tmp_path, goal=[3.0, 0.0, 0.0])
+    briefing = dataclasses.replace(pilot.briefing, num_envs=3)
+    state = np.repeat(pilot.memory["state"], 3)
+    state["num_points"] = 5
+    state["points"][:, :5] = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 3.0]])
+    state["arc"][:, :5] = np.arange(5.0)
+    state["segment"] = 1
+    state["arrived"][2] = 1
+    poses = np.array([[0.9, 0.2, 0.3], [1.1, 2.3, -2.0], [1.0, 0.4, 0.0]])
+    own = np.dtype([("least", np.float64), ("distance", np.float64), ("waited", np.float64)])
+    kept = np.zeros(3, np.dtype([("network", own), ("last", np.float64)]) if nested else own)
+    inner = kept["network"] if nested else kept
+    inner["least"], inner["distance"], inner["waited"] = 9.0, 8.0, 7.0
+    memory = np.zeros(3, [("agent", kept.dtype), ("planner", pilot.memory.dtype)])
+    memory["agent"], memory["planner"] = kept, np.repeat(pilot.memory, 3)
+    twists = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
+    agent, planner = Decides(twists), Decides(state=state)
+    asked = []
+    monkeypatch.setattr(hybrid, "shipped_agent", lambda *args: asked.append(args) or agent)
+    monkeypatch.setattr(hybrid, "planner_of", lambda *args: asked.append(args) or planner)
+    goals = np.array([[5.0, 1.0], [0.2, -0.7], [0.4, 0.5]])
+    seen = goal_reaching.Observation(poses, np.zeros((3, 2)), goals.copy(), np.zeros(3), np.array([0.0, 0.0, 2.0]),
+                                     np.full((3, 72), 5.0))  # fmt: skip
+    found = Hybrid(seed=3, speed=0.5, ahead=0.9).act(seen, briefing, memory)
+    np.testing.assert_array_equal(found, twists)
+    assert asked == [("goal_reaching", "p3dx", 3, 0.5), ("p3dx", 0.45)]
+    # the first is at s = 1.2 of 4 m, nearest to the second leg: the point ahead is at 2.1
+    c, s = math.cos(0.3), math.sin(0.3)
+    dx, dy = 1.0 - 0.9, 1.1 - 0.2
+    point = (c * dx + s * dy, c * dy - s * dx)
+    ((told, before),) = agent.told
+    np.testing.assert_allclose(told.goal, [point, goals[1], goals[2]])
+    assert told.waypoints_left.tolist() == [1.0, 0.0, 2.0]  # the one ahead is no goal
+    np.testing.assert_array_equal(seen.goal, goals)
+    own_after = before["network"] if nested else before
+    assert own_after["least"].tolist() == pytest.approx([math.hypot(*point), 9.0, 9.0])
+    assert own_after["distance"].tolist() == pytest.approx([math.hypot(*point), 8.0, 8.0])
+    assert own_after["waited"].tolist() == [0.0, 7.0, 7.0]
+    np.testing.assert_array_equal(memory["agent"], before)
+    # the planner goes on from what is driven
+    np.testing.assert_array_equal(memory["planner"]["state"]["command"][:, [0, 2]], twists)
+    np.testing.assert_array_equal(memory["planner"]["state"]["points"], state["points"])
+    ((to_planner, _),) = planner.told
+    assert to_planner is seen

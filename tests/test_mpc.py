@@ -324,6 +324,26 @@ def test_headings_do_not_jump_over_laps_and_places_lie_on_the_circle() -> None:
     assert (beyond[:, :3] - poses[:, :3]) / 1e-6 == pytest.approx(poses[:, 3:], abs=1e-3)
 
 
+@pytest.mark.parametrize("steps", [0, 60])
+def test_the_path_ahead_begins_behind_what_was_seen_and_the_robot_is_on_it(steps: int) -> None:
+    drive = Drive("straight").go(steps)
+    seen = drive.seen()
+    problem = Problem(drive, Mpc())
+    briefing = drive.pilot.briefing
+    assert briefing.paths is not None
+    run = briefing.paths.runs[briefing.path_index[0]]
+    vertex = briefing.paths.vertices[run["first"]]
+    first, along = np.array([vertex["x"], vertex["y"]]), np.array([vertex["ux"], vertex["uy"]])
+    begin = max(float(seen.arc_length[0]) - 0.1, 0.0)
+    for sigma in (0.0, 0.31, 1.2):
+        x, y, heading, dx, dy, turn = mpc.on_path(problem.path, sigma)
+        assert (x, y) == pytest.approx(tuple(first + (begin + sigma) * along), abs=1e-9)
+        assert (dx, dy, heading, turn) == pytest.approx((*along, math.atan2(along[1], along[0]), 0.0), abs=1e-9)
+    at = float((seen.pose[0, :2] - first) @ along) - begin
+    assert problem.start[3] == pytest.approx(max(at, 0.0), abs=1e-6)
+    assert problem.start[:3] == pytest.approx(seen.pose[0], abs=1e-12)
+
+
 # At the wheel.
 
 

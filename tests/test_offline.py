@@ -1,6 +1,7 @@
 """Agents from data: a network sees in a recorded set what it would have seen driving, and learns what it should."""
 
 import dataclasses
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,82 @@ def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_al
         found[name] = hidden.mean()
     assert abs(found["bc"]) < 0.1
     assert abs(found["td3bc"] - 0.6) < 0.35
+
+
+def by_hand(sizes: list[int], activation: Any) -> Any:
+    """Returns the weights and biases of a perceptron as torch draws them, and what applies them."""
+    layers = [torch.nn.Linear(come, go) for come, go in itertools.pairwise(sizes)]
+
+    def applied(inputs: Any) -> Any:
+        for layer in layers[:-1]:
+            inputs = activation(inputs @ layer.weight.T + layer.bias)
+        return inputs @ layers[-1].weight.T + layers[-1].bias
+
+    return [each for layer in layers for each in (layer.weight, layer.bias)], applied
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+def test_gradient_steps_are_those_of_the_equations(activation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behaviour cloning, and TD3+BC with its delayed actor and targets that follow slowly."""
+    monkeypatch.setattr(offline, "BATCH", 12)
+    monkeypatch.setattr(offline, "_TOLD", 3)
+    rng, n = np.random.default_rng(6), 50
+    numbers = [rng.normal(size=size).astype(np.float32) for size in ((n, 3), (n, 2), (n,), (n, 3))]
+    numbers[1] = np.tanh(numbers[1])
+    steps = Transitions(*numbers, (rng.random(n) < 0.7).astype(np.float32))
+    preset = dataclasses.replace(PRESET, hidden=(6, 5), activation=activation, discount=0.9)
+    between = {"tanh": torch.tanh, "relu": torch.relu}[activation]
+    data = [torch.from_numpy(each) for each in steps]
+    for name in offline.ALGORITHMS:
+        told = list(offline.LEARNERS[name](steps, preset, 7, 4))
+        assert [k for k, _, _ in told] == [3, 6, 7]
+        torch.manual_seed(4)
+        numbers_of, asks = by_hand([3, 6, 5, 2], between)
+        actor = torch.optim.Adam(numbers_of, 3e-4)
+        draws = np.random.default_rng(4)
+        if name == "td3bc":
+            q = [by_hand([5, 6, 5, 1], torch.relu) for _ in range(2)]
+            slow = [by_hand(*each) for each in (([3, 6, 5, 2], between), *[([5, 6, 5, 1], torch.relu)] * 2)]
+            fast = [numbers_of, *(each for each, _ in q)]
+            for (mine, _), other in zip(slow, fast, strict=True):
+                for a, b in zip(mine, other, strict=True):
+                    a.data.copy_(b.data)
+            critics = torch.optim.Adam([each for mine, _ in q for each in mine], 3e-4)
+            scale = 0.1 / float(np.std(steps.rewards))
+        seen = iter(told)
+        loss: Any = torch.zeros(())
+        for k in range(1, 8):
+            rows = torch.from_numpy(draws.integers(n, size=12))
+            s, a, r, s2, on = (each[rows] for each in data)
+            if name == "bc":
+                loss = ((asks(s) - a) ** 2).mean()
+            else:
+                noise = torch.clamp(0.2 * torch.randn(12, 2), -0.5, 0.5)
+                with torch.no_grad():
+                    a2 = torch.clamp(torch.clamp(slow[0][1](s2), -1, 1) + noise, -1, 1)
+                    low = torch.minimum(*(each(torch.cat([s2, a2], 1))[:, 0] for _, each in slow[1:]))
+                    target = scale * r + 0.9 * on * low
+                both = torch.cat([s, a], 1)
+                critics.zero_grad()
+                sum(((each(both)[:, 0] - target) ** 2).mean() for _, each in q).backward()
+                critics.step()
+                if k % 2 == 0:
+                    value = q[0][1](torch.cat([s, torch.clamp(asks(s), -1, 1)], 1)).mean(dim=1)
+                    loss = ((asks(s) - a) ** 2).mean() - 2.5 * value.mean() / value.abs().mean().detach()
+            if name == "bc" or k % 2 == 0:
+                actor.zero_grad()
+                loss.backward()
+                actor.step()
+                if name == "td3bc":
+                    for (mine, _), other in zip(slow, fast, strict=True):
+                        for x, y in zip(mine, other, strict=True):
+                            x.data += 0.005 * (y.data - x.data)
+            if k in (3, 6, 7):
+                _, found, layers = next(seen)
+                assert found == pytest.approx(loss.item(), rel=1e-4)
+                flat = [each for pair in layers for each in pair]
+                for mine, other in zip(flat, numbers_of, strict=True):
+                    np.testing.assert_allclose(mine, other.detach().numpy(), atol=1e-5)
 
 
 def test_what_ends_the_task_is_left_alone_though_it_pays_as_well_as_anything_else() -> None:

@@ -19,6 +19,9 @@ from wayfield.envs import docking, goal_reaching, path_following, records
 from wayfield.envs.disturbances import DISTURBANCES, LEVELS
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.specs import TASKS
+from wayfield.policies.learned.perception import Actions, DockFeatures, GoalFeatures, PathFeatures
+from wayfield.policies.training.presets import Sac
+from wayfield.policies.training.shaping import GoalReward, PathReward
 
 # The gains that the documents and the papers print, and those that Nav2 ships with (nav2_bringup, Humble for DWB and
 # Jazzy for MPPI; costmaps of its local one).
@@ -165,9 +168,11 @@ def test_every_gain_is_taken_down_to_the_edge_of_its_range(name: str) -> None:
 # Every number that results hang on stands once more in a file: that of a law, a plant, a family, a preset, a table. Who
 # changes one changes it there too (`python tests/test_published_numbers.py` writes the file), and publishes anew.
 NUMBERS = Path(__file__).parent / "fixtures" / "numbers.json"
-ROOMS = ("envs", "envs.scenarios", "policies", "policies.parts", "policies.learned", "benchmarks.contests")
+ROOMS = (
+    *("envs", "envs.scenarios", "policies", "policies.parts", "policies.learned", "policies.training"),
+    "benchmarks.contests",
+)
 BESIDES = (
-    *(f"policies.training.{name}" for name in ("imitation", "offline", "presets", "shaping", "ways")),
     *(f"benchmarks.{name}" for name in ("aggregates", "claims", "crossed", "metrics", "paired", "shortest", "suite")),
     *(f"benchmarks.{name}" for name in ("audit", "contest_options", "coverage", "decisions", "drives", "entries")),
     *(f"benchmarks.{name}" for name in ("kept_rows", "own_scenario", "public_suites", "recorder")),
@@ -203,6 +208,36 @@ def is_constant(name: str) -> bool:
     return name.strip("_").isupper() and not name.startswith("__")
 
 
+def arguments(function: Any) -> dict[str, Any]:
+    """Returns the numbers that a function takes where it is told none, by argument."""
+    function = getattr(function, "py_func", function)
+    told = {name: each.default for name, each in inspect.signature(function).parameters.items()}
+    return {name: each for name, each in told.items() if isinstance(each, bool | int | float)}
+
+
+# Which of these a number may be, the others as they are by default: its range stands once more as well.
+ASKED = (-math.inf, -1.0, 0.0, 1e-6, 0.1, 0.5, 1.0, 2.0, 10.0, 1e4, 1e7, 1e9, 1.1e9, math.inf)
+COUNTED = (-1, 0, 1, 2, 3, 100, 101, 1000, 1001, 10_000, 10_001, 2**31 - 1, 2**31)
+
+
+def ranges(made: Any) -> dict[str, str]:
+    """Returns which of the numbers asked about each number of a dataclass may be: + or - for each."""
+    found = {}
+    for field in dataclasses.fields(made):
+        value = getattr(made, field.name)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            told = ""
+            for each in ASKED if isinstance(value, float) else COUNTED:
+                try:
+                    dataclasses.replace(made, **{field.name: each})
+                except (ValueError, MemoryError):
+                    told += "-"
+                else:
+                    told += "+"
+            found[field.name] = told
+    return found
+
+
 def assigned(module: Any) -> set[str]:
     """Returns the names of a module's own constants."""
     found = set()
@@ -221,6 +256,10 @@ def numbers() -> dict[str, Any]:
         modules = (each.name for each in pkgutil.iter_modules(path) if not each.ispkg)
         names += [f"{room}.{module}" for module in modules if module not in MACHINES]
     found: dict[str, Any] = {f"gains of {name}": plain(policies.make(name)) for name in policies.POLICIES}
+    checked = {name: policies.make(name) for name in policies.POLICIES}
+    checked |= {each.__name__: each() for each in (Actions, DockFeatures, GoalFeatures, PathFeatures)}
+    checked |= {each.__name__: each() for each in (GoalReward, PathReward, Sac)}
+    found |= {f"ranges of {name}": ranges(each) for name, each in checked.items()}
     for name in names:
         module = importlib.import_module(f"wayfield.{name}")
         for key in assigned(module):
@@ -229,6 +268,10 @@ def numbers() -> dict[str, Any]:
             if dataclasses.is_dataclass(value) and getattr(value, "__module__", "") == module.__name__:
                 defaults = {field.name: field.default for field in dataclasses.fields(value)}
                 found[f"{name}.{key}"] = plain(defaults)
+            owned = vars(value).items() if isinstance(value, type) else [("", value)]
+            for inside, each in owned if getattr(value, "__module__", "") == module.__name__ else ():
+                if inspect.isfunction(getattr(each, "py_func", each)) and inside != "__init__":
+                    found[f"{name}.{key}.{inside}()".replace(".()", "()")] = plain(arguments(each))
     return {name: told for name, told in sorted(found.items()) if told is not None}
 
 

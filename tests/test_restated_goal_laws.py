@@ -807,6 +807,29 @@ def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str
         np.testing.assert_allclose(got, twist, atol=1e-6, err_msg=f"robot {k}")
 
 
+@pytest.mark.parametrize("aim", [2.4, -2.4, 1.2])
+def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: float) -> None:
+    """Blocked ahead, and beside it within the circles that it can turn on: what is open behind is turned to."""
+    policy, n = VfhPlus(foresight=0.0, recall=0.0, patience=math.inf), 1
+    briefing = told("p3dx", "lagged", n, BEAMS)
+    memory = policy.reset(briefing)
+    me = Histogram(policy, briefing)
+    me.command = np.array([0.55, 0.0, 0.0])
+    memory["state"]["command"] = me.command
+    pose = np.array([0.2, -0.3, 0.7])
+    ranges = np.where(np.abs(briefing.beam_angles) < 1.9, 0.62, REACH)
+    goal = (3.0 * math.cos(aim), 3.0 * math.sin(aim))
+    seen = Observation(pose[None], np.array([[0.55, 0.0]]), np.array([goal]), np.zeros(1), np.zeros(1), ranges[None])
+    got = policy.act(seen, briefing, memory)[0]
+    radius = me.robot.hull_radius + policy.margin
+    known = np.array(me.hits(ranges, pose, max(policy.window, radius + 3.0), radius))
+    twist = histogram(me, known, goal, me.turn(0.0), 0.0, pose, me.command.copy())
+    assert me.barred
+    assert me.previous is not None
+    np.testing.assert_allclose(got, twist[[0, 2]], atol=1e-6)
+    assert (got[0], got[1] * wrap(me.previous - pose[2]) > 0.0) == (0.0, True)
+
+
 # By sampled plans: what one of them costs.
 
 

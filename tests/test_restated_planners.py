@@ -1,5 +1,7 @@
 """What planners know of their world and of what moves in it, stated once more in plain Python."""
 
+import dataclasses
+import itertools
 import math
 from typing import Any
 
@@ -231,3 +233,276 @@ def test_the_scan_planner_backs_straight_away_from_what_comes(robot: str, beam: 
     state["closing"], state["nearest"] = 0.0, radius + 1.0
     assert not evade(p, state, scan, Seen.of(seen, briefing), True)
     assert state["closing"][0] == 0.0
+
+
+def test_what_comes_is_noticed_by_how_the_nearest_distance_falls() -> None:
+    """Smoothed, without the robot's own part of it; a jump is another surface."""
+    policy, briefing, rng = ScanPlanner(), sighted("omni3"), np.random.default_rng(3)
+    p = planner_params(policy, briefing)
+    memory = policy.reset(briefing)
+    state = memory["state"]
+    state["cell"], state["origin"] = policy.cell, -80.0 * policy.cell
+    radius, closing, before, told = briefing.robot.hull_radius, 0.0, 0.0, set()
+    surface = 1.6
+    for step in range(160):
+        approach = float(rng.choice([0.9, 1.4, 1.58])) if step % 40 > 16 else -0.9
+        surface += -0.05 * approach + (1.7 if step % 55 == 54 else 0.0)
+        surface = min(max(surface, radius + 0.02), 3.0)
+        ranges = np.full(72, 5.0)
+        ranges[(7 * step) % 72] = surface
+        twist = rng.normal(0.0, 0.2, 3)
+        seen = observed("omni3", (0.0, 0.0, 0.0), (3.0, 0.0), ranges)._replace(twist=twist[None])
+        state["steps"] = step
+        approached = bool(step % 3)
+        moved = evade(p, state, Scan.of(policy, seen, briefing, memory), Seen.of(seen, briefing), approached)
+        angle = BEAMS[(7 * step) % 72]
+        rate = (before - surface) / 0.05 - (math.cos(angle) * twist[0] + math.sin(angle) * twist[1])
+        closing += 0.2 * ((0.0 if step == 0 or abs(rate) > 1.5 else rate) - closing)
+        before = surface
+        within = policy.evade_within + closing * policy.evade_time
+        wanted = approached and closing >= 0.12 and surface - radius <= within
+        assert moved == wanted
+        assert state["closing"][0] == pytest.approx(closing, abs=1e-9)
+        assert state["nearest"][0] == surface
+        told.add((approached, bool(closing >= 0.12), bool(surface - radius <= within)))
+    assert {(True, True, True), (True, True, False), (True, False, False), (False, True, True)} <= told
+
+
+bar_gap = compiled(lambda m, table, narrow: scan_planner.bar_gap(m[0], table, narrow))
+seen_ahead = compiled(lambda m, s: scan_planner.seen_ahead(m[0], s))
+is_due = compiled(lambda p, m, x, y, tx, ty: scan_planner.plan_is_due(p[0], m[0], x, y, tx, ty))
+place_grid = compiled(lambda p, m, x, y, gx, gy: scan_planner.place_grid(p[0], m[0], x, y, gx, gy))
+room_kept = compiled(lambda p, m, wheels, last, hits: scan_planner.keep_room(p[0], m[0], wheels, last, hits))
+
+
+def planner_params(policy: ScanPlanner, briefing: Briefing) -> Any:
+    return policy.params(
+        briefing, theta=False, snap=0.0, spacing=1.0, rounds=1, recall=1.0, period_steps=60, pause_steps=20,
+        all_round=True,
+    )  # fmt: skip
+
+
+def on_its_way(rng: np.random.Generator, narrow: float) -> tuple[Any, Any]:
+    """Returns the memory of a scan planner that has a plan in a map with a narrow place, and the plan's points."""
+    policy, briefing = ScanPlanner(), sighted("p3dx")
+    state = policy.reset(briefing)["state"]
+    state["cell"], state["origin"] = policy.cell, (-6.0, -7.0)
+    turns = np.cumsum(rng.normal(0.0, 0.3, 50))
+    points = np.cumsum(0.07 * np.column_stack([np.cos(turns), np.sin(turns)]), axis=0)
+    state["points"][0, :50], state["num_points"] = points, 50
+    state["arc"][0, :50] = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    ys, xs = np.mgrid[:160, :160] * policy.cell + 0.5 * policy.cell - np.array([7.0, 6.0])[:, None, None]
+    x, y = points[rng.integers(4, 40)] + rng.normal(0.0, 0.1, 2)
+    clear = np.clip(np.hypot(xs - x, ys - y) + narrow, 0.0, FARTHEST)
+    state["grid"] = np.ceil((FARTHEST - clear) / UNIT)
+    return state, points
+
+
+def clear_at(state: Any, point: Any) -> float:
+    u, v = (point[0] + 6.0) / state["cell"][0] - 0.5, (point[1] + 7.0) / state["cell"][0] - 0.5
+    k, j = math.floor(u), math.floor(v)
+    square = state["grid"][0][j : j + 2, k : k + 2].astype(float)
+    level = np.array([1.0 - (v - j), v - j]) @ square @ np.array([1.0 - (u - k), u - k])
+    return float(FARTHEST - UNIT * level)
+
+
+def test_the_narrowest_place_of_the_next_metre_is_barred() -> None:
+    from wayfield.policies.parts.scan_map import BARRED, stamps
+
+    rng, barred = np.random.default_rng(14), 0
+    for _ in range(30):
+        state, points = on_its_way(rng, 0.1)
+        state["segment"] = int(rng.integers(0, 30))
+        narrow, arc, first = float(rng.uniform(0.1, 0.5)), state["arc"][0], int(state["segment"][0])
+        asked = [k for k in range(first + 1, 50) if arc[k] <= arc[first] + 1.0]
+        room = {k: clear_at(state, points[k]) for k in asked}
+        worst = min(room, key=room.__getitem__)
+        bar_gap(state, stamps(0.08, 0.5), narrow)
+        found = np.argwhere(state["evidence"][0] == BARRED).tolist()
+        at = [math.floor((points[worst][1] + 7.0) / 0.08), math.floor((points[worst][0] + 6.0) / 0.08)]
+        assert found == ([at] if room[worst] < narrow else [])
+        assert [*map(tuple, np.argwhere(state["spots"][0]))] == [*map(tuple, found)]
+        if found:
+            barred += 1
+            assert state["spots"][0][tuple(at)] == 1 << 10  # the middle
+            assert state["grid"][0][tuple(at)] > 240
+    assert 5 < barred < 30
+
+
+def test_how_far_a_plan_has_been_seen() -> None:
+    rng = np.random.default_rng(15)
+    found = set()
+    for _ in range(25):
+        state, points = on_its_way(rng, 0.3)
+        state["evidence"] = rng.choice([-3, 5], size=(160, 160))
+        cells = np.floor((points + np.array([6.0, 7.0])) / 0.08).astype(int)
+        k = int(rng.integers(2, 49))
+        state["evidence"][0][cells[k][1], cells[k][0]] = 0
+        s, arc = float(rng.uniform(0.0, 1.5)), state["arc"][0][:50]
+        state["segment"] = max(int(np.searchsorted(arc, s)) - 1, 0)
+        wanted = 1.0
+        for ahead in np.arange(0.0, 1.0, 0.04):
+            x, y = (np.interp(s + ahead, arc, points[:, axis]) for axis in range(2))
+            if state["evidence"][0][math.floor((y + 7.0) / 0.08), math.floor((x + 6.0) / 0.08)] == 0:
+                wanted = ahead
+                break
+        assert min(seen_ahead(state, s), 1.0) == pytest.approx(wanted)
+        found.add(wanted == 1.0)
+    assert found == {True, False}
+    state["origin"] = points[0] + (0.2, -0.5)  # out of the map nothing has been seen
+    state["evidence"] = 1
+    state["segment"] = 0
+    assert seen_ahead(state, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("stuck", [9, 10])
+def test_who_is_stuck_bars_the_narrowest_place_and_who_is_shut_in_has_no_plan(stuck: int) -> None:
+    from wayfield.policies.parts.scan_map import BARRED
+
+    policy, briefing = ScanPlanner(), sighted("p3dx")
+    memory = policy.reset(briefing)
+    ranges = np.full(72, 5.0)
+    seen = observed("p3dx", (0.0, 0.0, 0.0), (3.0, 0.0), ranges)
+    policy.act(seen, briefing, memory)
+    assert (memory["state"]["plans"][0], memory["state"]["no_path"][0]) == (1, 0)
+    assert memory["state"]["num_points"][0] > 2
+    at = (
+        memory["state"]["points"][0, np.searchsorted(memory["state"]["arc"][0, :9], 0.3)] - memory["state"]["origin"][0]
+    )
+    column, row = (at / policy.cell).astype(int)
+    memory["state"]["grid"][0, row - 1 : row + 2, column - 1 : column + 2] = 215  # 0.2 m of room
+    memory["state"]["stuck"], memory["state"]["steps"] = stuck, 1000
+    policy.act(seen, briefing, memory)
+    state = memory["state"]
+    assert state["plans"][0] == 2
+    assert (state["evidence"] == BARRED).sum() == (stuck == 10)
+    walled = observed("p3dx", (0.0, 0.0, 0.0), (3.0, 0.0), np.full(72, 0.4))
+    other = policy.reset(briefing)
+    twist = policy.act(walled, briefing, other)
+    state = other["state"]
+    assert (state["num_points"][0], state["no_path"][0], state["forgotten"][0]) == (0, 1, 1)
+    assert not twist.any()
+
+
+def test_when_a_scan_planner_plans_anew() -> None:
+    policy, briefing, rng = ScanPlanner(), sighted("p3dx"), np.random.default_rng(16)
+    p, radius = planner_params(policy, briefing), briefing.robot.hull_radius
+    found = set()
+    for turn in range(240):
+        state, points = on_its_way(rng, float(rng.choice([0.05, 0.235, 0.5])))
+        state["steps"] = steps = 100
+        state["planned_at"] = steps - (waited := int(rng.choice([0, 5, 6, 19, 20, 59, 60])))
+        gone = turn % 30 == 29
+        state["plans"] = plans = int(not gone or turn % 60 == 29)
+        state["stuck"] = stuck = int(rng.choice([0, 9, 10]))
+        state["no_path"] = no_path = int(rng.integers(2))
+        state["target"] = (4.0, 5.0)
+        off = float(rng.choice([0.0, 0.039, 0.041]))
+        aside = float(rng.choice([0.0, policy.astray - 0.02, policy.astray + 0.02]))
+        k = int(rng.integers(1, 20))
+        state["segment"] = k
+        arc = state["arc"][0][:50]
+        along = (points[k + 1] - points[k]) / math.dist(points[k + 1], points[k])
+        x, y = 0.5 * (points[k] + points[k + 1]) + aside * np.array([-along[1], along[0]])
+        share = [np.clip((np.array([x, y]) - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+                 for a, b in itertools.pairwise(points)]  # fmt: skip
+        foot = [math.dist(a + c * (b - a), (x, y)) for a, b, c in zip(points, points[1:], share, strict=False)]
+        near = [j if max(k - 1, 0) <= j and arc[j] <= arc[k + 1] + 1.0 else -1 for j in range(49)]
+        at = min((j for j in near if j >= 0), key=lambda j: foot[j])
+        if gone:
+            state["num_points"] = 0
+        due, s = is_due(p, state, x, y, 4.0 + off, 5.0)
+        rested = waited >= 20
+        if gone:
+            assert (bool(due), s) == (plans == 0 or rested, 0.0)
+            continue
+        needed = radius - 0.01 - (policy.give if no_path else 0.0)
+
+        shut = [arc[j] - arc[at] for j in range(at + 1, 50) if clear_at(state, points[j]) < needed]
+        barred = min(shut, default=math.inf)  # m ahead
+        asked = foot[at] > policy.astray or stuck >= 10 or waited >= 60 or off > 0.04 or barred <= 6.0
+        wanted = (asked and rested) or (barred <= 1.0 and waited >= 6)
+        assert bool(due) == wanted
+        assert s == pytest.approx(arc[at] + share[at] * (arc[at + 1] - arc[at]))
+        found.add((asked, rested, barred <= 1.0, bool(due)))
+    assert len(found) >= 6
+
+
+def test_the_grid_lies_half_way_to_the_goal_and_is_laid_again_near_its_edge() -> None:
+    policy, briefing = ScanPlanner(), sighted("p3dx")
+    p, quarter = planner_params(policy, briefing), 0.25 * 160 * policy.cell
+    for goal in ((2.0, -1.0), (30.0, 3.0), (-40.0, -50.0)):
+        state = policy.reset(briefing)["state"]
+        place_grid(p, state, 0.5, -0.3, *goal)
+        middle = [a + min(max(0.5 * (b - a), -quarter), quarter) for a, b in zip((0.5, -0.3), goal, strict=True)]
+        assert state["cell"][0] == policy.cell
+        assert state["origin"][0] == pytest.approx([each - 2.0 * quarter for each in middle])
+        state["steps"], state["num_points"] = 4, 7
+        origin = state["origin"][0].copy()
+        for axis, sign, beyond in ((0, 1, 1.59), (1, -1, 1.59), (0, -1, 1.61), (1, 1, 1.61)):
+            state["origin"], state["num_points"] = origin, 7
+            at = origin + 2.0 * quarter
+            at[axis] += sign * beyond * quarter
+            place_grid(p, state, *at, *goal)
+            moved = bool(np.any(state["origin"][0] != origin))
+            assert moved == (beyond > 1.6)
+            assert state["num_points"][0] == (0 if moved else 7)
+            if moved:
+                wanted = [a + min(max(0.5 * (b - a), -quarter), quarter) for a, b in zip(at, goal, strict=True)]
+                now = state["origin"][0] + 2.0 * quarter
+                assert np.abs(now - wanted).max() <= policy.cell + 1e-9
+                assert np.rint((now - at) / 1e-9).any() or wanted == at.tolist()
+
+
+def test_a_command_is_slowed_to_the_first_share_from_which_the_robot_can_stop() -> None:
+    from wayfield.policies.parts.stopping import step_and_stop
+
+    stops = compiled(lambda p, hits, last, wheels, vx, vy, w: step_and_stop(p[0].plant, hits, last, wheels, vx, vy, w))
+    policy, briefing, rng = ScanPlanner(), sighted("omni3"), np.random.default_rng(18)
+    p, radius = planner_params(policy, briefing), briefing.robot.hull_radius
+    found = set()
+    for _ in range(120):
+        state = policy.reset(briefing)["state"]
+        last = tuple(rng.uniform(-0.3, 0.3, 3).tolist())
+        wheels = np.array(last) + rng.normal(0.0, 0.02, 3)
+        around, away = rng.uniform(-math.pi, math.pi, 2), radius + rng.uniform(0.0, 0.25, 2)
+        hits = np.column_stack([away * np.cos(around), away * np.sin(around), np.full(2, radius)])
+        wanted = np.array(last) + rng.uniform(-0.04, 0.04, 3)
+        state["command"] = wanted
+        stood = room_kept(p, state, wheels, last, hits)
+        share = next((c for c in (1.0, 0.6, 0.3, 0.1) if stops(p, hits, np.array(last), wheels, *(c * wanted))), 0.0)
+        assert stood == (share == 0.0)
+        # the command nearest to that share of the wanted one that the accelerations allow
+        change = share * wanted - last
+        size = float(np.hypot(*change[:2]))
+        change[:2] *= min(1.0, float(p["acceleration"][0]) * 0.05 / max(size, 1e-12))
+        most = float(p["yaw_acceleration"][0]) * 0.05
+        change[2] = min(max(change[2], -most), most)
+        np.testing.assert_allclose(state["command"][0], np.array(last) + change, atol=1e-9)
+        found.add(share)
+    assert {1.0, 0.0} < found
+
+
+@pytest.mark.parametrize("policy", [AstarTracker(), ScanPlanner()], ids=["told", "seeing"])
+def test_where_nothing_stands_the_way_is_the_straight_line(policy: Any) -> None:
+    """From the robot to the goal, wherever in their cells both lie."""
+    for x, y, goal in ((0.013, 0.029, (2.2, -0.9)), (-0.07, 0.041, (0.35, 1.93)), (0.0, 0.0, (-2.05, 0.0))):
+        if isinstance(policy, AstarTracker):
+            briefing = dataclasses.replace(told("p3dx"), num_obstacles=np.zeros(1, np.int64),
+                                           goals=np.array([[[*goal, 0.0]]]), num_goals=np.array([1]))  # fmt: skip
+            state = policy.reset(briefing)
+            seen = Observation(np.array([[x, y, 0.0]]), np.zeros((1, 2)), np.array([np.subtract(goal, (x, y))]),
+                               np.zeros(1), np.zeros(1), np.empty((1, 0)))  # fmt: skip
+            policy.act(seen, briefing, state)
+        else:
+            briefing = sighted("p3dx")
+            memory = policy.reset(briefing)
+            policy.act(observed("p3dx", (x, y, 0.0), np.subtract(goal, (x, y)), np.full(72, 5.0)), briefing, memory)
+            state = memory["state"]
+        n = int(state["num_points"][0])
+        points = state["points"][0, :n]
+        share = state["arc"][0, :n] / state["arc"][0, n - 1]
+        assert state["arc"][0, n - 1] == pytest.approx(math.dist(goal, (x, y)))
+        np.testing.assert_allclose(points, np.add((x, y), share[:, None] * np.subtract(goal, (x, y))), atol=1e-9)
+        assert np.diff(share) == pytest.approx(1.0 / (n - 1))
+        assert n > 5

@@ -423,6 +423,49 @@ def test_the_plan_is_moved_on_by_the_control_period() -> None:
     np.testing.assert_allclose(plan[:, 0], np.minimum(times + DT, times[-1]))
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+def test_what_a_decision_keeps(robot: str) -> None:
+    """Its plan, which begins with what is driven, and the command as the plant takes it; at its goal it only turns."""
+    briefing, policy = brief(robot), Mppi(samples=32, steps=12)
+    axes, most = list(briefing.robot.twist_axes), briefing.actuators.acceleration * DT
+    memory, rng = policy.reset(briefing), np.random.default_rng(7)
+    last, plan = np.zeros(3), np.zeros((12, 3))
+    seen = set()
+    for step in range(12):
+        near = float(rng.choice([0.02, 0.069, 0.075, 1.4]))
+        legs, turn = float(rng.integers(2)), float(rng.uniform(-1.5, 1.5))
+        angle = rng.uniform(-math.pi, math.pi)
+        goal = near * np.array([math.cos(angle), math.sin(angle)])
+        observation = goal_reaching.Observation(
+            np.zeros((1, 3)), last[None, axes], goal[None], np.array([turn]), np.array([legs]), np.full((1, 72), 5.0)
+        )
+        twist = np.zeros(3)
+        twist[axes] = policy.act(observation, briefing, memory)[0]
+        arrived = near < 0.07 and legs == 0.0
+        seen.add(arrived)
+        if arrived:
+            wanted = np.append(2.0 * goal if robot == "omni4" else (0.0, 0.0), np.clip(2.0 * turn, -1.5, 1.5))
+            assert policy.max_yaw_rate == 1.5
+            np.testing.assert_allclose(twist, wanted)
+            assert not memory["plan"].any()
+        else:
+            np.testing.assert_array_equal(memory["plan"][0, 0], twist)
+            assert not np.array_equal(memory["plan"][0], plan)
+        plan = memory["plan"][0].copy()
+        assert memory["decisions"][0] == step + 1
+        # what the wheels can turn, and what the base can change in a period
+        wheels = np.abs(briefing.robot.wheel_matrix @ twist).max() if robot == "omni4" else abs(twist[0])
+        limit = briefing.robot.peak_wheel_speed if robot == "omni4" else math.inf
+        change = twist * min(1.0, limit / max(wheels, 1e-9)) - last
+        change[:2] *= min(1.0, most / max(float(np.hypot(*change[:2])), 1e-12))
+        change[2] = np.clip(
+            change[2], -briefing.actuators.yaw_acceleration * DT, briefing.actuators.yaw_acceleration * DT
+        )
+        np.testing.assert_allclose(memory["command"][0], last + change, atol=1e-9)
+        last = memory["command"][0].copy()
+    assert seen == {True, False}
+
+
 @pytest.mark.parametrize("goal_weight", [0.0, 1.0])
 def test_a_plan_that_ends_at_an_obstacle_pays_for_the_way_that_is_left(goal_weight: float) -> None:
     """Of a plan and of standstill alone, the share of each in what is driven tells the difference of their costs."""
@@ -587,6 +630,58 @@ def test_a_wall_at_a_flat_angle_has_no_holes_and_two_discs_have_one_between() ->
     _, _, hits, count = grids(Mppi(), scan(circle(2.0, 0.6, 0.2), circle(2.0, -0.6, 0.2)), (4.0, 0.0))
     gaps = np.hypot(*(hits[1:count, :2] - hits[: count - 1, :2]).T)
     assert not hits[: count - 1, 2][gaps > 0.5].any()
+
+
+@pytest.mark.parametrize(("robot", "view"), [("p3dx", 2.0 * math.pi), ("omni3", 2.0 * math.pi), ("p3dx", 4.0)])
+def test_hits_are_joined_where_the_hull_cannot_pass_or_three_lie_in_line(robot: str, view: float) -> None:
+    rng, found = np.random.default_rng(12), set()
+    policy, briefing = Mppi(), brief(robot, num_beams=30)
+    p = policy.params(briefing)[0].copy()
+    p["all_round"] = view > 6.0
+    angles = np.linspace(-0.5 * view, 0.5 * view, 30, endpoint=False)
+    beams, hull = np.column_stack([np.cos(angles), np.sin(angles)]), briefing.robot.hull_radius
+    for turn in range(60):
+        # walls at all angles, with gaps between
+        seen = scan_along(angles, rng)
+        if turn % 3 == 0:
+            seen[[0, -1]] = rng.uniform(0.5, 2.0, 2)
+        if turn % 20 == 1:
+            seen[rng.permutation(30)[: 28 + turn // 20]] = 5.0
+        hits, near = np.full((30, 3), np.nan), np.full((SECTORS, 4), np.inf)
+        count = mppi.find_hits(p, beams, seen[None], 0, near, hits)
+        at = [k for k in range(30) if seen[k] < 5.0 - 1e-4]
+        assert count == len(at)
+        np.testing.assert_array_equal(hits[:count, :2], seen[at, None] * beams[at])
+        n = len(at)
+        after = [at[(j + 1) % n] == at[j] + 1 for j in range(n)]
+        round_it = n > 2 and view > 6.0 and at[0] == 0 and at[-1] == 29
+        if round_it:
+            after[-1] = True
+
+        def bends_little(a: int, b: int, c: int) -> bool:
+            u, v = hits[b, :2] - hits[a, :2], hits[c, :2] - hits[b, :2]  # noqa: B023
+            return bool(abs(u[0] * v[1] - u[1] * v[0]) < 0.1 * (u @ v))
+
+        for j in range(n):
+            k, joined = (j + 1) % n, after[j]
+            if joined and math.dist(hits[j, :2], hits[k, :2]) >= 2.0 * hull:
+                before = after[j - 1] and bends_little((j - 1) % n, j, k)
+                joined = before or (after[k] and bends_little(j, k, (k + 1) % n))
+                found.add((before, joined))
+            assert hits[j, 2] == (0.0 if not joined else 2.0 if j == n - 1 and round_it else 1.0)
+    assert found == {(True, True), (False, True), (False, False)}
+
+
+def scan_along(angles: Any, rng: np.random.Generator) -> Any:
+    """Returns what beams (n,) see of four straight walls, m; 5 where they see none."""
+    ranges = np.full(len(angles), 5.0)
+    for _ in range(4):
+        normal, away, low = rng.uniform(-math.pi, math.pi), rng.uniform(0.5, 2.0), rng.uniform(-3.0, 0.0)
+        ahead = np.cos(angles - normal)
+        met = np.where(ahead > 0.1, away / np.maximum(ahead, 0.1), 5.0)
+        along = met * np.sin(angles - normal)
+        ranges = np.where((low < along) & (along < low + 2.5), np.minimum(ranges, met), ranges)
+    return np.minimum(ranges, 5.0)
 
 
 def test_what_was_near_is_remembered_for_a_while() -> None:

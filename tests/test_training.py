@@ -310,6 +310,29 @@ def test_what_sac_replays_follows_one_another_but_where_an_episode_ends() -> Non
     np.testing.assert_allclose(rewards, replay.rewards.mean(axis=1) / (1.0 - preset.discount), rtol=1e-5)
 
 
+def test_sac_has_the_numbers_of_the_preset_and_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    own = Sac(16 * 32, learning_starts=16 * 8, gradient_steps=3, target_rate=0.02)
+    preset = dataclasses.replace(
+        REPLAYING, sac=own, horizon=4, batch_size=24, discount=0.9, learning_rate=1e-3, final_learning_rate=2e-4,
+        hidden=(8, 4), validations=1,
+    )  # fmt: skip
+    learner = SacLearner(preset, PATH, 5)
+    sac = learner.sac
+    assert (sac.buffer_size, sac.learning_starts, sac.batch_size, sac.tau, sac.gamma) == (512, 128, 24, 0.02, 0.9)
+    assert (sac.gradient_steps, sac.seed, sac.verbose, str(sac.device)) == (3, 5, 0, "cpu")
+    assert float(sac.log_ent_coef.detach().exp()) == pytest.approx(0.1)  # type: ignore[union-attr]
+    assert [sac.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([1e-3, 6e-4, 2e-4])
+    assert [each.out_features for each in sac.actor.latent_pi if isinstance(each, torch.nn.Linear)] == [8, 4]
+    steps: list[Any] = []
+    sac.train = lambda **given: steps.append((learner.frames, given))  # type: ignore[method-assign]
+    for _ in range(4):
+        learner.update()
+    # none until more was driven than at random
+    assert steps == [(frames, {"gradient_steps": 3, "batch_size": 24}) for frames in (192, 256)]
+    assert capsys.readouterr() == ("", "")
+    assert (PpoLearner(SMALL, PATH, 0).ppo.verbose, PpoLearner(SMALL, PATH, 7).ppo.seed) == (0, 7)
+
+
 def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     """Of steps that end, with a reward of -(a - (0.5, -0.25))^2, the mean comes to that action; drawn at random."""
     rates = {"learning_rate": 3e-3, "final_learning_rate": 3e-3}
@@ -959,6 +982,15 @@ def test_a_reader_that_has_gone_costs_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "größe 走" / "curves.png").exists()
 
 
+def refusal(preset: Preset, setting: str) -> str:
+    """Returns why a setting is refused; nothing where it is not."""
+    try:
+        overridden(preset, [setting])
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
 def test_the_settings_are_listed_with_their_ranges() -> None:
     """Every key that --set takes is there, and a value beyond its range is refused."""
     keys = set()
@@ -966,6 +998,10 @@ def test_the_settings_are_listed_with_their_ranges() -> None:
         for key, default, allowed, what in rows(preset):
             keys.add(key)
             assert what
+            # a range is said in signs and numbers, or by the words that can be chosen from
+            many = r"(a,b,\.\.\. )?"
+            bounds = rf"{many}(>=? [\d.]+( to \d+)?|\d[\de]* to (\d[\de]*|steps)(, open)?)|any number"
+            assert re.fullmatch(rf"{bounds}|[a-z]+(, [a-z]+)+", allowed), allowed
             number = next((float(word) for word in re.findall(r"\d[\d.e]*", allowed)), None)
             if allowed.startswith(">") and number is not None:
                 beyond = [f"{number - 0.1:g}"] + [f"{number:g}"] * (not allowed.startswith(">="))
@@ -978,6 +1014,11 @@ def test_the_settings_are_listed_with_their_ranges() -> None:
                 beyond = ["neither"]
             else:
                 beyond = []
+            edges = re.fullmatch(r"(\d+) to (\d[\de]*)|>= (\d+)", allowed)
+            for value in (each for each in edges.groups() if each) if edges else ():
+                # what is wrong may be something else, such as robots that are too few
+                said = refusal(preset, f"{key}={int(float(value))}")
+                assert f"{key.split('.')[-1]} must be a" not in said, said
             for value in beyond:
                 with pytest.raises(ValueError, match=key.split(".")[-1]):
                     overridden(preset, [f"{key}={value}"])
