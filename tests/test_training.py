@@ -221,11 +221,10 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     said = capsys.readouterr()
     told = said.out.splitlines()
     assert [line.split(":")[0] for line in told] == ["seed 3", "seed 4"]
-    # without a terminal a line a validation, once
-    assert sorted(line.split(",")[0] for line in said.err.splitlines()) == [f"seed {seed}: 1" for seed in (3, 4)], (
-        said.err
-    )
-    assert all("024 of 1,024 frames" in line and "success" in line for line in said.err.splitlines())
+    # without a terminal a line a validation, once; on a busy machine one of how far it is may come before
+    validated = sorted(line for line in said.err.splitlines() if "success" in line)
+    assert [line.split(",")[0] for line in validated] == [f"seed {seed}: 1" for seed in (3, 4)], said.err
+    assert all("024 of 1,024 frames" in line for line in validated)
     assert all(part in told[0] for part in ("done", "frames/s", "environment", "update", "last validation"))
     digests = set()
     for seed in (3, 4):
