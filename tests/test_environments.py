@@ -147,8 +147,8 @@ def test_a_seed_means_one_trajectory_and_two_resets_differ(env_id: str, options:
 
 
 def test_make_imports_the_package_by_itself(tmp_path: Path) -> None:
-    # an id of either kind in a child of one process, which has gymnasium alone
-    ids = [list(IDS)[0], list(IDS)[-1]]
+    # two ids, each in a child of one process, which has gymnasium alone
+    ids = [IDS[0], IDS[-1]]
     code = (
         "import gymnasium, os, sys\n"
         f"for env_id in {ids!r}:\n"
