@@ -23,6 +23,13 @@ settings.load_profile("fixed")
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """For runs of which no figure is looked at: to draw them takes as long as all the rest."""
+    for name in ("document_figures.draw", "contest_figures.draw_contest"):
+        monkeypatch.setattr(f"wayfield.benchmarks.{name}", len)  # which leaves nothing, and travels to other processes
+
+
+@pytest.fixture
 def serve():
     """Returns what serves a scene on a free port, in a thread, until the test's end."""
     pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')

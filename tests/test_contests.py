@@ -152,6 +152,7 @@ def test_the_worst_episodes_keep_their_trajectories(paths: tuple[Path, Result]) 
         assert len(trajectories[row["trajectory"]].poses) > 100
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_claims_are_other_scenarios_and_ranked_as_those_of_the_test_split(tmp_path: Path) -> None:
     words = ["--suite", "path-following", "--families", "circles", "--policies", "pure_pursuit", "--gains", "default"]
     ran = evaluate(*words, "--episodes", "2", "--split", "claims", "--out", tmp_path / "claims")
@@ -165,6 +166,7 @@ def test_claims_are_other_scenarios_and_ranked_as_those_of_the_test_split(tmp_pa
     assert "--split belongs to the contests" in refused.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_all_trajectories_are_kept_whole_on_request(tmp_path: Path) -> None:
     words = ["--suite", "path-following", "--families", "circles", "--policies", "pure_pursuit", "--gains", "default"]
     words += ["--episodes", "5", "--workers", "1", "--keep-trajectories", "all", "--out", str(tmp_path / "all")]
@@ -225,11 +227,13 @@ def test_a_paper_s_law_is_held_by_a_trap_that_our_additions_leave() -> None:
         assert left["paper"] < left["default"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_second_run_gives_the_same_rows(paths: tuple[Path, Result], tmp_path: Path) -> None:
     assert evaluate(*SMALL, "--out", tmp_path / "again").exit_code == 0
     assert (tmp_path / "again" / "episodes.csv").read_bytes() == (paths[0] / "episodes.csv").read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_run_keeps_what_is_done_and_goes_on(paths: tuple[Path, Result], tmp_path: Path) -> None:
     out = tmp_path / "out"
     script = Path(__file__).parents[1] / "evaluate.py"

@@ -55,8 +55,8 @@ def test_it_writes_every_file_and_says_where(lookahead):
     assert [file.name for file in out.parent.iterdir()] == ["results"]  # no staging folder is left
 
 
-def test_by_default_it_prints_little_and_names_the_report_last(tmp_path, monkeypatch):
-    monkeypatch.setattr("wayfield.benchmarks.document_figures.draw", lambda wanted: None)  # nothing is said of figures
+@pytest.mark.usefixtures("undrawn")
+def test_by_default_it_prints_little_and_names_the_report_last(tmp_path):
     run = CliRunner().invoke(
         main, ["--workers", "1", "--policies", "zero", "--dynamics", "kinematic", "--out", str(tmp_path)]
     )
@@ -107,6 +107,7 @@ def test_rows_are_complete_and_agree_with_the_trajectories(lookahead):
         assert (row["cross_track_rms"] == "") == (row["document"] != "A")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_second_run_gives_the_same_rows(lookahead, tmp_path):
     out, _, _ = lookahead
     assert evaluate("--policies", "waypoint", "--dynamics", "kinematic", "--out", tmp_path).exit_code == 0
@@ -144,6 +145,7 @@ def test_episodes_are_paired_by_seed():
     np.testing.assert_array_equal(together[1].poses, alone.poses)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_several_episodes_show_spread_and_interval(tmp_path):
     result = evaluate("--policies", "zero", "--dynamics", "kinematic", "--episodes", 2, "--seed", 7, "--out", tmp_path)
     assert result.exit_code == 0, result.output
@@ -234,6 +236,7 @@ def test_every_task_has_its_table_and_figures_of_a_file_of_ones_own():
         assert shown <= known
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.skipif(os.name != "posix", reason="names are no bytes there")
 def test_a_name_that_is_no_text_is_shown_as_it_can(goal, tmp_path):
     odd = tmp_path / os.fsdecode(b"g\xf6l.json")
@@ -243,6 +246,7 @@ def test_a_name_that_is_no_text_is_shown_as_it_can(goal, tmp_path):
     assert {row["experiment"] for row in read_rows(tmp_path / "out")} == {r"g\xf6l"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_scale_takes_numbers_and_ratios(bend, tmp_path):
     lengths = []
     for scale in ("0.5", "1:2"):
@@ -254,6 +258,7 @@ def test_scale_takes_numbers_and_ratios(bend, tmp_path):
     assert lengths[0] == lengths[1] == pytest.approx(0.5 * (2.0 + math.sqrt(2.0)), rel=0.1)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.skipif(not CIRCUITS.exists(), reason=f"{CIRCUITS} is absent")
 def test_a_real_circuit(tmp_path):
     file = CIRCUITS / "BrandsHatch.csv"

@@ -151,8 +151,7 @@ def steady_radius(radius: float, k_lin: float, k_ang: float, lookahead_distance:
     return float(brentq(surplus, 0.7 * radius, 2.0 * radius))
 
 
-@pytest.mark.parametrize("radius", [0.5, 0.8, 1.0, 2.0, 3.0])
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(("radius", "direction"), [(0.5, 1), (0.8, -1), (1.0, 1), (2.0, -1), (3.0, 1)])
 @pytest.mark.parametrize(("k_lin", "k_ang", "lookahead_distance"), [(1.2, 0.8, 0.5), (1.2, 2.4, 0.5), (1.0, 1.3, 0.4)])
 def test_steady_radius_on_a_circle(
     tmp_path: Path, radius: float, direction: int, k_lin: float, k_ang: float, lookahead_distance: float

@@ -191,6 +191,7 @@ def test_a_policy_of_another_task_is_told_what_both_speak(home: Path) -> None:
     assert not (home / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_model_drives_as_it_answers_and_another_space_is_refused(home: Path) -> None:
     pytest.importorskip("stable_baselines3")
     from stable_baselines3 import PPO, SAC

@@ -148,7 +148,8 @@ def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: 
     pilots = [Pilot(policies.make(name, **({"seed": 0} if name == "random" else {})), env) for env in singles]
     for each_pilot in pilots:
         each_pilot.reset()
-    for _ in range(25):
+    # what a law remembers and plans anew shows in the first of the four, what the others change in every step
+    for _ in range(25 if (action_mode, dynamics) == ("twist", "kinematic") else 8):
         actions = pilot.act(seen)
         assert actions.shape == many.action_space.shape
         assert np.isfinite(actions).all()

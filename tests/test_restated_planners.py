@@ -54,7 +54,7 @@ def told(robot: str, grid: OccupancyGrid | None = None) -> Briefing:
     base = ROBOTS[robot]
     return Briefing(
         1, base, ACTUATORS["lagged"], 0.05, "twist", Observation.layout(len(base.twist_axes), 0, 5.0), np.empty(0), 5.0,
-        obstacles=OBSTACLES[None], num_obstacles=np.array([len(OBSTACLES)]), goals=GOALS[None],
+        obstacles=OBSTACLES[None].copy(), num_obstacles=np.array([len(OBSTACLES)]), goals=GOALS[None],
         num_goals=np.array([2]), patrols=patrols, **more,
     )  # fmt: skip
 

@@ -32,6 +32,7 @@ from wayfield.policies.learned.agent import Agent, Network, load_agent, rounded
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import checkpoints
+from wayfield.policies.training import run as training_run
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
 from wayfield.policies.training.learner import PpoLearner, make_worlds, policy_layers
@@ -40,6 +41,7 @@ from wayfield.policies.training.run import Job, Report, _Run, train
 from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.settings import ABOUT, rows
 from wayfield.policies.training.shaping import GoalReward
+from wayfield.policies.training.validation import validate
 from wayfield.policies.training.ways import left_from, way_field
 
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
@@ -120,7 +122,11 @@ SEEKING = dataclasses.replace(
     [(PATH, SMALL), (PATH, TAUGHT), (PATH, ADDING), (PATH, REPLAYING), (OMNI, SEEKING)],
     ids=["plain", "taught", "adding", "replaying", "seeking"],
 )
-def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(tmp_path: Path, env_id: str, preset: Preset) -> None:
+def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
+    tmp_path: Path, env_id: str, preset: Preset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # validations of a few seconds: whole ones take longer than all the rest
+    monkeypatch.setattr(training_run, "validate", lambda *asked: validate(*asked[:-1], clock=100))
     train(job(tmp_path / "whole", preset, env_id=env_id), quiet)
     for name, last in (("early", 1), ("between", 3), ("late", 5)) if preset is not SEEKING else (("between", 3),):
         folder = tmp_path / name
@@ -221,11 +227,10 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     said = capsys.readouterr()
     told = said.out.splitlines()
     assert [line.split(":")[0] for line in told] == ["seed 3", "seed 4"]
-    # without a terminal a line a validation, once
-    assert sorted(line.split(",")[0] for line in said.err.splitlines()) == [f"seed {seed}: 1" for seed in (3, 4)], (
-        said.err
-    )
-    assert all("024 of 1,024 frames" in line and "success" in line for line in said.err.splitlines())
+    # without a terminal a line a validation, once; on a busy machine one of how far it is may come before
+    validated = sorted(line for line in said.err.splitlines() if "success" in line)
+    assert [line.split(",")[0] for line in validated] == [f"seed {seed}: 1" for seed in (3, 4)], said.err
+    assert all("024 of 1,024 frames" in line for line in validated)
     assert all(part in told[0] for part in ("done", "frames/s", "environment", "update", "last validation"))
     digests = set()
     for seed in (3, 4):
