@@ -283,7 +283,7 @@ def pull(b, s, m):
     slip_vx = s.vx - m.from_vx
     slip_vy = s.vy - m.from_vy
     slip_yaw_rate = s.yaw_rate - m.from_yaw_rate
-    rolling = slip_vx == 0.0 and slip_vy == 0.0 and slip_yaw_rate == 0.0
+    rolling = max(abs(slip_vx), abs(slip_vy), abs(slip_yaw_rate)) <= GRIPPED
     guess = h * (m.mean_yaw_rate if rolling else s.yaw_rate)
     world_vx, world_vy = turned(s.vx, s.vy, s.heading)
     slip_x, slip_y = turned(slip_vx, slip_vy, s.heading)
