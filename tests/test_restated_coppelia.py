@@ -1,6 +1,5 @@
 """What the server of CoppeliaSim's remote API computes, stated once more, on calls made without a socket between."""
 
-import inspect
 import itertools
 import math
 import re
@@ -16,9 +15,7 @@ pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 from wayfield.envs.coppelia import curves, frames  # noqa: E402
 from wayfield.envs.coppelia.scenes import Conditions, make_world  # noqa: E402
 from wayfield.envs.coppelia.server import Caller, Client, Server  # noqa: E402
-from wayfield.envs.coppelia.signatures import FUNCTIONS, NULL, CallError, Wait  # noqa: E402
-from wayfield.envs.robots import ROBOTS  # noqa: E402
-from wayfield.envs.scenarios import TASKS, scenarios_of  # noqa: E402
+from wayfield.envs.coppelia.signatures import FUNCTIONS, NULL, CallError  # noqa: E402
 
 
 class Desk:
@@ -135,7 +132,9 @@ def test_at_a_right_angle_one_euler_angle_is_left_over_and_the_turn_is_the_same(
         upright = Rotation.from_euler("ZYX", [alpha, beta, gamma])
         yaw, pitch, roll = plain.alphaBetaGammaToYawPitchRoll(*frames.euler_from_quaternion(upright.as_quat()))
         assert roll == 0.0
-        assert Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix() == pytest.approx(upright.as_matrix(), abs=1e-7)
+        assert Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix() == pytest.approx(
+            upright.as_matrix(), abs=1e-7
+        )
 
 
 def test_half_turns_are_plus_pi_and_no_angle_is_a_negative_zero(plain):
@@ -399,8 +398,8 @@ def test_computed_orientations_have_an_axis_along_the_path_and_another_upwards(p
         ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * 2, 0, 10, -0.1], "smoothness is -0.1"),
         ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * 2, 0, 10, 1.0, 6], "orientationMode is 6"),
         ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * 2, 0, 10, 1.0, -1], "orientationMode is -1"),
-        ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 16, 10, 1.0, 0, [0.0] * 3], "at most 10,000 rows"),
-        ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 16, 10_001], "at most 10,000 rows"),
+        ([[*[0.0] * 6, 1.0, 1.0, *[0.0] * 5, 1.0], 16, 10, 1.0, 0, [0.0] * 3], "at most 10,000 rows"),
+        ([[*[0.0] * 6, 1.0, 1.0, *[0.0] * 5, 1.0], 16, 10_001], "at most 10,000 rows"),
     ],
 )  # fmt: skip
 def test_what_is_no_path_is_refused_and_leaves_nothing(desk, args, words):
@@ -437,7 +436,14 @@ def test_a_path_s_points_stand_below_it_and_are_given_in_one_array_or_in_many(de
 
 @pytest.mark.parametrize(
     ("kind", "code", "low", "high"),
-    [("UInt8", "B", 0, 255), ("UInt16", "H", 0, 65535), ("UInt32", "I", 0, 2**32 - 1), ("Int32", "i", -(2**31), 2**31 - 1), ("Float", "f", -8, 8), ("Double", "d", -8, 8)],
+    [
+        ("UInt8", "B", 0, 255),
+        ("UInt16", "H", 0, 65535),
+        ("UInt32", "I", 0, 2**32 - 1),
+        ("Int32", "i", -(2**31), 2**31 - 1),
+        ("Float", "f", -8, 8),
+        ("Double", "d", -8, 8),
+    ],
 )  # fmt: skip
 def test_packed_tables_are_little_endian_numbers_of_a_width(plain, kind, code, low, high):
     rng = np.random.default_rng(3)
