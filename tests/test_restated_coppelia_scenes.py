@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import types
 
 import numpy as np
 import pytest
@@ -13,10 +12,9 @@ zmq = pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"'
 
 from test_restated_coppelia import Desk, refused  # noqa: E402
 
-from wayfield.envs.coppelia import codec, constants, models, server, standstill  # noqa: E402
+from wayfield.envs.coppelia import constants, models, server  # noqa: E402
 from wayfield.envs.coppelia.scenes import Conditions, make_world  # noqa: E402
-from wayfield.envs.coppelia.server import Client  # noqa: E402
-from wayfield.envs.coppelia.signatures import FUNCTIONS, Callback, Wait  # noqa: E402
+from wayfield.envs.coppelia.signatures import Wait  # noqa: E402
 from wayfield.envs.robots import ROBOTS  # noqa: E402
 from wayfield.envs.scenarios import TASKS, scenarios_of  # noqa: E402
 
@@ -85,6 +83,16 @@ def compared(world, wanted):
             assert primitive[1] == pytest.approx(shape[1], abs=1e-9), alias
         assert (colour is None) == (shade is None)
         assert colour is None or colour == pytest.approx(shade)
+    # what stands in the way is as large as it is shown, but that a wall without thickness is shown with some
+    solids = [node for node in world.scene.objects.values() if node.footprint is not None]
+    assert [node.footprint.index for node in solids] == list(range(len(solids)))
+    for node, o in zip(solids, world.batch.obstacles[0], strict=False):
+        kind, (length, width, _) = node.primitive
+        half = 0.0 if node.alias == "Wall" and width == 0.01 else 0.5 * width
+        sizes = (0.0, 0.0, half) if kind == CYLINDER else (0.5 * length, half, 0.0)
+        assert (o["half_length"], o["half_width"], o["radius"]) == pytest.approx(sizes), node.alias
+        place = world.scene.pose(node)
+        assert (o["x"], o["y"]) == pytest.approx(place[:2])
 
 
 GREEN, PURPLE, ORANGE, TEAL = (0.2, 0.7, 0.3), (0.6, 0.3, 0.7), (0.9, 0.4, 0.1), (0.0, 0.62, 0.45)
@@ -813,326 +821,6 @@ def test_a_loaded_scene_takes_the_place_of_the_old_one(desk):
     assert one.getStringParam(0) == "empty"
 
 
-# The server's clock and its clients, with a clock that is set by hand.
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    now = types.SimpleNamespace(at=100.0)
-    monkeypatch.setattr(
-        server, "time", types.SimpleNamespace(monotonic=lambda: now.at, sleep=lambda s: setattr(now, "at", now.at + s))
-    )
-    return now
-
-
-def test_passes_are_due_by_the_clock_or_by_those_who_step(desk, clock):
-    one = desk("empty")
-    served, client = one.server, one.client
-    served._clients[client.uuid] = client
-    assert not served._due(clock.at)
-    assert served._patience() == 0.1
-    served.world.start()
-    assert served._due(clock.at)  # as fast as it goes
-    assert served._patience() == 0.0
-    served.speed, served.paced = 2.0, True
-    served.schedule(clock.at)
-    assert served._next_pass == pytest.approx(100.025)
-    assert not served._due(100.024)
-    assert served._due(100.026)
-    assert served._patience() == pytest.approx(0.025)
-    clock.at = 100.03
-    served._advance(clock.at)
-    assert list(served.lateness) == [pytest.approx(0.005)]
-    assert served._next_pass == pytest.approx(100.05)
-    clock.at = 101.0
-    served._advance(clock.at)  # after a stall it catches up by a pass alone
-    assert served._next_pass == pytest.approx(100.975)
-    clock.at = 100.0
-    served.schedule(clock.at)
-    client.locks = 1
-    assert not served._due(200.0)
-    assert served._patience() == 0.1
-    client.locks, client.level = 0, 1
-    assert not served._due(200.0)
-    assert served._patience() == 0.1
-    client.wish = True
-    assert served._due(100.0)
-    assert served._patience() == 0.0
-    other = Client("9", "other", 600.0, level=1)
-    served._clients["9"] = other
-    assert not served._due(100.0)
-    other.level = 0
-    assert served._due(100.0)
-    late = len(served.lateness)
-    served._advance(clock.at)
-    assert len(served.lateness) == late
-    assert not client.wish
-    assert served._next_pass == pytest.approx(100.025)
-    client.level = other.level = 3
-    served.end_stepping()
-    assert (client.level, other.level) == (0, 0)
-
-
-def connected(served, uuid, identity, descriptor=5, heard=0.0, timeout=600.0):
-    client = served._clients.setdefault(uuid, Client(uuid, uuid, timeout, heard=heard))
-    client.connections.add(identity)
-    served._connections[identity] = server.Connection(client, descriptor)
-    return client
-
-
-def test_silent_clients_are_forgotten_when_they_wait_for_nothing(desk, clock):
-    served = desk("empty").server
-    quick, slow = connected(served, "a", b"1", timeout=5.0), connected(served, "b", b"2", timeout=50.0)
-    waiting = connected(served, "c", b"3", timeout=5.0)
-    connected(served, "c", b"4")
-    served._connections[b"4"].wait = Wait(lambda: None, until=103.0)
-    assert served._patience() == pytest.approx(0.1)
-    clock.at = 102.95
-    assert served._patience() == pytest.approx(0.05)
-    clock.at = 104.0
-    assert served._patience() == 0.0
-    for client in (quick, slow, waiting):
-        client.heard = 100.0
-    served._forget_silent(105.0)
-    assert set(served._clients) == {"a", "b", "c"}
-    served._forget_silent(105.1)
-    assert set(served._clients) == {"b", "c"}
-    served._connections[b"4"].wait = None
-    served._forget_silent(105.1)
-    assert set(served._clients) == {"b"}
-    assert set(served._connections) == {b"2"}
-    served._forget_silent(150.1)
-    assert not served._clients
-
-
-def test_the_one_that_was_silent_longest_makes_room_if_it_holds_nothing(desk, monkeypatch):
-    served = desk("empty").server
-    monkeypatch.setattr(server, "MAX_CLIENTS", 3)
-    for k, uuid in enumerate("abc"):
-        connected(served, uuid, uuid.encode(), heard=float(k))
-        served._make_room() if k < 2 else None
-        assert uuid in served._clients
-    served._clients["a"].level = served._clients["b"].locks = 1
-    served._make_room()
-    assert set(served._clients) == {"a", "b"}
-    connected(served, "d", b"d", heard=9.0)
-    served._clients["d"].level = 1
-    served._make_room()
-    assert set(served._clients) == {"b", "d"}
-
-
-def test_a_waiting_call_is_answered_when_its_time_has_come(desk, clock, monkeypatch):
-    served = desk("empty").server
-    sent = []
-    monkeypatch.setattr(served, "_send", lambda identity, reply: sent.append((identity, reply)))
-    client = connected(served, "a", b"1")
-    results = [None, None, [7]]
-    served._connections[b"1"].wait = Wait(lambda: results.pop(0), steps=True)
-    served._release()
-    assert client.wish
-    client.wish = False
-    served._connections[b"1"].wait.steps = False
-    served._release()
-    assert not client.wish
-    clock.at = 123.0
-    served._release()
-    assert sent == [(b"1", {"ret": [7]})]
-    assert client.heard == 123.0
-    assert served._connections[b"1"].wait is None
-    served._release()
-    assert len(sent) == 1
-
-
-def test_a_request_gets_what_its_function_returns(desk, monkeypatch):
-    served = desk("empty").server
-    connected(served, "a", b"1")
-    connected(served, "a", b"2")
-    connection = served._connections[b"1"]
-
-    def result(func, *args):
-        return served._result(connection, codec.Request("a", func, list(args), None))
-
-    wait = Wait(lambda: None)
-    for returned, reply in (
-        (None, []), (5, [5]), ((1, 2), [1, 2]), ([1, 2], [[1, 2]]), (server.NULL, [None]), (Wait(lambda: [3]), [3]),
-    ):  # fmt: skip
-        monkeypatch.setitem(FUNCTIONS, "sim.x", lambda caller, args, returned=returned: returned)
-        assert result("sim.x") == {"ret": reply}
-        assert connection.wait is None
-    monkeypatch.setitem(FUNCTIONS, "sim.x", lambda caller, args: wait)
-    assert result("sim.x") is None
-    assert connection.wait is wait
-    monkeypatch.setitem(FUNCTIONS, "sim.x", lambda caller, args: Callback("f", [*args, 1]))
-    assert result("sim.x", 9) == {"func": "f", "args": [9, 1]}
-    assert result("_*executed*_", 4, 5) == {"ret": [4, 5]}
-    assert result("_*executed*_", 4, 5) == {"ret": []}
-    assert result("sim.nothing") == {"err": "No such function: sim.nothing"}
-    assert result(next(iter(server.NOT_OFFERED)))["err"].startswith("in sim.")
-    assert result("_*end*_") == {}
-    assert not served._clients
-    assert not served._connections
-
-
-def test_of_an_event_s_kind_only_so_many_a_second_are_logged(desk, clock, caplog):
-    served = desk("empty").server
-    with caplog.at_level("INFO", "wayfield.coppelia"):
-        for at, what in ((0.0, "a"), (0.5, "b"), (0.99, "c"), (1.0, "d"), (1.5, "e")):
-            clock.at = 200.0 + at
-            served.log("kind", what)
-            served.log("other", what, 2)
-    lines = [record.getMessage() for record in caplog.records]
-    assert lines == ["kind: a", "other: a", "other: b", "kind: d", "other: d", "other: e"]
-
-
-# Messages.
-
-
-def request(**fields):
-    return cbor2.dumps({"uuid": "u", "func": "f", **fields})
-
-
-def test_requests_are_read_within_their_limits():
-    found = codec.request_of(request(args=[1, "a"], timeout=2.5, ver=2))
-    assert found == ("u", "f", [1, "a"], 2.5)
-    assert codec.request_of(request()) == ("u", "f", [], None)
-    for timeout, kept in ((True, None), ("5", None), (0, None), (-1, None), (1e9, None), (5, 5), (0.1, 0.1)):
-        assert codec.request_of(request(timeout=timeout)).timeout == kept
-    for uuid in ("x", "x" * 256):
-        assert codec.request_of(cbor2.dumps({"uuid": uuid, "func": "x" * 256})).uuid == uuid
-
-    def nested(depth):
-        value = []
-        for _ in range(depth - 1):
-            value = [value]
-        return value
-
-    assert codec.request_of(request(args=nested(31))).args == nested(31)
-    for payload, words in (
-        (request(args=nested(32)), "nested deeper than 32"),
-        (cbor2.dumps({"uuid": "", "func": "f"}), "uuid must be a text of 1 to 256"),
-        (cbor2.dumps({"uuid": "x" * 257, "func": "f"}), "uuid must be"),
-        (cbor2.dumps({"uuid": 5, "func": "f"}), "uuid must be"),
-        (cbor2.dumps({"uuid": "u", "func": ""}), "func must be a text of 1 to 256"),
-        (cbor2.dumps({"uuid": "u", "func": "x" * 257}), "func must be"),
-        (cbor2.dumps({"uuid": "u", "func": None}), "func must be"),
-        (request(args={"a": 1}), "args must be an array"),
-        (request(eval="1"), "nothing is evaluated"),
-        (request(args=[1, {"a": [math.inf]}]), "argument 2 holds a number that is not finite"),
-        (request(args=[1], other=math.nan), "the request holds a number that is not finite"),
-        (cbor2.dumps([1]), "the message is no map"),
-        (cbor2.dumps({"func": "f"}), "version does not match"),
-        (b"\xa1\x61u\x62\xff\xff", "no CBOR of this protocol"),
-        (b"", "it ends before it is complete"),
-        (request() + b"\0", "more than it should"),
-        (b"\x9f\xff", "indefinite length"),
-        (b"\xc1\x01", "holds a tag"),
-        (b"\xf7", "neither number"),
-        (b"\xa1\x01\x01", "a key that is no text"),
-        (b"\x3b" + b"\xff" * 8, "an integer below"),
-        (b"\x7a\x00\x10\x00\x01" + b"x" * (2**20 + 1), "a text of more than 1,048,576 bytes"),
-        (b"\x9a\x00\x0f\x42\x40" + b"\0" * 1_000_000, "more than 1,000,000 items"),
-    ):
-        with pytest.raises(codec.Refusal, match=words) as error:
-            codec.request_of(payload)
-        assert words in str(error.value.reply.get("err") or error.value.reply.get("error")) or "version" in words
-        assert error.value.reply.get("success", False) is False
-    assert codec.scan(np.frombuffer(b"\x7a\x00\x10\x00\x00" + b"x" * 2**20, np.uint8)) == 0
-    assert codec.scan(np.frombuffer(b"\x9a\x00\x0f\x42\x3f" + b"\0" * 999_999, np.uint8)) == 0
-    assert codec.scan(np.frombuffer(b"\x3b\x7f" + b"\xff" * 7, np.uint8)) == 0
-    assert codec.scan(np.frombuffer(b"\x1b" + b"\xff" * 8, np.uint8)) == 0
-
-
-def test_replies_that_cannot_be_sent_become_errors(monkeypatch):
-    assert cbor2.loads(codec.encoded({"ret": [1, "a", None]})) == {"ret": [1, "a", None]}
-    assert "cannot be encoded" in cbor2.loads(codec.encoded({"ret": [object()]}))["err"]
-    monkeypatch.setattr(codec, "MAX_MESSAGE", 100)
-    size = len(cbor2.dumps({"ret": [b"x" * 80]}))
-    monkeypatch.setattr(codec, "MAX_MESSAGE", size)
-    assert cbor2.loads(codec.encoded({"ret": [b"x" * 80]})) == {"ret": [b"x" * 80]}
-    assert f"{size + 1:,} bytes" in cbor2.loads(codec.encoded({"ret": [b"x" * 81]}))["err"]
-    assert codec.one_line(" a\tb\n\x07c ", 200) == "a b ?c"
-    assert codec.one_line("x" * 200) == "x" * 200
-    assert codec.one_line("x" * 201) == "x" * 199 + "…"
-
-
-class Peer:
-    """Stands in for a socket: keeps what is sent, and has its answers ready."""
-
-    def __init__(self, *answers):
-        self.answers = list(answers)
-        self.sent = []
-
-    def send(self, payload):
-        self.sent.append(cbor2.loads(payload))
-
-    def poll(self, within):
-        self.within = within
-        return bool(self.answers)
-
-    def recv(self):
-        answer = self.answers.pop(0)
-        return answer if isinstance(answer, bytes) else cbor2.dumps(answer)
-
-
-def link(*answers):
-    made = standstill.Link("localhost:23000", 1.5)
-    made._socket = Peer(*answers)
-    return made
-
-
-def test_the_client_s_side_asks_again_and_answers_callbacks():
-    one = link(
-        {"func": "_*repeat*_", "args": []}, {"func": "cb", "args": [1]}, {"ret": [4]}, {"ret": []}, {"ret": [1, 2]}
-    )
-    assert one.call("sim.x", 5, "a") == 4
-    first, second, third = one._socket.sent
-    assert first == {
-        "func": "sim.x", "args": [5, "a"], "argsL": 2, "uuid": one.uuid, "ver": 2, "lang": "python", "timeout": 600,
-    }  # fmt: skip
-    assert second == {"func": "sim.x", "args": [5, "a"], "argsL": 2, "uuid": one.uuid}
-    assert third == {"func": "_*executed*_", "args": [], "argsL": 0, "uuid": one.uuid}
-    assert one._socket.within == 1500
-    assert one.call("sim.y") is None
-    assert one.call("sim.z") == [1, 2]
-    for answers, kind, words in (
-        ([], ConnectionError, r"no answer from localhost:23000 to sim.x in 1.5 s"),
-        ([b"\xff"], ConnectionError, "is no CoppeliaSim"),
-        ([[1]], ConnectionError, "is no CoppeliaSim"),
-        ([{"success": True}], ConnectionError, "another version of the protocol"),
-        ([{"err": "no"}], RuntimeError, "refuses sim.x: no"),
-    ):
-        with pytest.raises(kind, match=words):
-            link(*answers).call("sim.x")
-    for address in ("", "localhost", "localhost:", ":23000", "a:0", "a:65536", "a:x", "a:-1"):
-        with pytest.raises(ValueError, match="must be host:port"):
-            standstill.Link(address, 1.0)
-    standstill.Link("a.b:65535", 1.0).close()
-
-
-def test_a_robot_is_left_standing_by_a_link_that_is_closed(monkeypatch):
-    made = []
-
-    class Kept(standstill.Link):
-        def __init__(self, address, timeout):
-            super().__init__(address, timeout)
-            self._socket = Peer(*([{"ret": [1]}] * 3 if not made else [{"err": "no"}]))
-            made.append(self)
-
-        def close(self):
-            self.closed = True
-            super().close()
-
-    monkeypatch.setattr(standstill, "Link", Kept)
-    standstill.stand_still("localhost:23000", [7, 8])
-    asked = [(sent["func"], sent["args"]) for sent in made[0]._socket.sent]
-    target = "sim.setJointTargetVelocity"
-    assert asked == [(target, [7, 0.0]), (target, [8, 0.0]), ("sim.stopSimulation", [])]
-    with pytest.raises(RuntimeError, match="refuses"):
-        standstill.stand_still("localhost:23000", [7, 8])
-    assert [each.closed for each in made] == [True, True]
-    assert made[0].timeout == 2.0
-
-
 # The window.
 
 
@@ -1224,3 +912,94 @@ def test_the_constants_that_scripts_compare_with():
         8,
     ]
     assert told["drawing_cyclic"] == 0x1000
+
+
+# What is put somewhere, and what starts anew.
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+def test_a_robot_that_is_put_somewhere_stands_there(desk, dynamics):
+    one = desk("arena", actuators="slow", dynamics=dynamics)
+    robot, wheels = one.getObject("/PioneerP3DX"), [one.getObject(f"/{side}Motor") for side in ("left", "right")]
+    one.startSimulation()
+    for wheel, speed in zip(wheels, (3.0, 5.0), strict=True):
+        one.setJointTargetVelocity(wheel, speed)
+    for _ in range(10):
+        one.world.advance()
+    driven = one.world.robot_pose
+    speed = one.getObjectVelocity(robot)[0]
+    assert math.hypot(*speed) > 0.1
+    assert one.world.trail[-1] == driven[:2]
+    assert len(one.world.trail) == 10
+    one.setObjectPose(robot, [0.5, -0.5, 9.0, 0.0, 0.0, math.sin(0.2), math.cos(0.2)])
+    assert one.world.robot_pose == pytest.approx((0.5 + 0.0445 * math.cos(0.4), -0.5 + 0.0445 * math.sin(0.4), 0.4))
+    assert one.getObjectVelocity(robot) == ([0.0] * 3, [0.0] * 3)
+    assert [one.getJointVelocity(wheel) for wheel in wheels] == [0.0, 0.0]
+    assert one.world.batch.states["num_obstacles"][0] == 12
+    steps = int(one.world.batch.states["steps"][0])
+    assert steps == 10
+    # from there it goes on as from a start
+    first = one.world.robot_pose
+    one.world.advance()
+    fresh = desk("arena", actuators="slow", dynamics=dynamics)
+    fresh.startSimulation()
+    for wheel, speed in zip(("leftMotor", "rightMotor"), (3.0, 5.0), strict=True):
+        fresh.setJointTargetVelocity(fresh.getObject(f"/{wheel}"), speed)
+    fresh.world.advance()
+    (x, y, turn), (there_x, there_y, heading) = fresh.world.robot_pose, one.world.robot_pose
+    cosine, sine = math.cos(first[2]), math.sin(first[2])
+    assert (there_x, there_y) == pytest.approx((first[0] + cosine * x - sine * y, first[1] + sine * x + cosine * y))
+    assert heading - first[2] == pytest.approx(turn)
+    # a stop brings back the first start; the next one is like it
+    one.stopSimulation()
+    for _ in range(3):
+        one.world.advance()
+    assert one.world.robot_pose == (0.0, 0.0, 0.0)
+    one.startSimulation()
+    assert one.world.trail == []
+    for wheel, speed in zip(wheels, (3.0, 5.0), strict=True):
+        one.setJointTargetVelocity(wheel, speed)
+    for _ in range(10):
+        one.world.advance()
+    assert one.world.robot_pose == driven
+
+
+def test_what_moves_by_a_script_begins_anew_at_every_start(desk):
+    one = desk("moving_crossing/test")
+    ways = []
+    for _ in range(2):
+        assert one.world.batch.states["steps"][0] == 0
+        one.startSimulation()
+        way = []
+        for _ in range(8):
+            one.world.advance()
+            way.append(one.world.batch.obstacles[0, :4].tolist())
+        ways.append(way)
+        one.stopSimulation()
+        for _ in range(3):
+            one.world.advance()
+    assert ways[0] == ways[1]
+    assert ways[0][0] != ways[0][-1]
+
+
+def test_what_is_removed_is_in_nobody_s_way_and_the_others_keep_their_places(desk):
+    one = desk("arena")
+    count = 12
+    for path in ("/Cylinder[1]", "/Wall[0]", "/Cuboid[2]"):
+        solids = [node for node in one.world.scene.objects.values() if node.footprint is not None]
+        gone = one.world.scene.objects[one.getObject(path)]
+        kept = [one.world.batch.obstacles[0, node.footprint.index].tolist() for node in solids if node is not gone]
+        one.removeObject(gone.handle)
+        count -= 1
+        assert one.world.batch.states["num_obstacles"][0] == count
+        assert one.world.batch.obstacles[0, :count].tolist() == kept
+    one.setObjectPosition(one.getObject("/Cuboid[0]"), [1e6, 0.0, 0.1])
+    assert one.getObjectPosition(one.getObject("/Cuboid[0]"))[0] == 1e6
+    refused("1.1e+06 is beyond 1e+06", one.setObjectPosition, one.getObject("/Cuboid[0]"), [0, 1.1e6, 0])
+
+
+def test_a_full_drawing_takes_no_more(desk):
+    one = desk("empty")
+    handle = one.addDrawingObject(0, 0.0, 0.0, -1, 2)
+    assert [one.addDrawingObjectItem(handle, [float(k), 0.0, 0.0]) for k in range(4)] == [1, 1, 0, 0]
+    assert one.addDrawingObject(0, 0.05, 0.05) == handle + 1
