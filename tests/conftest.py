@@ -60,3 +60,18 @@ def connect():
         return sim
 
     return connected
+
+
+@pytest.fixture
+def desk():
+    """Returns what makes a server that nobody serves, whose functions are called at once."""
+    from test_restated_coppelia import Desk
+
+    with contextlib.ExitStack() as stack:
+
+        def made(*args, **kwargs):
+            one = Desk(*args, **kwargs)
+            stack.callback(one.server.close)
+            return one
+
+        yield made

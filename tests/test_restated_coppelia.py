@@ -40,19 +40,6 @@ class Desk:
         return {node.handle: np.array(self.world.scene.pose(node)) for node in self.world.scene.objects.values()}
 
 
-@pytest.fixture
-def desk():
-    desks = []
-
-    def made(*args, **kwargs):
-        desks.append(Desk(*args, **kwargs))
-        return desks[-1]
-
-    yield made
-    for each in desks:
-        each.server.close()
-
-
 @pytest.fixture(scope="module")
 def plain():
     """A desk for what only computes."""

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 cbor2 = pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
 zmq = pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 
-from test_restated_coppelia import Desk, refused  # noqa: E402
+from test_restated_coppelia import refused  # noqa: E402
 
 from wayfield.envs.coppelia import constants, models, server  # noqa: E402
 from wayfield.envs.coppelia.scenes import Conditions, make_world  # noqa: E402
@@ -20,19 +20,6 @@ from wayfield.envs.scenarios import TASKS, scenarios_of  # noqa: E402
 
 SHAPE, JOINT, DUMMY, SENSOR = 0, 1, 4, 5
 DISC, CUBOID, CYLINDER = 2, 3, 5
-
-
-@pytest.fixture
-def desk():
-    desks = []
-
-    def made(*args, **kwargs):
-        desks.append(Desk(*args, **kwargs))
-        return desks[-1]
-
-    yield made
-    for each in desks:
-        each.server.close()
 
 
 # Scenes.

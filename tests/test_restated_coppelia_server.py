@@ -9,28 +9,12 @@ import pytest
 cbor2 = pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
 zmq = pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 
-from test_restated_coppelia import Desk  # noqa: E402
-
 from wayfield.envs.coppelia import codec, server, standstill  # noqa: E402
 from wayfield.envs.coppelia.scenes import make_world  # noqa: E402
 from wayfield.envs.coppelia.server import Client  # noqa: E402
 from wayfield.envs.coppelia.signatures import FUNCTIONS, Callback, Wait  # noqa: E402
 from wayfield.envs.robots import ROBOTS  # noqa: E402
 from wayfield.envs.scenarios import TASKS, scenarios_of  # noqa: E402
-
-
-@pytest.fixture
-def desk():
-    desks = []
-
-    def made(*args, **kwargs):
-        desks.append(Desk(*args, **kwargs))
-        return desks[-1]
-
-    yield made
-    for each in desks:
-        each.server.close()
-
 
 # The server's clock and its clients, with a clock that is set by hand.
 
