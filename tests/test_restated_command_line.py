@@ -184,3 +184,26 @@ def test_work_is_shared_out_as_the_command_was_told(monkeypatch: pytest.MonkeyPa
     assert result("--cluster", "a:1")[:2] == (
         1, 'name: --cluster needs distributed: pip install "wayfield[cluster]"\n',
     )  # fmt: skip
+
+
+def test_what_was_said_is_sent_before_a_command_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[Any] = []
+
+    class Stream:
+        def __init__(self, error: OSError | None) -> None:
+            self.error = error
+
+        def flush(self) -> None:
+            said.append("flushed")
+            if self.error is not None:
+                raise self.error
+
+        def fileno(self) -> int:
+            return 77
+
+    monkeypatch.setattr(command_line.os, "open", lambda *args: said.append(args) or 5)
+    monkeypatch.setattr(command_line.os, "dup2", lambda *args: said.append(args))
+    command_line._close_quietly(Stream(None))
+    assert said == ["flushed"]
+    command_line._close_quietly(Stream(OSError()))
+    assert said == ["flushed", "flushed", (command_line.os.devnull, command_line.os.O_WRONLY), (5, 77)]

@@ -914,6 +914,9 @@ def test_a_robot_that_is_put_somewhere_stands_there(desk, dynamics):
     for _ in range(10):
         one.world.advance()
     driven = one.world.robot_pose
+    still = one.getObject("/Cylinder[1]")
+    assert one.getObjectVelocity(still) == one.getVelocity(still) == ([0.0] * 3, [0.0] * 3)
+    assert one.getObjectVelocity(one.getObject("/Floor")) == ([0.0] * 3, [0.0] * 3)
     speed = one.getObjectVelocity(robot)[0]
     assert math.hypot(*speed) > 0.1
     assert one.world.trail[-1] == driven[:2]

@@ -9,8 +9,8 @@ import pytest
 cbor2 = pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
 zmq = pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 
-from wayfield.envs.coppelia import codec, server, standstill  # noqa: E402
-from wayfield.envs.coppelia.scenes import make_world  # noqa: E402
+from wayfield.envs.coppelia import calls_simulation, codec, server, standstill  # noqa: E402
+from wayfield.envs.coppelia.scenes import Conditions, make_world  # noqa: E402
 from wayfield.envs.coppelia.server import Client  # noqa: E402
 from wayfield.envs.coppelia.signatures import FUNCTIONS, Callback, Wait  # noqa: E402
 from wayfield.envs.robots import ROBOTS  # noqa: E402
@@ -22,9 +22,9 @@ from wayfield.envs.scenarios import TASKS, scenarios_of  # noqa: E402
 @pytest.fixture
 def clock(monkeypatch):
     now = types.SimpleNamespace(at=100.0)
-    monkeypatch.setattr(
-        server, "time", types.SimpleNamespace(monotonic=lambda: now.at, sleep=lambda s: setattr(now, "at", now.at + s))
-    )
+    kept = types.SimpleNamespace(monotonic=lambda: now.at, sleep=lambda s: setattr(now, "at", now.at + s))
+    for module in (server, calls_simulation):
+        monkeypatch.setattr(module, "time", kept)
     return now
 
 
@@ -71,6 +71,13 @@ def test_passes_are_due_by_the_clock_or_by_those_who_step(desk, clock):
     assert len(served.lateness) == late
     assert not client.wish
     assert served._next_pass == pytest.approx(100.025)
+    client.level = 0
+    for name, args in (("releaseLock", []), ("setBoolParam", [25, True]), ("setStepping", []), ("startSimulation", [])):
+        served._next_pass = 0.0
+        if name == "startSimulation":
+            served.world.state = 8  # paused
+        getattr(one, name)(*args)
+        assert served._next_pass == pytest.approx(100.025)
     client.level = other.level = 3
     served.end_stepping()
     assert (client.level, other.level) == (0, 0)
@@ -399,7 +406,8 @@ def command(monkeypatch, *words):
             served.append(self)
 
         def serve(self, each):
-            self.each = each
+            if each is not None:
+                each()
 
         def stop(self):
             self.stopped = True
@@ -415,7 +423,6 @@ def command(monkeypatch, *words):
     assert set(handlers) == {program.signal.SIGINT, program.signal.SIGTERM}
     handlers[program.signal.SIGTERM](0, None)
     assert one.stopped
-    assert one.each is None
     return one.args
 
 
@@ -446,6 +453,30 @@ def test_the_command_serves_what_its_options_say(monkeypatch, caplog):
     with caplog.at_level("WARNING", "wayfield.coppelia"):
         command(monkeypatch, "--scene", "empty", "--host", "0.0.0.0")
     assert "the protocol knows no passwords" in caplog.text
+    *_, load = command(monkeypatch, "--scene", "discs", "--index", "3")
+    first, fourth = (make_world("discs", Conditions(number=k)).robot_pose for k in (0, 3))
+    assert load("discs").robot_pose == first != fourth
+
+
+def test_a_window_that_was_opened_is_shown_and_closed(monkeypatch):
+    pytest.importorskip("pygame", reason='needs pip install "wayfield[render]"')
+    from wayfield.envs.coppelia import window
+
+    said = []
+
+    class Kept:
+        def __init__(self, mode="human"):
+            said.append(mode)
+
+        def show(self, served):
+            said.append(served)
+
+        def close(self):
+            said.append("closed")
+
+    monkeypatch.setattr(window, "Window", Kept)
+    command(monkeypatch, "--scene", "empty", "--render", "human")
+    assert (said[0], said[1].port, said[2]) == ("human", 5, "closed")
 
 
 @pytest.mark.parametrize(

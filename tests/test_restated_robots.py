@@ -264,3 +264,15 @@ def test_names_and_digests_tell_robots_apart(tmp_path: Path) -> None:
         offered(robot, rolling)
     with pytest.raises(ValueError, match=r"has the drive omni; this environment needs differential"):
         offered("omni3", wheeled)
+
+
+@pytest.mark.parametrize("value", [0.5, "ab", {}, (0.5,), [0.5, 0.4, 0.3], (), None, (0.5, "a"), (0.0, 0.4)])
+def test_a_hull_box_is_a_length_and_a_width(value: Any) -> None:
+    sheet = ROBOTS["jackal"]
+    changed = dataclasses.replace(sheet, hull_box=[0.5, 0.4])  # type: ignore[arg-type]
+    assert changed.hull_box == (0.5, 0.4)
+    if value is None:
+        assert ROBOTS["p3dx"].hull_box is None
+        return
+    with pytest.raises(ValueError, match=r"^hull"):
+        dataclasses.replace(sheet, hull_box=value)

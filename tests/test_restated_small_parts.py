@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wayfield.envs import blocks, checks, cluster, engines
+from wayfield.envs import blocks, checks, cluster, crew, engines, grids
 from wayfield.envs.crew import bounds
 from wayfield.envs.geometry import OBSTACLE
 from wayfield.envs.scenarios.tables import path_from_table
@@ -79,6 +79,47 @@ def test_rows_are_shared_out_alike_in_blocks_that_are_not_small() -> None:
             assert [first for first, _ in found] + [rows] == [0] + [last for _, last in found]
             sizes = [last - first for first, last in found]
             assert max(sizes) - min(sizes) <= 1
+
+
+def test_a_crew_has_as_many_threads_as_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[str] = []
+    thread = types.SimpleNamespace(start=lambda: None)
+    monkeypatch.setattr(crew.threading, "Thread", lambda **kwargs: begun.append(kwargs["name"]) or thread)
+    for count in (1, 2, 5):
+        begun.clear()
+        assert len(crew.crew.__wrapped__(count)._coming.shares) == len(crew.shares_of(count))
+        assert len(begun) == count - 1
+
+
+# Grids.
+
+
+def test_a_ray_from_beyond_a_grid_enters_it_by_a_side() -> None:
+    rng = np.random.default_rng(6)
+    rows, columns, met = 4, 7, 0
+    for _ in range(400):
+        u, v = rng.choice([-3.0, -0.05, 0.5, 2.5, 6.5, 7.05, 9.0], 1)[0], rng.choice([-2.0, -0.05, 0.5, 3.5, 4.05, 6.0])
+        if 0.0 <= u <= columns and 0.0 <= v <= rows:
+            continue
+        angle = rng.choice([0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi, rng.uniform(-3.0, 3.0)])
+        du, dv = (round(math.cos(angle), 15), round(math.sin(angle), 15))
+        gone, row, column = grids.entry.py_func(rows, columns, u, v, du + 0.0, dv + 0.0)
+        # where it is within the sides of either direction at once
+        low, high = 0.0, math.inf
+        for place, way, side in ((u, du, columns), (v, dv, rows)):
+            if way == 0.0:
+                low = low if 0.0 <= place <= side else math.inf
+            else:
+                ends = sorted(((0.0 - place) / way, (side - place) / way))
+                low, high = max(low, ends[0]), min(high, ends[1])
+        if low < high:
+            met += 1
+            assert gone == pytest.approx(low)
+            assert column == min(max(math.floor(u + (low + 1e-9) * du), 0), columns - 1)
+            assert row == min(max(math.floor(v + (low + 1e-9) * dv), 0), rows - 1)
+        else:
+            assert gone == math.inf
+    assert met > 40
 
 
 # Values.
@@ -208,6 +249,8 @@ def test_what_failed_is_told_in_a_line() -> None:
     assert str(engines.Failed(failures[:1], 9, 1)) == "1 of 9 failed once: 0 (ValueError: no 0)"
     three = "; ".join(f"{k} (ValueError: no {k})" for k in range(3))
     assert str(engines.Failed(failures[:3], 9, 2)) == f"3 of 9 failed twice: {three}"
+    assert engines.Failed(failures, 9, 3).failures == failures
+    assert engines.Failed(failures, 9, 3).done is None
     assert str(engines.Failed(failures, 9, 3)) == f"5 of 9 failed 3 times: {three}; and 2 more"
 
 
