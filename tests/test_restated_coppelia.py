@@ -510,6 +510,8 @@ def test_blocks_are_properties_by_another_name_and_nothing_forgets_them(desk):
                 assert read(dummy, key) == empty
     one.writeCustomTableData(dummy, "t", {"a": 1})
     assert one.server.stored == {(dummy, "t"): len(cbor2.dumps({"a": 1}))}
+    for function in (one.writeCustomTableData, one.setTableProperty):
+        refused("must be an array or a map; got 'no table'", function, dummy, "customData.t", "no table")
 
 
 def test_what_a_removed_object_held_makes_room_for_others(desk, monkeypatch):

@@ -521,6 +521,7 @@ def test_shapes_are_made_in_their_sizes_and_are_obstacles_when_they_are_tall(des
         height = 0.0 if kind in (1, 2) else height
         assert (one.getObjectAlias(handle), one.getObjectType(handle)) == (name, SHAPE)
         assert one.getShapeGeomInfo(handle) == (6, kind, [length, width, height, 0.0])
+        assert one.getShapeBB(handle) == ([length, width, height], [0, 0, 0, 0, 0, 0, 1])
         box = [-0.5 * length, -0.5 * width, -0.5 * height, 0.5 * length, 0.5 * width, 0.5 * height]
         assert [one.getObjectFloatParam(handle, which) for which in range(15, 21)] == box
         assert one.getObjectPose(handle) == [0, 0, 0, 0, 0, 0, 1]

@@ -19,6 +19,7 @@ from wayfield.envs.coppelia.signatures import (
     WRONG_TYPE,
     CallError,
     Optional,
+    Wrong,
     anything,
     array,
     blob,
@@ -31,6 +32,7 @@ from wayfield.envs.coppelia.signatures import (
     offered,
     options,
     position,
+    shown,
     target,
     text,
     truth,
@@ -152,7 +154,7 @@ def _set_property(caller: "Caller", where: "Object | int", key: str, value: Any,
 def _any_table(caller: "Caller", value: Any) -> Any:
     """Returns an array or a map."""
     if not isinstance(value, list | dict):
-        raise ValueError("it must be one")
+        raise Wrong(f"got {shown(value)}")
     return value
 
 

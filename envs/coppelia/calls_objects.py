@@ -599,7 +599,7 @@ def get_shape_geom_info(caller: "Caller", found: Object) -> tuple[int, int, list
     return 6, kind, [*map(float, sizes), 0.0]
 
 
-@offered(shape)
+@offered(shape, name="getShapeBB")
 def get_shape_bb(caller: "Caller", found: Object) -> tuple[list[float], list[float]]:
     """Returns the sizes of the box around a shape, and its pose in the shape's frame."""
     return list(map(float, _box_of(found))), list(frames.ORIGIN)
