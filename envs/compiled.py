@@ -16,6 +16,7 @@ from typing import Any
 import filelock
 import numba
 import numba.core.compiler
+import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -81,10 +82,25 @@ def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
     For arguments whose types never change: numba's dispatcher takes longer to look at a batch's arrays than one robot
     takes to step.
     """
-    signature = tuple(numba.typeof(argument) for argument in arguments)
+    signature = tuple(_type_of(argument) for argument in arguments)
     function.compile(signature)
     code: Callable[..., int] = function.overloads[signature].entry_point
     return code
+
+
+_types: dict[tuple[Any, ...], Any] = {}
+
+
+def _type_of(argument: Any) -> Any:
+    """Returns `numba.typeof`, which builds the type of a record anew each time: most of what making a world takes."""
+    if not isinstance(argument, np.ndarray):
+        return numba.typeof(argument)
+    flags = argument.flags
+    layout = flags.c_contiguous, flags.f_contiguous, flags.aligned, flags.writeable
+    kind = argument.dtype, argument.dtype.isalignedstruct, argument.ndim, layout
+    if kind not in _types:
+        _types[kind] = numba.typeof(argument)
+    return _types[kind]
 
 
 class _Part(JITCodeLibrary):
