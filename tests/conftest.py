@@ -1,6 +1,7 @@
 """Settings that all tests share."""
 
 import contextlib
+import csv
 import os
 import signal
 
@@ -27,6 +28,14 @@ def undrawn(monkeypatch):
     """For runs of which no figure is looked at: to draw them takes as long as all the rest."""
     for name in ("document_figures.draw", "contest_figures.draw_contest"):
         monkeypatch.setattr(f"wayfield.benchmarks.{name}", len)  # which leaves nothing, and travels to other processes
+
+
+@pytest.fixture(autouse=True)
+def _fields_of_usual_size():
+    """Undoes what a command that reads long fields does to the whole process."""
+    limit = csv.field_size_limit()
+    yield
+    csv.field_size_limit(limit)
 
 
 @pytest.fixture

@@ -339,7 +339,7 @@ def test_among_wide_cells_gaps_of_one_cell_are_ways_and_the_plan_is_hardly_longe
 ) -> None:
     """A map of metres whose third is more than the few cells of a grid can hold: a way wherever A* along it has one."""
     rng = np.random.default_rng(seed)
-    occupied = rng.random((36, 36)) < share
+    occupied = rng.random((80, 80)) < share
     free = np.argwhere(~occupied)
     start, goal = (tuple(free[k].tolist()) for k in rng.integers(len(free), size=2))
     folder = tmp_path_factory.mktemp("map")
@@ -348,8 +348,8 @@ def test_among_wide_cells_gaps_of_one_cell_are_ways_and_the_plan_is_hardly_longe
     told["map"] = {"file": "m.npy", "resolution": 1.0}
     (folder / "s.json").write_text(json.dumps(told), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(astar_tracker, "CELLS", (48, 128))
-        patch.setattr(astar_tracker, "WIDE", 48)
+        patch.setattr(astar_tracker, "CELLS", (64, 256))  # 256 as everywhere: a grid of another size is compiled for
+        patch.setattr(astar_tracker, "WIDE", 64)
         env: Any = gymnasium.make(ID_OF["p3dx"], scenario=str(folder / "s.json"), num_beams=0)
         observation, _ = env.reset(seed=0)
         pilot = Pilot(AstarTracker(), env)
