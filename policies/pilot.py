@@ -109,12 +109,14 @@ class Pilot:
     def _decided(self, observation: NDArray[Any]) -> Array:
         """Returns the policy's twists (b, t), decided by several threads where there are parts."""
         if len(self._parts) < 2:
-            return self.policy.act(_fields(self.briefing, observation), self.briefing, self.memory)
+            fields = self.briefing.layout.unpack(observation.astype(np.float64))
+            return self.policy.act(fields, self.briefing, self.memory)
         twists: list[Array] = [np.empty(0)] * len(self._parts)
 
         def work(k: int) -> None:
             first, last, briefing = self._parts[k]
-            twists[k] = self.policy.act(_fields(briefing, observation[first:last]), briefing, self.memory[first:last])
+            fields = briefing.layout.unpack(observation[first:last].astype(np.float64))
+            twists[k] = self.policy.act(fields, briefing, self.memory[first:last])
 
         crew(self._threads).run(work, len(self._parts))
         return np.concatenate(twists)
@@ -127,14 +129,6 @@ class Pilot:
             (first, last, _part(self.briefing, first, last))
             for first, last in bounds(self.briefing.num_envs, self._threads)
         ]
-
-
-def _fields(briefing: Briefing, observation: NDArray[Any]) -> Any:
-    """Returns the fields in float64, each an array of its own: slices of a batch would have kernels of their own."""
-    if len(observation) == 1:
-        return briefing.layout.unpack(observation.astype(np.float64))
-    fields = briefing.layout.unpack(observation)
-    return type(fields)(*(np.ascontiguousarray(field, np.float64) for field in fields))
 
 
 def _part(briefing: Briefing, first: int, last: int) -> Briefing:
