@@ -1,5 +1,6 @@
 """What all figures share: colours, styles, scenes, and how a figure is saved."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ __all__ = [
 _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#B2182B")
 STYLES = ("-", "--", ":", "-.")
 _MARKERS = "osD^vP*Xh"
+MANY_WALLS = 10_000  # more make files of many megabytes, and hide what is free
 PATH_COLOUR = "#9AA2AC"
 SOLID = "#606A75"
 
@@ -92,9 +94,11 @@ def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
 
 
 def wall_lines(axis: Any, walls: np.ndarray) -> None:
-    """Draws the sides (k, 2, 2) of what a map has occupied."""
+    """Draws the sides (k, 2, 2) of what a map has occupied: very many thinly, and in a vector file as a picture."""
     if len(walls):
-        axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=1.0))
+        many = len(walls) > MANY_WALLS
+        width = math.sqrt(MANY_WALLS / len(walls)) if many else 1.0
+        axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=width, rasterized=many))
 
 
 def floor_plan(axis: Any, title: str) -> None:

@@ -17,7 +17,7 @@ from test_restated_tables import FRONT, costs_of, groups, is_off, named, number,
 from wayfield.benchmarks import contest_figures, document_figures, pictures
 from wayfield.benchmarks.aggregates import interval, iqm
 from wayfield.benchmarks.contests import CONTESTS
-from wayfield.benchmarks.drawing import colour, look, obstacle_patches, plt, wall_lines
+from wayfield.benchmarks.drawing import MANY_WALLS, colour, look, obstacle_patches, plt, wall_lines
 from wayfield.benchmarks.report.drives import drive_of, packed, read_drives, write_drives
 from wayfield.benchmarks.results import write_trajectories
 from wayfield.benchmarks.trajectory import Trajectory
@@ -74,6 +74,10 @@ def test_obstacles_are_drawn_where_they_stand() -> None:
     wall_lines(axis, np.empty(0))
     (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
     np.testing.assert_array_equal(np.array(lines.get_segments()), walls)
+    assert (lines.get_linewidth().tolist(), lines.get_rasterized()) == ([1.0], False)
+    wall_lines(axis, np.zeros((4 * MANY_WALLS, 2, 2)))
+    lines = axis.collections[-1]  # a picture in a drawing of lines
+    assert (lines.get_linewidth().tolist(), lines.get_rasterized()) == ([0.5], True)
 
 
 def test_no_two_of_three_dozen_curves_look_alike() -> None:
