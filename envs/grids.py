@@ -41,9 +41,9 @@ _BLOCK = 16
 # No power of two, so that their numbers do not all want the same place in its cache.
 TOGETHER = 432
 BESIDE = 8  # of those, so many at once; a divisor
-# the numbers of a beam on its way, in rows of TOGETHER; those behind `last` are the bits of whole ones
+# the numbers of a beam on its way, in rows of TOGETHER; those from `last` on are the bits of whole ones
 _BEAM = collections.namedtuple(
-    "_BEAM", "slope_u slope_v start_u start_v sure last room place at_u at_v step_u step_v here"
+    "_BEAM", "slope start sure last room place along aside step_along step_aside here"
 )
 _AT = _BEAM(*(np.uint64(TOGETHER * row) for row in range(len(_BEAM._fields))))
 SCRATCH = TOGETHER * len(_BEAM._fields)  # numbers that `scan_grid` needs room for
@@ -54,11 +54,10 @@ _HELD = _GOING
 _FIRST = 2 * _GOING
 WORDS = 3 * _GOING
 
-# instead of a beam's `at_u`: it left a grid beyond which all is free; single precision cannot tell where it goes on
+# instead of a beam's `along`: it left a grid beyond which all is free; single precision cannot tell where it goes on
 _OUT = np.int32(-1)
 _UNSURE = np.int32(-2)
 _ROUNDING = np.float32(2.0**-24)  # relative, of single precision
-_STEEPEST = np.float32(2.0**20)  # beams that are steeper go too near by the sides of cells
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 
@@ -342,6 +341,52 @@ def _measure_columns(occupied, away, nearest):
                 nearest[i, block, 1] = least >> 8
 
 
+intrinsic: Any = numbas_intrinsic  # its types are those of the code that it is made of, not of calls of what it makes
+
+
+@intrinsic
+def whole(typingctx, number):
+    """Returns the whole number, of four bytes, whose bits a number of single precision has."""
+
+    def code(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.int32))
+
+    return types.int32(types.float32), code
+
+
+@intrinsic
+def bits(typingctx, number):
+    """Returns the number of single precision that has the bits of a whole one: all is kept in one array.
+
+    Of two arrays a compiler would not know that they never overlap, and would do nothing for several beams at once.
+    """
+
+    def code(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.float32))
+
+    return types.float32(types.int32), code
+
+
+@intrinsic
+def long_whole(typingctx, number):
+    """Returns the whole number, of eight bytes, whose bits a number of double precision has."""
+
+    def code(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
+
+    return types.int64(types.float64), code
+
+
+@intrinsic
+def long_number(typingctx, number):
+    """Returns the number of double precision that has the bits of a whole one."""
+
+    def code(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.float64))
+
+    return types.float64(types.int64), code
+
+
 @inlined
 def grid_place(frame, x, y):
     """Returns the place of a point, in cells along the rows and along the columns of a scenario's grid."""
@@ -367,14 +412,23 @@ def least_in_block(cells, around, block, u, v, best):
     lower = start - columns if row > 0 else start
     height = v - row
     here = max(-height, height - 1.0, 0.0)
-    for j in range(block * _BLOCK, min((block + 1) * _BLOCK, columns)):
-        away = cells[np.uint64(start + j)]
-        aside = max(j - u, u - j - 1.0, 0.0)
-        up = away - height if cells[np.uint64(upper + j)] < away else np.inf
-        down = away + (height - 1.0) if cells[np.uint64(lower + j)] < away else np.inf
-        rise = min(up, down) if away > 0 else here
-        best = min(best, aside * aside + rise * rise)
-    return best
+    first = block * _BLOCK
+    # numbers that are not below 0 are in the order of their bits, whose least a processor finds for several at once
+    least = long_whole(best)
+    for k in range(np.uint64(min(_BLOCK, columns - first))):
+        away = cells[np.uint64(start + first) + k]
+        j = np.float64(np.int32(first + np.int64(k)))
+        before = j - u
+        after = u - j - 1.0
+        aside = before if before > after else after
+        aside = aside if aside > 0.0 else 0.0
+        up = away - height if cells[np.uint64(upper + first) + k] < away else np.inf
+        down = away + (height - 1.0) if cells[np.uint64(lower + first) + k] < away else np.inf
+        rise = up if up < down else down
+        rise = rise if away > 0 else here
+        squared = long_whole(aside * aside + rise * rise)
+        least = squared if squared < least else least
+    return long_number(least)
 
 
 @compiled
@@ -607,32 +661,6 @@ def grid_ray(frame, cells, u, v, du, dv, reach):
     return ray_from(cells, area, gone, i, j, (u, v), (du, dv), reach)
 
 
-intrinsic: Any = numbas_intrinsic  # its types are those of the code that it is made of, not of calls of what it makes
-
-
-@intrinsic
-def whole(typingctx, number):
-    """Returns the whole number, of four bytes, whose bits a number of single precision has."""
-
-    def code(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int32))
-
-    return types.int32(types.float32), code
-
-
-@intrinsic
-def bits(typingctx, number):
-    """Returns the number of single precision that has the bits of a whole one: all is kept in one array.
-
-    Of two arrays a compiler would not know that they never overlap, and would do nothing for several beams at once.
-    """
-
-    def code(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.float32))
-
-    return types.float32(types.int32), code
-
-
 @compiled
 def scan_grid(frame, cells, pose, beams, ranges, i, column, scratch, words):
     """Shortens ranges[i, column:] (m) to the distance along each beam to what is occupied in a scenario's grid.
@@ -719,8 +747,8 @@ def look_along(frame, cells, place, way, ranges, i, k):
 def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
     """Writes what `leap` reads of beams that begin within the grid.
 
-    All as if each went up the rows and the columns, and counted from the cell where it begins. A line is as well told
-    by where it crosses the sides of cells: v = start_v + u slope_v, and u = start_u + v slope_u.
+    All as if each went up the rows and the columns, the more along those, and counted from the cell where it begins: how
+    far aside a line is at `along` is start + along slope, with a slope of at most 1.
 
     Args:
         seen: `seen_from`.
@@ -746,37 +774,38 @@ def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
         du, dv = way_of(beams, first + k, cosine, sine)
         left = du < 0.0
         down = dv < 0.0
+        swap = swaps(du, dv)
         reach = np.float32(ranges[i, np.uint64(column + first + k)]) * cells_per_metre
         reach = reach if reach < across else across
-        along_u = np.float32(abs(du))
-        along_v = np.float32(abs(dv))
-        along_u = along_u if along_u > _ONE / _STEEPEST else _ONE / _STEEPEST
-        along_v = along_v if along_v > _ONE / _STEEPEST else _ONE / _STEEPEST
-        once = _ONE / (along_u * along_v)
-        slope_u = along_u * along_u * once
-        slope_v = along_v * along_v * once
+        along = np.float32(abs(dv if swap else du))
+        slope = np.float32(abs(du if swap else dv)) / along
         from_u = _ONE - part_u if left else part_u
         from_v = _ONE - part_v if down else part_v
-        # no less than twice what rounding may have put a crossing off by, in cells: five roundings of where it is, ten
-        # of a cell's side times the slope, and two
-        steep = slope_u if slope_u > slope_v else slope_v
-        off = _ROUNDING * (np.float32(10.0) * reach + np.float32(20.0) * steep + np.float32(30.0))
+        begun = from_v if swap else from_u
         place = np.uint64(at + k)
-        scratch[_AT.slope_u + place] = slope_u
-        scratch[_AT.slope_v + place] = slope_v
-        scratch[_AT.start_u + place] = from_u - from_v * slope_u
-        scratch[_AT.start_v + place] = from_v - from_u * slope_v
-        scratch[_AT.sure + place] = _HALF - off
-        scratch[_AT.last + place] = from_u + from_v + reach * (along_u + along_v) + np.float32(4.0) * off
+        scratch[_AT.slope + place] = slope
+        scratch[_AT.start + place] = (from_u if swap else from_v) - begun * slope
+        # by no less than twice what rounding may put a crossing off: five roundings of where it is, and eight of a cell
+        scratch[_AT.sure + place] = _HALF - _ROUNDING * (np.float32(10.0) * reach + np.float32(40.0))
+        # where it goes no further, and rounding does not matter
+        scratch[_AT.last + place] = bits(np.int32(begun + reach * along + np.float32(2.0)))
         here = begin + (size if left else np.int32(0)) + (size + size if down else np.int32(0))
         scratch[_AT.here + place] = bits(np.int32(here))
         room_up = back_up if left else ahead_up
         room_down = back_down if left else ahead_down
         scratch[_AT.room + place] = bits(room_down if down else room_up)
-        scratch[_AT.step_u + place] = bits(np.int32(-1) if left else np.int32(1))
-        scratch[_AT.step_v + place] = bits(np.int32(-width) if down else width)
-        scratch[_AT.at_u + place] = bits(np.int32(0))
-        scratch[_AT.at_v + place] = bits(np.int32(0))
+        step_u = np.int32(-1) if left else np.int32(1)
+        step_v = np.int32(-width) if down else width
+        scratch[_AT.step_along + place] = bits(step_v if swap else step_u)
+        scratch[_AT.step_aside + place] = bits(step_u if swap else step_v)
+        scratch[_AT.along + place] = bits(np.int32(0))
+        scratch[_AT.aside + place] = bits(np.int32(0))
+
+
+@inlined
+def swaps(du, dv):
+    """Returns whether a beam goes more along the columns than along the rows."""
+    return abs(dv) > abs(du)
 
 
 @inlined
@@ -799,8 +828,11 @@ def arrive(frame, cells, seen, beams, part, ranges, i, column, scratch):
     least = np.int32(0)
     for k in range(count):
         du, dv = way_of(beams, first + k, cosine, sine)
-        at_u = whole(scratch[_AT.at_u + np.uint64(at + k)])
-        at_v = whole(scratch[_AT.at_v + np.uint64(at + k)])
+        along = whole(scratch[_AT.along + np.uint64(at + k)])
+        aside = whole(scratch[_AT.aside + np.uint64(at + k)])
+        swap = swaps(du, dv)
+        at_u = aside if swap else along
+        at_v = along if swap else aside
         side_u = (at_u - j) + (u - 1.0) if du < 0.0 else (at_u + j) - u
         side_v = (at_v - row) + (v - 1.0) if dv < 0.0 else (at_v + row) - v
         by_u = side_u * abs(dv) > side_v * abs(du)
@@ -809,8 +841,8 @@ def arrive(frame, cells, seen, beams, part, ranges, i, column, scratch):
         distance = (gone if gone > 0.0 else 0.0) * frame.grid_cell
         place = np.uint64(column + first + k)
         so_far = ranges[i, place]
-        ranges[i, place] = distance if (distance < so_far) & (at_u >= 0) else so_far
-        least = at_u if at_u < least else least
+        ranges[i, place] = distance if (distance < so_far) & (along >= 0) else so_far
+        least = along if along < least else least
     if least == _UNSURE:
         look_closely(frame, cells, seen, beams, part, ranges, i, column, scratch)
 
@@ -826,7 +858,7 @@ def look_closely(frame, cells, seen, beams, part, ranges, i, column, scratch):
     first, count, at = part
     u, v, cosine, sine = seen
     for k in range(count):
-        if whole(scratch[_AT.at_u + np.uint64(at + k)]) == _UNSURE:
+        if whole(scratch[_AT.along + np.uint64(at + k)]) == _UNSURE:
             way = way_of(beams, first + k, cosine, sine)
             look_along(frame, cells, (u, v), way, ranges, i, np.uint64(column + first + k))
 
@@ -923,32 +955,31 @@ def look(cells, scratch, first, begin):
 
 @inlined
 def leap(scratch, first):
-    """Lets BESIDE beams go on to where they leave the free squares that they are in; one whose room is 0 stays."""
+    """Lets BESIDE beams go on to where they leave the free squares that they are in; one whose room is 0 stays.
+
+    A beam rises by no more than it goes along: at the far end of a square it is at most one row beyond it, and then it
+    left through the last column.
+    """
     for j in range(np.uint64(BESIDE)):
         k = first + j
         room = whole(scratch[_AT.room + k])
-        at_u = whole(scratch[_AT.at_u + k])
-        at_v = whole(scratch[_AT.at_v + k])
-        side_u = np.float32(np.int32(at_u + room))
-        side_v = np.float32(np.int32(at_v + room))
-        u = side_v * scratch[_AT.slope_u + k] + scratch[_AT.start_u + k]
-        v = side_u * scratch[_AT.slope_v + k] + scratch[_AT.start_v + k]
-        # one of them is where the line crosses a side, and the other is that side
-        u = u if u < side_u else side_u
-        v = v if v < side_v else side_v
-        to_u = np.int32(u)
-        to_v = np.int32(v)
-        part = (u + v) - np.float32(np.int32(to_u + to_v))
+        along = np.int32(whole(scratch[_AT.along + k]) + room)
+        aside = whole(scratch[_AT.aside + k])
+        at = np.float32(along) * scratch[_AT.slope + k] + scratch[_AT.start + k]
+        to_aside = np.int32(at)
+        part = at - np.float32(to_aside)
         sure = abs(part - _HALF) < scratch[_AT.sure + k]
+        moves = room != 0
+        beyond = moves & (to_aside >= np.int32(aside + room))
+        to_along = np.int32(along - (np.int32(1) if beyond else np.int32(0)))
+        to_aside = to_aside if moves else aside
         place = whole(scratch[_AT.here + k])
-        place += to_u * whole(scratch[_AT.step_u + k]) + to_v * whole(scratch[_AT.step_v + k])
+        place += to_along * whole(scratch[_AT.step_along + k]) + to_aside * whole(scratch[_AT.step_aside + k])
         # where the first cell of the rim is, there is no room either
-        goes = sure & (u + v < scratch[_AT.last + k]) & (room != 0)
+        goes = sure & (to_along < whole(scratch[_AT.last + k])) & moves
         scratch[_AT.place + k] = bits(np.int32(place) if goes else np.int32(0))
-        to_u = at_u if at_u > to_u else to_u
-        to_v = at_v if at_v > to_v else to_v
-        scratch[_AT.at_u + k] = bits(to_u if sure | (room == 0) else _UNSURE)
-        scratch[_AT.at_v + k] = bits(to_v)
+        scratch[_AT.along + k] = bits(_UNSURE if moves & (not sure) else to_along)
+        scratch[_AT.aside + k] = bits(to_aside)
 
 
 @inlined
@@ -957,13 +988,19 @@ def stop_inside(frame, u, v, scratch, at, count):
     j = np.int64(math.floor(u))
     i = np.int64(math.floor(v))
     for k in range(np.uint64(at), np.uint64(at + count)):
-        at_u = whole(scratch[_AT.at_u + k])
-        at_v = whole(scratch[_AT.at_v + k])
-        column = j + at_u * whole(scratch[_AT.step_u + k])
-        row = i + (at_v if whole(scratch[_AT.step_v + k]) > 0 else -at_v)
+        along = whole(scratch[_AT.along + k])
+        aside = whole(scratch[_AT.aside + k])
+        step_along = whole(scratch[_AT.step_along + k])
+        step_aside = whole(scratch[_AT.step_aside + k])
+        # a row is at least three places long, with its rim
+        swap = abs(step_along) > 1
+        at_u = aside * step_aside if swap else along * step_along
+        at_v = along if swap else aside
+        column = j + at_u
+        row = i + (at_v if (step_along if swap else step_aside) > 0 else -at_v)
         # without a branch, as all here
         inside = (column >= 0) & (column < frame.grid_columns) & (row >= 0) & (row < frame.grid_rows)
-        scratch[_AT.at_u + k] = bits(at_u if inside | (at_u == _UNSURE) else _OUT)
+        scratch[_AT.along + k] = bits(along if inside | (along == _UNSURE) else _OUT)
 
 
 @allocating
