@@ -786,7 +786,7 @@ def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
         scratch[_AT.slope + place] = slope
         scratch[_AT.start + place] = (from_u if swap else from_v) - begun * slope
         # by no less than twice what rounding may put a crossing off: five roundings of where it is, and eight of a cell
-        scratch[_AT.sure + place] = _HALF - _ROUNDING * (np.float32(10.0) * reach + np.float32(40.0))
+        scratch[_AT.sure + place] = _HALF - _ROUNDING * (np.float32(10.0) * reach + np.float32(50.0))
         # where it goes no further, and rounding does not matter
         scratch[_AT.last + place] = bits(np.int32(begun + reach * along + np.float32(2.0)))
         here = begin + (size if left else np.int32(0)) + (size + size if down else np.int32(0))
