@@ -42,9 +42,7 @@ _BLOCK = 16
 TOGETHER = 432
 BESIDE = 8  # of those, so many at once; a divisor
 # the numbers of a beam on its way, in rows of TOGETHER; those from `last` on are the bits of whole ones
-_BEAM = collections.namedtuple(
-    "_BEAM", "slope start sure last room place along aside step_along step_aside here"
-)
+_BEAM = collections.namedtuple("_BEAM", "slope start sure last room place along aside step_along step_aside here")
 _AT = _BEAM(*(np.uint64(TOGETHER * row) for row in range(len(_BEAM._fields))))
 SCRATCH = TOGETHER * len(_BEAM._fields)  # numbers that `scan_grid` needs room for
 
@@ -60,6 +58,7 @@ _UNSURE = np.int32(-2)
 _ROUNDING = np.float32(2.0**-24)  # relative, of single precision
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
+_ZERO = np.float32(0.0)
 
 # Where a scenario's grid lies: what a record of the bank has besides.
 FRAME = [
@@ -747,8 +746,8 @@ def look_along(frame, cells, place, way, ranges, i, k):
 def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
     """Writes what `leap` reads of beams that begin within the grid.
 
-    All as if each went up the rows and the columns, the more along those, and counted from the cell where it begins: how
-    far aside a line is at `along` is start + along slope, with a slope of at most 1.
+    All as if each went up the rows and the columns, the more along the columns, and counted from the cell where it
+    begins: how far aside it is at `along` is start + along slope, with a slope of at most 1.
 
     Args:
         seen: `seen_from`.
@@ -761,51 +760,55 @@ def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
     width = np.int32(frame.grid_columns + 2)
     size = np.int32((frame.grid_rows + 2) * (frame.grid_columns + 2))
     begin = np.int32((np.int64(row) + 1) * (frame.grid_columns + 2) + np.int64(j) + 1)
+    begin_back = np.int32(begin + size)
+    begin_down = np.int32(begin + 2 * size)
+    begin_back_down = np.int32(begin + 3 * size)
     # all begin in one cell: of its rooms there are four
     ahead_up = np.int32(cells[np.uint64(frame.grid_first + begin)])
-    back_up = np.int32(cells[np.uint64(frame.grid_first + begin + size)])
-    ahead_down = np.int32(cells[np.uint64(frame.grid_first + begin + 2 * size)])
-    back_down = np.int32(cells[np.uint64(frame.grid_first + begin + 3 * size)])
+    back_up = np.int32(cells[np.uint64(frame.grid_first + begin_back)])
+    ahead_down = np.int32(cells[np.uint64(frame.grid_first + begin_down)])
+    back_down = np.int32(cells[np.uint64(frame.grid_first + begin_back_down)])
     across = np.float32(frame.grid_rows + frame.grid_columns)
     cells_per_metre = np.float32(1.0 / frame.grid_cell)
     part_u = np.float32(u - j)
     part_v = np.float32(v - row)
+    # on its own, as double precision goes on half as many beams at once
     for k in range(count):
         du, dv = way_of(beams, first + k, cosine, sine)
-        left = du < 0.0
-        down = dv < 0.0
-        swap = swaps(du, dv)
+        scratch[_AT.slope + np.uint64(at + k)] = du
+        scratch[_AT.start + np.uint64(at + k)] = dv
+    for k in range(count):
+        place = np.uint64(at + k)
+        du = scratch[_AT.slope + place]
+        dv = scratch[_AT.start + place]
+        left = du < _ZERO
+        down = dv < _ZERO
+        swap = abs(dv) > abs(du)
         reach = np.float32(ranges[i, np.uint64(column + first + k)]) * cells_per_metre
         reach = reach if reach < across else across
-        along = np.float32(abs(dv if swap else du))
-        slope = np.float32(abs(du if swap else dv)) / along
+        along = abs(dv if swap else du)
+        slope = abs(du if swap else dv) / along
         from_u = _ONE - part_u if left else part_u
         from_v = _ONE - part_v if down else part_v
         begun = from_v if swap else from_u
-        place = np.uint64(at + k)
         scratch[_AT.slope + place] = slope
         scratch[_AT.start + place] = (from_u if swap else from_v) - begun * slope
         # by no less than twice what rounding may put a crossing off: five roundings of where it is, and eight of a cell
         scratch[_AT.sure + place] = _HALF - _ROUNDING * (np.float32(10.0) * reach + np.float32(50.0))
         # where it goes no further, and rounding does not matter
         scratch[_AT.last + place] = bits(np.int32(begun + reach * along + np.float32(2.0)))
-        here = begin + (size if left else np.int32(0)) + (size + size if down else np.int32(0))
-        scratch[_AT.here + place] = bits(np.int32(here))
         room_up = back_up if left else ahead_up
         room_down = back_down if left else ahead_down
         scratch[_AT.room + place] = bits(room_down if down else room_up)
+        here_up = begin_back if left else begin
+        here_down = begin_back_down if left else begin_down
+        scratch[_AT.here + place] = bits(here_down if down else here_up)
         step_u = np.int32(-1) if left else np.int32(1)
         step_v = np.int32(-width) if down else width
         scratch[_AT.step_along + place] = bits(step_v if swap else step_u)
         scratch[_AT.step_aside + place] = bits(step_u if swap else step_v)
         scratch[_AT.along + place] = bits(np.int32(0))
         scratch[_AT.aside + place] = bits(np.int32(0))
-
-
-@inlined
-def swaps(du, dv):
-    """Returns whether a beam goes more along the columns than along the rows."""
-    return abs(dv) > abs(du)
 
 
 @inlined
@@ -823,18 +826,18 @@ def arrive(frame, cells, seen, beams, part, ranges, i, column, scratch):
     u, v, cosine, sine = seen
     if frame.grid_closed == 0:
         stop_inside(frame, u, v, scratch, at, count)
-    j = math.floor(u)
-    row = math.floor(v)
+    j = np.int32(math.floor(u))
+    row = np.int32(math.floor(v))
     least = np.int32(0)
     for k in range(count):
         du, dv = way_of(beams, first + k, cosine, sine)
         along = whole(scratch[_AT.along + np.uint64(at + k)])
         aside = whole(scratch[_AT.aside + np.uint64(at + k)])
-        swap = swaps(du, dv)
+        swap = abs(whole(scratch[_AT.step_along + np.uint64(at + k)])) > 1
         at_u = aside if swap else along
         at_v = along if swap else aside
-        side_u = (at_u - j) + (u - 1.0) if du < 0.0 else (at_u + j) - u
-        side_v = (at_v - row) + (v - 1.0) if dv < 0.0 else (at_v + row) - v
+        side_u = np.float64(np.int32(at_u + (-j if du < 0.0 else j))) + (u - 1.0 if du < 0.0 else -u)
+        side_v = np.float64(np.int32(at_v + (-row if dv < 0.0 else row))) + (v - 1.0 if dv < 0.0 else -v)
         by_u = side_u * abs(dv) > side_v * abs(du)
         gone = (side_u if by_u else side_v) * (1.0 / abs(du if by_u else dv))
         # where it begins, too, and where that makes it no number
