@@ -192,7 +192,10 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
     grid = OccupancyGrid(rng.random((37, 53)) < density, 0.25, beyond=beyond)
     grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
     around = sines(np.linspace(-3.1, 3.1, TOGETHER // 4))[::-1]  # with those past corners more than go at once
-    for point in rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25):
+    anywhere = rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25)
+    # so near to a corner of cells, free and occupied ones, that single precision does not tell from it
+    by_corners = 0.25 * rng.integers(1, 36, (12, 2)) + rng.choice([-1e-11, 1e-11], (12, 2))
+    for point in [*anywhere, *by_corners]:
         place = grid.places(point)
         beams = np.ascontiguousarray(np.hstack([around, near_corners(grid, place, rng, 800).T]))
         # what stands nearer than the map has been seen already; nothing has before the beams past corners
