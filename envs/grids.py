@@ -746,8 +746,8 @@ def look_along(frame, cells, place, way, ranges, i, k):
 def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
     """Writes what `leap` reads of beams that begin within the grid.
 
-    All as if each went up the rows and the columns, and counted from the cell where it begins, along the axis to which it
-    is nearer: how far aside of that it is at `along` is start + along slope, with a slope of at most 1.
+    All as if each went up the rows and the columns, and counted from the cell where it begins, along the axis to which
+    it is nearer: how far aside of that it is at `along` is start + along slope, with a slope of at most 1.
 
     Args:
         seen: `seen_from`.
