@@ -3,6 +3,7 @@
 # ruff: noqa: E402  what is optional is asked for before it is imported
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -501,3 +502,11 @@ def test_patience_ends_a_run_that_gets_no_better(tmp_path: Path, monkeypatch: py
     assert last.frames == 4 * 16 * 8
     each, _ = scored([-6.0, -5.0, -5.5, -4.0, -4.5, -3.0], tmp_path / "goes_on", monkeypatch, patience=2)
     assert len(each.rows) == 6
+
+
+@pytest.mark.parametrize("kind", [PathReward, GoalReward])
+def test_a_weight_of_a_reward_is_a_finite_number(kind: Any) -> None:
+    for field in dataclasses.fields(kind):
+        for value in (math.inf, -math.inf, math.nan, "much"):
+            with pytest.raises(ValueError, match=rf"{field.name} must be a finite number"):
+                kind(**{field.name: value})

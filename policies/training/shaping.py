@@ -47,6 +47,8 @@ class PathReward:
     failure: float = 50.0
 
     def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check_gain(self, field.name)
         check_gain(self, "stall_share", above=0.0)
 
     def __call__(
@@ -78,6 +80,8 @@ class GoalReward:
     collision: float = 60.0
 
     def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check_gain(self, field.name)
         check_gain(self, "near", above=0.0)
 
     def __call__(
