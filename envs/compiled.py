@@ -76,15 +76,51 @@ def allocating(function: Any) -> Any:
     return _cached(numba.njit(nogil=True, pipeline_class=_Pipeline, **_COUNTED)(function))
 
 
+def any_layout(kernel: Any) -> Any:
+    """Lets a compiled kernel serve arrays however they lie in memory, with the same machine code.
+
+    The columns of an observation lie apart for a batch, and for one robot, whose rows have no distance, side by side:
+    Numba would compile a law for each, and again for each mixture of both. It is compiled for arrays whose elements may
+    lie apart, and run as it is where they do not; the bits are the same. For what takes long to compile, and as long
+    for a robot that finding the elements is nothing beside it. Called by another kernel it is compiled for what that
+    hands it.
+    """
+    compile_for, served = kernel.compile, set()
+
+    @functools.wraps(compile_for)
+    def compile_for_any(sig: Any) -> Any:
+        arguments = normalize_signature(sig)[0]
+        if _depth.now > 0:
+            return compile_for(sig)
+        apart = tuple(_apart(each) for each in arguments)
+        code = compile_for(apart)
+        if arguments != apart and arguments not in served:
+            kernel._insert([each._code for each in arguments], code)  # found from here on without coming to this
+            served.add(arguments)
+        return code
+
+    kernel.compile = compile_for_any
+    return kernel
+
+
+def _apart(kind: Any) -> Any:
+    """Returns a type of Numba's with arrays, within tuples too, whose elements may lie apart."""
+    if isinstance(kind, numba.types.Array):
+        return kind.copy(layout="A") if kind.ndim > 0 else kind
+    if isinstance(kind, numba.types.BaseTuple):
+        members: Any = kind
+        named = getattr(kind, "instance_class", None)
+        return numba.types.BaseTuple.from_types([_apart(each) for each in members], named)
+    return kind
+
+
 def machine_code(function: Any, *arguments: Any) -> Callable[..., int]:
     """Returns what a compiled function runs for arguments of these types, compiling it if need be.
 
     For arguments whose types never change: numba's dispatcher takes longer to look at a batch's arrays than one robot
     takes to step.
     """
-    signature = tuple(_type_of(argument) for argument in arguments)
-    function.compile(signature)
-    code: Callable[..., int] = function.overloads[signature].entry_point
+    code: Callable[..., int] = function.compile(tuple(_type_of(argument) for argument in arguments))
     return code
 
 

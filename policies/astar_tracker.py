@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import memory as check_memory
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
@@ -160,6 +160,7 @@ def corners_of(frame):
     return corners
 
 
+@any_layout
 @compiled
 def decide(params, prices, told, poses, heading_errors, waypoints_left, memory):
     """Sets the commands of all robots; plans for those that have not, are off their plan, or are held up."""

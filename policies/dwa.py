@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, inlined
+from wayfield.envs.compiled import allocating, any_layout, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, saturation_factor
 from wayfield.policies.parts.detour import DETOUR, seek
@@ -139,6 +139,7 @@ class Dwa:
         return twists[:, briefing.robot.twist_axes]
 
 
+@any_layout
 @allocating
 def choose_twists(params, scan, seen, memory, twists):
     """Fills the (b, 3) twists of `Dwa.act`.

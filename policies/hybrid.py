@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import any_layout, compiled
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.learned.agent import Agent
 from wayfield.policies.learned.ppo import shipped_agent
@@ -105,6 +105,7 @@ def planner_of(robot: str, speed: float) -> ScanPlanner:
     return ScanPlanner(**{**(found.gains if found else {}), "max_speed": speed})
 
 
+@any_layout
 @compiled
 def lead(memory, poses, ahead, goals, led):
     """Puts points ahead (m) on the ways of the planner's memory (b,) in place of goals (b, 2), m, body frame.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
+from wayfield.envs.compiled import any_layout, compiled
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
@@ -93,6 +93,7 @@ class Lookahead:
         return unicycle_twists(briefing.robot, self.k_lin * x, yaw_rate)
 
 
+@any_layout
 @compiled
 def reference_points(params, course, poses, arc_lengths, errors):
     """Fills the (b, 5) errors of `Lookahead.errors`.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.envs.compiled import any_layout, compiled, inlined
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.linear import product, riccati
@@ -134,6 +134,7 @@ def gain_table(speed: float, dt: float, lag: float, q_e: float, q_th: float) -> 
     return speeds, gains
 
 
+@any_layout
 @compiled
 def steer_rows(params, speeds, gains, course, motion, memory, command):
     """Fills the command (2, b), v in m/s and w in rad/s, and keeps v in the memory (b, 1).

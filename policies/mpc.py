@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import MOST_WHOLE
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import wrap_angle
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -324,6 +324,7 @@ class QuadraticProgram:
 quadratic_program = one_a_thread(QuadraticProgram)
 
 
+@any_layout
 @compiled
 def shift_plan(model, commands, progress, multipliers, i):
     """Moves robot i's plan on by a control period; it ends as it ended before."""
@@ -455,6 +456,7 @@ def on_path(path, sigma):
     )
 
 
+@any_layout
 @compiled
 def locate(vertices, runs, path_index, model, poses, arc_lengths, i, path, start):
     """Fills `path` with the path ahead of robot i, and `start` with (x, y, heading, sigma_0, the most sigma may be)."""
@@ -494,6 +496,7 @@ def locate(vertices, runs, path_index, model, poses, arc_lengths, i, path, start
     start[4] = end
 
 
+@any_layout
 @allocating
 def linearise(model, path, start, twists, last, commands, progress, i, program):
     """Fills the quadratic program of robot i around its plan.
@@ -634,6 +637,7 @@ def bound(m, start, last, program):
     upper[-1] = start[4]
 
 
+@any_layout
 @compiled
 def take_plan(unknowns, start, commands, progress, i):
     """Makes a solution the plan of robot i; returns the largest change of a command (m/s or rad/s)."""
@@ -649,6 +653,7 @@ def take_plan(unknowns, start, commands, progress, i):
     return largest
 
 
+@any_layout
 @compiled
 def apply(model, wheels, commands, brake, command, i, twists):
     """Sets the twist of robot i: what its plan asks for a control period ahead, within reach of the last command."""

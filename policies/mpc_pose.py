@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -229,6 +229,7 @@ class PoseProgram:
 pose_program = one_a_thread(PoseProgram)
 
 
+@any_layout
 @compiled
 def rest(params, seen, memory, i, twists):
     """Returns whether robot i is at its goal, where it turns on the spot; its plan is then to stand."""
@@ -318,6 +319,7 @@ def polar_plan(p, pose, twist, last, way, plan):
         plan[1, k] = w
 
 
+@any_layout
 @allocating
 def choose(params, seen, command, commands, i):
     """Puts the cheapest of the plans to start from in the place of robot i's; returns its cost."""
@@ -341,6 +343,7 @@ def choose(params, seen, command, commands, i):
     return best
 
 
+@any_layout
 @allocating
 def linearise(params, seen, command, commands, i, program):
     """Fills the quadratic program of changes of robot i's plan; returns the largest derivative of the sum.
@@ -432,6 +435,7 @@ def bound(p, last, plan, program):
             upper[row] = max((p.plant.wheel_speed_limit - turning) / fastest, 0.0)
 
 
+@any_layout
 @allocating
 def improve(params, seen, command, commands, i, cost, change):
     """Adds to robot i's plan the largest share of a change (2 n,) that makes it cheaper; nothing if none does."""
@@ -450,6 +454,7 @@ def improve(params, seen, command, commands, i, cost, change):
             return
 
 
+@any_layout
 @compiled
 def apply(params, wheels, commands, command, i, twists):
     """Sets the twist of robot i: what its plan asks for a control period ahead, within reach of the last command."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.elementary import exponential, logarithm
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
@@ -179,6 +179,7 @@ FAR = 1e3  # m, longer than any way
 WALL_SLOWNESS = 60.0  # metres of way that a metre through an obstacle counts for
 
 
+@any_layout
 @allocating
 def decide(params, beams, ranges, seen, memory, twists):
     """Fills the (b, 3) twists of `Mppi` and moves its memory on."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.policies.parts.costmap import (
     INSCRIBED,
@@ -104,6 +104,7 @@ class Nav2Dwb(CostmapController):
         decide(p, maps, scan, seen, state)
 
 
+@any_layout
 @allocating
 def decide(params, maps, scan, seen, memory):
     """Sets the commands of all robots."""

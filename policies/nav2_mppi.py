@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.elementary import exponential
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc
@@ -172,6 +172,7 @@ def fill_noise(seed, noise):
             noise[k, t, 1], _ = two_normals(key, number + 1)
 
 
+@any_layout
 @allocating
 def decide(params, maps, samples, scan, seen, memory):
     """Sets the commands of all robots."""

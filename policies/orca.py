@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.geometry import nearest_surface, sin_cos
 from wayfield.envs.grids import grid_clearance, grid_normal, grid_place, grid_ray
 from wayfield.envs.patrols import patrol_at
@@ -177,6 +177,7 @@ def tracking_drift(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.hypot(along + np.log(np.maximum(angle / (0.5 * math.pi), 1.0)), across))
 
 
+@any_layout
 @allocating
 def find_velocities(params, prices, told, poses, measured, goals, waypoints_left, memory, velocities, forward):
     """Fills the (b, 2) velocities of `Orca`, body frame, m/s, and the (b,) speeds at which the way ahead is free.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.geometry import bearing, lengths, nearest_surface, sin_cos, sines
 from wayfield.envs.grids import grid_clearance, grid_normal
 from wayfield.envs.patrols import patrol
@@ -151,6 +151,7 @@ class CorrectedField:
         return twists[:, briefing.robot.twist_axes]
 
 
+@any_layout
 @allocating
 def steer(params, told, poses, goals, turns, memory, twists):
     """Fills the (b, 3) twists of `CorrectedField.act` and keeps the sides up to date."""

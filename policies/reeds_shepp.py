@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
@@ -116,6 +116,7 @@ class ReedsShepp:
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
+@any_layout
 @compiled
 def drive(params, told, poses, goals, turns, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""

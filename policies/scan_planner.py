@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.geometry import sin_cos
 from wayfield.policies.parts.polyline_tracker import (
     PLAN,
@@ -157,6 +157,7 @@ class ScanPlanner(PolylineTracker):
         return self.twists(briefing, memory["state"])
 
 
+@any_layout
 @allocating
 def decide(params, prices, table, scan, seen, memory):
     """Sets the commands of all robots: enters the scans, plans where it must be, and tracks."""

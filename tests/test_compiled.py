@@ -243,3 +243,74 @@ def test_a_kernel_without_machine_code_to_keep_runs(tmp_path: Path) -> None:
     results, told = called(tmp_path, before.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert results == "6.0 8.0"
     assert "no compiled object yet" in told
+
+
+WEIGHTED = """
+from typing import Any, NamedTuple
+from wayfield.envs.compiled import any_layout, compiled
+
+class Cloud(NamedTuple):
+    points: Any
+    weights: Any
+
+@any_layout
+@compiled
+def weighted(cloud, out):
+    for i in range(cloud.points.shape[0]):
+        out[i] = 0.0
+        for k in range(cloud.points.shape[1]):
+            out[i] += cloud.points[i, k] * cloud.weights[k]
+
+@compiled
+def first_weighted(points, weights, out):
+    weighted(Cloud(points, weights), out)
+    return out[0]
+"""
+ARRAYS = """
+import numpy as np
+from kernel import Cloud, first_weighted, weighted
+from wayfield.envs.compiled import machine_code
+
+wide, w, out = np.random.default_rng(0).normal(size=(12, 14)), np.linspace(0.1, 0.9, 5), np.empty(12)
+given = [wide[:, :5].copy(), wide[:, :5].copy(order="F"), wide[:, :5], wide[:, ::3], wide[::-1, 5:10], wide[:1, :5]]
+given = [(each, weights) for each in given for weights in (w, w[::-1])]
+def rows(call):
+    for points, weights in given:
+        call(Cloud(points, weights), out)
+        for row, found in zip(points, out):
+            total = 0.0
+            for a, b in zip(row, weights):
+                total += a * b
+            assert total == found
+rows(weighted)
+compile, weighted.compile = weighted.compile, None  # whoever comes again does not come to Python
+rows(weighted)
+weighted.compile = compile
+rows(lambda *arrays: machine_code(weighted, *arrays)(*arrays))
+rows(weighted)
+stats = weighted.stats
+print(len(weighted.overloads), sum(stats.cache_misses.values()), sum(stats.cache_hits.values()))
+"""
+REFUSED = """
+out.flags.writeable = False
+try:
+    weighted(Cloud(wide[:, :5], w), out)
+except Exception as error:
+    print("readonly" in str(error))
+out = np.empty(12)
+print(first_weighted(wide[:, :5].copy(), w, out) == out[0] != 0.0)
+rows(weighted)
+"""
+
+
+def test_one_kernel_serves_arrays_of_any_layout_with_the_same_bits_and_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(WEIGHTED)
+    cache = tmp_path / "cache"
+    for script, told in ((ARRAYS, ["1 1 0"]), (ARRAYS + REFUSED, ["1 0 1", "True", "True"])):
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, cwd=tmp_path,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines() == told
+        assert len(list(cache.rglob("kernel.weighted*.nbc"))) == 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import choose, shown
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
 from wayfield.envs.elementary import area_sine
 from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -555,6 +555,7 @@ class Sights(NamedTuple):
     newer: NDArray[np.float32]
 
 
+@any_layout
 @compiled
 def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
     """Fills the rows of `PathFeatures.observe`."""
@@ -591,6 +592,7 @@ def fill_path(errors, heading_errors, twists, previews, speeds, scales, out):
             y = previews[i, j, 1]
 
 
+@any_layout
 @allocating
 def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, angles, out):
     """Fills the rows of `GoalFeatures.observe`, and the angles of their frames."""
@@ -653,6 +655,7 @@ def fill_goal(goals, twists, ranges, speeds, scales, max_range, pool, ahead, ang
         k += directions
 
 
+@any_layout
 @compiled
 def fill_pose(goals, turns, angles, scales, out):
     """Fills what `DockFeatures.observe` adds."""
@@ -685,6 +688,7 @@ def resample(ranges, known):
             known[i, j] = least
 
 
+@any_layout
 @compiled
 def arrive(goals, turns, waypoints_left, scales, twists):
     """Replaces the twists (b, t) of robots within scales[0] of their goal; see `GoalFeatures.arrived`.
@@ -716,6 +720,7 @@ def arrive(goals, turns, waypoints_left, scales, twists):
             twists[i, 1] = turn_rate(law, aside)
 
 
+@any_layout
 @compiled
 def hold(law, matrix, held, twists):
     """Turns twists (b, t) into those that a slower base would drive by them, as the kinematic plant has it.
@@ -758,6 +763,7 @@ def turn(actions, speeds, angles, out):
         out[i, 1] = speeds[i] * (sine * actions[i, 0] + cosine * actions[i, 1])
 
 
+@any_layout
 @compiled
 def fill_trails(poses, angles, shares, scales, begun, trails, out):
     """Draws on the trailing points (b, k, 2), begun or not, and fills where they are, in the frames."""
@@ -777,6 +783,7 @@ def fill_trails(poses, angles, shares, scales, begun, trails, out):
             out[i, 2 * k + 1] = min(max(cosine * dy - sine * dx, -LIMIT), LIMIT)
 
 
+@any_layout
 @compiled
 def fill_crumbs(poses, goals, angles, scales, crumbs, out):
     """Drops crumbs and fills what is known by them; see `GoalFeatures`."""
@@ -817,6 +824,7 @@ def fill_crumbs(poses, goals, angles, scales, crumbs, out):
             out[i, j] = max(out[i, j], range_scale / (range_scale + math.sqrt(dx * dx + dy * dy)))
 
 
+@any_layout
 @allocating
 def fill_moving(poses, ranges, angles, scales, max_range, pool, sights, out):
     """Fills what comes nearer by itself, in every direction; see `GoalFeatures`."""
@@ -882,6 +890,7 @@ def shelve(sights, i, dt):
     return True
 
 
+@any_layout
 @allocating
 def guard(ranges, yaw_rates, law, twists):
     """Slows the twists (b, t) down; see `GoalFeatures`. The scan goes once around, from the back.
