@@ -9,22 +9,21 @@ something pushed still moves.
 
 import array
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating, compiled, machine_code
+from wayfield.envs.compiled import allocating, any_layout, compiled, machine_code
 from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, sin_cos, wrap_angle
-from wayfield.envs.grids import OccupancyGrid, grid_clearance, grid_normal
+from wayfield.envs.grids import FRAME, Grids, OccupancyGrid, grid_clearance, grid_normal
 from wayfield.envs.hulls import hull_clearance, swing, touched, way_out
 from wayfield.envs.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.kinematics import integrate_arc, sinc
 from wayfield.envs.linear import pseudo_inverse
 from wayfield.envs.patrols import patrol, patrol_at
-from wayfield.envs.records import MAX_WHEELS, lag_factors, record
+from wayfield.envs.records import MAX_WHEELS, ROBOT_PARAMS, ROBOT_STATE, lag_factors, part_of, record
 from wayfield.envs.robots import Robot
 from wayfield.envs.sensing import advance_odometry
 from wayfield.envs.stepping import Robots
@@ -485,54 +484,43 @@ class Spaces(NamedTuple):
     waiting: NDArray[np.int64]  # (b,) robots that wait for pymunk; as many as the kernels say
 
 
+@any_layout
 @compiled
-def start_rows(params, base, states, obstacles, patrols, grids, noise, skip, spaces):
-    """Begins a control period for all robots but those in `skip`; returns how many wait for pymunk."""
+def drive_rows(params, base, states, obstacles, patrols, grids, noise, skip, spaces, asked):
+    """Begins a control period, or goes on with it after pymunk; returns how many robots wait for pymunk (again).
+
+    One kernel for both: most of it is the same, and takes some seconds to compile.
+
+    Args:
+        asked: how many of `waiting` pymunk has moved; less than 0: the period begins, for all robots but those in
+            `skip`.
+    """
     robots = Robots(params, states, obstacles, noise, patrols, grids)
     progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
-    asked = 0
-    for i in range(states.shape[0]):
-        if skip[i]:
-            continue
+    begins = asked < 0
+    again = 0
+    for k in range(states.shape[0] if begins else asked):
+        i = k if begins else waiting[k]
         s = states[i]
         m = progress[i]
         row = s.noise_row if noise.shape[1] > 1 else 0
-        if m.pushing == 0 and roll(p, b, s, robots, i, row):
-            continue
-        m.substep = 0
-        m.start_x = s.x
-        m.start_y = s.y
-        m.start_heading = s.heading
-        m.clearance = s.clearance
-        m.rolled_vx, m.rolled_vy, m.rolled_yaw_rate = lagging_twist(s, p.lag_mean)
-        if advance(p, b, s, m, robots, i, bodies, hulls[i]):
-            waiting[asked] = i
-            asked += 1
+        if begins:
+            if skip[i] or (m.pushing == 0 and roll(p, b, s, robots, i, row)):
+                continue
+            m.substep = 0
+            m.start_x = s.x
+            m.start_y = s.y
+            m.start_heading = s.heading
+            m.clearance = s.clearance
+            m.rolled_vx, m.rolled_vy, m.rolled_yaw_rate = lagging_twist(s, p.lag_mean)
         else:
-            finish(p, s, m, robots, i, row)
-    return asked
-
-
-@compiled
-def resume_rows(params, base, states, obstacles, patrols, grids, noise, spaces, asked):
-    """Goes on with the first `asked` rows of `waiting` after pymunk; returns how many wait again."""
-    robots = Robots(params, states, obstacles, noise, patrols, grids)
-    progress, bodies, hulls, waiting = spaces
-    p = params[0]
-    b = base[0]
-    again = 0
-    for k in range(asked):
-        i = waiting[k]
-        s = states[i]
-        m = progress[i]
-        absorb(p, s, m, robots, i, bodies, hulls[i])
+            absorb(p, s, m, robots, i, bodies, hulls[i])
         if advance(p, b, s, m, robots, i, bodies, hulls[i]):
             waiting[again] = i
             again += 1
         else:
-            row = s.noise_row if noise.shape[1] > 1 else 0
             finish(p, s, m, robots, i, row)
     return again
 
@@ -710,10 +698,33 @@ class PymunkPlant:
         self.bodies = np.zeros((num_envs, task.max_obstacles), BODY)
         self.hulls = np.zeros(num_envs, BODY)
         self.waiting = np.zeros(num_envs, np.int64)
-        self._start_rows: Callable[..., int] | None = None
+        self._parts: tuple[Any, ...] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_start_rows": None}  # machine code is looked up anew
+        return self.__dict__ | {"_parts": None}  # machine code is looked up anew
+
+    def _drive_rows(
+        self,
+        states: NDArray[np.void],
+        obstacles: NDArray[np.void],
+        noise: NDArray[np.float64],
+        skip: NDArray[np.bool_],
+        asked: int,
+    ) -> int:
+        """Runs the compiled `drive_rows`."""
+        task = self.task
+        if self._parts is None or self._parts[0] is not states:
+            # of the task's records what a plant reads, so that one kernel does for all tasks
+            params, frames = part_of(task.params, ROBOT_PARAMS), part_of(task.grids.frames, FRAME)
+            robots, grids = part_of(states, ROBOT_STATE), Grids(frames, task.grids.cells)
+            spaces = Spaces(self.progress, self.bodies, self.hulls, self.waiting)
+            code = machine_code(
+                drive_rows, params, self.base, robots, obstacles, task.patrols, grids, noise, skip, spaces, asked
+            )
+            self._parts = states, params, robots, grids, spaces, code
+        _, params, robots, grids, spaces, code = self._parts
+        waiting: int = code(params, self.base, robots, obstacles, task.patrols, grids, noise, skip, spaces, asked)
+        return waiting
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
         """Forgets what the robots in `rows` touched and pushed."""
@@ -732,20 +743,7 @@ class PymunkPlant:
     ) -> None:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
-        # what every call takes, in this order
-        shared: tuple[Any, ...] = (
-            self.task.params,
-            self.base,
-            states,
-            obstacles,
-            self.task.patrols,
-            self.task.grids,
-            noise,
-        )
-        spaces = Spaces(self.progress, self.bodies, self.hulls, self.waiting)
-        if self._start_rows is None:
-            self._start_rows = machine_code(start_rows, *shared, skip, spaces)
-        asked = self._start_rows(*shared, skip, spaces)
+        asked = self._drive_rows(states, obstacles, noise, skip, -1)
         while asked:
             for i in self.waiting[:asked].tolist():
                 world = self.worlds[i]
@@ -759,7 +757,7 @@ class PymunkPlant:
                         getattr(self.task.scenarios[states[i]["scenario"]], "grid", None),
                     )
                 world.step(self.substep, i, self.hulls, self.bodies, obstacles)
-            asked = resume_rows(*shared, spaces, asked)
+            asked = self._drive_rows(states, obstacles, noise, skip, asked)
 
     def _moving(self, state: NDArray[np.void]) -> NDArray[np.bool_] | None:
         """Returns which obstacles around a robot a script moves; None where nothing does."""

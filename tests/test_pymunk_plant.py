@@ -12,14 +12,17 @@ import pytest
 from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield.envs import goal_reaching, path_following, sandbox
 from wayfield.envs.geometry import OBSTACLE, clearance
 from wayfield.envs.kinematics import integrate_arc
 from wayfield.envs.pymunk_plant import (
     FLOOR_FRICTION,
     GRAVITY,
     World,
+    drive_rows,
     twist_between_poses,
 )
+from wayfield.envs.records import ROBOT_STATE, part_of
 from wayfield.envs.robots import CASTER_LOAD, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, wall
 
@@ -568,3 +571,35 @@ def test_a_reset_forgets_what_was_pushed(tmp_path: Path) -> None:
         assert (env.batch.obstacles["x"] != at_first["x"]).any()
         runs.append(env.batch.states.tobytes() + env.batch.obstacles.tobytes())
     assert runs[0] == runs[1]
+
+
+# What a plant reads of a task.
+
+
+@pytest.mark.parametrize("task", [goal_reaching, path_following, sandbox])
+def test_a_part_of_records_is_those_fields_where_they_lie(task: Any) -> None:
+    whole = np.zeros(3, task.STATE)
+    part = part_of(whole, ROBOT_STATE)
+    names = [name for name, _ in ROBOT_STATE]
+    for value, name in enumerate(names, 1):
+        part[name][1:] = value
+        np.testing.assert_array_equal(whole[name], [0, value, value])
+    assert not any(whole[name].any() for name in set(task.STATE.names) - set(names))
+    assert part.dtype is part_of(np.zeros(3, goal_reaching.STATE), ROBOT_STATE).dtype
+
+
+def test_fields_that_do_not_lie_side_by_side_are_no_part() -> None:
+    split = np.zeros(2, [("b", np.float64), ("a", np.float64), ("x", np.float64), ("c", np.int64)])
+    assert part_of(split, [("b", np.float64), ("a", np.float64)])["a"].shape == (2,)
+    wrong = [("a", float), ("b", float)], [("a", float), ("c", int)], [("c", float)], [("x", float), ("d", int)]
+    for fields in wrong:
+        with pytest.raises(TypeError, match=r"records have no [bcd] where it belongs"):
+            part_of(split, fields)
+
+
+def test_one_kernel_drives_the_robots_of_every_task() -> None:
+    for name in (GOAL_ID, PATH_ID, "wayfield/DiffDriveDocking-v0"):
+        for env in (gymnasium.make(name, dynamics="pymunk"), gymnasium.make_vec(name, 2, dynamics="pymunk")):
+            env.reset(seed=0)
+            env.step(env.action_space.sample())
+    assert len(drive_rows.overloads) == 1

@@ -119,23 +119,6 @@ class World:
         self.batch.step(self._generators, self._results)
         self._state["steps"] = 0
         self._put(x, y, heading)
-        if self.batch.plant is not None:
-            from wayfield.envs.pymunk_plant import Spaces, resume_rows, start_rows
-
-            plant, batch = self.batch.plant, self.batch
-            skip = np.ones(1, np.bool_)
-            shared = (
-                self.task.params,
-                plant.base,
-                batch.states,
-                batch.obstacles,
-                self.task.patrols,
-                self.task.grids,
-                batch.noise,
-            )
-            spaces = Spaces(plant.progress, plant.bodies, plant.hulls, plant.waiting)
-            start_rows(*shared, skip, spaces)
-            resume_rows(*shared, spaces, 0)
 
     # Where things are.
 
