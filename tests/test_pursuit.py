@@ -122,6 +122,19 @@ def test_the_carrot_is_the_first_point_at_its_distance(
     assert np.hypot(*(points[: k + 1] - carrot).T).min() <= step
 
 
+@given(polylines, st.booleans(), st.floats(0.0, 0.999), st.floats(0.0, 3.0))
+def test_a_path_that_stays_near_is_followed_to_the_window_s_end(
+    corners: Any, closed: bool, share: float, laps: float
+) -> None:
+    pool = PathPool.of([Path(corners, closed)])
+    run = pool.runs[0]
+    along, segment = place_on_lap(pool.vertices, run, share * float(run["length"]))
+    window = laps * float(run["length"])
+    x, y, _ = pose_ahead(pool.vertices, run, along, segment, 0.0)
+    carrot = point_at_distance(pool.vertices, run, x, y, along, segment, 1e3, window)
+    assert carrot == pytest.approx(pose_ahead(pool.vertices, run, along, segment, window)[:2], abs=1e-9)
+
+
 @given(polylines, st.floats(0.0, 1.0), st.floats(0.0, 6.0))
 def test_a_pose_ahead_lies_on_the_polyline_and_beyond_its_end_straight_on(
     corners: Any, share: float, distance: float

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -98,10 +99,15 @@ def home(tmp_path, monkeypatch):
 WORDS = ("pure_pursuit", "lqr", "--family", "splines", "--episodes", "5", "--exploration", "0.1")
 
 
-def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, capsys):
-    assert recorded(*WORDS, "--dataset", "here/one-v0", "--mcap", str(home / "first.mcap")) == 0
-    assert "here/one-v0: 5 episodes" in capsys.readouterr().out
+def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, capsys, monkeypatch):
+    clock = iter((10.0, 14.0))  # s
+    with monkeypatch.context() as patched:
+        patched.setattr("wayfield.benchmarks.record.time", SimpleNamespace(perf_counter=clock.__next__))
+        assert recorded(*WORDS, "--dataset", "here/one-v0", "--mcap", str(home / "first.mcap")) == 0
+    told = capsys.readouterr().out
     read = minari.load_dataset("here/one-v0")
+    rate = f"{read.total_steps:,} steps, {read.total_steps / 4.0:,.0f} steps/s"
+    assert f"here/one-v0: 5 episodes, {rate}, SHA-256 {digest_of(read)[:16]}..." in told
     about = read.storage.metadata[KEY]
     assert digest_of(read) == about["digest"]
     assert read.total_episodes == 5

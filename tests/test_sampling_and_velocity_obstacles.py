@@ -513,6 +513,10 @@ def grids(
     clearances, slowness, ways = np.empty((side, side)), np.empty((side, side)), np.empty((side, side))
     mppi.measure_clearances(p, hits, count, clearances)
     mppi.measure_ways(p, clearances, *goal, slowness, ways)
+    # a way's price: 1 wherever an obstacle is farther than its influence, and that of a wall where the hull cannot be
+    closed = np.clip((policy.margin - clearances) / policy.cell, 0.0, 1.0)
+    narrow = 1.0 - np.clip(clearances / policy.influence, 0.0, 1.0)
+    np.testing.assert_allclose(slowness, 1.0 + policy.obstacle_weight * narrow**2 + 60.0 * closed, atol=1e-12)
     return clearances, ways, hits, count
 
 
