@@ -270,7 +270,8 @@ def numbers() -> dict[str, Any]:
                 found[f"{name}.{key}"] = plain(defaults)
             owned = vars(value).items() if isinstance(value, type) else [("", value)]
             for inside, each in owned if getattr(value, "__module__", "") == module.__name__ else ():
-                if inspect.isfunction(getattr(each, "py_func", each)) and inside != "__init__":
+                told_above = inside == "__init__" and dataclasses.is_dataclass(value)
+                if inspect.isfunction(getattr(each, "py_func", each)) and not told_above:
                     found[f"{name}.{key}.{inside}()".replace(".()", "()")] = plain(arguments(each))
     return {name: told for name, told in sorted(found.items()) if told is not None}
 

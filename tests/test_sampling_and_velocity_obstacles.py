@@ -16,6 +16,7 @@ from scipy.optimize import linprog
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
+from wayfield.envs.compiled import compiled
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration
 from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.records import lag_factors
@@ -354,6 +355,30 @@ def test_noise_has_the_spread_and_the_memory_it_says() -> None:
     np.testing.assert_allclose(between, np.eye(3), atol=0.06)
     again = plans_of(policy, "omni4", np.zeros((12, 3)), decision=1)[2:]
     assert abs(np.corrcoef(noise[:, 5, 0], again[:, 5, 0])[0, 1]) < 0.06
+
+
+# What SplitMix64 gives first from the seed 1234567, by which its implementations are checked.
+SPLIT_MIX = (6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821)
+normals = compiled(lambda key, number: mppi.two_normals(key, number))
+
+
+def seed_of(bits: int) -> int:
+    """Returns what SplitMix64's finaliser makes these 64 bits of: each of its steps is undone."""
+    for shift, factor in ((31, 0x94D049BB133111EB), (27, 0xBF58476D1CE4E5B9), (30, 1)):
+        bits ^= (bits >> shift) ^ (bits >> 2 * shift)
+        bits = bits * pow(factor, -1, 1 << 64) % (1 << 64)
+    return bits
+
+
+def test_normal_numbers_are_those_of_box_and_muller_from_split_mix() -> None:
+    lowest, highest = 0, (1 << 64) - 1  # the farthest out, and the middle, as the logarithm of 1 is 0
+    drawn = [(1234567, k + 1, bits) for k, bits in enumerate(SPLIT_MIX)]
+    drawn += [(seed_of(bits), 0, bits) for bits in (lowest, highest, 1 << 30, 3 << 62, 0x80000000C0000000)]
+    for key, number, bits in drawn:
+        size = math.sqrt(-2.0 * math.log(((bits >> 32) + 1) / 2.0**32))
+        angle = 2.0 * math.pi * (bits % 2**32) / 2.0**32
+        wanted = size * math.cos(angle), size * math.sin(angle)
+        assert normals(np.uint64(key), number) == pytest.approx(wanted, abs=1e-12)
 
 
 def test_every_decision_draws_noise_of_its_own() -> None:
