@@ -238,6 +238,28 @@ def test_a_plan_keeps_to_the_limits_from_the_twist_that_the_robot_has() -> None:
     assert sequence[-1].tolist() == pytest.approx([0.6, 0.0, -1.9])
 
 
+@pytest.mark.parametrize(
+    ("critic", "goal", "turn", "counts"),
+    [
+        ("goal", (1.35, 0.0), 0.0, True), ("goal", (1.5, 0.0), 0.0, False),
+        ("goal_angle", (0.45, 0.0), 1.0, True), ("goal_angle", (0.55, 0.0), 1.0, False),
+        ("path_align", (0.6, 0.1), 0.0, True), ("path_align", (0.4, 0.1), 0.0, False),
+        ("path_follow", (1.6, 0.0), 0.0, True), ("path_follow", (1.3, 0.0), 0.0, False),
+        ("path_angle", (-0.55, 0.0), 0.0, True), ("path_angle", (-0.45, 0.0), 0.0, False),
+        ("path_angle", (0.55, 0.0), 0.0, False),
+        ("prefer_forward", (0.55, 0.0), 0.0, True), ("prefer_forward", (0.45, 0.0), 0.0, False),
+    ],
+)  # fmt: skip
+def test_each_critic_counts_where_it_is_said_to(critic: str, goal: Any, turn: float, counts: bool) -> None:
+    briefing = briefing_of("p3dx")
+    seen = observed(briefing, scan(briefing.beam_angles, []), goal, turn)
+    asked = []
+    for weight in (0.0, 20.0):
+        policy = Nav2Mppi(samples=200, path_align_offset=0, **{critic: weight})
+        asked.append(policy.act(seen, briefing, policy.reset(briefing))[0].tolist())
+    assert (asked[0] != asked[1]) == counts
+
+
 # DWB.
 
 
