@@ -379,3 +379,17 @@ def test_it_drives_around_a_block_to_its_goal(controller: Any, robot: str, tmp_p
 def test_gains_out_of_range_are_named(controller: Any, wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         controller(**wrong)
+
+
+def test_a_goal_that_jumps_by_more_than_half_a_cell_is_planned_for_at_once() -> None:
+    briefing = briefing_of("p3dx")
+    policy, free = Nav2Dwb(), scan(briefing.beam_angles, [])
+    for jump, anew in (
+        ((0.05, 0.0), True), ((-0.05, 0.0), True), ((0.0, 0.05), True), ((0.0, -0.05), True), ((0.03, -0.03), True),
+        ((0.03, 0.0), False), ((0.0, -0.03), False),
+    ):  # fmt: skip
+        kept = policy.reset(briefing)
+        for k in range(3):
+            goal = (2.0 + jump[0] * (k > 0), 1.0 + jump[1] * (k > 0))
+            policy.act(observed(briefing, free, goal), briefing, kept)
+        assert kept["state"]["plans"][0] == (2 if anew else 1)
