@@ -393,3 +393,13 @@ def test_a_goal_that_jumps_by_more_than_half_a_cell_is_planned_for_at_once() -> 
             goal = (2.0 + jump[0] * (k > 0), 1.0 + jump[1] * (k > 0))
             policy.act(observed(briefing, free, goal), briefing, kept)
         assert kept["state"]["plans"][0] == (2 if anew else 1)
+
+
+def test_it_plans_once_a_second() -> None:
+    briefing = briefing_of("p3dx")
+    policy, free = Nav2Dwb(), scan(briefing.beam_angles, [])
+    kept, plans = policy.reset(briefing), []
+    for _ in range(50):
+        policy.act(observed(briefing, free), briefing, kept)
+        plans.append(int(kept["state"]["plans"][0]))
+    assert plans == [1] * 20 + [2] * 20 + [3] * 10  # of 0.05 s each

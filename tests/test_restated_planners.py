@@ -1,5 +1,6 @@
 """What planners know of their world and of what moves in it, stated once more in plain Python."""
 
+import cmath
 import dataclasses
 import itertools
 import math
@@ -191,9 +192,10 @@ def observed(robot: str, pose: Any, goal: Any, ranges: Any) -> Observation:
 @pytest.mark.parametrize("policy", [ScanPlanner(), Nav2Dwb(), Nav2Mppi()], ids=lambda policy: type(policy).__name__)
 @pytest.mark.parametrize("goal", [(30.0, 4.0), (-5.0, 40.0), (-30.0, -20.0), (1.0, 0.5)])
 def test_what_is_out_of_the_map_is_headed_for_through_its_nearest_cell_within(policy: Any, goal: Any) -> None:
-    briefing, pose = sighted("p3dx"), (0.3, -0.2, 0.0)
+    briefing, pose = sighted("p3dx"), (0.3, -0.2, 0.7)
     memory = policy.reset(briefing)
-    policy.act(observed("p3dx", pose, goal, np.full(72, 5.0)), briefing, memory)
+    seen = complex(*goal) * cmath.rect(1.0, -pose[2])  # by the robot
+    policy.act(observed("p3dx", pose, (seen.real, seen.imag), np.full(72, 5.0)), briefing, memory)
     state = memory["state"][0]
     low = state["origin"] + 3.0 * policy.cell
     high = state["origin"] + (160 - 3.0) * policy.cell
