@@ -403,3 +403,22 @@ def test_it_plans_once_a_second() -> None:
         policy.act(observed(briefing, free), briefing, kept)
         plans.append(int(kept["state"]["plans"][0]))
     assert plans == [1] * 20 + [2] * 20 + [3] * 10  # of 0.05 s each
+
+
+@pytest.mark.parametrize("left", [0.0, 1.0])
+def test_only_the_last_goal_is_arrived_at(left: float) -> None:
+    briefing = briefing_of("p3dx")
+    policy, seen = Nav2Dwb(), observed(briefing, scan(briefing.beam_angles, []), (0.05, 0.0))
+    kept = policy.reset(briefing)
+    policy.act(seen._replace(waypoints_left=np.full(1, left)), briefing, kept)
+    assert (kept["state"]["near"][0], kept["state"]["rotating"][0]) == ((1, 1) if left == 0.0 else (0, 0))
+
+
+@pytest.mark.parametrize(("away", "counts"), [(0.12, True), (0.08, False)])
+def test_the_nose_keeps_to_the_plan_until_it_would_be_past_its_end(away: float, counts: bool) -> None:
+    briefing = briefing_of("p3dx")
+    seen, asked = observed(briefing, scan(briefing.beam_angles, []), (0.0, away)), []
+    for weight in (0.0, 1.0):
+        policy = Nav2Dwb(tolerance=0.01, path_distance=0.0, goal_distance=0.0, goal_align=0.0, path_align=weight)
+        asked.append(policy.act(seen, briefing, policy.reset(briefing))[0].tolist())
+    assert (asked[0] != asked[1]) == counts
