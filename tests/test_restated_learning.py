@@ -21,7 +21,7 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.perception import Perception
 from wayfield.policies.policy import check_gain, check_whole
-from wayfield.policies.training import checkpoints, command, measured, run, slices
+from wayfield.policies.training import checkpoints, command, learner, measured, run, slices
 from wayfield.policies.training.checkpoints import BEST, CURVE, LAST, LOCK, RUN
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset
@@ -276,6 +276,80 @@ def test_a_run_that_was_interrupted_ends_as_the_whole_one(after: int, tmp_path: 
     assert again.frames == end.frames
     pair = [load_agent(tmp_path / name / BEST).network.numbers for name in ("whole", "cut")]
     np.testing.assert_array_equal(*pair)
+
+
+def test_a_run_counts_the_seconds_that_it_works_and_its_learner_on_what(
+    tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(now=100.0, computed=40.0)  # s; of the processor half as fast
+    stopwatch = SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.computed)
+    monkeypatch.setattr(run, "time", stopwatch)
+    monkeypatch.setattr(learner, "time", stopwatch)
+
+    def takes(seconds: float) -> None:
+        clock.now += seconds
+        clock.computed += 0.5 * seconds
+
+    class Slow(Fake):
+        def teach(self) -> Iterator[int]:
+            for frames in super().teach():
+                takes(2.0)
+                yield frames
+
+        def update(self) -> dict[str, float]:
+            takes(3.0)
+            return super().update()
+
+    def slow(*asked: Any) -> Score:
+        takes(5.0)
+        return told(*asked)
+
+    monkeypatch.setattr(run, "validate", slow)
+    preset = preset_of(steps=UPDATE * 8, validations=3, controller="lqr", imitation=UPDATE * 2)  # after 2, 4, 6 updates
+    job = Job(PATH, preset, (), 4, tmp_path)
+    reports, _ = went(run._Run(job, Slow(preset)), 8)  # type: ignore[arg-type]
+    takes(1000.0)  # until it is taken up again
+    last = run._Run(dataclasses.replace(job, resume=True), Slow(preset))  # type: ignore[arg-type]
+    takes(1.0)
+    reports += went(last)[0]
+    rows = [each.row for each in reports if each.row is not None]
+    assert [row["seconds"] for row in rows] == [11.0, 22.0, 33.0, 44.0]
+    assert reports[-1].seconds["validation"] == 20.0
+    training = load_agent(tmp_path / BEST).card["training"]
+    assert (training["seconds"], training["run_seconds"], training["run_cpu_seconds"]) == (44.0, 44.0, 22.5)
+
+    def collected() -> float:
+        takes(3.0)
+        seconds["environment"] += 4.0
+        takes(4.0)
+        return 0.5
+
+    seconds = {"environment": 1.0, "rollout policy": 10.0, "update": 20.0}
+    model = SimpleNamespace(
+        _update_current_progress_remaining=lambda *_: None, logger=SimpleNamespace(name_to_value={"train/std": 0.25})
+    )
+    part = SimpleNamespace(
+        seconds=seconds, frames=48, preset=preset, env=SimpleNamespace(share=0.0), model=model, _collect=collected,
+        _learn=lambda: takes(2.0), check_finite=lambda: None,
+    )  # fmt: skip
+    assert learner.Learner.update(part) == {"reward": pytest.approx(0.5 / (1.0 - preset.discount)), "std": 0.25}  # type: ignore[arg-type]
+    assert seconds == {"environment": 5.0, "rollout policy": 13.0, "update": 22.0}
+    assert part.env.share == 48 / preset.steps
+    timed = SimpleNamespace(_env=SimpleNamespace(step_wait=lambda: takes(6.0)), seconds=seconds)
+    learner.Timed.step_wait(timed)  # type: ignore[arg-type]
+    assert seconds["environment"] == 11.0
+
+    def lessons(*_: Any) -> Iterator[int]:
+        for frames in (10, 20):
+            learner.Timed.step_wait(timed)  # type: ignore[arg-type]
+            yield frames
+
+    monkeypatch.setattr(learner, "teach", lessons)
+    ppo = SimpleNamespace(_setup_learn=lambda *_: (0, None), num_timesteps=0)
+    pupil = SimpleNamespace(preset=preset, seed=0, env=None, ppo=ppo, seconds=seconds, _timed=timed)
+    assert list(learner.PpoLearner.teach(pupil)) == [10, 20]  # type: ignore[arg-type]
+    assert (seconds["imitation"], seconds["environment"], ppo.num_timesteps) == (12.0, 11.0, 20)
+    assert timed.seconds is seconds
 
 
 @pytest.mark.parametrize(("patience", "validations"), [(1, 2), (2, 3), (3, 6), (0, 6)])
