@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import math
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ import wayfield
 from wayfield import policies
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
 from wayfield.policies.learned import agent as agents
-from wayfield.policies.learned import conditions
+from wayfield.policies.learned import conditions, reading
 from wayfield.policies.learned.agent import Agent, Network, held_law, load_agent, rounded
 from wayfield.policies.learned.conditions import driven_as, driven_speed, outside
 from wayfield.policies.learned.perception import hold
@@ -343,6 +344,31 @@ def test_a_preset_s_worlds_and_settings(name: str) -> None:
     again = overridden(preset, [f"{key}={'' if text == 'empty' else text}" for key, text in listed.items()])
     assert again == preset
     assert list(listed) == [key for key, _ in settable(preset)]
+
+
+def test_what_is_read_of_files_is_plain_and_bounded(tmp_path: Path) -> None:
+    numbers = 0, -3, 2**63 - 1, -(2**63), 0.5, -1e308, 5e-324
+    others = (
+        *(2**63, -(2**63) - 1, 10**400, math.inf, -math.inf, math.nan), True, None, "1", [1.0], np.float64(1.0)
+    )  # fmt: skip
+    assert all(map(reading.is_number, numbers))
+    assert not any(map(reading.is_number, others))
+    assert [value for value in (0, 1, 2, 4, 5, 3.0, True, "3") if reading.is_whole(value, 1, 4)] == [1, 2, 4]
+    file = tmp_path / "file"
+    file.write_bytes(b'{"a": 1}')
+    assert reading.read_bytes(file, 8) == b'{"a": 1}'
+    assert reading.read_object(file) == {"a": 1}
+    for each, most, words in (
+        (file, 7, f"{file} has 8 bytes; at most 7 can be right"),
+        (tmp_path, 8, f"{tmp_path} cannot be read: it is no file"),
+        (tmp_path / "none", 8, f"{tmp_path / 'none'} cannot be read: No such file or directory"),
+    ):
+        with pytest.raises(ValueError, match=f"^{re.escape(words)}$"):
+            reading.read_bytes(each, most)
+    with pytest.raises(ValueError, match=r"^here holds \[1\]; it must be one object$"):
+        reading.parsed_object(b"[1]", "here")
+    with pytest.raises(ValueError, match=r"^here is no JSON: "):
+        reading.parsed_object(b"\xff", "here")
 
 
 def test_a_value_as_set_takes_it() -> None:
