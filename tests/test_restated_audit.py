@@ -519,6 +519,15 @@ def test_the_second_formulas_are_their_definitions() -> None:
     assert 0.5 * (low + high) == pytest.approx(statistics.fmean(whole))
     assert high - low == pytest.approx(4.0 * spread, rel=0.12)
     assert audit_formulas.resampled(strata, audit_formulas.average, 50, 3) != (low, high)
+    seen: list[int] = []
+
+    def counting(numbers: audit_formulas.Numbers) -> float:
+        seen.append(len(numbers))
+        return statistics.fmean(numbers)
+
+    audit_formulas.resampled(strata, counting, 7)
+    assert seen.count(68) == 7  # samples, with one number fewer of each family
+    assert set(seen) == {68, 70}
     runs = [[(number, True) for number in strata[0]], [(number, k > 2) for k, number in enumerate(strata[1])]]
     good = [number for each in runs for number, success in each if success]
     bad = [number for each in runs for number, success in each if not success]

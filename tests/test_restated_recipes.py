@@ -5,9 +5,10 @@ import json
 from importlib import resources
 from typing import Any
 
+import numpy as np
 import pytest
 
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.benchmarks.report import recipes
 from wayfield.benchmarks.report.recipes import Blobs
 
@@ -96,3 +97,33 @@ def test_the_rest_of_the_tables(shipped: Any) -> None:
     assert {job for job in recipes.jobs() if job[1]} == there
     assert len(shipped["blobs"]) == len(set(shipped["blobs"]))
     assert all(base64.b64decode(each) for each in shipped["blobs"])
+
+
+def test_the_page_has_every_law_by_its_sets_and_of_the_agents_the_first(
+    shipped: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recipes, "FITTING", ("p3dx",))
+    monkeypatch.setattr(recipes, "ACTUATORS", ("lagged",))
+    monkeypatch.setattr(recipes, "environment", lambda *words: words)
+    monkeypatch.setattr(recipes, "task_tables", lambda task, blobs: blobs.put(np.array([len(task)])))
+    monkeypatch.setattr(recipes, "recipe", lambda task, name, gains, env, blobs: (task, name, gains, env))
+    monkeypatch.setattr(recipes, "network_recipe", lambda task, robot, seed, env, blobs: (task, robot, seed, env))
+    # as where a single agent ships
+    found = Contest.gain_sets
+    monkeypatch.setattr(
+        Contest, "gain_sets", lambda *words: [("trained", {"seed": 0})] if words[1] == "ppo" else found(*words)
+    )
+    told = recipes.tables()
+    assert list(told["tasks"]) == list(shipped["tasks"])
+    assert set(told["pilots"]) == {key for key in shipped["pilots"] if key.split()[1:3] == ["p3dx", "lagged"]}
+    for key, (task, of, which, env) in told["pilots"].items():
+        name, _, gains_name = key.split(maxsplit=3)[3].partition(" (")
+        contest = next(each for each in CONTESTS.values() if each.spec.name == task)
+        assert key.startswith(f"{task} p3dx lagged ")
+        assert env == (task, "p3dx", "lagged", f"{contest.timed_on}/test")
+        if name == "ppo":
+            assert (of, which) == ("p3dx", 0)
+        else:
+            sets = dict(found(contest, name, "p3dx", ("default", "tuned", "paper")))
+            assert (of, which) == (name, sets[gains_name[:-1] or "default"])
+    assert len(told["blobs"]) == len({len(task) for task in shipped["tasks"]})
