@@ -364,7 +364,9 @@ def test_what_moves_is_told_from_what_only_seems_to(
     if toward > 0.35:
         edge = math.hypot(pose[0] - (2.0 - toward * t), pose[1]) - 0.5
         assert foreseen.max() == pytest.approx(0.5 / (0.5 + edge - 1.2 * toward - 0.3), abs=0.05)
-        assert np.cos(where[np.argmax(foreseen)]) > 0.5
+        # where it will be nearest it fills many directions, with the room that is kept from it: their middle is meant
+        nearest = where[foreseen == foreseen.max()]
+        assert math.cos(math.atan2(np.sin(nearest).mean(), np.cos(nearest).mean())) > 0.7
     if toward < 0.05:
         assert not foreseen.any()
 
@@ -450,7 +452,7 @@ def test_a_slow_base_is_kept_from_all_that_lies_between_here_and_where_it_looks_
 def test_a_slow_omni_base_turns_on_as_far_as_the_known_one_before_it_stops(seed: int, share: float) -> None:
     """w^2 / (2 alpha) of the eased yaw rate is that of the asked one on the base that is guarded for."""
     twists = np.random.default_rng(seed).uniform(-2.0, 2.0, (20, 3))
-    seen = goal_reaching.Observation(*[np.zeros((20, 1))] * 5, np.full((20, 72), 50.0))
+    seen = goal_reaching.Observation(*[np.zeros((20, 1))] * 5, np.full((20, 72), 500.0))  # room to stop from any twist
     known = ACTUATORS["lagged"]
     slower = dataclasses.replace(
         known, acceleration=share * known.acceleration, yaw_acceleration=share * known.yaw_acceleration
