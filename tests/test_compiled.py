@@ -4,9 +4,11 @@ The tests run as root as well, whom no permission stops: an unwritable folder is
 file, or by taking the places away in which numba looks.
 """
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -38,26 +40,74 @@ with warnings.catch_warnings(record=True) as caught:
 """
 
 
-def called(folder: Path, before: str = "", between: str = "", **environment: str) -> list[str]:
-    """Returns what a fresh interpreter prints that calls two kernels of a module in the folder: results, warnings."""
-    if not (folder / "kernel.py").exists():  # written anew it would be compiled anew
-        (folder / "kernel.py").write_text(KERNEL)
-    paths = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-c", CALL.format(before=before, between=between)],
-        capture_output=True, text=True, timeout=300, cwd=folder, env=os.environ | {"PYTHONPATH": paths} | environment,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+# Numba and its compiler take longer to load than all that is tried with them: each interpreter is a copy of one that
+# has loaded them, and has compiled no kernel.
+LOADED = """
+import json, os, sys, traceback
+import numba, wayfield.envs.compiled
+numba.njit(lambda x: 2 * x)(1.5)
+for line in sys.stdin:
+    folder, cache, code = json.loads(line)
+    with open("told", "w") as told, open("errors", "w") as errors:
+        copy = os.fork()
+        if copy == 0:
+            os.dup2(told.fileno(), 1)
+            os.dup2(errors.fileno(), 2)
+            os.chdir(folder)
+            sys.path.insert(0, folder)
+            os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = cache
+            try:
+                exec(code, {"__name__": "__main__"})
+            except BaseException:
+                traceback.print_exc()
+                os._exit(1)
+            sys.stdout.flush()
+            os._exit(0)
+        print(os.waitpid(copy, 0)[1], flush=True)
+"""
+Run = Callable[[Path, Path, str], list[str]]
+Called = Callable[..., list[str]]
 
 
-def test_what_was_compiled_is_kept(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """Returns what runs code, in a folder and with one for kernels, in a fresh interpreter and returns its output."""
+    home = tmp_path_factory.mktemp("loaded")
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOADED], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=home
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    asked, answers = process.stdin, process.stdout
+
+    def ran(folder: Path, cache: Path, code: str) -> list[str]:
+        print(json.dumps([str(folder), str(cache), code]), file=asked, flush=True)
+        assert answers.readline() == "0\n", (home / "errors").read_text()
+        return (home / "told").read_text().splitlines()
+
+    with process:
+        yield ran
+        asked.close()
+
+
+@pytest.fixture
+def called(run: Run, tmp_path: Path) -> Called:
+    """Returns what calls two kernels of a module in the folder and returns results and warnings."""
+
+    def ran(before: str = "", between: str = "", cache: str = "cache") -> list[str]:
+        if not (tmp_path / "kernel.py").exists():  # written anew it would be compiled anew
+            (tmp_path / "kernel.py").write_text(KERNEL)
+        return run(tmp_path, tmp_path / cache, CALL.format(before=before, between=between))
+
+    return ran
+
+
+def test_what_was_compiled_is_kept(called: Called, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
-    assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+    assert called() == ["6.0 8.0", ""]
     kept = {file: file.stat().st_mtime_ns for file in cache.rglob("*.nbc")}
     assert kept
-    assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+    assert called() == ["6.0 8.0", ""]
     assert {file: file.stat().st_mtime_ns for file in cache.rglob("*.nbc")} == kept
 
 
@@ -73,12 +123,14 @@ def test_of_processes_that_lack_a_kernel_one_compiles_it(tmp_path: Path) -> None
 
 
 def test_what_is_compiled_elsewhere_is_void_once_any_kernel_that_it_may_call_has_changed() -> None:
-    stamped = [Path(name) for files in _sources(called) for name, *_ in files]  # of a function outside the package
+    stamped = [
+        Path(name) for files in _sources(test_what_was_compiled_is_kept) for name, *_ in files
+    ]  # of a function outside the package
     for file in (sin_cos.py_func.__code__.co_filename, free_time.py_func.__code__.co_filename, __file__):
         assert any(each.samefile(file) for each in stamped), file
 
 
-def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) -> None:
+def test_without_any_folder_it_is_compiled_anew_and_said_once(called: Called, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     # the folders beside the module and in the user's home are taken away as well
     before = (
@@ -86,7 +138,7 @@ def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) ->
         "c._UserProvidedCacheLocator]; "  # as older releases call it
         "c.CacheImpl._locator_classes = c.CompileResultCacheImpl._locator_classes = own"
     )
-    result, *said = called(tmp_path, before, NUMBA_CACHE_DIR=str(tmp_path / "file" / "cache"))
+    result, *said = called(before, cache="file/cache")
     assert result == "6.0 8.0"
     assert len(said) == 1
     assert "compiled code is not kept: no folder can be written" in said[0]
@@ -101,33 +153,33 @@ def test_without_any_folder_it_is_compiled_anew_and_said_once(tmp_path: Path) ->
         ("_load_index", "errno.EACCES, 'Permission denied'"),
     ],
 )
-def test_a_cache_that_fails_is_said_once(tmp_path: Path, method: str, error: str) -> None:
+def test_a_cache_that_fails_is_said_once(called: Called, method: str, error: str) -> None:
     between = (
         f"import errno; from numba.core.caching import IndexDataCacheFile as F\n"
         f"    def fail(*_): raise OSError({error})\n"
         f"    F.{method} = fail"
     )
-    result, *said = called(tmp_path, between=between, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    result, *said = called(between=between)
     assert result == "6.0 8.0"
     assert len(said) == 1
     assert "compiled code is not kept" in said[0]
 
 
-def test_a_damaged_cache_is_compiled_anew(tmp_path: Path) -> None:
+def test_a_damaged_cache_is_compiled_anew(called: Called, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
-    called(tmp_path, NUMBA_CACHE_DIR=str(cache))
+    called()
     for pattern in ("*four_times*.nbc", "*four_times*.nbi"):
         for file in cache.rglob(pattern):
             file.write_bytes(file.read_bytes()[:40])
-        result, *said = called(tmp_path, NUMBA_CACHE_DIR=str(cache))
+        result, *said = called()
         assert result == "6.0 8.0"
         assert len(said) == 1
         assert "compiled code is not kept" in said[0]
         # and it is mended
-        assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+        assert called() == ["6.0 8.0", ""]
 
 
-def test_a_signal_that_comes_while_a_kernel_is_compiled_is_not_lost(tmp_path: Path) -> None:
+def test_a_signal_that_comes_while_a_kernel_is_compiled_is_not_lost(called: Called, tmp_path: Path) -> None:
     """It comes where it would be lost: as LLVM calls back with the machine code."""
     before = """
     import signal
@@ -146,7 +198,7 @@ def test_a_signal_that_comes_while_a_kernel_is_compiled_is_not_lost(tmp_path: Pa
     executionengine.ExecutionEngine._find_module_ptr = find
     """
     cache = tmp_path / "cache"
-    assert called(tmp_path, before.strip(), between.strip(), NUMBA_CACHE_DIR=str(cache)) == [
+    assert called(before.strip(), between.strip()) == [
         "interrupted",
         "6.0 8.0",
         "",
@@ -155,20 +207,22 @@ def test_a_signal_that_comes_while_a_kernel_is_compiled_is_not_lost(tmp_path: Pa
 
 
 @pytest.mark.parametrize("first", ["four_times", "twice"])
-def test_what_other_kernels_call_is_a_part_of_them_until_python_calls_it(tmp_path: Path, first: str) -> None:
+def test_what_other_kernels_call_is_a_part_of_them_until_python_calls_it(
+    called: Called, tmp_path: Path, first: str
+) -> None:
     between = f"""
     kernel.{first}(1.5)
     print(sorted(k for k in ("twice", "four_times") if getattr(kernel, k).signatures and callable(
         next(iter(getattr(kernel, k).overloads.values())).entry_point)), kernel.twice(1.5), kernel.twice(2))
     """
     cache = tmp_path / "cache"
-    callable_ones, *results = called(tmp_path, "", between.strip(), NUMBA_CACHE_DIR=str(cache))
+    callable_ones, *results = called("", between.strip())
     assert callable_ones == f"['{first}'] 3.0 4.0"
     assert results == ["6.0 8.0", ""]
     assert len(list(cache.rglob("kernel.twice*.nbc"))) == 2  # kept for those who call it from Python
 
 
-def test_an_error_in_a_part_comes_out_of_it(tmp_path: Path) -> None:
+def test_an_error_in_a_part_comes_out_of_it(called: Called, tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(
         KERNEL.replace("def twice(x):", "def twice(x):\n    if x == 1.5:\n        raise ValueError('one and a half')")
     )
@@ -180,12 +234,12 @@ def test_an_error_in_a_part_comes_out_of_it(tmp_path: Path) -> None:
             print(error)
     kernel.four_times = kernel.twice = lambda x: x
     """
-    results = called(tmp_path, "", between.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    results = called("", between.strip())
     assert results[:2] == ["one and a half"] * 2
 
 
 @pytest.mark.parametrize("decorator", ["compiled", "inlined"])
-def test_what_counts_no_references_may_not_hand_arrays_on(tmp_path: Path, decorator: str) -> None:
+def test_what_counts_no_references_may_not_hand_arrays_on(called: Called, tmp_path: Path, decorator: str) -> None:
     (tmp_path / "kernel.py").write_text(f"""
 import numpy as np
 from wayfield.envs.compiled import allocating, compiled, inlined
@@ -217,21 +271,21 @@ def four_times(x):
         except TypeError as error:
             print(error)
     """
-    *refused, result, _ = called(tmp_path, "", between.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    *refused, result, _ = called("", between.strip())
     ending = "returns arrays, or calls what does: it must be decorated with allocating"
     assert refused == [f"same {ending}", f"takes {ending}"]
     assert result == "6.0 8.0"
 
 
-def test_code_of_another_signature_under_ones_name_is_not_used(tmp_path: Path) -> None:
+def test_code_of_another_signature_under_ones_name_is_not_used(called: Called, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
-    called(tmp_path, NUMBA_CACHE_DIR=str(cache))
+    called()
     first, second = sorted(cache.rglob("kernel.four_times*.nbc"))
     second.write_bytes(first.read_bytes())  # as two processes leave it that save at once
-    assert called(tmp_path, NUMBA_CACHE_DIR=str(cache)) == ["6.0 8.0", ""]
+    assert called() == ["6.0 8.0", ""]
 
 
-def test_a_kernel_without_machine_code_to_keep_runs(tmp_path: Path) -> None:
+def test_a_kernel_without_machine_code_to_keep_runs(called: Called) -> None:
     before = """
     from llvmlite.binding import executionengine
     executionengine.ExecutionEngine._raw_object_cache_notify = None
@@ -240,7 +294,7 @@ def test_a_kernel_without_machine_code_to_keep_runs(tmp_path: Path) -> None:
         raise RuntimeError("no compiled object yet")
     CPUCodeLibrary._get_compiled_object = none_yet
     """
-    results, told = called(tmp_path, before.strip(), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    results, told = called(before.strip())
     assert results == "6.0 8.0"
     assert "no compiled object yet" in told
 
@@ -303,14 +357,8 @@ rows(weighted)
 """
 
 
-def test_one_kernel_serves_arrays_of_any_layout_with_the_same_bits_and_is_kept(tmp_path: Path) -> None:
+def test_one_kernel_serves_arrays_of_any_layout_with_the_same_bits_and_is_kept(run: Run, tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(WEIGHTED)
-    cache = tmp_path / "cache"
     for script, told in ((ARRAYS, ["1 1 0"]), (ARRAYS + REFUSED, ["1 0 1", "True", "True"])):
-        done = subprocess.run(
-            [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, cwd=tmp_path,
-            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert done.stdout.splitlines() == told
-        assert len(list(cache.rglob("kernel.weighted*.nbc"))) == 1
+        assert run(tmp_path, tmp_path / "cache", script) == told
+        assert len(list((tmp_path / "cache").rglob("kernel.weighted*.nbc"))) == 1
