@@ -108,7 +108,7 @@ def nearest(planes: Any, wanted: Any, most: float) -> Any:
 
 OBSTACLES = obstacle_field(
     circle(1.2, 0.3, 0.25), box(0.2, 1.6, 1.1, 0.4, 0.5), circle(-0.7, -1.1, 0.2), circle(0.4, -1.3, 0.3),
-    box(-1.6, 0.7, 0.5, 0.9, -0.3), circle(30.0, 0.0, 0.5),
+    box(-1.6, 0.7, 0.5, 0.9, -0.3), circle(12.0, 0.0, 0.5),
 )  # fmt: skip
 POLICIES = [
     Orca(roadmap=False),
