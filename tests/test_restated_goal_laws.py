@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from test_local_planners import free  # has an oracle of its own
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
 from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
@@ -17,7 +17,6 @@ from wayfield.envs.sensing import beam_angles
 from wayfield.policies import mppi
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.mppi import Mppi
-from wayfield.policies.parts.stopping import free_time
 from wayfield.policies.polar import Polar
 from wayfield.policies.potential_field import CorrectedField, PotentialField
 from wayfield.policies.smooth_pose import SmoothPose
@@ -304,8 +303,6 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
 
 
 # By the scan: the dynamic window and the histogram, with what they remember, foresee and go round.
-
-free = compiled(lambda hits, vx, vy, w, longest: free_time(hits, vx, vy, w, longest))  # has an oracle of its own
 
 
 class Sights:

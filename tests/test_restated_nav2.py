@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from test_local_planners import briefing_of
+from test_nav2 import flips
 
 from wayfield.envs.compiled import allocating, compiled
 from wayfield.policies import nav2_dwb, nav2_mppi
@@ -21,7 +22,6 @@ FILTER = np.array([-21, 14, 39, 54, 59, 54, 39, 14, -21]) / 231.0
 optimise = compiled(
     lambda p, m, costs, points, state, samples, now: nav2_mppi.optimise(p[0], m[0], costs, points, state, samples, now)
 )
-flips = compiled(lambda p, m, pose: nav2_dwb.note_flips(p[0], m[0], pose))
 
 
 @allocating

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from test_local_planners import briefing_of
-from test_nav2 import gains, memory
+from test_nav2 import gains, memory, recovers
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.compiled import allocating, compiled
@@ -36,7 +36,6 @@ laid = allocating(
 )
 is_clear = compiled(lambda m, reach, needed: polyline_tracker.plan_is_clear(m[0], reach, needed))
 stands_for = compiled(lambda m, row, column, x, y: polyline_tracker.stands_for(m[0], (row, column), x, y))
-recovers = compiled(lambda p, m, pose, goal: costmap.recovers(p[0], m[0], pose, goal))
 ahead_of = compiled(lambda m, s, reach, half, x, y, points: costmap.ahead_of(m[0], s, reach, half, x, y, points))
 entered = compiled(lambda m, table, scan, pose, radius: scan_map.enter_scan(m[0], table, scan, 0, pose, radius))
 moved = compiled(lambda m, x, y: scan_map.move_grid(m[0], x, y))

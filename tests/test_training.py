@@ -219,7 +219,9 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a path: to drive those of every family takes longer than all the rest
-    monkeypatch.setitem(PRESETS, PLAIN, dataclasses.replace(PRESETS[PLAIN], worlds=SMALL.worlds, validation=SMALL.validation))
+    monkeypatch.setitem(
+        PRESETS, PLAIN, dataclasses.replace(PRESETS[PLAIN], worlds=SMALL.worlds, validation=SMALL.validation)
+    )
     out = tmp_path / "out"
     small = ("num_envs=64", "horizon=8", "batch_size=64", "epochs=1", "hidden=8", "validations=1")
     settings = [word for each in small for word in ("--set", each)]
