@@ -85,12 +85,12 @@ def any_layout(kernel: Any) -> Any:
     for a robot that finding the elements is nothing beside it. Called by another kernel it is compiled for what that
     hands it.
     """
-    compile_for, served = kernel.compile, set()
+    compile_for, get_call_template, served = kernel.compile, kernel.get_call_template, set()
 
     @functools.wraps(compile_for)
     def compile_for_any(sig: Any) -> Any:
         arguments = normalize_signature(sig)[0]
-        if _depth.now > 0:
+        if _depth.called > 0:
             return compile_for(sig)
         apart = tuple(_apart(each) for each in arguments)
         code = compile_for(apart)
@@ -99,7 +99,15 @@ def any_layout(kernel: Any) -> Any:
             served.add(arguments)
         return code
 
-    kernel.compile = compile_for_any
+    @functools.wraps(get_call_template)
+    def called(args: Any, kws: Any) -> Any:
+        _depth.called += 1
+        try:
+            return get_call_template(args, kws)
+        finally:
+            _depth.called -= 1
+
+    kernel.compile, kernel.get_call_template = compile_for_any, called
     return kernel
 
 
@@ -229,6 +237,7 @@ class _Depth(threading.local):
     """How many kernels of ours this thread is compiling, one within another."""
 
     now = 0
+    called = 0  # how many, of those that serve any layout, because another one calls them, not Python
 
 
 _depth = _Depth()
