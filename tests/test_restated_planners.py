@@ -29,7 +29,7 @@ from wayfield.policies.scan_planner import ScanPlanner
 FARTHEST, UNIT = 1.275, 0.005  # m
 OBSTACLES = obstacle_field(
     circle(1.9, 0.6, 0.25), box(0.2, 2.1, 1.1, 0.4, 0.5), circle(-1.7, -1.1, 0.2), circle(0.9, -1.6, 0.3),
-    box(30.0, 0.7, 0.5, 9.0, 0.2),
+    box(15.0, 0.7, 0.5, 9.0, 0.2),
 )  # fmt: skip
 MOVING = 3
 GOALS = np.array([[2.2, -0.9, 0.0], [3.4, 1.7, 0.5]])
