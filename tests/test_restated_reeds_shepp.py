@@ -1,5 +1,6 @@
 """The law along Reeds and Shepp's shortest ways, stated once more in plain Python, drives the same twists."""
 
+import itertools
 import json
 import math
 from pathlib import Path
@@ -38,16 +39,22 @@ def wrap(angle: float) -> float:
     return math.remainder(angle, 2.0 * math.pi)
 
 
+def plans(start: Any, goal: Any, radius: float) -> list[tuple[float, Any]]:
+    """Returns the length (m) and the pieces of each way, that without a straight end first."""
+    ways = []
+    for straight in (0.0, *(sign * 0.3 * k for k in range(1, 6) for sign in (1.0, -1.0))):
+        plan = np.zeros((6, 2))
+        ways.append((plan_to(np.array(start), np.array(goal), radius, straight, plan), plan))
+    return ways
+
+
 class Way:
     """A plan from a pose on, of pieces (turn, length in radii), and how far along it the robot is."""
 
-    def __init__(self, start: Any, goal: Any, radius: float) -> None:
+    def __init__(self, start: Any, goal: Any, radius: float, plan: Any = None) -> None:
         self.start, self.radius, self.along = start, radius, 0.0
-        ways = []
-        for straight in (0.0, *(sign * 0.3 * k for k in range(1, 6) for sign in (1.0, -1.0))):
-            plan = np.zeros((6, 2))
-            ways.append((plan_to(np.array(start), np.array(goal), radius, straight, plan), plan))
-        self.length, plan = min(ways, key=lambda way: way[0])  # nothing stands here: the shortest
+        # where nothing stands the shortest
+        self.length, plan = plan or min(plans(start, goal, radius), key=lambda way: way[0])
         self.pieces = [(turn, length) for turn, length in plan if abs(length) > 1e-9]
         self.ends = radius * np.cumsum([abs(length) for _, length in self.pieces])
 
@@ -167,6 +174,71 @@ def test_the_shortest_way_is_driven_as_the_docstring_says(policy: ReedsShepp, ti
                 break
     assert ends == len(STARTS)
     assert legs > 20
+
+
+def free_way(policy: ReedsShepp, start: Any, goal: Any, clear: Any) -> tuple[int, float, float] | None:
+    """Returns which of the searches finds a way, its radius and its length (m); None where roundings decide.
+
+    Args:
+        clear: the room (m) that a hull has at a place.
+    """
+    room = min(clear(*start[:2]), clear(*goal[:2])) - 0.02  # at a wall there is no more to spare anywhere
+    for search, (margin, radius) in enumerate(
+        itertools.product((policy.margin, 0.0), (policy.radius, 0.5 * policy.radius))
+    ):
+        # of ways that are as long, to the last digits, either may be tried
+        turned = [(*goal[:2], goal[2] + 2.0 * math.pi * k) for k in (0, 1, -1)]
+        alike = [plans(start, each, radius) for each in turned]
+        lengths = []
+        for ways in zip(*alike, strict=True):
+            found = set()
+            for length, plan in ways[:1] + tuple(way for way in ways[1:] if not np.allclose(way[1], ways[0][1])):
+                way, steps = Way(start, goal, radius, (length, plan)), math.ceil(length / 0.02)
+                step = length / steps  # what is clear by half of it more at each is clear in between
+                spare = min(clear(*way.pose(k * step)[:2]) for k in range(steps + 1)) - 0.5 * step
+                found.add(None if abs(spare - min(margin, room)) < 1e-5 else spare > min(margin, room))
+            if len(found) > 1 or None in found:
+                return None
+            if True in found:
+                lengths.append(ways[0][0])
+        if lengths:
+            return search, radius, min(lengths)
+    return 4, policy.radius, plans(start, goal, policy.radius)[0][0]
+
+
+def test_of_the_ways_that_spare_the_margin_the_shortest_is_taken(tmp_path: Path) -> None:
+    """Or of those with half the radius, then without the margin, then the shortest of all, which is counted."""
+    policy, hull, rng = ReedsShepp(margin=0.15), ROBOTS["p3dx"].hull_radius, np.random.default_rng(31)
+    file, searches = tmp_path / "scene.json", []
+    for _ in range(25):
+        start, goal = np.array([0.0, 0.0, rng.uniform(-3.1, 3.1)]), rng.uniform(-1.4, 1.4, 3) * (1.0, 1.0, 2.2)
+        discs = []
+        for x, y in rng.uniform(-1.8, 1.8, (40, 2)).tolist():
+            least = min(math.dist((x, y), each[:2]) for each in (start, goal)) - hull - rng.uniform(0.01, 0.5)
+            if least > 0.05 and len(discs) < 16:
+                discs.append((x, y, min(least, 0.4)))
+        obstacles = [{"kind": "circle", "x": x, "y": y, "radius": radius} for x, y, radius in discs]
+        file.write_text(json.dumps({"goal": goal.tolist(), "start": start.tolist(), "obstacles": obstacles}))
+        env: Any = gymnasium.make_vec(
+            "wayfield/DiffDriveGoalObstacles-v0", 1, vectorization_mode="vector_entry_point", scenario=str(file),
+            num_beams=0,
+        )  # fmt: skip
+        flat, _ = env.reset(seed=1)
+        pilot = Pilot(policy, env)
+        pilot.reset()
+        pilot.command(flat)
+
+        def clear(x: float, y: float, discs: Any = discs) -> float:
+            return min(math.dist((x, y), disc[:2]) - disc[2] for disc in discs) - hull
+
+        wanted = free_way(policy, start, goal, clear)
+        if wanted is None:
+            continue
+        search, radius, length = wanted
+        m = pilot.memory[0]
+        assert (m["radius"], m["length"], m["no_path"]) == pytest.approx((radius, length, int(search == 4)), abs=1e-5)
+        searches.append(search)
+    assert set(searches) == {0, 1, 2, 3, 4}
 
 
 def test_it_sets_off_when_no_place_of_its_way_is_taken_a_little_before_or_after_it_is_there() -> None:
