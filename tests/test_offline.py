@@ -3,8 +3,10 @@
 import dataclasses
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -231,3 +233,16 @@ def test_what_is_no_set_of_ours_is_refused_in_a_line(tmp_path: Path, monkeypatch
         assert result.exit_code == 2, result.output
         assert f"DATASET {source!r} cannot be read" in " ".join(result.output.split())
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["CartPole-v1", "wayfield/NoSuchTask-v0", None])
+def test_data_of_an_environment_that_is_not_there_are_refused(name: str | None) -> None:
+    recorded_in = None if name is None else gymnasium.envs.registration.EnvSpec(name)
+    with pytest.raises(ValueError, match=rf"^the data are of '?{name}'?, which this wayfield does not have$"):
+        task_of(SimpleNamespace(spec=SimpleNamespace(env_spec=recorded_in)))
+
+
+def test_data_of_wheels_are_refused() -> None:
+    spec = gymnasium.make("wayfield/DiffDrivePathFollowing-v0", action_mode="wheel_speeds").spec
+    with pytest.raises(ValueError, match=r"^the data hold actions in the mode wheel_speeds; agents command twists$"):
+        task_of(SimpleNamespace(spec=SimpleNamespace(env_spec=spec)))
