@@ -372,6 +372,10 @@ def test_the_end_of_a_way_and_the_guard_are_what_the_docstrings_say(f: Any, robo
     turns = rng.uniform(-3.1, 3.1, n) * rng.choice([0.004, 1.0], n)
     seen = goal_reaching.Observation(np.zeros((n, 3)), measured, goals, turns, left, ranges)
     twists = rng.normal(0.0, 0.6, (n, t))
+    # and some of them at a crawl, beside a thing or two
+    ranges[::3], twists[::3, : t - 1] = 4.0, 0.1 * twists[::3, : t - 1]
+    for i in range(0, n, 3):
+        ranges[i, rng.integers(0, BEAMS, 6)] = f.hull_radius + f.gap + rng.uniform(-0.01, 0.03)
     got = f.guarded(seen, f.arrived(seen, twists.copy(), 0.5, base), 0.5, base)
     slowed = 0
     for i in range(n):
