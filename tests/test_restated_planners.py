@@ -508,3 +508,29 @@ def test_where_nothing_stands_the_way_is_the_straight_line(policy: Any) -> None:
         np.testing.assert_allclose(points, np.add((x, y), share[:, None] * np.subtract(goal, (x, y))), atol=1e-9)
         assert np.diff(share) == pytest.approx(1.0 / (n - 1))
         assert n > 5
+
+
+@pytest.mark.parametrize(
+    ("left", "aside", "stuck", "whole", "anew"),
+    [
+        (3.0, 0.48, 0, True, False), (3.0, 0.52, 0, True, True), (3.0, -0.48, 0, True, False),
+        (3.0, -0.52, 0, True, True), (3.0, 0.0, 60, True, False), (3.0, 0.0, 61, True, True),
+        (2.1, 0.0, 0, False, False), (1.9, 0.0, 0, False, True), (1.9, 0.0, 0, True, False),
+    ],
+)  # fmt: skip
+def test_the_privileged_tracker_plans_anew_off_its_way_stuck_or_near_the_end_of_a_piece(
+    left: float, aside: float, stuck: int, whole: bool, anew: bool
+) -> None:
+    policy, briefing = AstarTracker(), told("p3dx")
+    memory = planned(policy, briefing, 0.4, 1.7)
+    state = memory[0]
+    (end_x, end_y), length = GOALS[1, :2] - (0.0 if whole else 0.4, 0.0), 4.0
+    memory["points"][0, :2] = (end_x - length, end_y), (end_x, end_y)
+    memory["arc"][0, :2] = 0.0, length
+    memory["num_points"], memory["segment"], memory["stuck"] = 2, 0, stuck
+    before = int(state["plans"])
+    pose = np.array([[end_x - left, end_y + aside, 0.0]])
+    goal = GOALS[1:, :2] - pose[:, :2]
+    seen = Observation(pose, np.zeros((1, 2)), goal, np.zeros(1), np.zeros(1), np.empty((1, 0)))
+    policy.act(seen, briefing, memory)
+    assert state["plans"] - before == anew
