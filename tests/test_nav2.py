@@ -1,5 +1,6 @@
 """Nav2's controllers: their critics against numbers made by hand, and that they reach goals."""
 
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -335,6 +336,15 @@ def test_a_sign_that_was_flipped_stays_until_the_robot_has_moved() -> None:
     m["command"] = 0.3, 0.0, -0.5
     flips(p, m, (2.0, 1.0, 0.0))
     assert not oscillates(m, 0.0, 0.0, 0.5)
+
+
+def test_a_forbidden_sign_forbids_all_of_it_and_nothing_else() -> None:
+    m = memory(Nav2Dwb)
+    for c, sign, speed in itertools.product(range(3), (1.0, -1.0), (1e-6, 0.5, -1e-6, -0.5)):
+        m["forbidden"] = 0.0
+        m["forbidden"][0, c] = sign
+        for axis in range(3):
+            assert oscillates(m, *(speed * np.eye(3)[axis])) == (axis == c and speed * sign > 0.0)
 
 
 # At the wheel.

@@ -278,6 +278,17 @@ def test_a_run_that_was_interrupted_ends_as_the_whole_one(after: int, tmp_path: 
     np.testing.assert_array_equal(*pair)
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+def test_a_card_tells_of_all_layers_of_a_network(robot: str) -> None:
+    task: Any = SimpleNamespace(robot=ROBOTS[robot], options=SimpleNamespace(dt=0.05))
+    layers: Any = [(np.zeros((n, m)), np.zeros(n)) for n, m in ((5, 7), (4, 5), (6, 4), (2, 6))]
+    card = run.described_agent(preset_of(activation="relu"), task, PATH, {}, "one", layers)
+    assert card["network"] == {
+        "hidden": [5, 4, 6], "activation": "relu", "num_twist": 2 if robot == "p3dx" else 3,
+        "parameters": 5 * 8 + 4 * 6 + 6 * 5 + 2 * 7,
+    }  # fmt: skip
+
+
 def test_a_run_counts_the_seconds_that_it_works_and_its_learner_on_what(
     tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
