@@ -534,3 +534,27 @@ def test_the_privileged_tracker_plans_anew_off_its_way_stuck_or_near_the_end_of_
     seen = Observation(pose, np.zeros((1, 2)), goal, np.zeros(1), np.zeros(1), np.empty((1, 0)))
     policy.act(seen, briefing, memory)
     assert state["plans"] - before == anew
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(side: float) -> None:
+    policy, briefing = AstarTracker(), told("p3dx")
+    hull, radius = ROBOTS["p3dx"].hull_radius, float(OBSTACLES["radius"][MOVING])
+    assert briefing.patrols is not None
+    briefing.patrols[0, MOVING] = (1.5, 1.7 - 1.5 * side, 0.0, 0.3 * side, 30.0, 5.0)  # on the way, and going aside
+    memory = planned(policy, briefing, 0.0, 1.7)
+    state = memory[0]
+    memory["points"][0, :2] = (0.0, 1.7), GOALS[1, :2]
+    memory["arc"][0, 1], memory["num_points"], memory["segment"] = 3.4, 2, 0
+    memory["held_up"], memory["planned_at"] = 1000, -1000
+    before, t = int(state["plans"]), 0.05 * float(state["steps"])
+    pose = np.array([[0.0, 1.7, 0.0]])
+    seen = Observation(pose, np.zeros((1, 2)), GOALS[1:, :2] - pose[:, :2], np.zeros(1), np.zeros(1), np.empty((1, 0)))
+    policy.act(seen, briefing, memory)
+    assert state["plans"] == before + 1
+    points = state["points"][: int(state["num_points"])]
+    way = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(points)])
+    assert way[-1] == pytest.approx(GOALS[1, :2])
+    sweep = [1.7 + side * 0.3 * (t + after) for after in np.arange(0.0, policy.patrol_horizon + 1e-9, 0.25)]
+    room = min(np.hypot(*(way - (1.5, y)).T).min() for y in sweep) - radius - hull
+    assert room > policy.margin - policy.cell
