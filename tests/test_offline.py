@@ -246,3 +246,10 @@ def test_data_of_wheels_are_refused() -> None:
     spec = gymnasium.make("wayfield/DiffDrivePathFollowing-v0", action_mode="wheel_speeds").spec
     with pytest.raises(ValueError, match=r"^the data hold actions in the mode wheel_speeds; agents command twists$"):
         task_of(SimpleNamespace(spec=SimpleNamespace(env_spec=spec)))
+
+
+def test_data_of_another_task_are_refused() -> None:
+    task = gymnasium.make("wayfield/OmniGoalObstacles-v0").unwrapped.task  # type: ignore[attr-defined]
+    words = rf"^preset {PRESET.name} reads path_following, the data are of goal_reaching$"
+    with pytest.raises(ValueError, match=words):
+        transitions(None, task, PRESET)
