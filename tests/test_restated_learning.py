@@ -21,7 +21,7 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.perception import Perception
 from wayfield.policies.policy import check_gain, check_whole
-from wayfield.policies.training import checkpoints, command, learner, measured, run, slices
+from wayfield.policies.training import checkpoints, command, learner, measured, run, slices, validation
 from wayfield.policies.training.checkpoints import BEST, CURVE, LAST, LOCK, RUN
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset
@@ -30,6 +30,7 @@ from wayfield.policies.training.validation import Score
 
 PATH, DOCK = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveDocking-v0"
 UPDATE = 24 * 4  # frames
+DT = 0.05
 
 
 def preset_of(name: str = "path_following_plain", **changes: Any) -> Preset:
@@ -276,6 +277,37 @@ def test_a_run_that_was_interrupted_ends_as_the_whole_one(after: int, tmp_path: 
     assert again.frames == end.frames
     pair = [load_agent(tmp_path / name / BEST).network.numbers for name in ("whole", "cut")]
     np.testing.assert_array_equal(*pair)
+
+
+def test_what_followers_and_seekers_cost_is_worked_out_by_hand() -> None:
+    """Of 21 robots the middle half are the 6th to the 16th, and the 20th is the 95th percentile."""
+    count, clock = 21, 400
+    rng = np.random.default_rng(3)
+    order = rng.permutation(count)
+    followed = validation.Followed(count, clock, DT)
+    state = np.dtype([("arc_length", np.float64), ("cross_track_error", np.float64)])
+    before, after = np.zeros(count, state), np.zeros(count, state)
+    # 1 m at a constant error, 0 to 0.2 m; what is driven once a robot has ended is not counted
+    before["cross_track_error"] = after["cross_track_error"] = 0.01 * order
+    after["arc_length"] = 1.0
+    followed.step(before, after, np.ones(count, bool))
+    before["cross_track_error"] = 9.0
+    followed.step(before, after, np.zeros(count, bool))
+    well = np.ones(count)
+    score, error, costs = followed.judged(well, 1.0 - well, np.full(count, 100.0))
+    assert costs == pytest.approx(0.01 * order)
+    assert (score, error) == pytest.approx((-(0.1 + 0.25 * 0.19), 0.1))
+    well[order >= 19] = 0.0  # the two worst, who count as 1 m
+    score, error, costs = followed.judged(well, 1.0 - well, np.full(count, 100.0))
+    assert (score, error, costs.max()) == pytest.approx((-(0.1 + 0.25), 0.1, 1.0))
+    reached = validation.Reached(count, clock, DT)
+    reached.step(before, after, np.ones(count, bool))
+    hit = np.where(order == 20, 1.0, 0.0)
+    score, error, times = reached.judged(well, hit, 10.0 * order)
+    assert score == pytest.approx(-(sum(10.0 * k / clock for k in range(19)) + 1.0 + 2.0) / count)
+    assert error == pytest.approx(DT * 10.0 * 9.0)  # of the 19 that succeeded
+    assert times == pytest.approx(np.where(order < 19, DT * 10.0 * order, DT * clock))
+    assert math.isnan(reached.judged(0.0 * well, hit, 10.0 * order)[1])
 
 
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
