@@ -18,7 +18,7 @@ from test_restated_tables import COMMAND, costs_of, groups, named, number, rows_
 from wayfield.benchmarks import audit, audit_formulas
 from wayfield.benchmarks.aggregates import counted_interval, interval, iqm
 from wayfield.benchmarks.audit import Audit
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS
 from wayfield.benchmarks.kept_rows import packed
 from wayfield.benchmarks.results import write_rows
 from wayfield.benchmarks.sections import SECTIONS
@@ -555,3 +555,20 @@ def test_the_second_formulas_are_their_definitions() -> None:
     assert sum(c * high**k * (1 - high) ** (10 - k) for k, c in enumerate(chance) if k <= 3) == pytest.approx(
         0.025, rel=1e-3
     )
+
+
+def test_a_column_s_second_formula_takes_the_same_runs_and_the_same_metric() -> None:
+    reductions = {"mean": audit_formulas.average, "iqm": audit_formulas.middle_half, "max": audit_formulas.largest}
+    seen = {"success (%)"}  # which is no column of a contest's own
+    for contest in ALL_CONTESTS.values():
+        for column in contest.columns:
+            if column.header in ("position error (mm)", "heading error (mrad)", "changes of direction"):
+                continue  # of docking alone
+            of, metric, reduce, factor = audit_formulas.MEANINGS[column.header]
+            seen.add(column.header)
+            is_cost = column.metric == "cost"
+            assert metric == (contest.spec.cost.metric if is_cost else column.metric)
+            assert (reduce, factor) == (reductions[column.reduction], column.factor)
+            runs = audit_formulas.counted if is_cost or column.imputed else audit_formulas.every
+            assert of is (audit_formulas.of_successes if column.successes_only else runs)
+    assert seen == set(audit_formulas.MEANINGS)

@@ -484,7 +484,8 @@ def test_a_command_runs_is_sent_signals_and_is_ended_with_all_it_started(tmp_pat
     running = started("sleep 51 & sleep 52")
     assert running.wait(0.05).status is None
     assert not list(place._marked(running.mark))
-    running = started("sleep 53 & sleep 0.1; exit 0")  # by then the shell's child is what it runs
+    # once the shell's child is what it runs
+    running = started("sleep 53 & until grep -q ^sleep /proc/$!/cmdline; do sleep 0.01; done; exit 0")
     assert running.ends_within(20.0)
     assert [line.strip() for line in place.left_running(running.mark, 0.0)] == ["sleep 53"]
     place.end_marked(running.mark)

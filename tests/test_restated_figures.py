@@ -36,6 +36,12 @@ def curve(axis: Any, k: int) -> Any:
     return np.array(axis.lines[k].get_data(), float)
 
 
+def inches(figure: Any) -> tuple[float, float]:
+    """Returns a figure's width and height: each row of its axes has a height of its own, so that none is squeezed."""
+    width, height = figure.get_size_inches()
+    return round(float(width), 6), round(float(height), 6)
+
+
 def driven(seed: int, path: bool) -> Trajectory:
     rng = np.random.default_rng(seed)
     n = 20
@@ -98,6 +104,9 @@ def test_the_map_of_families(name: str) -> None:
     families = [*dict.fromkeys(row["family"] for row in rows)]
     assert [each.get_text() for each in axis.get_yticklabels()] == [*map(named, entries)]
     assert [each.get_text() for each in axis.get_xticklabels()] == families
+    assert inches(figure)[1] == pytest.approx(1.9 + 0.33 * len(entries))
+    title, longest = figure.get_suptitle(), max(len(named(entry)) for entry in entries)
+    assert inches(figure)[0] == pytest.approx(max(1.0 + 0.085 * longest + 0.62 * len(families), 0.1 * len(title)))
     by_cost = name == "path-following"
     (image,) = axis.images
     texts = {(round(each.get_position()[1]), round(each.get_position()[0])): each for each in axis.texts}
@@ -127,6 +136,7 @@ def test_the_front_and_the_ladder() -> None:
     metric = contest.spec.cost.metric
     rows = rows_of(contest, 2)
     (axis,) = contest_figures.front(contest, rows, NOWHERE).axes
+    assert inches(axis.figure) == (8.6, 5.6)
     swept = groups([row for row in rows if row["split"] == "front"])
     bands = [each for each in axis.collections if isinstance(each, FillBetweenPolyCollection)]
     for k, mine in enumerate(swept.values()):
@@ -165,6 +175,7 @@ def test_the_front_and_the_ladder() -> None:
     assert labels == ("success (%)", "RMS error of the successes (m)", "level of disturbance")
     assert (top.get_ylim(), bottom.get_yscale()) == ((-3.0, 103.0), "log")
     assert legend_of(top.figure) == [*map(named, groups(rows))]
+    assert inches(top.figure) == (8.6, 8.0)
     assert not is_off([], None)
 
 
@@ -187,6 +198,7 @@ def test_the_worst_three_of_each_entry(tmp_path: Path) -> None:
         return number(row, "success"), 0.0 if math.isnan(value) else -value
 
     axes = [axis for axis in figure.axes if axis.get_visible()]
+    assert inches(figure) == (10.2, round(2.9 * len(tested), 6))
     wanted = []
     for entry, mine in tested.items():
         worst = sorted((row for row in mine if row["trajectory"]), key=badness)[:3]
@@ -245,6 +257,8 @@ def test_paths_and_errors_of_a_document() -> None:
     assert legend_of(figure) == ["path", "p", "q k=2", "q"]
     many = document_figures.driven_paths({str(k): told["two"] for k in range(6)})
     assert [axis.get_visible() for axis in many.axes] == [True] * 6 + [False] * 2
+    one = document_figures.driven_paths({"one": told["one"]})
+    assert [inches(each) for each in (one, figure, many)] == [(8.0, 6.6), (7.2, 3.2), (14.4, 5.8)]
 
     figure = document_figures.reference_errors(told)
     axes = np.array(figure.axes).reshape(2, 2)
@@ -262,7 +276,9 @@ def test_paths_and_errors_of_a_document() -> None:
         assert (along.get_ylabel(), turn.get_ylabel()) == ("$e_d$ (m)", "$e_h$ (deg)")
     assert [axis.get_xlabel() for axis in figure.axes[-2:]] == ["time (s)"] * 2
     assert legend_of(figure) == ["p", "q k=2", "q"]
-    small = document_figures.reference_errors({"small": told["one"][1:2]}).axes
+    alone = document_figures.reference_errors({"small": told["one"][1:2]})
+    assert [inches(each) for each in (alone, figure)] == [(11.0, 3.05), (11.0, 4.6)]
+    small = alone.axes
     for axis, least in zip(small, (0.1, 20.0), strict=True):
         low, high = axis.get_ylim()
         drawn = curve(axis, 0)[1]
@@ -293,7 +309,9 @@ def test_ways_to_poses_of_a_document() -> None:
         labels = [(axis.get_xlabel(), axis.get_ylabel()) for axis in (norm, parts)]
         assert labels == [("time (s)", "distance to the goal (m)"), ("time (s)", "error: goal minus pose")]
         assert len(plan.patches) == 3
+    assert inches(figure) == (13.0, 7.8)
     figure = document_figures.goal_seekers(told)
+    assert inches(figure) == (12.0, 9.7)
     axes = np.array(figure.axes).reshape(2, 2)
     for (plan, distance), (_, group) in zip(axes, told.items(), strict=True):
         np.testing.assert_array_equal(curve(plan, 0)[:, 0], group[0][1].goals[-1, :2])
