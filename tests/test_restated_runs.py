@@ -33,7 +33,7 @@ from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.suite import Setting, heads_first
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import box, circle, obstacle_field, splits
+from wayfield.envs.scenarios import box, circle, obstacle_field, splits, wall
 from wayfield.policies import make
 from wayfield.policies.learned.ppo import trained
 from wayfield.policies.training.shaping import Shaped
@@ -309,6 +309,14 @@ def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:
     assert shortest_way(dataclasses.replace(round_, patrols=patrols), 0.2) == pytest.approx(5.9, abs=0.01)
     near = dataclasses.replace(told, goal=(0.05, 0.0, 0.0))
     assert shortest_way(near, 0.2) == pytest.approx(0.04)
+    # round the nearer end of a wall, whichever way that points: beyond it there is room as well
+    reach = math.hypot(3.0, 2.0)
+    round_end = math.sqrt(reach**2 - 0.2**2) + 0.2 * (math.atan2(2.0, 3.0) + math.asin(0.2 / reach))
+    for turned in (1, 1j, -1, -1j):
+        goal, far, end = (turned * each for each in (6 + 0j, 3 - 7j, 3 + 2j))
+        barred = obstacle_field(wall(far.real, far.imag, end.real, end.imag))
+        walled = dataclasses.replace(stands, goal=(goal.real, goal.imag, 0.0), obstacles=barred)
+        assert shortest_way(walled, 0.2) == pytest.approx(2.0 * round_end - 0.1, abs=0.06)
 
 
 def test_a_recording_is_each_robot_s_own_episode() -> None:
