@@ -103,7 +103,7 @@ def test_of_a_large_run_some_drives_of_every_part_are_kept(monkeypatch: pytest.M
         assert all(part == row // 10 for row, part in found.items())
 
 
-@pytest.mark.parametrize("lines", [[["1"]], [["1", "2", "3"]], [["1", "2"], ["3"]], [["1"], ["2", "3"]]])
+@pytest.mark.parametrize("lines", [[["1"]], [["1", "2", "3"]], [["1", "2"], ["3"]], [["1", "2"], ["3", "4", "5"]]])
 def test_a_line_has_as_many_cells_as_there_are_names(lines: list[list[str]]) -> None:
     with pytest.raises(ValueError, match="zip"):
         Rows.of_lines(["a", "b"], lines)

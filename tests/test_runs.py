@@ -457,13 +457,19 @@ def test_workers_that_are_starting_say_nothing_about_an_interruption(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals differ")
-def test_an_interruption_while_modules_load_is_one_line(tmp_path):
-    script = Path(__file__).parents[1] / "evaluate.py"
+@pytest.mark.parametrize("command", ["evaluate", "train"])
+def test_an_interruption_while_modules_load_is_one_line(command):
+    script = Path(__file__).parents[1] / f"{command}.py"
     with subprocess.Popen([sys.executable, str(script), "--help"], stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(0.25)
+        mapped = Path(f"/proc/{process.pid}/maps")
+        if not mapped.exists():
+            time.sleep(0.25)
+        # the first of the modules that take long
+        while process.poll() is None and mapped.exists() and "numpy" not in mapped.read_text():
+            time.sleep(0.01)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (130, "evaluate: interrupted; nothing was written\n")
+    assert (process.returncode, errors) == (130, f"{command}: interrupted; nothing was written\n")
 
 
 # Command lines.
