@@ -121,6 +121,10 @@ def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, caps
     assert fields["preview"]["columns"][1] == read.observation_space.shape[0]
     told = [each[KEY] for each in read.storage.get_episode_metadata(range(5))]
     assert [each["policy"] for each in told] == ["pure_pursuit"] * 2 + ["lqr"] * 3
+    # each episode has the seed after that of the one before
+    assert about["seeds"] == [0, 4]
+    assert sorted(int(each["seed"]) for each in read.storage.get_episode_metadata(range(5))) == [0, 1, 2, 3, 4]
+    assert about["families"] == ["splines"]
     env = read.recover_environment()
     assert env.observation_space == read.observation_space
     seen, _ = env.reset(seed=0, options={"scenario": 0})
@@ -130,7 +134,9 @@ def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, caps
     assert recorded(*WORDS, "--dataset", "here/two-v0") == 0
     assert minari.load_dataset("here/two-v0").storage.metadata[KEY]["digest"] == about["digest"]
     assert recorded(*WORDS, "--dataset", "here/three-v0", "--seed", "1") == 0
-    assert minari.load_dataset("here/three-v0").storage.metadata[KEY]["digest"] != about["digest"]
+    third = minari.load_dataset("here/three-v0").storage.metadata[KEY]
+    assert third["digest"] != about["digest"]
+    assert third["seeds"] == [1, 5]
     with (home / "first.mcap").open("rb") as file:
         assert {channel.topic for _, channel, _ in make_reader(file).iter_messages()} >= {"/tf", "/action", "/told"}
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -207,3 +208,67 @@ def test_what_was_said_is_sent_before_a_command_ends(monkeypatch: pytest.MonkeyP
     assert said == ["flushed"]
     command_line._close_quietly(Stream(OSError()))
     assert said == ["flushed", "flushed", (command_line.os.devnull, command_line.os.O_WRONLY), (5, 77)]
+
+
+SEEDS = (0, 0, 2**31 - 1)  # of NumPy's older generators too
+COUNTED = (1, 1, None)
+# What a command takes where it is told nothing, and between which ends a number may be: a result names the command that
+# made it, and whoever gives that again counts on the same.
+TOLD: dict[str, dict[str, Any]] = {
+    "benchmarks.coverage": {"simulations": (1000, 10, None), "seed": (0, 0, None)},
+    "benchmarks.tune": {
+        "robot": "p3dx", "speed": (0.6, 0.05, 3.0), "level": "none", "actuators": "lagged", "seed": SEEDS,
+        "frames": (2_000_000, 1, None), "trials": (400, 1, None), "scenarios": (10, 1, None),
+    },
+    "benchmarks.tune_all": {
+        "frames": (8_000_000, 1, None), "trials": (400, 1, None), "scenarios": (10, 1, None), "seed": SEEDS,
+        "count": COUNTED,
+    },
+    "benchmarks.cluster_cost": {"parts": (2000, 10, None), "count": (40, 2, None), "seconds": (0.5, 0.01, 60.0)},
+    "benchmarks.pictures": {"out": "docs/pictures"},
+    "benchmarks.publish": {"first": True, "results": "results", "root": "."},
+    "benchmarks.faults.__main__": {
+        "minutes": (10.0, 0.0, 10_000.0), "seed": (0, 0, 2**32 - 1), "out": "results/faults",
+    },
+    "benchmarks.record": {
+        "split": "train", "episodes": (100, 1, 10_000_000), "robot": "p3dx", "dynamics": "kinematic", "seed": SEEDS,
+        "actuators": "lagged", "disturbance": "none", "gains": "best", "exploration": 0.0,
+    },
+    "benchmarks.report.demo": {"out": "docs/demo.html"},
+    "benchmarks.coppelia_latency": {"calls": (2000, 10, None), "seconds": (5.0, 0.1, 600.0), "dynamics": "kinematic"},
+    "benchmarks.video": {"actuators": "lagged", "seed": SEEDS, "gains": "tuned", "pace": (1.0, 0.1, 100.0)},
+    "benchmarks.evaluate": {"seed": SEEDS},
+    "benchmarks.learners": {"seeds": (3, 2, 100), "home": "results/training"},
+    "benchmarks.robot_page": {"docs": "docs"},
+    "benchmarks.throughput": {"rounds": (5, 1, None), "seconds": 0.5},
+    "benchmarks.decisions": {"robot": "p3dx", "rounds": (3, 1, None)},
+    "benchmarks.transfer": {"rooms": (16, 1, 1000), "seed": SEEDS, "count": COUNTED},
+    "benchmarks.play": {
+        "actuators": "lagged", "seed": SEEDS, "gains": "tuned", "speed": (0.6, 0.0, None), "yaw_rate": (1.5, 0.0, None),
+        "size": (800, 300, 4000),
+    },
+    "benchmarks.coppelia": {"scenario": "figure_eight_lap", "actuators": "ideal", "count": COUNTED, "seed": SEEDS},
+    "policies.training.command": {"seed": SEEDS, "seeds": (1, 1, 1000)},
+    "policies.training.offline": {"count": (20_000, 1, 100_000_000), "seed": SEEDS, "seeds": (1, 1, 1000)},
+    "envs.coppelia.__main__": {
+        "scene": "document-a", "index": (0, 0, None), "port": (23_000, 0, 65_535), "host": "127.0.0.1", "speed": 1.0,
+        "dynamics": "kinematic", "actuators": "ideal", "track": "coppelia", "dt": 0.05, "render": "none",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_what_a_command_takes_where_it_is_told_nothing(name: str) -> None:
+    try:
+        module = importlib.import_module(f"wayfield.{name}")
+    except ModuleNotFoundError as error:
+        pytest.skip(f"needs {error.name}")
+    found = {}
+    for option in module.main.params:
+        default = option.default
+        if not isinstance(default, bool | int | float | str | Path) or (default is False):
+            continue  # none, a flag, or worked out
+        least, most = (getattr(option.type, end, None) for end in ("min", "max"))
+        told = default.as_posix() if isinstance(default, Path) else default
+        found[option.name] = told if (least, most) == (None, None) else (told, least, most)
+    assert found == TOLD[name]
