@@ -2,10 +2,12 @@
 
 import ast
 import dataclasses
+import enum
 import importlib
 import inspect
 import json
 import math
+import operator
 import pkgutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -163,6 +165,68 @@ def test_every_gain_is_taken_down_to_the_edge_of_its_range(name: str) -> None:
         except ValueError:
             policy = policies.make(name, **{field.name: 1e-6})  # above zero
         assert getattr(policy, field.name) in (least, 1e-6)
+
+
+# What a class or a function outside the file below takes where it is told nothing, as its docstring and the pages say.
+_ONE_ROBOT = {"dynamics": "kinematic", "actuators": "ideal", "disturbance": "none"}
+_GIVEN = {**_ONE_ROBOT, "action_mode": "twist", "noise": 0.0, "pose_source": "ground_truth"}
+TAKEN: dict[str, dict[str, Any]] = {
+    "envs.path_following:DiffDrivePathFollowing": {
+        **_GIVEN, "scenario": "random_splines", "scale": 1.0, "num_preview": 10, "preview_spacing": 0.1,
+    },
+    "envs.goal_reaching:OmniGoalObstacles": {
+        **_GIVEN, "scenario": "discs", "end_on_success": True, "end_on_contact": True,
+    },
+    "envs.docking:OmniDocking": {**_GIVEN, "scenario": "all", "end_on_success": True, "end_on_contact": True},
+    "envs.vector:NativeVectorEnv": {"num_envs": 1, "autoreset_mode": "NextStep", "num_threads": 1},
+    "envs.batch:Batch": {"num_threads": 1},
+    "envs.sb3:NativeVecEnv": {"worlds": 1},
+    "envs.grids:OccupancyGrid": {"origin": (0.0, 0.0, 0.0), "beyond": "occupied", "name": ""},
+    "envs.paths:Path": {"closed": False},
+    "envs.rendering:Renderer": {"size_px": 640},
+    "envs.engines:Engine": {"tries": 1, "ahead": 10_000, "remote": False},
+    "envs.checks:number": {"least": -math.inf, "above": -math.inf, "most": 1e6},
+    "envs.coppelia.server:Server": {"host": "127.0.0.1", "port": 23000, "speed": 1.0},
+    "envs.coppelia.world:World": {
+        "dynamics": "kinematic", "actuators": "ideal", "dt": 0.05, "moving": False, "room": 0,
+    },
+    "envs.coppelia.scenes:Conditions": {"dynamics": "kinematic", "actuators": "ideal", "dt": 0.05, "number": 0},
+    "envs.coppelia.scenes:make_world": {"files": True},
+    "envs.coppelia.scene:Scene.add": {"pose": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)},
+    "envs.coppelia.scene:Scene.find": {"index": 0},
+    "envs.coppelia.standstill:stand_still": {"timeout": 2.0},
+    "envs.coppelia.signatures:exactly": {"most": 1e300},
+    "envs.coppelia.curves:lengths_of": {"dimensions": 3},
+    "envs.coppelia.curves:interpolated": {"strength": 0.0, "closed": False},
+    "envs.coppelia.codec:one_line": {"longest": 200},
+    "envs.coppelia.window:Window": {"render_mode": "human"},
+    "benchmarks.comparison:compare": {
+        "contest": "goal-obstacles", "robot": "p3dx", "dynamics": "kinematic", "actuators": "lagged", "gains": "best",
+        "seed": 0, "workers": 1,
+    },
+    "benchmarks.rollout:roll_out": {
+        "dynamics": "kinematic", "actuators": "ideal", "seed": 0, "episodes": 1, "members": (),
+    },
+    "benchmarks.recorder:record": {"exploration": 0.0},
+    "benchmarks.metrics:reference_jumps": {"lap_length": 0.0},
+    "benchmarks.paired:difference": {"reduction": "mean", "dearer": 0.0},
+    "benchmarks.aggregates:interval": {"seed": 0, "resamples": 2000},
+    "benchmarks.audit_formulas:resampled": {"times": 400, "seed": 1},
+    "benchmarks.own_scenario:own_cases": {"robot": "p3dx"},
+    "benchmarks.faults.place:left_running": {"patience": 3.0},
+    "benchmarks.progress:tracked": {"foretold": True},
+    "policies.pilot:Pilot": {"num_threads": 1},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_what_is_taken_where_nothing_is_told(name: str) -> None:
+    room, _, made = name.partition(":")
+    found = operator.attrgetter(made)(pytest.importorskip(f"wayfield.{room}"))
+    told = {name: each.default for name, each in inspect.signature(found).parameters.items()}
+    told = {name: each.value if isinstance(each, enum.Enum) else each for name, each in told.items()}
+    plainly = {name: each for name, each in told.items() if isinstance(each, bool | int | float | str | tuple)}
+    assert {name: each for name, each in plainly.items() if not hasattr(each, "_fields")} == TAKEN[name]
 
 
 # Every number that results hang on stands once more in a file: that of a law, a plant, a family, a preset, a table. Who
