@@ -973,6 +973,23 @@ def test_what_moves_by_a_script_begins_anew_at_every_start(desk):
     assert ways[0][0] != ways[0][-1]
 
 
+def test_what_moves_by_a_script_goes_on_while_the_robot_is_put_elsewhere(desk):
+    places = []
+    for put in (False, True):
+        one = desk("moving_crossing/test")
+        one.startSimulation()
+        for k in range(8):
+            if put and k == 5:
+                _, _, height = one.getObjectPosition(one.world.scene.base.handle)
+                there = one.world.batch.obstacles[0].tolist()
+                one.setObjectPosition(one.world.scene.base.handle, [-3.0, 0.5, height])
+                assert one.world.batch.obstacles[0].tolist() == there
+                assert one.world.robot_pose[1] == pytest.approx(0.5, abs=0.1)
+            one.world.advance()
+        places.append([(each["x"], each["y"]) for each in one.world.batch.obstacles[0]])
+    assert places[0] == places[1]
+
+
 def test_what_is_removed_is_in_nobody_s_way_and_the_others_keep_their_places(desk):
     one = desk("arena")
     count = 12
