@@ -483,22 +483,21 @@ def least_around(cells, around, u, v, best, far):
     _, nearest, _, columns, _ = around
     blocks = (columns + _BLOCK - 1) // _BLOCK
     own = int(min(max(0.0, math.floor(u)), columns - 1.0)) // _BLOCK
-    for k in range(blocks):
-        right = max((own + k) * _BLOCK - u, 0.0)
-        left = max(u - (own - k + 1) * _BLOCK, 0.0)
-        further_right = own + k < blocks and right * right < best
-        further_left = k > 0 and own - k >= 0 and left * left < best
-        if not (further_right or further_left):
+    passed = 0
+    # the own one, the next on the right, the next on the left, and so on, until nothing on either side is near enough
+    for k in range(2 * blocks):
+        block = own + (k + 1) // 2 if k % 2 == 1 else own - k // 2
+        aside = max(block * _BLOCK - u, u - (block + 1) * _BLOCK, 0.0)
+        passed += 1
+        if 0 <= block < blocks and aside * aside < best:
+            passed = 0
+            # nothing of a block is nearer than its nearest row, by which it is passed over as a whole
+            if aside * aside + block_rise(cells, nearest + 2 * block) < best:
+                best = least_in_block(cells, around, block, u, v, best)
+                if far:
+                    best = least_far_in_block(cells, around, block, u, v, best)
+        elif passed == 2:
             break
-        # nothing of a block is nearer than its nearest row, by which it is passed over as a whole
-        if further_right and right * right + block_rise(cells, nearest + 2 * (own + k)) < best:
-            best = least_in_block(cells, around, own + k, u, v, best)
-            if far:
-                best = least_far_in_block(cells, around, own + k, u, v, best)
-        if further_left and left * left + block_rise(cells, nearest + 2 * (own - k)) < best:
-            best = least_in_block(cells, around, own - k, u, v, best)
-            if far:
-                best = least_far_in_block(cells, around, own - k, u, v, best)
     return best
 
 
