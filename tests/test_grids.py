@@ -195,9 +195,10 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
     anywhere = rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25)
     # so near to a corner of cells, free and occupied ones, that single precision does not tell from it
     by_corners = 0.25 * rng.integers(1, 36, (12, 2)) + rng.choice([-1e-11, 1e-11], (12, 2))
-    for point in [*anywhere, *by_corners]:
+    for point, count in zip([*anywhere, *by_corners], [800] * 4 + [20] * 12, strict=True):
         place = grid.places(point)
-        beams = np.ascontiguousarray(np.hstack([around, near_corners(grid, place, rng, 800).T]))
+        past = near_corners(grid, place, rng, count).T
+        beams = np.ascontiguousarray(np.hstack([around, past]))
         # what stands nearer than the map has been seen already; nothing has before the beams past corners
         before = rng.uniform(0.0, 8.0, (1, beams.shape[1]))
         before[0, around.shape[1] :] = 8.0
