@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy.stats
+import scipy
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.crossed import TRIMMED, enough, share_interval, spread, winsorised

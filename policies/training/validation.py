@@ -7,8 +7,8 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import trim_mean
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.scenarios import TaskSpec
@@ -61,7 +61,7 @@ class Followed:
         """Returns the score, minus the IQM minus a quarter of the 95th percentile; the IQM; and the costs (b,), m."""
         rms = np.sqrt(self.squares / np.maximum(self.along, 1e-9))
         costs = np.where(success > 0.0, rms, 1.0)
-        error = float(trim_mean(costs, 0.25))
+        error = float(scipy.stats.trim_mean(costs, 0.25))
         return -(error + 0.25 * float(np.percentile(costs, 95))), error, costs
 
 
@@ -78,7 +78,7 @@ class Reached:
         """Returns the score, minus the mean cost; the IQM of the times of successes; and the times (b,), s."""
         times = steps * self.dt
         costs = np.where(success > 0.0, steps / self.clock, 1.0 + failure)
-        error = float(trim_mean(times[success > 0.0], 0.25)) if success.any() else math.nan
+        error = float(scipy.stats.trim_mean(times[success > 0.0], 0.25)) if success.any() else math.nan
         return -float(costs.mean()), error, np.where(success > 0.0, times, self.clock * self.dt)
 
 
