@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from numba.extending import intrinsic as numbas_intrinsic
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from wayfield.envs.blocks import blocks_clearance
@@ -340,50 +340,24 @@ def _measure_columns(occupied, away, nearest):
                 nearest[i, block, 1] = least >> 8
 
 
-intrinsic: Any = numbas_intrinsic  # its types are those of the code that it is made of, not of calls of what it makes
+def _same_bits(of, given):
+    """Returns the compiled function that returns the number of one of Numba's types with the bits of one of another."""
+
+    def same_bits(typingctx, number):
+        def code(context, builder, signature, arguments):
+            return builder.bitcast(arguments[0], context.get_value_type(of))
+
+        return of(given), code
+
+    return intrinsic(same_bits)
 
 
-@intrinsic
-def whole(typingctx, number):
-    """Returns the whole number, of four bytes, whose bits a number of single precision has."""
-
-    def code(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int32))
-
-    return types.int32(types.float32), code
-
-
-@intrinsic
-def bits(typingctx, number):
-    """Returns the number of single precision that has the bits of a whole one: all is kept in one array.
-
-    Of two arrays a compiler would not know that they never overlap, and would do nothing for several beams at once.
-    """
-
-    def code(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.float32))
-
-    return types.float32(types.int32), code
-
-
-@intrinsic
-def long_whole(typingctx, number):
-    """Returns the whole number, of eight bytes, whose bits a number of double precision has."""
-
-    def code(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
-
-    return types.int64(types.float64), code
-
-
-@intrinsic
-def long_number(typingctx, number):
-    """Returns the number of double precision that has the bits of a whole one."""
-
-    def code(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.float64))
-
-    return types.float64(types.int64), code
+# Of single precision all is kept in one array: of two a compiler would not know that they never overlap, and would do
+# nothing for several beams at once.
+bits = _same_bits(types.float32, types.int32)
+whole = _same_bits(types.int32, types.float32)
+long_number = _same_bits(types.float64, types.int64)
+long_whole = _same_bits(types.int64, types.float64)
 
 
 @inlined
