@@ -31,6 +31,9 @@ settings.register_profile("fixed", deadline=None, derandomize=True, database=Non
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile("fixed")
 
+# until all tests are known nothing is waste: to look for it would take a tenth of that time
+gc.disable()
+
 
 # What nearly every test needs: the step of a task, and the pymunk plant. They take some ten seconds each to compile.
 NEEDED = (("wayfield/DiffDrivePathFollowing-v0", "pymunk"), ("wayfield/OmniGoalObstacles-v0", "kinematic"))
@@ -64,6 +67,7 @@ def pytest_collection(session):
 def pytest_collection_finish(session):
     """Spares the collector of waste what is loaded by now, and stays: looking through it takes 3 % of the tests."""
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
