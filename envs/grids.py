@@ -28,21 +28,23 @@ MOST_CELLS = 2**26  # 8,192 x 8,192
 LEAST_CELL = 1e-3  # m
 BEYOND = ("occupied", "free")
 
-# A cell in five bytes, in five planes one behind the other. Four hold its rooms, one for each way that a ray may go on
-# (up or down the rows and the columns): 0 where it is occupied, else the most n, up to 255, for which the n x n cells
-# from it on that way are free. They have a rim, one cell wide, of zeros: a ray that leaves the grid ends there. The
-# last plane tells how many rows away the nearest occupied cell of its column is, up or down, at most 255.
-_PLANES = 4
+# A cell in nine bytes, in nine planes one behind the other. Eight hold its rooms, one for each octant that a ray may go
+# on in: up or down the rows and the columns, and along the rows or the columns, whichever it is nearer to. 0 where it
+# is occupied, else the most n, up to 255, for which all is free that such a ray may pass within n x n cells from it on:
+# so far along as a of them, it is at most a + 1 aside. They have a rim, one cell wide, of zeros: a ray that leaves the
+# grid ends there. The last plane tells how many rows away the nearest occupied cell of its column is, up or down, at
+# most 255.
+_OCTANTS = 8
 _MOST = 255
 # and of each row so many columns at a time, in two bytes, how many rows away the nearest of them is
 _BLOCK = 16
 
 # So many beams go on side by side, by the same arithmetic without a branch: that a processor does for several at once.
 # No power of two, so that their numbers do not all want the same place in its cache.
-TOGETHER = 432
+TOGETHER = 1008
 BESIDE = 8  # of those, so many at once; a divisor
 # the numbers of a beam on its way, in rows of TOGETHER; those from `last` on are the bits of whole ones
-_BEAM = collections.namedtuple("_BEAM", "slope start sure last room place along aside step_along step_aside here")
+_BEAM = collections.namedtuple("_BEAM", "slope start sure last room along aside step_along step_aside here")
 _AT = _BEAM(*(np.uint64(TOGETHER * row) for row in range(len(_BEAM._fields))))
 SCRATCH = TOGETHER * len(_BEAM._fields)  # numbers that `scan_grid` needs room for
 
@@ -89,7 +91,7 @@ NO_GRIDS = Grids(np.zeros(1, np.dtype(FRAME, align=True)), np.zeros(0, np.uint8)
 class OccupancyGrid:
     """A world of square cells, each occupied or free.
 
-    Takes five bytes a cell, however many robots and scenarios share it.
+    Takes nine bytes a cell, however many robots and scenarios share it.
 
     Raises:
         ValueError: if a value is out of its range or the array is none of such a shape; the message names the field.
@@ -286,34 +288,43 @@ def _measured(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Returns the planes of a grid, one behind the other."""
     rows, columns = occupied.shape
     blocks = -(-columns // _BLOCK)
-    rooms = _PLANES * (rows + 2) * (columns + 2)
+    rooms = _OCTANTS * (rows + 2) * (columns + 2)
     cells = np.zeros(rooms + rows * columns + 2 * rows * blocks, np.uint8)
     planes, away, nearest = np.split(cells, [rooms, rooms + rows * columns])
-    _measure_rooms(occupied, planes.reshape(_PLANES, rows + 2, columns + 2))
+    _measure_rooms(occupied, planes.reshape(_OCTANTS, rows + 2, columns + 2))
     _measure_columns(occupied, away.reshape(rows, columns), nearest.reshape(rows, blocks, 2))
     return cells
 
 
 @compiled
 def _measure_rooms(occupied, planes):
-    """Fills planes (4, rows + 2, columns + 2) of rooms: a free square is the least of three a cell on, and one more."""
+    """Fills planes (8, rows + 2, columns + 2) of rooms: one more than the least of the two cells that come next.
+
+    Those are the next along and the next along and aside. A ray may come to the next aside before: where that is
+    occupied, the room is 1.
+    """
     rows, columns = occupied.shape
-    for plane in range(4):
-        step_column = -1 if plane & 1 else 1
-        step_row = -1 if plane & 2 else 1
+    for octant in range(_OCTANTS):
+        step_column = -1 if octant & 1 else 1
+        step_row = -1 if octant & 2 else 1
+        along_row = step_row if octant & 4 else 0
+        along_column = 0 if octant & 4 else step_column
+        aside_row = step_row - along_row
+        aside_column = step_column - along_column
         for a in range(rows):
             i = a + 1 if step_row < 0 else rows - a
             for b in range(columns):
                 j = b + 1 if step_column < 0 else columns - b
                 if occupied[i - 1, j - 1]:
                     continue
+                room = 0
                 # the rim is 0: nothing is known to be free beyond the grid
-                room = min(
-                    np.int64(planes[plane, i + step_row, j]),
-                    np.int64(planes[plane, i, j + step_column]),
-                    np.int64(planes[plane, i + step_row, j + step_column]),
-                )
-                planes[plane, i, j] = min(room + 1, _MOST)
+                if planes[octant, i + aside_row, j + aside_column] > 0:
+                    room = min(
+                        np.int64(planes[octant, i + along_row, j + along_column]),
+                        np.int64(planes[octant, i + step_row, j + step_column]),
+                    )
+                planes[octant, i, j] = min(room + 1, _MOST)
 
 
 @allocating
@@ -373,7 +384,7 @@ def grid_place(frame, x, y):
 @inlined
 def first_column(frame):
     """Returns where the plane that tells of columns begins: behind those of the rooms."""
-    return frame.grid_first + _PLANES * (frame.grid_rows + 2) * (frame.grid_columns + 2)
+    return frame.grid_first + _OCTANTS * (frame.grid_rows + 2) * (frame.grid_columns + 2)
 
 
 @inlined
@@ -555,8 +566,8 @@ def clearance_around(robots, i, s, x, y):
 def ray_from(cells, area, gone, i, j, place, way, reach):
     """Returns how far a ray goes that has gone some way to the cell (i, j), at most reach, all in cells.
 
-    The traversal of Amanatides and Woo (Eurographics 1987), from one free square of cells to the next instead of from
-    cell to cell: on the way to the side where the ray leaves the square there is nothing to meet. Where it enters an
+    The traversal of Amanatides and Woo (Eurographics 1987), from one square of cells to the next instead of from cell
+    to cell: on the way to the side where the ray leaves the square there is nothing to meet. Where it enters an
     occupied cell depends on that side alone, so that no rounding adds up.
 
     Args:
@@ -575,7 +586,8 @@ def ray_from(cells, area, gone, i, j, place, way, reach):
     far_u = -u if du >= 0.0 else 1.0 - u
     far_v = -v if dv >= 0.0 else 1.0 - v
     width = columns + 2
-    plane = first + ((0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2)) * (rows + 2) * width + width + 1
+    octant = (0 if du >= 0.0 else 1) + (0 if dv >= 0.0 else 2) + (4 if abs(dv) > abs(du) else 0)
+    plane = first + octant * (rows + 2) * width + width + 1
     while gone < reach:
         room = np.int64(cells[np.uint64(plane + i * width + j)])
         if room == 0:
@@ -736,11 +748,16 @@ def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
     begin_back = np.int32(begin + size)
     begin_down = np.int32(begin + 2 * size)
     begin_back_down = np.int32(begin + 3 * size)
-    # all begin in one cell: of its rooms there are four
+    steep = np.int32(4 * size)
+    # all begin in one cell: of its rooms there are eight
     ahead_up = np.int32(cells[np.uint64(frame.grid_first + begin)])
     back_up = np.int32(cells[np.uint64(frame.grid_first + begin_back)])
     ahead_down = np.int32(cells[np.uint64(frame.grid_first + begin_down)])
     back_down = np.int32(cells[np.uint64(frame.grid_first + begin_back_down)])
+    up_ahead = np.int32(cells[np.uint64(frame.grid_first + np.int32(begin + steep))])
+    up_back = np.int32(cells[np.uint64(frame.grid_first + np.int32(begin_back + steep))])
+    down_ahead = np.int32(cells[np.uint64(frame.grid_first + np.int32(begin_down + steep))])
+    down_back = np.int32(cells[np.uint64(frame.grid_first + np.int32(begin_back_down + steep))])
     across = np.float32(frame.grid_rows + frame.grid_columns)
     cells_per_metre = np.float32(1.0 / frame.grid_cell)
     part_u = np.float32(u - j)
@@ -766,16 +783,22 @@ def aim(frame, cells, seen, beams, part, ranges, i, column, scratch):
         begun = from_v if swap else from_u
         scratch[_AT.slope + place] = slope
         scratch[_AT.start + place] = (from_u if swap else from_v) - begun * slope
-        # by no less than twice what rounding may put a crossing off: five roundings of where it is, and eight of a cell
-        scratch[_AT.sure + place] = _HALF - _ROUNDING * (np.float32(10.0) * reach + np.float32(50.0))
+        # by no less than three times what rounding may put a crossing off: five roundings of where it is, and eight of
+        # a cell. What passes so near by a corner of what is free on its way ends the leap so near by one, too
+        scratch[_AT.sure + place] = _HALF - _ROUNDING * (np.float32(15.0) * reach + np.float32(75.0))
         # where it goes no further, and rounding does not matter
         scratch[_AT.last + place] = bits(np.int32(begun + reach * along + np.float32(2.0)))
         room_up = back_up if left else ahead_up
         room_down = back_down if left else ahead_down
-        scratch[_AT.room + place] = bits(room_down if down else room_up)
+        room_flat = room_down if down else room_up
+        steep_up = up_back if left else up_ahead
+        steep_down = down_back if left else down_ahead
+        room_steep = steep_down if down else steep_up
+        scratch[_AT.room + place] = bits(room_steep if swap else room_flat)
         here_up = begin_back if left else begin
         here_down = begin_back_down if left else begin_down
-        scratch[_AT.here + place] = bits(here_down if down else here_up)
+        here = here_down if down else here_up
+        scratch[_AT.here + place] = bits(np.int32(here + (steep if swap else np.int32(0))))
         step_u = np.int32(-1) if left else np.int32(1)
         step_v = np.int32(-width) if down else width
         scratch[_AT.step_along + place] = bits(step_v if swap else step_u)
@@ -801,18 +824,26 @@ def arrive(frame, cells, seen, beams, part, ranges, i, column, scratch):
         stop_inside(frame, u, v, scratch, at, count)
     j = np.int32(math.floor(u))
     row = np.int32(math.floor(v))
+    back_j = np.int32(-j)
+    back_row = np.int32(-row)
     least = np.int32(0)
     for k in range(count):
         du, dv = way_of(beams, first + k, cosine, sine)
         along = whole(scratch[_AT.along + np.uint64(at + k)])
         aside = whole(scratch[_AT.aside + np.uint64(at + k)])
         swap = abs(whole(scratch[_AT.step_along + np.uint64(at + k)])) > 1
-        at_u = aside if swap else along
-        at_v = along if swap else aside
-        side_u = np.float64(np.int32(at_u + (-j if du < 0.0 else j))) + (u - 1.0 if du < 0.0 else -u)
-        side_v = np.float64(np.int32(at_v + (-row if dv < 0.0 else row))) + (v - 1.0 if dv < 0.0 else -v)
-        by_u = side_u * abs(dv) > side_v * abs(du)
-        gone = (side_u if by_u else side_v) * (1.0 / abs(du if by_u else dv))
+        # whether it came from beside the cell: at the side before it, it was not yet at its height. Where it begins, it
+        # came from nowhere else
+        height = np.float32(along) * scratch[_AT.slope + np.uint64(at + k)] + scratch[_AT.start + np.uint64(at + k)]
+        beside = (along == 0) | (aside > np.int32(height))
+        by_u = beside == swap
+        far = aside if beside else along
+        far_u = back_j if du < 0.0 else j
+        far_v = back_row if dv < 0.0 else row
+        from_u = u - 1.0 if du < 0.0 else -u
+        from_v = v - 1.0 if dv < 0.0 else -v
+        side = np.float64(np.int32(far + (far_u if by_u else far_v))) + (from_u if by_u else from_v)
+        gone = side * (1.0 / abs(du if by_u else dv))
         # where it begins, too, and where that makes it no number
         distance = (gone if gone > 0.0 else 0.0) * frame.grid_cell
         place = np.uint64(column + first + k)
@@ -920,10 +951,10 @@ def travel(cells, scratch, words, count):
 
 @inlined
 def look(cells, scratch, first, begin):
-    """Writes the rooms of BESIDE beams, from the first on, in the grid that begins there; returns 0 if all are 0."""
+    """Writes the rooms of BESIDE beams where `leap` said, in the grid that begins there; returns 0 if all are 0."""
     rooms = np.uint64(0)
     for k in range(np.uint64(BESIDE)):
-        room = np.uint64(cells[begin + np.uint64(whole(scratch[_AT.place + first + k]))])
+        room = np.uint64(cells[begin + np.uint64(whole(scratch[_AT.room + first + k]))])
         scratch[_AT.room + first + k] = bits(np.int32(room))
         rooms |= room
     return rooms
@@ -931,7 +962,9 @@ def look(cells, scratch, first, begin):
 
 @inlined
 def leap(scratch, first):
-    """Lets BESIDE beams go on to where they leave the free squares that they are in; one whose room is 0 stays.
+    """Lets BESIDE beams go on to where they leave the squares that they are in; one whose room is 0 stays.
+
+    Instead of a beam's room, it writes where to look for the next: that takes the same place.
 
     A beam rises by no more than it goes along: at the far end of a square it is at most one row beyond it, and then it
     left through the last column.
@@ -953,7 +986,7 @@ def leap(scratch, first):
         place += to_along * whole(scratch[_AT.step_along + k]) + to_aside * whole(scratch[_AT.step_aside + k])
         # where the first cell of the rim is, there is no room either
         goes = sure & (to_along < whole(scratch[_AT.last + k])) & moves
-        scratch[_AT.place + k] = bits(np.int32(place) if goes else np.int32(0))
+        scratch[_AT.room + k] = bits(np.int32(place) if goes else np.int32(0))
         scratch[_AT.along + k] = bits(_UNSURE if moves & (not sure) else to_along)
         scratch[_AT.aside + k] = bits(to_aside)
 

@@ -242,18 +242,18 @@ def test_the_outline_is_as_long_as_the_sides_between_occupied_and_free() -> None
     assert np.hypot(*(closed[:, 1] - closed[:, 0]).T).sum() == pytest.approx(5.0 + 10.0)
 
 
-def test_a_grid_takes_five_bytes_a_cell_however_many_robots_and_scenarios_there_are(tmp_path: Path) -> None:
+def test_a_grid_takes_nine_bytes_a_cell_however_many_robots_and_scenarios_there_are(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     occupied = rng.random((600, 500)) < 0.3
     grid = OccupancyGrid(occupied, 0.1)
     kept = sum(each.nbytes for each in vars(grid).values() if isinstance(each, np.ndarray))
-    assert kept == grid.cells.nbytes <= 5.2 * occupied.size
+    assert kept == grid.cells.nbytes <= 9.2 * occupied.size
     assert copy.deepcopy(grid) is grid
     np.testing.assert_array_equal(grid.occupied, occupied)
     # several maps of a bank lie one behind the other, once
     others = [grid, OccupancyGrid(~occupied, 0.1), None, grid]
     grids = lay_grids(others, np.zeros(4, NO_GRIDS.frames.dtype))
-    assert grids.cells.nbytes <= 2 * 5.2 * occupied.size
+    assert grids.cells.nbytes <= 2 * 9.2 * occupied.size
     assert all(np.shares_memory(each.cells, grids.cells) for each in others if each is not None)
     np.testing.assert_array_equal(others[1].occupied, ~occupied)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(grid)).cells, grid.cells)
@@ -263,7 +263,7 @@ def test_a_grid_takes_five_bytes_a_cell_however_many_robots_and_scenarios_there_
     envs: Any = gymnasium.make_vec(
         "wayfield/DiffDriveGoalObstacles-v0", 64, vectorization_mode="vector_entry_point", scenario=str(file)
     )
-    assert envs.task.grids.cells.size == 4 * 8 * 8 + 6 * 6 + 2 * 6
+    assert envs.task.grids.cells.size == 8 * 8 * 8 + 6 * 6 + 2 * 6
     assert envs.task.grids.cells is envs.task.scenarios[0].grid.cells
 
 
