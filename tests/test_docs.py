@@ -261,10 +261,12 @@ def repository(tmp_path: Path) -> Path:
     folder = home / "results/path-following"
     folder.mkdir(parents=True)
     cells = {"success": 1.0, "mean_speed": 0.6, "cross_track_rms": 0.0123 + 1e-4 * (np.arange(16) - 7.5)}
-    rows = made("path-following", "mpc", cells, gains_name="tuned")
+    rows = made("path-following", "mpc", cells, gains_name="tuned", learned_from="0.8 M frames")
     agents = cells | {"cross_track_rms": 0.0234 + 0.001 * np.arange(16)}
     for seed in ("0", "1"):
-        rows += made("path-following", "ppo", agents, gains_name="trained", agent_seed=seed)
+        rows += made(
+            "path-following", "ppo", agents, gains_name="trained", agent_seed=seed, learned_from="1.0 M frames"
+        )
     write_rows(folder, rows)
     manifest = {
         "command": "python evaluate.py --suite path-following --out somewhere",
