@@ -12,6 +12,7 @@ from wayfield.benchmarks.aggregates import iqm, mean
 from wayfield.benchmarks.contests import ALL_CONTESTS, COST, PUBLIC_SPLIT, Contest
 from wayfield.benchmarks.drawing import (
     PATH_COLOUR,
+    Bounds,
     colour,
     floor_plan,
     goal_mark,
@@ -19,6 +20,7 @@ from wayfield.benchmarks.drawing import (
     obstacle_patches,
     plt,
     saved,
+    surroundings,
     wall_lines,
 )
 from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, label, values
@@ -173,22 +175,23 @@ def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
         for axis in line[len(mine) :]:
             axis.set_visible(False)
         for axis, row in zip(line, mine, strict=False):
-            _driven_scene(axis, trajectories[row["trajectory"]])
+            bounds = surroundings([trajectories[row["trajectory"]]])
+            _driven_scene(axis, trajectories[row["trajectory"]], bounds)
             public = row["split"] == PUBLIC_SPLIT
             place = Path(row["scenario"]).name if public else f"{row['family']} {row['episode']}"
-            floor_plan(axis, f"{label(entry)}\n{place}: {_ending(contest, row)}")
+            floor_plan(axis, f"{label(entry)}\n{place}: {_ending(contest, row)}", bounds)
             axis.title.set_fontsize(8)
             axis.set_xlabel("")
             axis.set_ylabel("")
     return figure
 
 
-def _driven_scene(axis: Any, trajectory: Trajectory) -> None:
-    """Draws the scenario and the driven way, from a disc at the start to a square at the end."""
+def _driven_scene(axis: Any, trajectory: Trajectory, bounds: Bounds | None) -> None:
+    """Draws the scenario within the bounds and the driven way, from a disc at the start to a square at the end."""
     if len(trajectory.path):
         axis.plot(*trajectory.path.T, color=PATH_COLOUR, linewidth=3.0, alpha=0.6)
-    obstacle_patches(axis, trajectory.obstacles)
-    wall_lines(axis, trajectory.walls)
+    obstacle_patches(axis, trajectory.obstacles, bounds)
+    wall_lines(axis, trajectory.walls, bounds)
     if len(trajectory.goals) and not len(trajectory.path):
         goal_mark(axis, trajectory.goals[-1])
     x, y = trajectory.poses[:, :2].T

@@ -1,7 +1,7 @@
 """What all figures share: colours, styles, scenes, and how a figure is saved."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
+from wayfield.benchmarks.trajectory import Trajectory
+
 __all__ = [
     "PATH_COLOUR",
     "RC",
     "SOLID",
     "STYLES",
+    "Bounds",
     "colour",
     "floor_plan",
     "goal_mark",
@@ -26,6 +29,7 @@ __all__ = [
     "obstacle_patches",
     "plt",
     "saved",
+    "surroundings",
     "wall_lines",
 ]
 
@@ -36,6 +40,10 @@ _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#
 STYLES = ("-", "--", ":", "-.")
 _MARKERS = "osD^vP*Xh"
 MANY_WALLS = 10_000  # more make files of many megabytes, and hide what is free
+# Of a world that is much larger than what was driven in it, a figure shows a square about that.
+_AROUND = 1.0 / 3.0  # of the extent, on each side
+_LEAST_AROUND = 2.0  # m
+_LARGE = 2.0  # times the square, from which on a world is not shown whole
 PATH_COLOUR = "#9AA2AC"
 SOLID = "#606A75"
 
@@ -80,9 +88,56 @@ def goal_mark(axis: Any, goal: np.ndarray) -> None:
     axis.plot(*goal[:2], "*", color="#F0E442", markeredgecolor="black", markeredgewidth=0.6, markersize=13, zorder=4)
 
 
-def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
-    """Draws circles, boxes and walls."""
-    for each in obstacles:
+Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max, m
+
+
+def surroundings(trajectories: Sequence[Trajectory]) -> Bounds | None:
+    """Returns what to show of a large world: a square about what was driven and asked, cut off where the world ends.
+
+    None where the world is not large beside that: it is shown whole.
+    """
+    asked = (t.goals[:, :2] for t in trajectories if len(t.goals))
+    paths = (t.path for t in trajectories if len(t.path))
+    near = np.vstack([*(t.poses[:, :2] for t in trajectories), *asked, *paths])
+    world = np.vstack([near, *(part for t in trajectories for part in _extents(t))])
+    low, high = near.min(axis=0), near.max(axis=0)
+    extent = float((high - low).max())
+    half = 0.5 * extent + max(_AROUND * extent, _LEAST_AROUND)
+    first, last = world.min(axis=0), world.max(axis=0)
+    if float((last - first).max()) <= _LARGE * 2.0 * half:
+        return None
+    middle, rim = 0.5 * (low + high), 0.04 * half  # so that the sides of the world are seen
+    (x0, y0), (x1, y1) = np.maximum(middle - half, first - rim), np.minimum(middle + half, last + rim)
+    return float(x0), float(y0), float(x1), float(y1)
+
+
+def _extents(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Returns points (n, 2) between which all obstacles and all walls lie."""
+    walls = trajectory.walls.reshape(-1, 2)
+    if not len(trajectory.obstacles):
+        return np.empty((0, 2)), walls
+    return np.vstack(_ends(trajectory.obstacles)), walls
+
+
+def _ends(obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the lower left and the upper right corners (n, 2) of the upright boxes that obstacles just fit in."""
+    length, width, cosine, sine = (np.abs(obstacles[name]) for name in ("half_length", "half_width", "cos", "sin"))
+    reach = np.column_stack([cosine * length + sine * width, sine * length + cosine * width])
+    reach += obstacles["radius"][:, None]
+    centres = np.column_stack([obstacles["x"], obstacles["y"]])
+    return centres - reach, centres + reach
+
+
+def _inside(low: np.ndarray, high: np.ndarray, bounds: Bounds | None) -> Any:
+    """Returns which of the upright boxes (n, 2) between low and high have a part within the bounds."""
+    if bounds is None:
+        return slice(None)
+    return ((high >= bounds[:2]) & (low <= bounds[2:])).all(axis=1)
+
+
+def obstacle_patches(axis: Any, obstacles: np.ndarray, bounds: Bounds | None = None) -> None:
+    """Draws circles, boxes and walls, of which something is within the bounds."""
+    for each in obstacles[_inside(*_ends(obstacles), bounds)] if len(obstacles) else ():
         centre = (float(each["x"]), float(each["y"]))
         if each["half_length"] == 0.0 and each["half_width"] == 0.0:
             axis.add_patch(Circle(centre, each["radius"], color=SOLID, alpha=0.55, linewidth=0))
@@ -93,17 +148,26 @@ def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
         axis.add_patch(Polygon(corners, color=SOLID, alpha=0.55, linewidth=0 if each["half_width"] else 2))
 
 
-def wall_lines(axis: Any, walls: np.ndarray) -> None:
-    """Draws the sides (k, 2, 2) of what a map has occupied: very many thinly, and in a vector file as a picture."""
+def wall_lines(axis: Any, walls: np.ndarray, bounds: Bounds | None = None) -> None:
+    """Draws the sides (k, 2, 2) of what a map has occupied, of which something is within the bounds.
+
+    Very many are drawn thinly, and in a vector file as a picture.
+    """
+    if len(walls):
+        walls = walls[_inside(walls.min(axis=1), walls.max(axis=1), bounds)]
     if len(walls):
         many = len(walls) > MANY_WALLS
         width = math.sqrt(MANY_WALLS / len(walls)) if many else 1.0
         axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=width, rasterized=many))
 
 
-def floor_plan(axis: Any, title: str) -> None:
-    """Gives both axes one scale, names and a title."""
+def floor_plan(axis: Any, title: str, bounds: Bounds | None = None) -> None:
+    """Gives both axes one scale, names and a title; shows the bounds, or without them all that is drawn."""
     axis.set_title(title, loc="left")
-    axis.set_aspect("equal", adjustable="datalim")
+    if bounds is None:
+        axis.set_aspect("equal", adjustable="datalim")
+    else:
+        axis.set(xlim=bounds[::2], ylim=bounds[1::2])
+        axis.set_aspect("equal", adjustable="box")  # beyond the bounds nothing is drawn
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")
