@@ -11,8 +11,8 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from wayfield.benchmarks.aggregates import iqm, mean
 from wayfield.benchmarks.contests import ALL_CONTESTS, COST, PUBLIC_SPLIT, Contest
 from wayfield.benchmarks.drawing import (
+    HANDLE,
     PATH_COLOUR,
-    Bounds,
     colour,
     floor_plan,
     goal_mark,
@@ -30,6 +30,7 @@ from wayfield.benchmarks.standings import front_points
 from wayfield.benchmarks.suite import WORST
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.geometry import Bounds
 
 
 def draw_contest(wanted: tuple[Path, str, str, str]) -> None:
@@ -129,7 +130,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     axis.set_ylabel(f"{contest.spec.cost.name} ({contest.spec.cost.unit})")
     rings = f"rings: some runs failed, each counts as {contest.counted}"
     axis.set_title(f"{contest.title}: speed and accuracy ({rings})", loc="left")
-    axis.legend(fontsize=8, ncols=2)
+    axis.legend(fontsize=8, ncols=2, handlelength=HANDLE)
     return figure
 
 
@@ -154,7 +155,8 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     bottom.set_xticks(range(len(levels)), levels)
     bottom.set_xlabel("level of disturbance")
     top.set_title(f"{contest.title}: under disturbances", loc="left")
-    figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    handles = top.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=4, fontsize=8, handlelength=HANDLE)
     return figure
 
 

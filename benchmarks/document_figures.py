@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.documents import TITLES
 from wayfield.benchmarks.drawing import (
+    HANDLE,
     PATH_COLOUR,
     SOLID,
     STYLES,
@@ -235,5 +236,4 @@ def _legend(figure: Figure, axes: Any) -> None:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     columns = min(len(entries), 4)
-    # lines long enough that dashes are seen
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, handlelength=3.5)
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, handlelength=HANDLE)

@@ -15,13 +15,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
 from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs import geometry
+from wayfield.envs.geometry import Bounds, corners_of
 
 __all__ = [
+    "HANDLE",
     "PATH_COLOUR",
     "RC",
     "SOLID",
     "STYLES",
-    "Bounds",
     "colour",
     "floor_plan",
     "goal_mark",
@@ -38,12 +40,9 @@ __all__ = [
 # has one.
 _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#B2182B")
 STYLES = ("-", "--", ":", "-.")
+HANDLE = 3.5  # length of a line of a legend, in font sizes, so that dashes are seen
 _MARKERS = "osD^vP*Xh"
 MANY_WALLS = 10_000  # more make files of many megabytes, and hide what is free
-# Of a world that is much larger than what was driven in it, a figure shows a square about that.
-_AROUND = 1.0 / 3.0  # of the extent, on each side
-_LEAST_AROUND = 2.0  # m
-_LARGE = 2.0  # times the square, from which on a world is not shown whole
 PATH_COLOUR = "#9AA2AC"
 SOLID = "#606A75"
 
@@ -69,8 +68,9 @@ def colour(k: int) -> str:
 
 def look(k: int) -> dict[str, Any]:
     """Returns colour, line style and marker of the k-th curve of a figure."""
-    style = STYLES[k // len(_PALETTE) % len(STYLES)]
-    return {"color": colour(k), "linestyle": style, "marker": _MARKERS[k % len(_MARKERS)]}
+    again = k // len(_PALETTE)  # the colour was there so often
+    marker = _MARKERS[(k + again) % len(_MARKERS)]
+    return {"color": colour(k), "linestyle": STYLES[again % len(STYLES)], "marker": marker}
 
 
 def saved(make: Callable[[], Figure], stem: Path) -> None:
@@ -88,44 +88,15 @@ def goal_mark(axis: Any, goal: np.ndarray) -> None:
     axis.plot(*goal[:2], "*", color="#F0E442", markeredgecolor="black", markeredgewidth=0.6, markersize=13, zorder=4)
 
 
-Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max, m
-
-
 def surroundings(trajectories: Sequence[Trajectory]) -> Bounds | None:
-    """Returns what to show of a large world: a square about what was driven and asked, cut off where the world ends.
-
-    None where the world is not large beside that: it is shown whole.
-    """
-    asked = (t.goals[:, :2] for t in trajectories if len(t.goals))
-    paths = (t.path for t in trajectories if len(t.path))
-    near = np.vstack([*(t.poses[:, :2] for t in trajectories), *asked, *paths])
-    world = np.vstack([near, *(part for t in trajectories for part in _extents(t))])
-    low, high = near.min(axis=0), near.max(axis=0)
-    extent = float((high - low).max())
-    half = 0.5 * extent + max(_AROUND * extent, _LEAST_AROUND)
-    first, last = world.min(axis=0), world.max(axis=0)
-    if float((last - first).max()) <= _LARGE * 2.0 * half:
-        return None
-    middle, rim = 0.5 * (low + high), 0.04 * half  # so that the sides of the world are seen
-    (x0, y0), (x1, y1) = np.maximum(middle - half, first - rim), np.minimum(middle + half, last + rim)
-    return float(x0), float(y0), float(x1), float(y1)
-
-
-def _extents(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Returns points (n, 2) between which all obstacles and all walls lie."""
-    walls = trajectory.walls.reshape(-1, 2)
-    if not len(trajectory.obstacles):
-        return np.empty((0, 2)), walls
-    return np.vstack(_ends(trajectory.obstacles)), walls
-
-
-def _ends(obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the lower left and the upper right corners (n, 2) of the upright boxes that obstacles just fit in."""
-    length, width, cosine, sine = (np.abs(obstacles[name]) for name in ("half_length", "half_width", "cos", "sin"))
-    reach = np.column_stack([cosine * length + sine * width, sine * length + cosine * width])
-    reach += obstacles["radius"][:, None]
-    centres = np.column_stack([obstacles["x"], obstacles["y"]])
-    return centres - reach, centres + reach
+    """Returns the part of a large world to show, about what was driven and asked; None: all of the world."""
+    near = [trajectory.poses[:, :2] for trajectory in trajectories]
+    near += [trajectory.goals[:, :2] for trajectory in trajectories if len(trajectory.goals)]
+    near += [trajectory.path for trajectory in trajectories if len(trajectory.path)]
+    world = [trajectory.walls.reshape(-1, 2) for trajectory in trajectories]
+    for trajectory in trajectories:
+        world += corners_of(trajectory.obstacles) if len(trajectory.obstacles) else ()
+    return geometry.surroundings(np.vstack(near), np.vstack([near[0], *world]))
 
 
 def _inside(low: np.ndarray, high: np.ndarray, bounds: Bounds | None) -> Any:
@@ -137,7 +108,7 @@ def _inside(low: np.ndarray, high: np.ndarray, bounds: Bounds | None) -> Any:
 
 def obstacle_patches(axis: Any, obstacles: np.ndarray, bounds: Bounds | None = None) -> None:
     """Draws circles, boxes and walls, of which something is within the bounds."""
-    for each in obstacles[_inside(*_ends(obstacles), bounds)] if len(obstacles) else ():
+    for each in obstacles[_inside(*corners_of(obstacles), bounds)] if len(obstacles) else ():
         centre = (float(each["x"]), float(each["y"]))
         if each["half_length"] == 0.0 and each["half_width"] == 0.0:
             axis.add_patch(Circle(centre, each["radius"], color=SOLID, alpha=0.55, linewidth=0))

@@ -93,6 +93,8 @@ def test_no_two_of_three_dozen_curves_look_alike() -> None:
     assert len({colour(k) for k in range(9)}) == 9
     assert looks[9] == (colour(0), "--")
     assert len({look(k)["marker"] for k in range(9)}) == 9
+    # where a colour comes again, the marker is another too
+    assert all(look(k)["marker"] != look(k - 9)["marker"] for k in range(9, 36))
 
 
 @pytest.mark.parametrize("name", CONTESTS)
