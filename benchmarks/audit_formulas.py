@@ -80,6 +80,10 @@ MEANINGS: Mapping[str, Meaning] = {
     "least clearance (m)": (every, "min_clearance", middle_half, 1.0),
     "mean (m)": (every, "mean_clearance", middle_half, 1.0),
     "under 0.1 m (%)": (every, "near_share", average, 100.0),
+    # of docks: the last moment of every run, and how often a success turned back
+    "position error (mm)": (every, "final_position_error", middle_half, 1000.0),
+    "heading error (mrad)": (every, "final_heading_error", middle_half, 1000.0),
+    "changes of direction": (of_successes, "direction_changes", average, 1.0),
     # of public benchmarks
     "score (2, 8)": (every, "barn_score", average, 1.0),
     "score 2022 (4, 8)": (every, "barn_score_2022", average, 1.0),
