@@ -11,6 +11,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from wayfield.benchmarks.aggregates import iqm, mean
 from wayfield.benchmarks.contests import ALL_CONTESTS, COST, PUBLIC_SPLIT, Contest
 from wayfield.benchmarks.drawing import (
+    HANDLE,
     PATH_COLOUR,
     colour,
     floor_plan,
@@ -19,6 +20,7 @@ from wayfield.benchmarks.drawing import (
     obstacle_patches,
     plt,
     saved,
+    surroundings,
     wall_lines,
 )
 from wayfield.benchmarks.entries import COMPARED, by_entry, check_columns, label, values
@@ -28,6 +30,7 @@ from wayfield.benchmarks.standings import front_points
 from wayfield.benchmarks.suite import WORST
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.disturbances import LEVELS
+from wayfield.envs.geometry import Bounds
 
 
 def draw_contest(wanted: tuple[Path, str, str, str]) -> None:
@@ -127,7 +130,7 @@ def front(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     axis.set_ylabel(f"{contest.spec.cost.name} ({contest.spec.cost.unit})")
     rings = f"rings: some runs failed, each counts as {contest.counted}"
     axis.set_title(f"{contest.title}: speed and accuracy ({rings})", loc="left")
-    axis.legend(fontsize=8, ncols=2)
+    axis.legend(fontsize=8, ncols=2, handlelength=HANDLE)
     return figure
 
 
@@ -152,7 +155,8 @@ def ladder(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
     bottom.set_xticks(range(len(levels)), levels)
     bottom.set_xlabel("level of disturbance")
     top.set_title(f"{contest.title}: under disturbances", loc="left")
-    figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    handles = top.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=4, fontsize=8, handlelength=HANDLE)
     return figure
 
 
@@ -173,22 +177,23 @@ def worst(contest: Contest, rows: Sequence[Row], folder: Path) -> Figure:
         for axis in line[len(mine) :]:
             axis.set_visible(False)
         for axis, row in zip(line, mine, strict=False):
-            _driven_scene(axis, trajectories[row["trajectory"]])
+            bounds = surroundings([trajectories[row["trajectory"]]])
+            _driven_scene(axis, trajectories[row["trajectory"]], bounds)
             public = row["split"] == PUBLIC_SPLIT
             place = Path(row["scenario"]).name if public else f"{row['family']} {row['episode']}"
-            floor_plan(axis, f"{label(entry)}\n{place}: {_ending(contest, row)}")
+            floor_plan(axis, f"{label(entry)}\n{place}: {_ending(contest, row)}", bounds)
             axis.title.set_fontsize(8)
             axis.set_xlabel("")
             axis.set_ylabel("")
     return figure
 
 
-def _driven_scene(axis: Any, trajectory: Trajectory) -> None:
-    """Draws the scenario and the driven way, from a disc at the start to a square at the end."""
+def _driven_scene(axis: Any, trajectory: Trajectory, bounds: Bounds | None) -> None:
+    """Draws the scenario within the bounds and the driven way, from a disc at the start to a square at the end."""
     if len(trajectory.path):
         axis.plot(*trajectory.path.T, color=PATH_COLOUR, linewidth=3.0, alpha=0.6)
-    obstacle_patches(axis, trajectory.obstacles)
-    wall_lines(axis, trajectory.walls)
+    obstacle_patches(axis, trajectory.obstacles, bounds)
+    wall_lines(axis, trajectory.walls, bounds)
     if len(trajectory.goals) and not len(trajectory.path):
         goal_mark(axis, trajectory.goals[-1])
     x, y = trajectory.poses[:, :2].T

@@ -1,5 +1,6 @@
 """The figures that the documents print, and those of scenarios of one's own, from rows and trajectories alone."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.documents import TITLES
 from wayfield.benchmarks.drawing import (
+    HANDLE,
     PATH_COLOUR,
     SOLID,
     STYLES,
@@ -19,6 +21,7 @@ from wayfield.benchmarks.drawing import (
     obstacle_patches,
     plt,
     saved,
+    surroundings,
     wall_lines,
 )
 from wayfield.benchmarks.results import Row, read_rows, read_trajectories
@@ -54,10 +57,22 @@ def wanted_figures(folder: Path, rows: Sequence[Row]) -> list[tuple[Path, str, s
             for name in figures_of(document)]  # fmt: skip
 
 
-def colours(experiments: Experiments) -> dict[str, str]:
-    """Returns the colour of each policy, by the order in which they come up."""
-    names = dict.fromkeys(row["policy"] for group in experiments.values() for row, _ in group)
-    return {name: colour(k) for k, name in enumerate(names)}
+def looks(experiments: Experiments) -> dict[str, dict[str, str]]:
+    """Returns colour and line style of each run by its label, the same in all parts of a figure.
+
+    A policy has the colour of its place in the order in which they come up; runs of one colour, be it a policy's with
+    several gains or those of two where policies outnumber colours, have a line style each.
+    """
+    runs = [row for group in experiments.values() for row, _ in group]
+    names = list(dict.fromkeys(row["policy"] for row in runs))
+    found: dict[str, dict[str, str]] = {}
+    taken: Counter[str] = Counter()
+    for row in runs:
+        if (label := _label(row)) not in found:
+            tint = colour(names.index(row["policy"]))
+            found[label] = {"color": tint, "linestyle": STYLES[taken[tint] % len(STYLES)]}
+            taken[tint] += 1
+    return found
 
 
 def stem_of(document: str) -> str:
@@ -67,7 +82,7 @@ def stem_of(document: str) -> str:
 
 def driven_paths(experiments: Experiments) -> Figure:
     """Returns document A's driven paths, with start and end."""
-    of_policy = colours(experiments)
+    of_run = looks(experiments)
     columns = min(len(experiments), 4)
     lines = -(-len(experiments) // columns)
     width, height = (3.6, 2.6) if len(experiments) > 1 else (8.0, 6.0)
@@ -79,7 +94,7 @@ def driven_paths(experiments: Experiments) -> Figure:
     for axis, (experiment, group) in zip(axes.flat, experiments.items(), strict=False):
         axis.plot(*group[0][1].path.T, color=PATH_COLOUR, linewidth=3.5, alpha=0.6, label="path")
         for row, trajectory in group:
-            _driven(axis, trajectory, of_policy[row["policy"]], "-", _label(row))
+            _driven(axis, trajectory, of_run[_label(row)], _label(row))
         floor_plan(axis, experiment)
     _legend(figure, axes)
     return figure
@@ -87,7 +102,7 @@ def driven_paths(experiments: Experiments) -> Figure:
 
 def reference_errors(experiments: Experiments) -> Figure:
     """Returns document A's errors e_d and e_h of the reference point over time."""
-    of_policy = colours(experiments)
+    of_run = looks(experiments)
     figure, axes = plt.subplots(
         len(experiments),
         2,
@@ -98,7 +113,7 @@ def reference_errors(experiments: Experiments) -> Figure:
     )
     for (along, turn), (experiment, group) in zip(axes, experiments.items(), strict=True):
         for row, trajectory in group:
-            style = {"color": of_policy[row["policy"]], "label": _label(row)}
+            style = of_run[_label(row)] | {"label": _label(row)}
             along.plot(trajectory.times, trajectory.references[:, 0], **style)
             turn.plot(trajectory.times, np.degrees(trajectory.references[:, 2]), **style)
         along.set_title(experiment, loc="left")
@@ -115,22 +130,23 @@ def reference_errors(experiments: Experiments) -> Figure:
 
 def waypoints(experiments: Experiments) -> Figure:
     """Returns document B's figure: for each experiment the driven paths, the error norm, and its parts over time."""
-    of_policy = colours(experiments)
+    of_run = looks(experiments)
     figure, axes = plt.subplots(
         len(experiments), 3, figsize=(13.0, 3.9 * len(experiments)), layout="constrained", squeeze=False
     )
     for (plan, norm, parts), (experiment, group) in zip(axes, experiments.items(), strict=True):
-        obstacle_patches(plan, group[0][1].obstacles)
-        wall_lines(plan, group[0][1].walls)
+        bounds = surroundings([trajectory for _, trajectory in group])
+        obstacle_patches(plan, group[0][1].obstacles, bounds)
+        wall_lines(plan, group[0][1].walls, bounds)
         goals = group[0][1].goals
         if len(goals) > 1:
             plan.plot(*goals[:-1, :2].T, "o", color=SOLID, markersize=6, fillstyle="none", label="waypoint")
         goal_mark(plan, goals[-1])
         for (row, trajectory), style in zip(group, STYLES, strict=False):
-            tint = of_policy[row["policy"]]
-            _driven(plan, trajectory, tint, style, _label(row))
+            look = {"color": of_run[_label(row)]["color"], "linestyle": style}
+            _driven(plan, trajectory, look, _label(row))
             error = goals[-1] - trajectory.poses
-            norm.plot(trajectory.times, np.hypot(error[:, 0], error[:, 1]), style, color=tint, label=_label(row))
+            norm.plot(trajectory.times, np.hypot(error[:, 0], error[:, 1]), **look, label=_label(row))
             # half a turn to go reads +pi, as the controller turns
             turn = np.pi - (np.pi - error[:, 2]) % (2.0 * np.pi)
             for values, part, shade in (
@@ -139,7 +155,7 @@ def waypoints(experiments: Experiments) -> Figure:
                 (turn, "heading (rad)", "#CC79A7"),
             ):
                 parts.plot(trajectory.times, values, style, color=shade, label=part if style == "-" else None)
-        floor_plan(plan, experiment)
+        floor_plan(plan, experiment, bounds)
         norm.set_ylabel("distance to the goal (m)")
         parts.set_ylabel("error: goal minus pose")
         for axis in (norm, parts):
@@ -153,23 +169,20 @@ def waypoints(experiments: Experiments) -> Figure:
 
 def goal_seekers(experiments: Experiments) -> Figure:
     """Returns document C's figure: for each scenario the driven paths and the distance to the goal over time."""
-    of_policy = colours(experiments)
+    of_run = looks(experiments)
     figure, axes = plt.subplots(
         len(experiments), 2, figsize=(12.0, 4.4 * len(experiments) + 0.9), layout="constrained", squeeze=False
     )
     for (plan, distance), (experiment, group) in zip(axes, experiments.items(), strict=True):
-        obstacle_patches(plan, group[0][1].obstacles)
-        wall_lines(plan, group[0][1].walls)
+        bounds = surroundings([trajectory for _, trajectory in group])
+        obstacle_patches(plan, group[0][1].obstacles, bounds)
+        wall_lines(plan, group[0][1].walls, bounds)
         goal_mark(plan, group[0][1].goals[-1])
-        count: dict[str, int] = {}
         for row, trajectory in group:
-            style = STYLES[count.setdefault(row["policy"], 0) % len(STYLES)]
-            count[row["policy"]] += 1
-            tint = of_policy[row["policy"]]
-            _driven(plan, trajectory, tint, style, _label(row))
+            _driven(plan, trajectory, of_run[_label(row)], _label(row))
             error = trajectory.goals[-1, :2] - trajectory.poses[:, :2]
-            distance.plot(trajectory.times, np.hypot(*error.T), style, color=tint, label=_label(row))
-        floor_plan(plan, experiment)
+            distance.plot(trajectory.times, np.hypot(*error.T), **of_run[_label(row)], label=_label(row))
+        floor_plan(plan, experiment, bounds)
         distance.set_xlabel("time (s)")
         distance.set_ylabel("distance to the goal (m)")
         distance.set_xlim(left=0.0)
@@ -198,12 +211,14 @@ def _label(row: Row) -> str:
     return f"{row['policy']} {row['gains']}".strip()
 
 
-def _driven(axis: Any, trajectory: Trajectory, colour: str, style: str, label: str) -> None:
+def _driven(axis: Any, trajectory: Trajectory, look: Mapping[str, str], label: str) -> None:
     """Draws a driven path with its start and end."""
     x, y = trajectory.poses[:, :2].T
-    axis.plot(x, y, style, color=colour, label=label)
+    axis.plot(x, y, **look, label=label)
     axis.plot(x[0], y[0], "o", color="black", markersize=5, zorder=5)
-    axis.plot(x[-1], y[-1], "s", color=colour, markersize=5, markeredgecolor="black", markeredgewidth=0.6, zorder=5)
+    axis.plot(
+        x[-1], y[-1], "s", color=look["color"], markersize=5, markeredgecolor="black", markeredgewidth=0.6, zorder=5
+    )
 
 
 def _open_up(axis: Any, least: float) -> None:
@@ -220,4 +235,5 @@ def _legend(figure: Figure, axes: Any) -> None:
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=min(len(entries), 4))
+    columns = min(len(entries), 4)
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, handlelength=HANDLE)

@@ -1,7 +1,7 @@
 """What all figures share: colours, styles, scenes, and how a figure is saved."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
+from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs import geometry
+from wayfield.envs.geometry import Bounds, corners_of
+
 __all__ = [
+    "HANDLE",
     "PATH_COLOUR",
     "RC",
     "SOLID",
@@ -26,6 +31,7 @@ __all__ = [
     "obstacle_patches",
     "plt",
     "saved",
+    "surroundings",
     "wall_lines",
 ]
 
@@ -34,6 +40,7 @@ __all__ = [
 # has one.
 _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#B2182B")
 STYLES = ("-", "--", ":", "-.")
+HANDLE = 3.5  # length of a line of a legend, in font sizes, so that dashes are seen
 _MARKERS = "osD^vP*Xh"
 MANY_WALLS = 10_000  # more make files of many megabytes, and hide what is free
 PATH_COLOUR = "#9AA2AC"
@@ -61,8 +68,9 @@ def colour(k: int) -> str:
 
 def look(k: int) -> dict[str, Any]:
     """Returns colour, line style and marker of the k-th curve of a figure."""
-    style = STYLES[k // len(_PALETTE) % len(STYLES)]
-    return {"color": colour(k), "linestyle": style, "marker": _MARKERS[k % len(_MARKERS)]}
+    again = k // len(_PALETTE)  # the colour was there so often
+    marker = _MARKERS[(k + again) % len(_MARKERS)]
+    return {"color": colour(k), "linestyle": STYLES[again % len(STYLES)], "marker": marker}
 
 
 def saved(make: Callable[[], Figure], stem: Path) -> None:
@@ -80,9 +88,27 @@ def goal_mark(axis: Any, goal: np.ndarray) -> None:
     axis.plot(*goal[:2], "*", color="#F0E442", markeredgecolor="black", markeredgewidth=0.6, markersize=13, zorder=4)
 
 
-def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
-    """Draws circles, boxes and walls."""
-    for each in obstacles:
+def surroundings(trajectories: Sequence[Trajectory]) -> Bounds | None:
+    """Returns the part of a large world to show, about what was driven and asked; None: all of the world."""
+    near = [trajectory.poses[:, :2] for trajectory in trajectories]
+    near += [trajectory.goals[:, :2] for trajectory in trajectories if len(trajectory.goals)]
+    near += [trajectory.path for trajectory in trajectories if len(trajectory.path)]
+    world = [trajectory.walls.reshape(-1, 2) for trajectory in trajectories]
+    for trajectory in trajectories:
+        world += corners_of(trajectory.obstacles) if len(trajectory.obstacles) else ()
+    return geometry.surroundings(np.vstack(near), np.vstack([near[0], *world]))
+
+
+def _inside(low: np.ndarray, high: np.ndarray, bounds: Bounds | None) -> Any:
+    """Returns which of the upright boxes (n, 2) between low and high have a part within the bounds."""
+    if bounds is None:
+        return slice(None)
+    return ((high >= bounds[:2]) & (low <= bounds[2:])).all(axis=1)
+
+
+def obstacle_patches(axis: Any, obstacles: np.ndarray, bounds: Bounds | None = None) -> None:
+    """Draws circles, boxes and walls, of which something is within the bounds."""
+    for each in obstacles[_inside(*corners_of(obstacles), bounds)] if len(obstacles) else ():
         centre = (float(each["x"]), float(each["y"]))
         if each["half_length"] == 0.0 and each["half_width"] == 0.0:
             axis.add_patch(Circle(centre, each["radius"], color=SOLID, alpha=0.55, linewidth=0))
@@ -93,17 +119,26 @@ def obstacle_patches(axis: Any, obstacles: np.ndarray) -> None:
         axis.add_patch(Polygon(corners, color=SOLID, alpha=0.55, linewidth=0 if each["half_width"] else 2))
 
 
-def wall_lines(axis: Any, walls: np.ndarray) -> None:
-    """Draws the sides (k, 2, 2) of what a map has occupied: very many thinly, and in a vector file as a picture."""
+def wall_lines(axis: Any, walls: np.ndarray, bounds: Bounds | None = None) -> None:
+    """Draws the sides (k, 2, 2) of what a map has occupied, of which something is within the bounds.
+
+    Very many are drawn thinly, and in a vector file as a picture.
+    """
+    if len(walls):
+        walls = walls[_inside(walls.min(axis=1), walls.max(axis=1), bounds)]
     if len(walls):
         many = len(walls) > MANY_WALLS
         width = math.sqrt(MANY_WALLS / len(walls)) if many else 1.0
         axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=width, rasterized=many))
 
 
-def floor_plan(axis: Any, title: str) -> None:
-    """Gives both axes one scale, names and a title."""
+def floor_plan(axis: Any, title: str, bounds: Bounds | None = None) -> None:
+    """Gives both axes one scale, names and a title; shows the bounds, or without them all that is drawn."""
     axis.set_title(title, loc="left")
-    axis.set_aspect("equal", adjustable="datalim")
+    if bounds is None:
+        axis.set_aspect("equal", adjustable="datalim")
+    else:
+        axis.set(xlim=bounds[::2], ylim=bounds[1::2])
+        axis.set_aspect("equal", adjustable="box")  # beyond the bounds nothing is drawn
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")

@@ -183,6 +183,8 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         agent = load_agent(folders[seed])
         training = agent.card["training"]
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
+        if base := agent.card.get("base"):  # cards of before named it as a teacher too
+            taught = f", adds to {base['controller']}"
         knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
         learned = f"{in_frames(training['steps'])}{taught}"
     else:

@@ -102,7 +102,11 @@ def picture(film: Film, size_px: int) -> NDArray[np.uint8]:
     last = film.scenes[-1]
     every = max(round(1.0 / film.dt), len(film) // MOST_GHOSTS)
     before = tuple(Ghost(last.robot, pose) for pose in film.poses[:-1:every])
-    return _frame(dataclasses.replace(last, ghosts=(*before, *last.ghosts)), Renderer("rgb_array", FPS, size_px))
+    # a frame of a large world moves with the robot: all that any of them shows
+    lows, highs = np.split(np.array([scene.bounds for scene in film.scenes]), 2, axis=1)
+    bounds = (*lows.min(axis=0).tolist(), *highs.max(axis=0).tolist())
+    whole = dataclasses.replace(last, bounds=bounds, ghosts=(*before, *last.ghosts))
+    return _frame(whole, Renderer("rgb_array", FPS, size_px))
 
 
 def write_film(film: Film, file: Path, size_px: int, pace: float) -> None:

@@ -26,6 +26,13 @@ OBSTACLE = np.dtype(
     ]
 )
 
+Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max, m
+
+# Of a world that is much larger than what is done in it, a picture shows a square about that.
+_AROUND = 1.0 / 3.0  # of the extent, on each side
+_LEAST_AROUND = 2.0  # m
+_LARGE = 2.0  # times the square, from which on a world is not shown whole
+
 MANY = 48  # obstacles, of more than which those out of reach are passed over
 
 # pi/2 split in two, so that x - k*HIGH is exact for the angles of a plane robot and LOW mends the rest.
@@ -259,3 +266,32 @@ def ray_to_box(cx, cy, cosine, sine, half_length, half_width, ux, uy):
     if enter > leave:
         return np.inf
     return enter
+
+
+def corners_of(obstacles: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the lower left and the upper right corners (n, 2) of upright boxes that obstacles (n,) just fit in."""
+    length, width, cosine, sine = (np.abs(obstacles[name]) for name in ("half_length", "half_width", "cos", "sin"))
+    reach = np.column_stack([cosine * length + sine * width, sine * length + cosine * width])
+    reach += obstacles["radius"][:, None]
+    centres = np.column_stack([obstacles["x"], obstacles["y"]])
+    return centres - reach, centres + reach
+
+
+def surroundings(near: NDArray[np.float64], world: NDArray[np.float64]) -> Bounds | None:
+    """Returns what a picture of a large world shows: a square about points, cut off where the world ends.
+
+    None where the world is not large beside that: it is shown whole.
+
+    Args:
+        near: (n, 2) m, what is done in the world.
+        world: (m, 2) m, points between which the world lies.
+    """
+    low, high = near.min(axis=0), near.max(axis=0)
+    first, last = np.minimum(world.min(axis=0), low), np.maximum(world.max(axis=0), high)
+    extent = float((high - low).max())
+    half = 0.5 * extent + max(_AROUND * extent, _LEAST_AROUND)
+    if float((last - first).max()) <= _LARGE * 2.0 * half:
+        return None
+    middle, rim = 0.5 * (low + high), 0.04 * half  # so that the sides of the world are seen
+    (x0, y0), (x1, y1) = np.maximum(middle - half, first - rim), np.minimum(middle + half, last + rim)
+    return float(x0), float(y0), float(x1), float(y1)

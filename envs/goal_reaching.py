@@ -11,7 +11,7 @@ from wayfield.envs import records, sensing
 from wayfield.envs.blocks import in_blocks
 from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.envs.compiled import allocating, inlined
-from wayfield.envs.geometry import OBSTACLE, sin_cos, wrap_angle
+from wayfield.envs.geometry import OBSTACLE, corners_of, sin_cos, surroundings, wrap_angle
 from wayfield.envs.grids import FRAME, SCRATCH, WORDS, Grids, clearance_around, frames_of, lay_grids, scan_grids
 from wayfield.envs.kinematics import to_body_frame
 from wayfield.envs.observation import Field, Layout
@@ -441,22 +441,23 @@ class GoalReaching(Task):
         poses = goals[scenario, : course["num_goals"]].copy()
         poses[:-1, 2] = np.nan  # a waypoint has no heading
         solid = fields[scenario, : course["num_obstacles"]]
-        length, width = solid["half_length"], solid["half_width"]
-        cosine, sine = np.abs(solid["cos"]), np.abs(solid["sin"])
-        reach = np.column_stack([cosine * length + sine * width, sine * length + cosine * width])
-        reach += solid["radius"][:, None]
-        centres = np.column_stack([solid["x"], solid["y"]])
-        points = np.vstack([course["start"][None, :2], poses[:, :2], centres - reach, centres + reach])
+        low, high = corners_of(solid)
+        points = np.vstack([course["start"][None, :2], poses[:, :2], low, high])
         if patrols.shape[1]:
             # both ends of every patrol, so that nothing moves out of the frame
             ways = patrols[scenario, : course["num_obstacles"]]
             moving = ways["leg_time"] > 0.0
             leg = ways["leg_time"][:, None] * np.column_stack([ways["vx"], ways["vy"]])
             near = np.column_stack([ways["x"], ways["y"]])
+            reach = 0.5 * (high - low)
             points = np.vstack([points, *((end + r)[moving] for end in (near, near + leg) for r in (-reach, reach))])
         grid = self.scenarios[scenario].grid
         if grid is not None:
             points = np.vstack([points, grid.corners])
+        # a large world is shown where it is driven in; the robot counts in whole metres, for what moves the frame has
+        # all layers drawn anew
+        here = np.round([state["x"], state["y"]])
+        part = surroundings(np.vstack([course["start"][:2], poses[:, :2], here]), points)
         margin = 2.0 * self.robot.hull_radius
         return {
             "grid": grid,
@@ -464,7 +465,7 @@ class GoalReaching(Task):
             "goal_tolerance": float(course["position_tolerance"]),
             "beam_angles": self.beam_angles,
             "max_range": self.max_range,
-            "bounds": (*(points.min(axis=0) - margin).tolist(), *(points.max(axis=0) + margin).tolist()),
+            "bounds": part or (*(points.min(axis=0) - margin).tolist(), *(points.max(axis=0) + margin).tolist()),
             "start": tuple(course["start"][:2].tolist()),
             "caption": (
                 f"t {state['steps'] * self.options.dt:5.2f} s   goal {state['goal_distance']:5.2f} m   "

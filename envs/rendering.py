@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from wayfield.envs.geometry import Bounds
 from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.robots import Robot
 
@@ -20,7 +21,6 @@ except ImportError as error:
     raise DependencyNotInstalled('rendering needs pygame-ce: pip install "wayfield[render]"') from error
 
 Colour = tuple[int, int, int]
-Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max, m
 
 # Okabe and Ito's palette, which stays apart under every common colour blindness, on neutral greys.
 _BLUE: Colour = (0, 114, 178)

@@ -64,15 +64,20 @@ class Hybrid:
         return shipped_agent(TASK, briefing.robot.name, self.seed, self.speed)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the agent's empty memory beside the planner's, (b,).
+        """Returns the planner's empty memory beside the agent's, (b,).
 
         Raises:
             ValueError: if no agent ships for robot and seed, or its card asks for another scan or control period.
         """
         agent = self.agent(briefing)
         planner = planner_of(briefing.robot.name, agent.speed)
-        parts = {"agent": agent.reset(briefing), "planner": planner.reset(briefing)}
-        memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
+        parts = {"planner": planner.reset(briefing), "agent": agent.reset(briefing)}
+        kinds = [(each.dtype, each.shape[1:]) for each in parts.values()]
+        sizes = [np.dtype(kind).itemsize for kind in kinds]
+        # whole words a robot, so that every map begins with one
+        layout: Any = {"names": [*parts], "formats": kinds, "offsets": [0, sizes[0]]}
+        layout["itemsize"] = -(-sum(sizes) // 8) * 8
+        memory: NDArray[Any] = np.zeros(briefing.num_envs, np.dtype(layout))
         for name, each in parts.items():
             memory[name] = each
         return memory
@@ -82,8 +87,8 @@ class Hybrid:
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
         agent = self.agent(briefing)
-        # kernels are compiled for records that lie side by side
-        planned, kept = memory["planner"].copy(), memory["agent"].copy()
+        # the planner's kernels take records that lie apart; the agent's are compiled for such as lie side by side
+        planned, kept = memory["planner"], memory["agent"].copy()
         planner_of(briefing.robot.name, agent.speed).act(observation, briefing, planned)
         goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
         lead(planned["state"], observation.pose, self.ahead, goals, led)
@@ -94,7 +99,7 @@ class Hybrid:
         left = np.where(led, np.maximum(observation.waypoints_left, 1.0), observation.waypoints_left)
         twists = agent.act(observation._replace(goal=goals, waypoints_left=left), briefing, kept)
         planned["state"]["command"][:, briefing.robot.twist_axes] = twists
-        memory["planner"], memory["agent"] = planned, kept
+        memory["agent"] = kept
         return twists
 
 

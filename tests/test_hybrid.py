@@ -17,6 +17,7 @@ from wayfield.envs import goal_reaching
 from wayfield.policies import Pilot, hybrid, make
 from wayfield.policies.hybrid import Hybrid, lead, planner_of
 from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.scan_planner import ScanPlanner
 
 ID = {"p3dx": "wayfield/DiffDriveGoalObstacles-v0", "omni3": "wayfield/OmniGoalObstacles-v0"}
 WALL = {"kind": "wall", "x1": 1.5, "y1": -0.6, "x2": 1.5, "y2": 2.0}  # ahead, and farther to the left
@@ -186,3 +187,15 @@ def test_the_agent_is_told_the_point_ahead_and_forgets_how_long_it_has_waited(
     np.testing.assert_array_equal(memory["planner"]["state"]["points"], state["points"])
     ((to_planner, _),) = planner.told
     assert to_planner is seen
+
+
+def test_the_planners_map_is_kept_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each robot's begins with a whole word, and none is copied to be planned on: it is most of what is remembered."""
+    pilot, _, seen = started(Hybrid(), tmp_path, goal=[3.0, 0.0, 0.0])
+    handed: list[Any] = []
+    act = ScanPlanner.act
+    monkeypatch.setattr(ScanPlanner, "act", lambda *asked: (handed.append(asked[-1]), act(*asked))[1])
+    pilot.act(seen)
+    assert np.shares_memory(handed[0], pilot.memory)
+    assert (pilot.memory.dtype.fields or {})["planner"][1] == 0
+    assert pilot.memory.itemsize % 8 == 0

@@ -29,7 +29,7 @@ from wayfield.benchmarks.suite import Setting
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import TASKS, splits
+from wayfield.envs.scenarios import TASKS, splits, wall
 
 PAGE = Path(report.__path__[0]) / "page"
 HOSTILE = "<script>alert(1)</script>&\"'"
@@ -72,6 +72,25 @@ def test_the_page_unpacks_what_was_packed() -> None:
     )
     run = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=True)
     assert (np.rint(np.array(json.loads(run.stdout)).T / QUANTUM) == drive).all()
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+def test_of_a_large_world_the_page_shows_where_one_drives() -> None:
+    walls = [wall(*ends).tolist() for ends in ((0, 0, 60, 0), (60, 0, 60, 60), (60, 60, 0, 60), (0, 60, 0, 0))]
+    places = [([10.0, 9.0, 0.0], [13.0, 9.0, 0.0]), ([2.0, 9.0, 0.0], [40.0, 9.0, 0.0])]
+    worlds = [{"start": start, "goal": goal, "walls": [list(each) for each in walls]} for start, goal in places]
+    code = (PAGE / "scene.js").read_text() + (
+        f"const actors = [{{ x: [10, 10], y: [9, 9.5] }}]; const worlds = {json.dumps(worlds)};"
+        "console.log(JSON.stringify(worlds.map((world) => boundsOf(world, actors))));"
+    )
+    run = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=True)
+    (short, long) = json.loads(run.stdout)
+    x0, y0, x1, y1 = short["shown"]
+    # of 3 m, with 0.6 m around start and goal, and 2 m at least around that
+    assert (x0, y0, x1, y1) == pytest.approx((7.4, 9.0 - 4.1, 15.6, 9.0 + 4.1))
+    for ends in (short["whole"], long["whole"], long["shown"]):
+        assert ends[0] == ends[1] == pytest.approx(60.0 - ends[2]) == pytest.approx(60.0 - ends[3])
+        assert -3.0 < ends[0] < 0.0
 
 
 def test_drives_come_back_as_they_were_written(tmp_path: Path) -> None:

@@ -516,8 +516,8 @@ def test_the_second_formulas_are_their_definitions() -> None:
     # the spread of a mean over families of their own sizes
     spread = math.sqrt(sum(len(each) * statistics.variance(each) for each in strata)) / 70
     low, high = audit_formulas.resampled(strata, audit_formulas.average)
-    assert 0.5 * (low + high) == pytest.approx(statistics.fmean(whole))
-    assert high - low == pytest.approx(4.0 * spread, rel=0.12)
+    assert 0.5 * (low + high) == pytest.approx(statistics.fmean(whole), abs=0.3 * spread)
+    assert high - low == pytest.approx(2.0 * 1.96 * spread, rel=0.12)
     assert audit_formulas.resampled(strata, audit_formulas.average, 50, 3) != (low, high)
     seen: list[int] = []
 
@@ -526,8 +526,12 @@ def test_the_second_formulas_are_their_definitions() -> None:
         return statistics.fmean(numbers)
 
     audit_formulas.resampled(strata, counting, 7)
-    assert seen.count(68) == 7  # samples, with one number fewer of each family
-    assert set(seen) == {68, 70}
+    assert seen == [68] * 7  # samples, with one number fewer of each family
+    # a middle half that six failures in fifty hardly ever reach: 400 resamples hold some of thousands all the same
+    docks = [rng.uniform(16.0, 17.0, 10).tolist() for _ in range(5)]
+    docks[0][:2], docks[1][:4] = [2000.0] * 2, [1000.0] * 4
+    low, high = audit_formulas.resampled(docks, audit_formulas.middle_half)
+    assert 16.0 < low < high < 17.0
     runs = [[(number, True) for number in strata[0]], [(number, k > 2) for k, number in enumerate(strata[1])]]
     good = [number for each in runs for number, success in each if success]
     bad = [number for each in runs for number, success in each if not success]
@@ -562,8 +566,6 @@ def test_a_column_s_second_formula_takes_the_same_runs_and_the_same_metric() -> 
     seen = {"success (%)"}  # which is no column of a contest's own
     for contest in ALL_CONTESTS.values():
         for column in contest.columns:
-            if column.header in ("position error (mm)", "heading error (mrad)", "changes of direction"):
-                continue  # of docking alone
             of, metric, reduce, factor = audit_formulas.MEANINGS[column.header]
             seen.add(column.header)
             is_cost = column.metric == "cost"

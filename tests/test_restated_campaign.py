@@ -6,6 +6,7 @@ import os
 import random
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -494,6 +495,27 @@ def test_a_command_runs_is_sent_signals_and_is_ended_with_all_it_started(tmp_pat
     assert started("trap '' PIPE; echo x || exit 9", "pipe").wait(20.0).status == 9
     assert place.computed(os.getpid()) == pytest.approx(sum(os.times()[:2]), abs=0.5)
     assert place.computed(2**30) == 0.0
+
+
+def test_a_process_is_ended_that_is_not_seen_while_it_begins_a_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans = iter([[7], [], [7, 8], [], []])
+    killed: list[tuple[int, int]] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(place, "_marked", lambda _: next(scans))
+        patched.setattr(place.os, "kill", lambda *asked: killed.append(asked))
+        patched.setattr(place.time, "sleep", lambda _: None)
+        place.end_marked("a")
+    assert killed == [(7, signal.SIGKILL), (7, signal.SIGKILL), (8, signal.SIGKILL)]
+    assert next(scans, None) is None
+    monkeypatch.setattr(place, "_marked", lambda _: ())  # all of them at once
+    variables = {"PATH": os.environ["PATH"], place.MARK: "b"}
+    running = place.Running(["/bin/sh", "-c", "sleep 9 & sleep 8"], "b", tmp_path, variables, tmp_path, None, "")
+    begun = time.monotonic()
+    assert running.wait(0.1).status is None
+    assert running.process.returncode == -signal.SIGKILL
+    assert time.monotonic() - begun < 7.0
 
 
 def test_a_command_keeps_to_some_cores(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """What the figures draw, curve by curve and cell by cell, stated once more from the rows and the trajectories."""
 
+import dataclasses
 import itertools
 import math
 import statistics
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.collections import FillBetweenPolyCollection, LineCollection
-from matplotlib.colors import same_color
+from matplotlib.colors import same_color, to_hex
 from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import NullFormatter
 from test_restated_tables import FRONT, costs_of, groups, is_off, named, number, rows_of, speed_of, table_of
@@ -92,6 +93,8 @@ def test_no_two_of_three_dozen_curves_look_alike() -> None:
     assert len({colour(k) for k in range(9)}) == 9
     assert looks[9] == (colour(0), "--")
     assert len({look(k)["marker"] for k in range(9)}) == 9
+    # where a colour comes again, the marker is another too
+    assert all(look(k)["marker"] != look(k - 9)["marker"] for k in range(9, 36))
 
 
 @pytest.mark.parametrize("name", CONTESTS)
@@ -232,6 +235,10 @@ def experiments(path: bool) -> dict[str, list[tuple[dict[str, str], Trajectory]]
     }
 
 
+# the same in every part of a figure, as its one legend has them
+STYLE_OF = {("p", ""): "-", ("q", "k=2"): "-", ("q", ""): "--"}
+
+
 def legend_of(figure: Any) -> list[str]:
     return [each.get_text() for each in figure.legends[0].get_texts()]
 
@@ -253,7 +260,8 @@ def test_paths_and_errors_of_a_document() -> None:
         assert axis.get_title(loc="left") == name
         np.testing.assert_array_equal(curve(axis, 0), group[0][1].path.T)
         for k, (row, trajectory) in enumerate(group):
-            check_driven(axis, 1 + 3 * k, trajectory, colour("pq".index(row["policy"])), "-")
+            style = STYLE_OF[row["policy"], row["gains"]]
+            check_driven(axis, 1 + 3 * k, trajectory, colour("pq".index(row["policy"])), style)
     assert legend_of(figure) == ["path", "p", "q k=2", "q"]
     many = document_figures.driven_paths({str(k): told["two"] for k in range(6)})
     assert [axis.get_visible() for axis in many.axes] == [True] * 6 + [False] * 2
@@ -264,7 +272,10 @@ def test_paths_and_errors_of_a_document() -> None:
     axes = np.array(figure.axes).reshape(2, 2)
     for (along, turn), (name, group) in zip(axes, told.items(), strict=True):
         assert along.get_title(loc="left") == name
-        for k, (_, trajectory) in enumerate(group):
+        for k, (row, trajectory) in enumerate(group):
+            for axis in (along, turn):
+                assert same_color(axis.lines[k].get_color(), colour("pq".index(row["policy"])))
+                assert axis.lines[k].get_linestyle() == STYLE_OF[row["policy"], row["gains"]]
             np.testing.assert_array_equal(curve(along, k), [trajectory.times, trajectory.references[:, 0]])
             np.testing.assert_allclose(curve(turn, k), [trajectory.times, np.degrees(trajectory.references[:, 2])])
         for axis, least in ((along, 0.1), (turn, 20.0)):
@@ -285,6 +296,24 @@ def test_paths_and_errors_of_a_document() -> None:
         assert high - low == pytest.approx(least)
         # about the middle of what is drawn, whose margins are alike
         assert 0.5 * (low + high) == pytest.approx(0.5 * (drawn.min() + drawn.max()), abs=1e-9)
+
+
+@pytest.mark.parametrize("path", [True, False])
+def test_no_two_of_a_dozen_policies_look_alike_and_the_legend_says_which(path: bool) -> None:
+    policies = CONTESTS["goal-obstacles"].policies
+    rows = [{"policy": name, "gains": ""} for name in policies]
+    told = {"one": [(row, driven(k, path)) for k, row in enumerate(rows)], "two": [(rows[-1], driven(0, path))]}
+    for draw in document_figures.figures_of("path" if path else "goal").values():
+        figure = draw(told)
+        said = dict(zip(legend_of(figure), figure.legends[0].get_lines(), strict=True))
+        looks = {name: (to_hex(said[name].get_color()), said[name].get_linestyle()) for name in policies}
+        assert len(set(looks.values())) == len(policies) == 12
+        # two dashes and the gap between them, at least
+        assert figure.legends[0].handlelength * figure.legends[0].get_texts()[0].get_fontsize() >= 2.0 * 3.7 + 1.6
+        for axis in figure.axes:
+            for line in axis.lines:
+                if line.get_label() in looks:
+                    assert (to_hex(line.get_color()), line.get_linestyle()) == looks[line.get_label()]
 
 
 def test_ways_to_poses_of_a_document() -> None:
@@ -315,7 +344,8 @@ def test_ways_to_poses_of_a_document() -> None:
     axes = np.array(figure.axes).reshape(2, 2)
     for (plan, distance), (_, group) in zip(axes, told.items(), strict=True):
         np.testing.assert_array_equal(curve(plan, 0)[:, 0], group[0][1].goals[-1, :2])
-        for k, ((row, trajectory), style) in enumerate(zip(group, ("-", "-", "--"), strict=False)):
+        for k, (row, trajectory) in enumerate(group):
+            style = STYLE_OF[row["policy"], row["gains"]]
             check_driven(plan, 1 + 3 * k, trajectory, colour("pq".index(row["policy"])), style)
             off = [math.dist(trajectory.goals[-1, :2], each) for each in trajectory.poses[:, :2]]
             np.testing.assert_allclose(curve(distance, k), [trajectory.times, off])
@@ -426,3 +456,59 @@ def test_a_sheet_has_a_place_for_every_family() -> None:
     assert not any(axis.axison for axis in figure.axes)
     assert pictures.digest(spec) != pictures.digest(TASKS["goal_reaching"])
     assert pictures.stem_of("wayfield/OmniDocking-v0") == "OmniDocking"
+
+
+def short_drive(goal: tuple[float, float], side: float) -> Trajectory:
+    """Returns a straight drive from (1, 1) within the four walls of a square world, in which a disc stands far away."""
+    corners = np.array([[0.0, 0.0], [side, 0.0], [side, side], [0.0, side], [0.0, 0.0]])
+    cells = np.array([[[x, y], [x + 0.1, y]] for x in np.arange(0.5, side, 1.0) for y in np.arange(0.5, side, 1.0)])
+    poses = np.column_stack([np.linspace((1.0, 1.0), goal, 9), np.zeros(9)])
+    return dataclasses.replace(
+        driven(0, False),
+        times=0.05 * np.arange(9),
+        poses=poses,
+        goals=np.array([[*goal, 0.0]]),
+        obstacles=obstacle_field(circle(side - 1.0, side - 1.0, 0.3), circle(2.0, 1.5, 0.2)),
+        walls=np.concatenate([np.stack([corners[:-1], corners[1:]], axis=1), cells]),
+    )
+
+
+def test_of_a_large_world_what_lies_around_the_drives_is_shown(tmp_path: Path) -> None:
+    world = short_drive((4.0, 1.0), 60.0)
+    farther = short_drive((4.0, 4.0), 60.0)
+    row = {"policy": "p", "gains": ""}
+    both = {"one": [(row, world), (row | {"policy": "q"}, farther)]}
+    write_trajectories(tmp_path, {"00000": world})
+    contest = CONTESTS["goal-obstacles"]
+    told = rows_of(contest, 4)[0] | {"split": "test", "trajectory": "00000", "left_corridor": "", "timeout": ""}
+    figures = document_figures.goal_seekers(both), document_figures.waypoints(both)
+    plans = [(figure.axes[0], 4.0) for figure in figures]
+    plans += [(contest_figures.worst(contest, [told], tmp_path).axes[0], 1.0)]
+    for axis, top in plans:
+        axis.figure.draw_without_rendering()
+        (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+        # the extent of the drives is 3 m; on each side at least 2 m, unless the world ends
+        assert right == pytest.approx(6.0, abs=0.01)
+        assert -0.5 < left < 0.0
+        assert -0.5 < low < 0.0
+        assert high == pytest.approx(0.5 * (1.0 + top) + 3.5)
+        box = axis.get_window_extent()
+        assert 0.7 <= box.width / box.height <= 1.5
+        assert len(axis.patches) == 1
+        (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
+        drawn = np.array(lines.get_segments())
+        cells = math.floor(right + 0.5) * math.floor(high + 0.5)
+        assert len(drawn) == 2 + cells
+    # a margin of a third where that is more, and the whole of a world that is not large
+    far = short_drive((10.0, 1.0), 60.0)
+    assert document_figures.goal_seekers({"one": [(row, far)]}).axes[0].get_xlim()[1] == pytest.approx(13.0)
+    for side, goal in ((13.0, (4.0, 1.0)), (60.0, (30.0, 1.0))):
+        drive = short_drive(goal, side)
+        (axis, _) = document_figures.goal_seekers({"one": [(row, drive)]}).axes
+        axis.figure.draw_without_rendering()
+        for ends in (axis.get_xlim(), axis.get_ylim()):
+            assert ends[0] <= 0.0
+            assert ends[1] >= side
+        assert len(axis.patches) == 2
+        (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
+        assert len(lines.get_segments()) == len(drive.walls)

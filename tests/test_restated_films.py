@@ -1,5 +1,6 @@
 """What a film shows, frame by frame, stated once more."""
 
+import dataclasses
 import io
 import itertools
 from pathlib import Path
@@ -99,6 +100,12 @@ def test_a_long_way_is_shown_by_forty_robots(frames: list[Any]) -> None:
     video.picture(film, 300)
     every = max(20, len(film) // 40)
     assert [each.pose for each in frames[0].ghosts] == list(film.poses[:-1:every])
+    # and where the frame moved with the robot, by one that holds them all
+    assert frames[0].bounds == film.scenes[0].bounds
+    moved = ((0.0, 1.0, 2.0, 3.0), (1.0, -1.0, 5.0, 2.0), (0.5, 0.5, 4.0, 2.5))
+    scenes = [dataclasses.replace(scene, bounds=bounds) for scene, bounds in zip(film.scenes, moved, strict=False)]
+    video.picture(dataclasses.replace(film, scenes=tuple(scenes), poses=film.poses[:3]), 300)
+    assert frames[1].bounds == (0.0, -1.0, 5.0, 3.0)
 
 
 def test_a_film_of_no_time_has_a_step(frames: list[Any]) -> None:

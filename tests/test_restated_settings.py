@@ -6,6 +6,7 @@ import math
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import wayfield
 from wayfield import policies
+from wayfield.benchmarks import parts
 from wayfield.benchmarks.contest_options import ContestOptions, seed_of
 from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, GAINS, PAPER, Contest, Course, Entrants
 from wayfield.benchmarks.parts import described, in_frames
@@ -106,6 +108,27 @@ def test_a_failure_counts_as_the_clock_or_as_the_task_says(name: str) -> None:
     assert contest.failure_cost(700) == pytest.approx(wanted)
     assert ALL_CONTESTS["barn"].failure_cost(700) == pytest.approx(35.0)
     assert ALL_CONTESTS["barn"].failure_cost(10**6) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("card", "told"),
+    [
+        ({}, "2.0 M frames"),
+        ({"taught_by": "lqr"}, "2.0 M frames, taught by lqr"),
+        ({"base": "lqr"}, "2.0 M frames, adds to lqr"),
+        ({"base": "lqr", "taught_by": "lqr"}, "2.0 M frames, adds to lqr"),  # as cards once were
+    ],
+)
+def test_a_controller_that_an_agent_adds_to_is_told_as_no_teacher(
+    monkeypatch: pytest.MonkeyPatch, card: dict[str, str], told: str
+) -> None:
+    training = {"steps": 2_000_000, **{name: card[name] for name in ("taught_by",) if name in card}}
+    whole = {"training": training} | ({"base": {"controller": card["base"]}} if "base" in card else {})
+    agent = SimpleNamespace(card=whole, knows="sensors", num_parameters=7)
+    monkeypatch.setattr(parts, "load_agent", lambda _: agent)
+    contest = CONTESTS["path-following"]
+    case = next(contest.cases("p3dx", Course(contest.timed_on, "test"), Entrants(("ppo",), ("default",))))
+    assert described(contest, case)["learned_from"] == told
 
 
 def test_what_gains_were_found_from_is_told_in_frames() -> None:

@@ -145,6 +145,10 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
             np.testing.assert_array_equal(mine, other)
         assert counts(folder) == counts(tmp_path / "whole")
         assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
+    card = json.loads((tmp_path / "whole" / checkpoints.BEST / "card.json").read_text(encoding="utf-8"))
+    # a controller that a network adds to has taught it nothing
+    assert card["training"].get("taught_by", "") == (preset.controller if preset.imitation else "")
+    assert card.get("base", {}).get("controller", "") == (preset.controller if preset.reach else "")
 
 
 @pytest.mark.parametrize("arrival", [0.0, 20.0])

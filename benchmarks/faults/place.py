@@ -264,6 +264,8 @@ class Running:
         except subprocess.TimeoutExpired:
             status = None
         if status is None:
+            with contextlib.suppress(ProcessLookupError):  # its session, those too that are just beginning a program
+                os.killpg(self.process.pid, signal.SIGKILL)
             end_marked(self.mark)
             self.process.wait()
         out, err = (file.read_text(encoding="utf-8", errors="replace") for file in self._files)
@@ -305,8 +307,15 @@ def left_running(mark: str, patience: float = 3.0) -> list[str]:
 
 
 def end_marked(mark: str) -> None:
-    """Kills all processes of a mark."""
-    while found := list(_marked(mark)):
+    """Kills all processes of a mark.
+
+    One that is just beginning a program has no environment for a moment, in which it is not seen: none are left where
+    none were seen twice.
+    """
+    unseen = 0
+    while unseen < 2:
+        found = list(_marked(mark))
+        unseen = 0 if found else unseen + 1
         for process in found:
             with contextlib.suppress(OSError):
                 os.kill(process, signal.SIGKILL)

@@ -314,7 +314,8 @@ class _Run:
             "training": {
                 **self.job.described(),
                 "algorithm": preset.algorithm,
-                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.controller else {}),
+                # one that it adds to is its `base`, and teaches nothing
+                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.imitation else {}),
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),

@@ -65,29 +65,37 @@ function rangeAlong(obstacles, x, y, dx, dy) {
   return least;
 }
 
+// What a picture shows at first, and what of the world there is: of one that is much larger than what is done in it a square
+// about that, as in the figures, elsewhere all of it.
 function boundsOf(world, actors) {
-  const xs = [];
-  const ys = [];
-  const put = (x, y, r = 0) => { xs.push(x - r, x + r); ys.push(y - r, y + r); };
-  for (const point of world.path || []) put(point[0], point[1], Math.min(world.corridor, 0.5));
-  for (const point of [world.start, world.goal, ...(world.waypoints || [])]) if (point) put(point[0], point[1], 0.6);
+  const near = [];
+  const all = [];
+  const put = (to, x, y, a = 0, b = a) => to.push([x - a, y - b], [x + a, y + b]);
+  for (const point of world.path || []) put(near, point[0], point[1], Math.min(world.corridor, 0.5));
+  for (const point of [world.start, world.goal, ...(world.waypoints || [])]) if (point) put(near, point[0], point[1], 0.6);
+  for (const { x, y } of actors) for (let k = 0; k < x.length; k += 10) put(near, x[k], y[k], 0.3);
   for (const [x, y, cos, sin, l, w, r] of [...(world.obstacles || []), ...(world.walls || [])]) {
-    const [a, b] = [Math.abs(cos) * l + Math.abs(sin) * w + r, Math.abs(sin) * l + Math.abs(cos) * w + r];
-    xs.push(x - a, x + a);
-    ys.push(y - b, y + b);
+    put(all, x, y, Math.abs(cos) * l + Math.abs(sin) * w + r, Math.abs(sin) * l + Math.abs(cos) * w + r);
   }
-  for (const [x, y, vx, vy, t] of world.patrols || []) if (t > 0) { put(x, y, 0.3); put(x + t * vx, y + t * vy, 0.3); }
-  for (const { x, y } of actors) for (let k = 0; k < x.length; k += 10) put(x[k], y[k], 0.3);
-  if (!xs.length) return [-1, -1, 1, 1];
-  const limits = (values) => {
+  for (const [x, y, vx, vy, t] of world.patrols || []) if (t > 0) { put(all, x, y, 0.3); put(all, x + t * vx, y + t * vy, 0.3); }
+  for (const point of near) all.push(point);
+  if (!all.length) return { shown: [-1, -1, 1, 1], whole: [-1, -1, 1, 1] };
+  const span = (points, k) => {
     let [low, high] = [Infinity, -Infinity];
-    for (const value of values) { low = Math.min(low, value); high = Math.max(high, value); }
-    const margin = 0.03 * (high - low) + 0.15;
-    return [low - margin, high + margin];
+    for (const point of points) { low = Math.min(low, point[k]); high = Math.max(high, point[k]); }
+    return [low, high];
   };
-  const [x0, x1] = limits(xs);
-  const [y0, y1] = limits(ys);
-  return [x0, y0, x1, y1];
+  const grown = ([low, high]) => [low - 0.03 * (high - low) - 0.15, high + 0.03 * (high - low) + 0.15];
+  const ends = [0, 1].map((k) => span(all, k));
+  const [[x0, x1], [y0, y1]] = ends.map(grown);
+  const whole = [x0, y0, x1, y1];
+  if (!near.length) return { shown: whole, whole };
+  const places = [0, 1].map((k) => span(near, k));
+  const extent = Math.max(...places.map(([low, high]) => high - low));
+  const half = extent / 2 + Math.max(extent / 3, 2);
+  if (Math.max(...ends.map(([low, high]) => high - low)) <= 4 * half) return { shown: whole, whole };
+  const [[left, right], [bottom, top]] = places.map(([low, high], k) => [Math.max((low + high) / 2 - half, k ? y0 : x0), Math.min((low + high) / 2 + half, k ? y1 : x1)]);
+  return { shown: [left, bottom, right, top], whole };
 }
 
 function drawWorld(context, world, time, pixel) {

@@ -6,6 +6,7 @@ class View {
     this.context = canvas.getContext("2d");
     this.bounds = [-1, -1, 1, 1];
     this.zoom = 1;
+    this.least = 0.3; // zoom
     this.middle = null; // m; null: that of the bounds
     this.stale = true; // the page is only asked for sizes when they have changed: an answer makes it lay itself out
     new ResizeObserver(() => { this.stale = true; }).observe(canvas);
@@ -26,8 +27,11 @@ class View {
     this.ratio = ratio;
   }
 
-  fit(bounds) {
-    this.bounds = bounds;
+  // From far enough away, the whole is seen too.
+  fit({ shown, whole }) {
+    const side = ([x0, y0, x1, y1]) => Math.max(x1 - x0, y1 - y0, 0.1);
+    this.bounds = shown;
+    this.least = 0.3 * side(shown) / side(whole);
     this.zoom = 1;
     this.middle = null;
   }
@@ -63,7 +67,7 @@ class View {
 
   zoomBy(factor, at) {
     const [cx, cy] = this.centre;
-    const zoom = Math.min(Math.max(this.zoom * factor, 0.3), 40);
+    const zoom = Math.min(Math.max(this.zoom * factor, this.least), 40);
     const share = 1 - this.zoom / zoom;
     const [x, y] = at || [cx, cy];
     this.middle = [cx + share * (x - cx), cy + share * (y - cy)];
