@@ -1,6 +1,7 @@
 """Goal reaching: drive to a goal pose, or through waypoints, among obstacles."""
 
 import dataclasses
+import functools
 import math
 from typing import Any, ClassVar, NamedTuple
 
@@ -356,6 +357,38 @@ def scanner(p, beams, cells):
     return sensing.Lidar(beams, p.first_beam, p.beam_step, p.max_range, scratch, ways, np.empty(WORDS, np.uint64))
 
 
+def _courses_and_fields(scenarios: tuple[GoalScenario, ...]) -> list[NDArray[Any]]:
+    """Returns what `_laid_out` does, which nobody else has."""
+    few = sum(len(each.obstacles) for each in scenarios) <= _MOST_KEPT
+    kept = few and all(each.grid is None for each in scenarios)  # a map is the user's own, and may be large
+    return [each.copy() for each in (_laid_out if kept else _laid_out.__wrapped__)(scenarios)]
+
+
+_MOST_KEPT = 20_000  # obstacles; those of all families are fewer, and take 10 MB
+
+
+# a vector of single environments asks for the same bank once a robot, and every episode of a contest for the same one
+@functools.lru_cache(maxsize=4)
+def _laid_out(scenarios: tuple[GoalScenario, ...]) -> tuple[NDArray[Any], ...]:
+    """Returns the courses of a bank and, a row each, their goals, obstacles and patrols."""
+    most_goals = max(len(each.waypoints) for each in scenarios) + 1
+    courses = np.zeros(len(scenarios), COURSE)
+    goals = np.zeros((len(scenarios), most_goals, 3))
+    fields = np.zeros((len(scenarios), max(len(each.obstacles) for each in scenarios)), OBSTACLE)
+    patrols = np.zeros(fields.shape, PATROL)
+    for i, each in enumerate(scenarios):
+        for name in COURSE.names or ():
+            courses[name][i] = getattr(each, name, 0)
+        courses["num_goals"][i] = len(each.waypoints) + 1
+        courses["num_obstacles"][i] = len(each.obstacles)
+        if each.waypoints:
+            goals[i, : len(each.waypoints), :2] = each.waypoints
+        goals[i, len(each.waypoints)] = each.goal
+        fields[i, : len(each.obstacles)] = each.obstacles
+        patrols[i, : len(each.patrols)] = each.patrols
+    return courses, goals, fields, patrols
+
+
 class GoalReaching(Task):
     """The goal-reaching task of one robot on a bank of obstacle fields."""
 
@@ -395,21 +428,7 @@ class GoalReaching(Task):
         self.max_obstacles = max(len(each.obstacles) for each in self.scenarios)
         self.beam_angles = sensing.beam_angles(num_beams, field_of_view)
         self.max_range = max_range
-        most_goals = max(len(each.waypoints) for each in self.scenarios) + 1
-        courses = np.zeros(len(self.scenarios), COURSE)
-        goals = np.zeros((len(self.scenarios), most_goals, 3))
-        fields = np.zeros((len(self.scenarios), self.max_obstacles), OBSTACLE)
-        patrols = np.zeros(fields.shape, PATROL)
-        for i, each in enumerate(self.scenarios):
-            for name in COURSE.names or ():
-                courses[name][i] = getattr(each, name, 0)
-            courses["num_goals"][i] = len(each.waypoints) + 1
-            courses["num_obstacles"][i] = len(each.obstacles)
-            if each.waypoints:
-                goals[i, : len(each.waypoints), :2] = each.waypoints
-            goals[i, len(each.waypoints)] = each.goal
-            fields[i, : len(each.obstacles)] = each.obstacles
-            patrols[i, : len(each.patrols)] = each.patrols
+        courses, goals, fields, patrols = _courses_and_fields(self.scenarios)
         self.grids = lay_grids([each.grid for each in self.scenarios], courses)
         # no columns, and no work, in a bank where nothing moves
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()

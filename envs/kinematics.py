@@ -34,8 +34,9 @@ def wheel_matrix(
     px, py = np.asarray(positions, dtype=np.float64).T
     rollers = np.broadcast_to(np.asarray(roller_angles, dtype=np.float64), px.shape)
     angles = np.asarray(directions, dtype=np.float64) + rollers
-    s, c = np.array([sin_cos(angle) for angle in angles.tolist()]).T
-    _, slant = np.array([sin_cos(angle) for angle in rollers.tolist()]).T
+    # in plain Python, of the same bits: every command reads the robots' sheets, and few go on to anything compiled
+    s, c = np.array([sin_cos.py_func(angle) for angle in angles.tolist()]).T
+    _, slant = np.array([sin_cos.py_func(angle) for angle in rollers.tolist()]).T
     held: NDArray[np.float64] = np.asarray(radii, dtype=np.float64) * slant
     matrix: NDArray[np.float64] = np.column_stack([c, s, px * s - py * c]) / held[:, None]
     return matrix

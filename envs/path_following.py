@@ -1,6 +1,7 @@
 """Path following: stay on a path and get to its end, or round a closed one."""
 
 import dataclasses
+import functools
 import math
 from typing import Any, ClassVar, NamedTuple
 
@@ -278,6 +279,31 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices,
     reset_robots(place, begin, robots, rows, draws, World(courses, vertices, runs), Outputs(out, numbers, flags))
 
 
+def _courses_and_paths(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], PathPool]:
+    """Returns the courses of a bank and the pool of its paths, which nobody else has."""
+    short = sum(len(each.path.points) for each in scenarios) <= _MOST_KEPT
+    courses, pool = (_laid_out if short else _laid_out.__wrapped__)(scenarios)
+    return courses.copy(), PathPool(pool.vertices.copy(), pool.runs.copy())
+
+
+# a vector of single environments asks for the same bank once a robot, and every episode of a contest for the same one
+@functools.lru_cache(maxsize=4)
+def _laid_out(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], PathPool]:
+    pool = PathPool.of([each.path for each in scenarios])
+    courses = np.zeros(len(scenarios), COURSE)
+    for course, each, run in zip(courses, scenarios, pool.runs, strict=True):
+        course["finish"] = each.laps * run["length"] if each.laps else np.inf
+        course["per_metre"] = 1.0 / (max(each.laps, 1) * run["length"])
+        course["corridor"] = each.corridor
+        course["start"] = each.path.start_pose if each.start is None else each.start
+        course["start_offset"] = each.start_offset
+        course["start_turn"] = each.start_turn
+    return courses, pool
+
+
+_MOST_KEPT = 100_000  # points, 5 MB: longer paths are the user's own, and laid out anew
+
+
 class PathFollowing(Task):
     """The path-following task of one robot on a bank of paths."""
 
@@ -293,15 +319,7 @@ class PathFollowing(Task):
         self.options = options
         self.robot = options.robot
         self.task_params = Params(**params)
-        pool = PathPool.of([each.path for each in self.scenarios])
-        courses = np.zeros(len(self.scenarios), COURSE)
-        for course, each, run in zip(courses, self.scenarios, pool.runs, strict=True):
-            course["finish"] = each.laps * run["length"] if each.laps else np.inf
-            course["per_metre"] = 1.0 / (max(each.laps, 1) * run["length"])
-            course["corridor"] = each.corridor
-            course["start"] = each.path.start_pose if each.start is None else each.start
-            course["start_offset"] = each.start_offset
-            course["start_turn"] = each.start_turn
+        courses, pool = _courses_and_paths(self.scenarios)
         self.pool = pool
         self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview)
         self.beam_angles = np.empty(0)

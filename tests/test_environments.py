@@ -168,10 +168,21 @@ def test_the_import_is_light(tmp_path: Path) -> None:
 
 
 def test_making_an_environment_does_not_import_drawing_or_learning(tmp_path: Path) -> None:
-    code = "import sys, gymnasium, wayfield\n"
+    """Nor does what commands import call compiled code, for which Numba would make ready: a third of their start."""
+    code = "import gc, sys, gymnasium, wayfield, wayfield.benchmarks.suite\n"
+    code += "from numba.core.dispatcher import Dispatcher\n"
+    code += "print([each for each in gc.get_objects() if isinstance(each, Dispatcher) and each.overloads])\n"
     code += f"for env_id in {list(IDS)!r}:\n    gymnasium.make(env_id).reset()\n"
     code += "    print(env_id, sorted({'torch', 'matplotlib', 'pygame', 'pymunk'} & set(sys.modules)))"
-    assert run_alone(code, tmp_path).splitlines() == [f"{env_id} []" for env_id in IDS]
+    assert run_alone(code, tmp_path).splitlines() == ["[]", *(f"{env_id} []" for env_id in IDS)]
+
+
+@every_id
+def test_worlds_of_one_bank_are_alike_and_apart(env_id: str) -> None:
+    mine, other = (base(env_id).batch.task.world for _ in range(2))
+    for array, another in zip(mine, other, strict=True):
+        assert array.tobytes() == another.tobytes()
+        assert not np.may_share_memory(array, another)
 
 
 @every_id

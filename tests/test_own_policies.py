@@ -89,6 +89,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         sys.modules.pop(name, None)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_class_of_four_members_takes_part_with_workers_of_their_own(home: Path) -> None:
     own = ("--policy", "laws_of_mine:Chase", "--policy", "laws_of_mine:Paced speed=0.5 turn=2")
     result = evaluate(

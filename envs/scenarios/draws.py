@@ -44,7 +44,7 @@ class Frame:
     def __init__(self, x: float = 0.0, y: float = 0.0, heading: float = 0.0, mirrored: bool = False) -> None:
         self.x, self.y, self.heading = x, y, heading
         self.side = -1.0 if mirrored else 1.0
-        self.sine, self.cosine = sin_cos(heading)
+        self.sine, self.cosine = sin_cos.py_func(float(heading))  # for one at import nothing need be loaded
 
     def point(self, along: float, across: float) -> tuple[float, float]:
         """Returns the world's x, y (m), rounded, of a point of the frame."""

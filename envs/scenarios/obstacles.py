@@ -56,7 +56,7 @@ def box(x: float, y: float, length: float, width: float, heading: float = 0.0, m
     Raises:
         ValueError: if a value is not finite or out of its range; the message names field and value.
     """
-    sine, cosine = sin_cos(checked_heading("box heading", heading))
+    sine, cosine = sin_cos.py_func(checked_heading("box heading", heading))  # the presets are made by every command
     return _record(
         number("box x", x),
         number("box y", y),
