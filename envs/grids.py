@@ -317,7 +317,7 @@ def _measure_rooms(occupied, planes):
                 j = b + 1 if step_column < 0 else columns - b
                 if occupied[i - 1, j - 1]:
                     continue
-                room = 0
+                room: Any = 0
                 # the rim is 0: nothing is known to be free beyond the grid
                 if planes[octant, i + aside_row, j + aside_column] > 0:
                     room = min(
