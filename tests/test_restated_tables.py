@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wayfield.benchmarks import claims
+from wayfield.benchmarks import claims, standings
 from wayfield.benchmarks.aggregates import better, counted_interval, interval, iqm
 from wayfield.benchmarks.contests import CONTESTS, Column, Contest
 from wayfield.benchmarks.crossed import share_interval
@@ -20,7 +20,7 @@ from wayfield.benchmarks.kept_rows import packed, thinned, unpacked
 from wayfield.benchmarks.matrix import cost_difference, how_often_better, success_difference
 from wayfield.benchmarks.paired import Difference, difference, holm
 from wayfield.benchmarks.report import findings
-from wayfield.benchmarks.standings import contest_tables
+from wayfield.benchmarks.standings import Standings, contest_tables
 from wayfield.benchmarks.table import Table
 from wayfield.envs.disturbances import LEVELS
 
@@ -242,6 +242,32 @@ def test_the_standings(drawn: Any) -> None:
     assert table.rows == wanted
     assert table.note.startswith("14 test scenarios")  # of agents, whose runs are more, too
     assert ("off the 0.6 m/s asked for by more than 3 %" in table.note) == (contest.pace is not None)
+
+
+@pytest.mark.parametrize("name", CONTESTS)
+def test_the_note_of_the_standings_says_which_scenarios_and_how_its_brackets_are_made(name: str) -> None:
+    contest = CONTESTS[name]
+    rows = [row for row in rows_of(contest, 0) if row["split"] == "test"]
+    count = len({(row["family"], row["scenario"], row["episode"]) for row in rows})
+    apart = [row | {"family": f"{row['family']} {row['scenario']} {row['episode']}"} for row in rows]
+    # split, rows, how they are called, and whether each scenario is a stratum of its own or all are one
+    for split, mine, called, alone in (
+        ("test", rows, "test scenarios", False),
+        ("own", rows, "scenarios from the user's files", True),
+        ("public", rows, "scenarios of the public benchmark, on which nothing was trained or tuned", False),
+        ("public", apart, "scenarios of the public benchmark, on which nothing was trained or tuned", True),
+    ):
+        entries = groups([row | {"split": split} for row in mine])
+        for seen in (False, True):
+            note = standings._standings_note(Standings(contest, "t", entries, COMMAND), seen)
+            assert note.startswith(f"{count} {called}, each policy in the same ones")
+            assert ("bootstrap, stratified by family, agents" in note) is not alone
+            assert ("bootstrap, agents" in note) is alone
+            assert f"none where {'there are' if alone else 'a family has'} fewer than 5 scenarios" in note
+            assert (" Gap: what the entry does better on the validation split" in note) is seen
+            marked = "such entries stand below the others, the nearest to it first, and are not ranked." in note
+            assert marked is (contest.pace is not None)
+            assert "frames of 0.05 s" in note
 
 
 def test_families_and_tiers(drawn: Any) -> None:
