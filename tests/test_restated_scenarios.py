@@ -15,7 +15,16 @@ from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import GoalScenario, PathScenario, field_scenarios, path_scenarios, splits, tracing, ways
+from wayfield.envs.scenarios import (
+    GoalScenario,
+    PathScenario,
+    field_scenarios,
+    fields,
+    path_scenarios,
+    splits,
+    tracing,
+    ways,
+)
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import check_clear
 from wayfield.envs.specs import TASKS
@@ -366,6 +375,36 @@ def test_a_way_on_a_map_is_as_long_as_it_is() -> None:
     assert 2.0 * rise < ways.way_length(over, 0.2) < 2.0 * (rise + 0.5)
     assert ways.clear_radius(over) == pytest.approx(0.5, abs=0.03)
     assert ways.way_length(over, 0.55) == math.inf
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_a_way_may_run_along_every_border_of_the_nodes(side: int) -> None:
+    # clear is a ring of nodes alone, but for eleven in the middle of a side: the way is all the rest of it
+    n, step, far = 31, 0.1, 3.0 - 1e-9
+    clear = np.full((n, n), -1.0)
+    clear[[0, -1], :] = clear[:, [0, -1]] = 0.5
+    first, last = (0, slice(10, 21)), (-1, slice(10, 21))
+    clear[(first, last, first[::-1], last[::-1])[side]] = -1.0
+    across = (0.0, far)[side % 2]
+    ends = [(across, 0.9), (across, 2.1)]
+    (x0, y0), (x1, y1) = ends if side < 2 else [end[::-1] for end in ends]
+    grid = ways.Grid(clear.ravel(), n, n, 0.0, 0.0, step)
+    assert ways._way_length(grid, x0, y0, x1, y1, 0.4) == pytest.approx(12.0 - 1.2)
+    assert ways._way_length(grid, x0, y0, x1, y1, 0.6) == math.inf
+    # nodes a step apart, each with 0.5 m to spare, are joined by a line with half a step less
+    found = ways._clear_radius(grid, np.array([(x0, y0), (x1, y1)]), np.array([0.5, 0.5]))
+    assert found == pytest.approx(0.45, abs=ways._FINENESS)
+    clear[15, 0] = clear[15, -1] = clear[0, 15] = clear[-1, 15] = -1.0
+    assert ways._way_length(grid._replace(clear=clear.ravel()), x0, y0, x1, y1, 0.4) == math.inf
+
+
+def test_a_walled_square_is_closed_on_every_side() -> None:
+    half = fields.HALF_SIDE
+    sides = sorted((round(each["x"], 9), round(each["y"], 9)) for each in fields._BORDER)
+    assert sides == [(-half, 0.0), (0.0, -half), (0.0, half), (half, 0.0)]
+    for each in fields._BORDER:
+        assert each["half_length"] == half
+        assert abs(each["cos"] * each["x"] + each["sin"] * each["y"]) < 1e-9  # across the line to the middle
 
 
 # Curves.
