@@ -15,16 +15,7 @@ from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.paths import Path
 from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import (
-    GoalScenario,
-    PathScenario,
-    field_scenarios,
-    fields,
-    path_scenarios,
-    splits,
-    tracing,
-    ways,
-)
+from wayfield.envs.scenarios import GoalScenario, PathScenario, field_scenarios, path_scenarios, splits, tracing, ways
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import check_clear
 from wayfield.envs.specs import TASKS
@@ -396,15 +387,6 @@ def test_a_way_may_run_along_every_border_of_the_nodes(side: int) -> None:
     assert found == pytest.approx(0.45, abs=ways._FINENESS)
     clear[15, 0] = clear[15, -1] = clear[0, 15] = clear[-1, 15] = -1.0
     assert ways._way_length(grid._replace(clear=clear.ravel()), x0, y0, x1, y1, 0.4) == math.inf
-
-
-def test_a_walled_square_is_closed_on_every_side() -> None:
-    half = fields.HALF_SIDE
-    sides = sorted((round(each["x"], 9), round(each["y"], 9)) for each in fields._BORDER)
-    assert sides == [(-half, 0.0), (0.0, -half), (0.0, half), (half, 0.0)]
-    for each in fields._BORDER:
-        assert each["half_length"] == half
-        assert abs(each["cos"] * each["x"] + each["sin"] * each["y"]) < 1e-9  # across the line to the middle
 
 
 # Curves.
