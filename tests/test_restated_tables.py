@@ -456,6 +456,19 @@ def test_what_agents_win(drawn: Any) -> None:
     assert f"for the {2 * len(lines)} claims" in table.note
 
 
+@pytest.mark.parametrize("name", CONTESTS)
+def test_who_errs_less_by_driving_slower_is_not_told_to_win_whichever_it_is(name: str) -> None:
+    contest, alike = CONTESTS[name], Difference(0.0, -1.0, 1.0, 1.0)
+    for value, speeds in itertools.product((-0.1, 0.1), ((0.6, 0.6), (0.5, 0.6), (0.6, 0.5), (0.585, 0.6))):
+        cost = Difference(value, value - 0.01, value + 0.01, 0.001)
+        one = claims.Comparison(contest, "c", ("ppo", "trained"), ("B", "tuned"), "path", alike, cost, speeds)
+        ahead, behind = speeds if value < 0.0 else (speeds[1], speeds[0])
+        slower = contest.pace is not None and ahead < 0.97 * behind
+        assert one.of_cost(0.01) == ("not at one speed" if slower else "wins" if value < 0.0 else "loses")
+        assert one.of_cost(0.06) == "not told apart"
+        assert one.of_cost(NAN) == "too few scenarios"
+
+
 def test_a_summary_lists_whom_agents_beat() -> None:
     lines = []
     verdicts = ("wins", "loses", "not told apart", "too few scenarios")
