@@ -22,7 +22,7 @@ from wayfield.benchmarks import lists, play, video
 from wayfield.benchmarks.drives import Drive, Place
 from wayfield.envs.rendering import Renderer
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.scenarios import TASKS
+from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
 from wayfield.policies import ABOUT, POLICIES
 
 NOT_THERE = """
@@ -101,6 +101,12 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns(monkeypatch: pytest
     families = [family for spec in TASKS.values() for family in spec.families]
     assert all(list(spec.repertoire.about) == list(spec.families) for spec in TASKS.values())
     console = lists.rich.console.Console
+    # below each stands what its columns mean, and what else may be named
+    below = {
+        lists.policies: ["Is told:", "Needs:", "wayfield.policies.make(NAME)"],
+        lists.scenarios: [*(f"{name} ({count})" for name, count in SPLITS.items()), *PATH_SCENARIOS, *GOAL_SCENARIOS],
+        lists.robots: ["Hull:", "At most:"],
+    }
     for listed, names in ((lists.policies, POLICIES), (lists.scenarios, families), (lists.robots, ROBOTS)):
         for width in (80, 100, 1000):
             monkeypatch.setattr(lists, "_console", lambda width=width: console(width=width))
@@ -110,6 +116,8 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns(monkeypatch: pytest
             firsts = {line.split()[0] for line in lines if line.strip()}
             assert set(names) <= firsts
             assert max(map(len, lines)) <= width
+            told = " ".join(shown.output.split())
+            assert all(each in told for each in below[listed])
 
 
 PATH = ("DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--seconds", "1")

@@ -222,6 +222,17 @@ def test_what_other_kernels_call_is_a_part_of_them_until_python_calls_it(
     assert len(list(cache.rglob("kernel.twice*.nbc"))) == 2  # kept for those who call it from Python
 
 
+def test_the_collector_of_waste_is_left_as_it_was(called: Called) -> None:
+    between = """
+    import gc
+    for collecting, number in ((True, 2.5), (False, 2)):
+        (gc.enable if collecting else gc.disable)()
+        kernel.four_times(number)
+        print(gc.isenabled())
+    """
+    assert called("", between.strip()) == ["True", "False", "6.0 8.0", ""]
+
+
 def test_an_error_in_a_part_comes_out_of_it(called: Called, tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(
         KERNEL.replace("def twice(x):", "def twice(x):\n    if x == 1.5:\n        raise ValueError('one and a half')")

@@ -287,9 +287,18 @@ def run_publish(home: Path, *words: str) -> Result:
     return CliRunner().invoke(publish.main, ["--root", str(home), "--results", str(home / "results"), *words])
 
 
+def test_the_film_is_made_if_it_is_asked_for(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(publish, "moving_picture", lambda: b"GIF")
+    done = run_publish(repository, "--no-run", "--film")
+    assert done.exit_code == 0, done.stderr
+    assert (repository / "docs/drive.gif").read_bytes() == b"GIF"
+
+
 def test_a_finished_run_becomes_page_and_readme(repository: Path) -> None:
     done = run_publish(repository, "--no-run")
     assert done.exit_code == 0, done.stderr
+    assert done.stdout.endswith("are made from 1 runs\n")
+    assert not (repository / "docs/drive.gif").exists()
     readme = (repository / "README.md").read_text(encoding="utf-8")
     assert readme.startswith("before\n")
     assert readme.endswith("after\n")

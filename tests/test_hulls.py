@@ -148,6 +148,17 @@ def test_a_grid_is_its_cells() -> None:
                 assert found <= 1e-12
 
 
+def test_where_a_grid_holds_nothing_or_there_is_none_nothing_is_near() -> None:
+    # scenarios with maps and without lie side by side in a bank
+    grids = lay_grids(
+        [OccupancyGrid(np.zeros((5, 7), bool), 0.1, (0.0, 0.0, 0.3), "free"), None],
+        np.zeros(2, NO_GRIDS.frames.dtype),
+    )
+    for frame in grids.frames:
+        for pose in ((0.3, 0.2, 1.0, 0.0), (-9.0, 4.0, 0.6, 0.8)):
+            assert grid_rectangle_distance(frame, grids.cells, pose, *HALVES) == math.inf
+
+
 def world(folder: Path, **fields: Any) -> str:
     file = folder / "scene.json"
     file.write_text(json.dumps({"goal": [9, 0, 0], "heading_tolerance": 3} | fields), encoding="utf-8")

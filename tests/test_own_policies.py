@@ -215,6 +215,8 @@ def test_a_model_drives_as_it_answers_and_another_space_is_refused(home: Path) -
     (home / "my runs").mkdir()
     Path("soft.zip").rename("my runs/the soft one.zip")
     assert own_policies.own_policy("sac:my runs/the soft one.zip").algorithm == "SAC"  # type: ignore[union-attr]
+    # what is given counts: a model of one's own class does not tell it
+    assert own_policies.own_policy("td3:my runs/the soft one.zip").algorithm == "TD3"  # type: ignore[union-attr]
     seen, _ = env.reset(seed=3)
     pilot = policies.Pilot(entrant.make({}), env)
     pilot.reset()

@@ -392,6 +392,8 @@ def test_circuits_are_laps_in_small(tmp_path: Path) -> None:
     rows = [f"{100 * math.cos(a):f},{60 * math.sin(a):f},5.0,5.0" for a in angles]
     file = tmp_path / "Oval.csv"
     file.write_text("# x_m,y_m,w_tr_right_m,w_tr_left_m\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    for other in ("README.md", ".Oval.csv", "Oval.txt"):  # what else lies there, and what editors leave
+        (tmp_path / other).write_text("no circuit", encoding="utf-8")
     (course,) = racetrack_courses(str(tmp_path), ROBOTS["p3dx"])
     assert (course.family, course.split, course.env_kwargs) == ("Oval", PUBLIC_SPLIT, {"scale": 0.02})
     contest = PUBLIC["racetracks"].contest("laps")

@@ -1103,3 +1103,14 @@ def test_lines_with_one_thing_wrong_are_of_every_kind() -> None:
             bare = [line for line in behind if line and line[0] in each.opts]
             assert not each.is_flag or not bare  # which would be right
             assert not each.is_flag or any(line == [f"{each.opts[0]}=1"] for line in behind) or len(options) > 8
+
+
+def test_what_is_not_as_in_a_fork_is_tried_in_a_process_of_its_own() -> None:
+    # one that has the package loaded has its locale, its output and its signals already
+    for command, line, allowed, how in commands._LISTED:
+        # nor do the forks know commands that have no table of options here
+        if {"environment", "output", "interrupt"} & {*how} or command not in commands.COMMANDS:
+            assert how["own"] is True, (command, line)
+        assert {*allowed} <= {0, 1, 2, 130, 141}
+        assert (130 in allowed) == ("interrupt" in how)
+        assert (141 in allowed) == (how.get("output") == "pipe")

@@ -309,6 +309,10 @@ def test_a_narrow_terminal_has_the_columns_that_it_has_room_for(
     assert len(shown[200]) == 8
     assert 4 <= len(shown[60]) < len(shown[100]) <= 8
     assert len(shown[20]) == 4
+    # a note is as wide as a page and no wider
+    monkeypatch.setattr(evaluate.rich.console, "Console", lambda width=None: console(width=width or 300))
+    evaluate._print([Table("T", headers, [["c"] * 8], "a " * 200)])
+    assert next(len(line) for line in capsys.readouterr().out.splitlines() if line.startswith("a ")) in (119, 120)
 
 
 def test_what_is_wrong_with_an_option_s_value_is_one_line() -> None:

@@ -15,7 +15,7 @@ pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 from wayfield.envs.coppelia import curves, frames  # noqa: E402
 from wayfield.envs.coppelia.scenes import Conditions, make_world  # noqa: E402
 from wayfield.envs.coppelia.server import Caller, Client, Server  # noqa: E402
-from wayfield.envs.coppelia.signatures import FUNCTIONS, NULL, CallError  # noqa: E402
+from wayfield.envs.coppelia.signatures import FUNCTIONS, NULL, CallError, Wrong, integer, number  # noqa: E402
 
 
 class Desk:
@@ -280,6 +280,26 @@ def test_a_point_beside_a_standing_step_of_a_path_is_told_by_the_others(plain):
     assert plain.getClosestPosOnPath(points, [0.0, 0.0, 1.0], [0.4, 1.0, 0.0]) == pytest.approx(0.4)
     assert plain.getClosestPosOnPath(points, [0.0, 0.0, 1.0], [5.0, 1.0, 0.0]) == 1.0
     assert plain.getClosestPosOnPath(points, [0.0, 0.0, 1.0], [-5.0, 1.0, 0.0]) == 0.0
+
+
+def test_numbers_of_a_call_are_taken_up_to_their_bounds():
+    for value in (2**63 - 1, -(2**63), 3.0, -0.0):
+        assert integer(None, value) == value
+        assert type(integer(None, value)) is int
+    for value in (2**63, -(2**63) - 1, 1e19, -1e19):
+        with pytest.raises(Wrong, match="it is too large"):
+            integer(None, value)
+    for value in (9e299, -9e299, 2):
+        assert number(None, value) == value
+    for value in (1e300, -1e300, math.inf, -math.inf, math.nan):
+        with pytest.raises(Wrong, match="it is too large"):
+            number(None, value)
+    for value, words in ((True, "got True"), ("1", "got '1'"), (None, "got None"), ([1], "got an array of 1")):
+        for function in (integer, number):
+            with pytest.raises(Wrong, match=words):
+                function(None, value)
+    with pytest.raises(Wrong, match=r"got 2\.5"):
+        integer(None, 2.5)
 
 
 @pytest.mark.parametrize(

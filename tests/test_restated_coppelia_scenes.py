@@ -990,6 +990,33 @@ def test_what_moves_by_a_script_goes_on_while_the_robot_is_put_elsewhere(desk):
     assert places[0] == places[1]
 
 
+def test_who_is_run_into_stands_still(desk):
+    one = desk("moving_crossing/test")
+    one.startSimulation()
+    state, moving = one.world.batch.states[0], one.world.batch.obstacles[0]
+    one.world.advance()
+    first = np.array([moving["x"][0], moving["y"][0]])
+    one.world.advance()
+    way = np.array([moving["x"][0], moving["y"][0]]) - first
+    ahead = first + way * (1.0 + (moving["radius"][0] + 0.4) / math.hypot(*way))
+    base = one.world.scene.base.handle
+    one.setObjectPosition(base, [*ahead.tolist(), one.getObjectPosition(base)[2]])
+    for path, speed in (("/leftMotor", -2.0), ("/rightMotor", 2.5)):
+        one.setJointTargetVelocity(one.getObject(path), speed)
+    twist = ["vx", "vy", "yaw_rate"]
+    for _ in range(60):
+        before = state.copy()
+        one.world.advance()
+        if state["contact"]:
+            break
+    assert before["yaw_rate"] > 1.0
+    assert before["vx"] > 0.01
+    for _ in range(2):
+        assert [state[name] for name in twist] == [0.0] * 3
+        assert [state[name] for name in ("x", "y", "heading")] == [before[name] for name in ("x", "y", "heading")]
+        one.world.advance()
+
+
 def test_what_is_removed_is_in_nobody_s_way_and_the_others_keep_their_places(desk):
     one = desk("arena")
     count = 12

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from wayfield.benchmarks import video
+from wayfield.benchmarks import publish, video
 from wayfield.benchmarks.drives import Drive, Place, chased
 from wayfield.benchmarks.video import filmed, write_film
 from wayfield.policies.pilot import Pilot
@@ -143,3 +143,42 @@ def test_what_is_asked_for_is_filmed(
     assert alone.exit_code == 0, alone.output
     assert asked[2][1] is None
     assert "stanley" not in alone.output
+
+
+@pytest.mark.parametrize(("steps", "shown"), [(1, 2), (8, 3), (10, 4), (10_000, 110)])
+def test_the_film_of_the_first_page_goes_at_twice_the_pace_to_the_end_or_for_as_long_as_it_may(
+    steps: int, shown: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Drawn:
+        """An environment whose steps take 0.05 s and whose frames tell the step that they are of."""
+
+        taken, closed = 0, False
+
+        def reset(self, **how: Any) -> Any:
+            assert how == {"seed": 0, "options": {"scenario": 0}}
+            return "seen", {}
+
+        def step(self, action: Any) -> Any:
+            self.taken += 1
+            return "seen", 0.0, self.taken == steps, False, {}
+
+        def render(self) -> Any:
+            return np.full((30, 60, 3), self.taken % 200, np.uint8)
+
+        def close(self) -> None:
+            self.closed = True
+
+    env, film = Drawn(), video.gif
+    frames: list[Any] = []
+    monkeypatch.setattr(gymnasium, "make", lambda *_, **__: env)
+    pilot = type("Still", (), {"reset": lambda _: None, "act": lambda _, seen: [seen]})
+    monkeypatch.setattr("wayfield.policies.Pilot", lambda policy, driven: pilot())
+    monkeypatch.setattr(video, "gif", lambda drawn, period: frames.extend(drawn) or film(drawn, period))
+    with Image.open(io.BytesIO(publish.moving_picture())) as made:
+        # frames that are alike are one in the file; 100 ms each, of 4 steps of 50 ms
+        assert sum(made.seek(k) or made.info["duration"] for k in range(made.n_frames)) == 100 * shown
+    assert [frame.size for frame in frames] == [(400, 200)] * shown
+    # every fourth step, and the last
+    times = [4 * k for k in range(shown)]
+    assert [frame.getpixel((0, 0))[0] for frame in frames] == [min(each, steps) % 200 for each in times]
+    assert env.closed

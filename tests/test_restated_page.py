@@ -15,6 +15,7 @@ from test_restated_figures import unfolded
 from test_restated_tables import rows_of
 
 from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.page import Kept, _contenders
 from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.drives import packed, write_drives
 from wayfield.benchmarks.report.page import Content, Section, rendered
@@ -218,6 +219,30 @@ def test_what_is_replayed_where_there_is_no_room_for_all() -> None:
         assert page._chosen(content, room) == set(order[:count])
         assert page._chosen(content, room - 1) == set(order[: max(count - 1, 0)])
     assert page._chosen(content, 10**9) == set(order)
+
+
+def test_the_readme_s_table_says_what_its_mark_means() -> None:
+    made = {
+        "command": "c", "version": "1", "commit": "", "code": "", "date": "d", "scenarios": 3, "stale": False,
+    }  # fmt: skip
+    header = ["policy", "gains", "learned from", "knows", "success (%)", "RMS error (m)", "typical (m)", "mean speed"]
+    for speed, marked in (("0.600", False), ("0.400 ‡", True)):
+        rows = [("stanley", "tuned", "0.600"), ("mpc", "tuned", speed), ("lqr", "default", "0.100 ‡")]
+        lines = [",".join(header), *(f"{policy},{gains},1,2,3,4,5,{last}" for policy, gains, last in rows)]
+        kept = Kept(
+            Path("nowhere"),
+            {
+                "docs/results/path-following.json": json.dumps(made).encode(),
+                "docs/results/path_following_p3dx.csv": "\n".join(lines).encode(),
+            },
+        )
+        table, empty, told = _contenders(kept)
+        cells = [[each.strip() for each in line.strip("|").split("|")] for line in table.splitlines()[2:]]
+        assert cells == [["`stanley`", "tuned", *"12345", "0.600"], ["`mpc`", "tuned", *"12345", speed]]
+        assert empty == ""
+        assert told.startswith("Made by `c`, wayfield 1, d; 3 scenarios.")
+        assert told.endswith("‡: not at the speed that was asked for.") is marked
+    assert _contenders(Kept(Path("nowhere"))) == ["No run of this version is published."]
 
 
 def test_how_a_report_was_made() -> None:

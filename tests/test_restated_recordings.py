@@ -256,14 +256,14 @@ def test_a_scan_is_told_with_the_angles_of_its_ends() -> None:
 class Scene:
     """An environment of a robot that steps to the right, with an obstacle that moves at the second step."""
 
-    def __init__(self, moves: bool) -> None:
+    def __init__(self, moves: bool, count: int = 1) -> None:
         self.unwrapped, self.moves, self.k, self.resets = self, moves, 0, []
         field = [("x", float), ("y", float), ("heading", float), ("field", int)]
         self.batch = types.SimpleNamespace(states=np.zeros(1, field), told_obstacles=None)
         options = types.SimpleNamespace(dt=0.05)
         layout = types.SimpleNamespace(unpack=lambda seen: types.SimpleNamespace())
         self.task = types.SimpleNamespace(
-            options=options, layout=layout, obstacle_counts=lambda states: np.array([1]), robot=ROBOTS["p3dx"],
+            options=options, layout=layout, obstacle_counts=lambda states: np.array([count]), robot=ROBOTS["p3dx"],
             drawing=lambda state: {"path": np.array([[0.0, 0.0]])},
         )  # fmt: skip
 
@@ -331,6 +331,11 @@ def test_an_episode_is_told_step_by_step(moves: bool, tmp_path: Path, monkeypatc
     with pytest.raises(ValueError, match="drives differently from step 2 on"):
         mcap_file.write_mcap(tmp_path / "b.mcap", Scene(moves), other, {})  # type: ignore[arg-type]
     assert not (tmp_path / "b.mcap").exists()
+    # where nothing stands the first scene still has the robot, and what does not move
+    said.told.clear()
+    mcap_file.write_mcap(tmp_path / "c.mcap", Scene(moves, 0), driven, {})  # type: ignore[arg-type]
+    (empty,) = (told for topic, _, told in said.told if topic == "/scene")
+    assert [each["id"] for each in empty["entities"]] == ["hull", "path"]
 
 
 # ---- rows of a comparison, as they come
@@ -344,9 +349,15 @@ def test_rows_come_in_the_order_of_settings_whatever_is_done_first(monkeypatch: 
         for lost in (0, 1):
             order = rng.permutation(count).tolist()
             missing = set(order[-lost:]) if lost else set()
+            found: list[str] = []
 
-            def as_done(function: Any, settings: Any, order: Any = order, missing: Any = missing) -> Iterator[Any]:
-                for k in order:
+            def as_done(
+                function: Any, settings: Any, order: Any = order, missing: Any = missing, found: Any = found
+            ) -> Iterator[Any]:
+                for j, k in enumerate(order):
+                    # what all before it are done with has been told by now
+                    told = next((i for i in range(len(order)) if i not in order[:j]), len(order))
+                    assert len(found) == 2 * told
                     if k not in missing:
                         yield k, [f"{k}a", f"{k}b"]
                 if missing:
@@ -354,6 +365,6 @@ def test_rows_come_in_the_order_of_settings_whatever_is_done_first(monkeypatch: 
 
             engine: Any = types.SimpleNamespace(as_done=as_done)
             failures: list[Any] = []
-            found = list(comparison._in_order(engine, list(range(count)), failures))  # type: ignore[arg-type]
+            found += comparison._in_order(engine, list(range(count)), failures)  # type: ignore[arg-type]
             assert found == [f"{k}{each}" for k in range(count) if k not in missing for each in "ab"]
             assert failures == [failure] * lost

@@ -21,6 +21,7 @@ from wayfield.envs.robots import (
     robots_with,
     shipped_name,
 )
+from wayfield.envs.sandbox import Sandbox
 
 PAIR: dict[str, Any] = {
     "drive": "differential", "wheels": {"radius": 0.05, "track": 0.3}, "hull": {"radius": 0.25}, "mass": 9.0,
@@ -276,3 +277,17 @@ def test_a_hull_box_is_a_length_and_a_width(value: Any) -> None:
         return
     with pytest.raises(ValueError, match=r"^hull"):
         dataclasses.replace(sheet, hull_box=value)
+
+
+def test_the_plants_alone_drive_exactly_straight_whatever_the_wheels() -> None:
+    rng = np.random.default_rng(0)
+    p3dx, rounded = ROBOTS["p3dx"], np.zeros(3, int)
+    for _ in range(60):
+        radius, half = round(rng.uniform(0.05, 0.15), 4), round(rng.uniform(0.05, 0.19), 4)
+        wheels = tuple(dataclasses.replace(each, radius=radius, y=math.copysign(half, each.y)) for each in p3dx.wheels)
+        robot = dataclasses.replace(p3dx, wheels=wheels)
+        exact = [[0.5 * radius] * 2, [0.0, 0.0], [radius / (2.0 * half), -radius / (2.0 * half)]]
+        rounded += np.array(robot.forward_matrix != exact).any(axis=1)
+        sandbox = Sandbox(robot, "kinematic", "lagged", 0.05, 0, False)
+        assert sandbox.params["forward_matrix"][0, :3, :2].tolist() == exact
+    assert min(rounded[0], rounded[2]) > 5  # of the pseudo-inverse

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import statistics
+import types
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from wayfield.benchmarks.own_scenario import POLICIES, own_cases, own_scenario, 
 from wayfield.benchmarks.parcels import sent
 from wayfield.benchmarks.parts import badness, slim
 from wayfield.benchmarks.recorder import Episode, Start, record, robots_for
+from wayfield.benchmarks.report import worlds as report_worlds
 from wayfield.benchmarks.report.drives import write_drives
 from wayfield.benchmarks.report.worlds import keys_of, plain, read_worlds, worlds_of, write_worlds
 from wayfield.benchmarks.rollout import roll_out
@@ -32,6 +34,7 @@ from wayfield.benchmarks.run_folder import default_folder
 from wayfield.benchmarks.shortest import shortest_way
 from wayfield.benchmarks.suite import Setting, heads_first
 from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle, obstacle_field, splits, wall
 from wayfield.policies import make
@@ -191,6 +194,20 @@ def test_a_world_is_its_scenario_and_the_numbers_that_its_reset_draws(tmp_path: 
     assert box_of is not None
     assert hulls == [ROBOTS["p3dx"].hull_radius] * 4 + [list(box_of)] * 2
     assert set(worlds) == set(rows) - {""}
+
+
+def test_a_map_is_told_by_its_outline_and_unless_it_is_large_by_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    occupied = np.zeros((4, 6), bool)
+    occupied[1, 2] = True
+    grid = OccupancyGrid(occupied, 0.5, (1.0, 2.0, 0.0), "free")
+    for most, told in ((grid.cells.nbytes, True), (grid.cells.nbytes - 1, False)):
+        monkeypatch.setattr(report_worlds, "MOST_CELLS", most)
+        world = report_worlds._map(types.SimpleNamespace(grid=grid))
+        # four sides of the one cell, half a metre each, around its middle
+        places = np.array([each[:2] for each in world["walls"]])
+        assert sorted(np.round(places - [2.25, 2.75], 9).tolist()) == [[-0.25, 0], [0, -0.25], [0, 0.25], [0.25, 0]]
+        assert ("grid" in world) is told
+    assert report_worlds._map(types.SimpleNamespace(grid=None)) == {}
 
 
 def scored(name: str, seed: int) -> tuple[list[dict[str, str]], list[Any]]:
@@ -562,7 +579,10 @@ def test_a_driven_path_is_told_with_what_belongs_to_it(scenario: str, closed: bo
 @pytest.mark.parametrize(
     ("options", "said"),
     [({"seed": -1}, "seed"), ({"seed": 2**31}, "seed"), ({"workers": 0}, "workers"), ({"gains": "bst"}, "best"),
-     ({"actuators": "lagy"}, "actuators"), ({"dynamics": "coppelia"}, "dynamics")],
+     ({"actuators": "lagy"}, "actuators"), ({"dynamics": "coppelia"}, "dynamics"),
+     # the largest are taken, and what is wrong behind them is told
+     ({"seed": 2**31 - 1, "workers": 64, "episodes": 10_000, "families": ["nowhere"]}, "nowhere"),
+     ({"episodes": 0}, "episodes"), ({"episodes": 10_001}, "episodes")],
 )  # fmt: skip
 def test_compare_refuses_what_it_cannot_do(options: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):

@@ -368,6 +368,27 @@ def test_a_way_on_a_map_is_as_long_as_it_is() -> None:
     assert ways.way_length(over, 0.55) == math.inf
 
 
+@pytest.mark.parametrize("side", range(4))
+def test_a_way_may_run_along_every_border_of_the_nodes(side: int) -> None:
+    # clear is a ring of nodes alone, but for eleven in the middle of a side: the way is all the rest of it
+    n, step, far = 31, 0.1, 3.0 - 1e-9
+    clear = np.full((n, n), -1.0)
+    clear[[0, -1], :] = clear[:, [0, -1]] = 0.5
+    first, last = (0, slice(10, 21)), (-1, slice(10, 21))
+    clear[(first, last, first[::-1], last[::-1])[side]] = -1.0
+    across = (0.0, far)[side % 2]
+    ends = [(across, 0.9), (across, 2.1)]
+    (x0, y0), (x1, y1) = ends if side < 2 else [end[::-1] for end in ends]
+    grid = ways.Grid(clear.ravel(), n, n, 0.0, 0.0, step)
+    assert ways._way_length(grid, x0, y0, x1, y1, 0.4) == pytest.approx(12.0 - 1.2)
+    assert ways._way_length(grid, x0, y0, x1, y1, 0.6) == math.inf
+    # nodes a step apart, each with 0.5 m to spare, are joined by a line with half a step less
+    found = ways._clear_radius(grid, np.array([(x0, y0), (x1, y1)]), np.array([0.5, 0.5]))
+    assert found == pytest.approx(0.45, abs=ways._FINENESS)
+    clear[15, 0] = clear[15, -1] = clear[0, 15] = clear[-1, 15] = -1.0
+    assert ways._way_length(grid._replace(clear=clear.ravel()), x0, y0, x1, y1, 0.4) == math.inf
+
+
 # Curves.
 
 

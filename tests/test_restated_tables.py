@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wayfield.benchmarks import claims
+from wayfield.benchmarks import claims, standings
 from wayfield.benchmarks.aggregates import better, counted_interval, interval, iqm
 from wayfield.benchmarks.contests import CONTESTS, Column, Contest
 from wayfield.benchmarks.crossed import share_interval
@@ -20,7 +20,7 @@ from wayfield.benchmarks.kept_rows import packed, thinned, unpacked
 from wayfield.benchmarks.matrix import cost_difference, how_often_better, success_difference
 from wayfield.benchmarks.paired import Difference, difference, holm
 from wayfield.benchmarks.report import findings
-from wayfield.benchmarks.standings import contest_tables
+from wayfield.benchmarks.standings import Standings, contest_tables
 from wayfield.benchmarks.table import Table
 from wayfield.envs.disturbances import LEVELS
 
@@ -244,6 +244,32 @@ def test_the_standings(drawn: Any) -> None:
     assert ("off the 0.6 m/s asked for by more than 3 %" in table.note) == (contest.pace is not None)
 
 
+@pytest.mark.parametrize("name", CONTESTS)
+def test_the_note_of_the_standings_says_which_scenarios_and_how_its_brackets_are_made(name: str) -> None:
+    contest = CONTESTS[name]
+    rows = [row for row in rows_of(contest, 0) if row["split"] == "test"]
+    count = len({(row["family"], row["scenario"], row["episode"]) for row in rows})
+    apart = [row | {"family": f"{row['family']} {row['scenario']} {row['episode']}"} for row in rows]
+    # split, rows, how they are called, and whether each scenario is a stratum of its own or all are one
+    for split, mine, called, alone in (
+        ("test", rows, "test scenarios", False),
+        ("own", rows, "scenarios from the user's files", True),
+        ("public", rows, "scenarios of the public benchmark, on which nothing was trained or tuned", False),
+        ("public", apart, "scenarios of the public benchmark, on which nothing was trained or tuned", True),
+    ):
+        entries = groups([row | {"split": split} for row in mine])
+        for seen in (False, True):
+            note = standings._standings_note(Standings(contest, "t", entries, COMMAND), seen)
+            assert note.startswith(f"{count} {called}, each policy in the same ones")
+            assert ("bootstrap, stratified by family, agents" in note) is not alone
+            assert ("bootstrap, agents" in note) is alone
+            assert f"none where {'there are' if alone else 'a family has'} fewer than 5 scenarios" in note
+            assert (" Gap: what the entry does better on the validation split" in note) is seen
+            marked = "such entries stand below the others, the nearest to it first, and are not ranked." in note
+            assert marked is (contest.pace is not None)
+            assert "frames of 0.05 s" in note
+
+
 def test_families_and_tiers(drawn: Any) -> None:
     contest, entries, tables, _ = pieces(drawn)
     families = [*dict.fromkeys(row["family"] for rows in entries.values() for row in rows)]
@@ -359,7 +385,11 @@ def test_differences_in_pairs(drawn: Any) -> None:
             mean = [statistics.fmean(costs_of(rows, cost.metric)) for rows in (ours, theirs)]
             assert cheaper[k].value == pytest.approx(mean[0] - mean[1], rel=1e-9)
     assert tables["differences"].rows == wanted
-    assert tables["differences"].header[4] == f"{cost.name} ({'mm' if cost.unit == 'm' else cost.unit})"
+    unit = "mm" if cost.unit == "m" else cost.unit
+    assert tables["differences"].header[4] == f"{cost.name} ({unit})"
+    # errors have long tails; a time that ends at the clock counts in full
+    kind = "mean" if cost.unit == "s" else "interquartile mean"
+    assert f"{cost.name} in {unit}, {kind} of the differences" in tables["differences"].note
 
 
 def test_what_a_failure_more_costs_is_added_to_a_difference_of_times() -> None:
@@ -424,6 +454,19 @@ def test_what_agents_win(drawn: Any) -> None:
     table = tables["claims"]
     assert [dict(zip(table.header, row, strict=True)) for row in table.rows] == wanted
     assert f"for the {2 * len(lines)} claims" in table.note
+
+
+@pytest.mark.parametrize("name", CONTESTS)
+def test_who_errs_less_by_driving_slower_is_not_told_to_win_whichever_it_is(name: str) -> None:
+    contest, alike = CONTESTS[name], Difference(0.0, -1.0, 1.0, 1.0)
+    for value, speeds in itertools.product((-0.1, 0.1), ((0.6, 0.6), (0.5, 0.6), (0.6, 0.5), (0.585, 0.6))):
+        cost = Difference(value, value - 0.01, value + 0.01, 0.001)
+        one = claims.Comparison(contest, "c", ("ppo", "trained"), ("B", "tuned"), "path", alike, cost, speeds)
+        ahead, behind = speeds if value < 0.0 else (speeds[1], speeds[0])
+        slower = contest.pace is not None and ahead < 0.97 * behind
+        assert one.of_cost(0.01) == ("not at one speed" if slower else "wins" if value < 0.0 else "loses")
+        assert one.of_cost(0.06) == "not told apart"
+        assert one.of_cost(NAN) == "too few scenarios"
 
 
 def test_a_summary_lists_whom_agents_beat() -> None:

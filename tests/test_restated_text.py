@@ -181,6 +181,11 @@ def test_a_documents_table_holds_ours_and_the_published() -> None:
     (plain,) = document_tables.document_tables([row | {"actuators": "lagged"} for row in rows[:1]], [])
     assert plain.rows[0][2] == "kinematic, lagged"
     assert not plain.note.startswith("Cells read")
+    # a column that nothing fills is left out, the first of the metrics too; what says which run it is stays
+    (bare,) = document_tables.document_tables([episode("p", time=12.0)], [])
+    assert bare.header == ["experiment", "policy", "plant", "outcome", "time (s)"]
+    (bare,) = document_tables.document_tables([episode("p")], [])
+    assert bare.header == ["experiment", "policy", "plant", "outcome"]
     sentence, small = reproduced([*rows[:1], *rows[3:]], cases)
     apart = sorted([off([0.1234], (0.15, 0.16)), math.inf, off([0.5], 0.1)])
     close = sum(each <= 0.05 for each in apart)

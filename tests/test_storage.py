@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from wayfield.envs import storage
+from wayfield.envs import processes, storage
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
@@ -113,6 +113,28 @@ child = subprocess.Popen([sys.executable, "-c",
     "print(os.getpid(), flush=True); time.sleep(60)"])
 time.sleep(60)
 """
+
+
+def test_where_the_system_does_not_tell_a_child_looks_for_its_parent_once_a_second(monkeypatch):
+    told, parents = [], iter([7, 7, 7, 1])
+
+    def ended(status):
+        raise SystemExit(status)
+
+    monkeypatch.setattr(processes.os, "getppid", lambda: next(parents))
+    monkeypatch.setattr(processes.time, "sleep", told.append)
+    monkeypatch.setattr(processes.os, "_exit", ended)
+    with pytest.raises(SystemExit) as end:
+        processes._watch(7)
+    assert end.value.code == 1
+    assert told == [1.0] * 3
+
+
+def test_where_signals_cannot_be_held_what_is_asked_for_is_done_all_the_same(monkeypatch):
+    monkeypatch.delattr(processes.signal, "pthread_sigmask")
+    with processes.interrupts_held():
+        done = True
+    assert done
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
