@@ -237,6 +237,45 @@ def test_the_scan_planner_backs_straight_away_from_what_comes(robot: str, beam: 
     assert state["closing"][0] == 0.0
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+def test_who_evades_goes_where_most_way_back_is_free(robot: str) -> None:
+    """Straight back, or aside of it: at the speed that stops within what is free there, by the part that leads away."""
+    policy, briefing, rng = ScanPlanner(), sighted(robot), np.random.default_rng(38)
+    p, memory = planner_params(policy, briefing).copy(), policy.reset(briefing)
+    p["acceleration"], p["yaw_acceleration"], p["delay"] = 1e4, 1e4, 1.5  # at once, and no matter how it brakes
+    radius, found = briefing.robot.hull_radius, set()
+    for _ in range(60):
+        state, points = on_its_way(rng, 0.0)
+        state["steps"], state["closing"], state["nearest"] = 5, 0.3, radius + 0.25 + 0.3 * 0.05
+        heading, beam = float(rng.uniform(-math.pi, math.pi)), int(rng.integers(72))
+        back = heading + BEAMS[beam] + math.pi
+        at = points[rng.integers(50)]
+        spot = at + float(rng.uniform(0.3, 0.9)) * np.array([math.cos(back), math.sin(back)]) + rng.normal(0.0, 0.1, 2)
+        ys, xs = np.mgrid[:160, :160] * policy.cell + 0.5 * policy.cell - np.array([7.0, 6.0])[:, None, None]
+        state["grid"] = np.ceil((FARTHEST - np.clip(np.hypot(xs - spot[0], ys - spot[1]), 0.0, FARTHEST)) / UNIT)
+        ranges = np.full(72, 5.0)
+        ranges[beam] = radius + 0.25
+        seen = observed(robot, (*at, heading), (3.0, 0.0), ranges)
+        assert evade(p, state, Scan.of(policy, seen, briefing, memory), Seen.of(seen, briefing), True)
+        needed = min(radius + policy.skin, clear_at(state, at) - 1e-4)
+        best, wanted, chosen = 0.0, 0.0j, math.nan
+        for turn in (0.0, 0.5, -0.5, 1.0, -1.0) if robot == "omni3" else (0.0,):
+            way = cmath.rect(1.0, BEAMS[beam] + math.pi + turn)
+            if robot == "p3dx":
+                way = complex(math.copysign(1.0, way.real))
+            course = way * cmath.rect(1.0, heading)
+            places = [at + 0.04 * k * np.array([course.real, course.imag]) for k in range(1, 16)]  # 0.6 m
+            free = next((0.04 * k for k, each in enumerate(places) if clear_at(state, each) < needed), 0.6)
+            dead = 1e4 * 1.5
+            speed = min(math.sqrt(dead**2 + 2.0 * 1e4 * free) - dead, policy.max_speed)
+            if speed * math.cos(turn) > best + 1e-9:
+                best, wanted, chosen = speed * math.cos(turn), speed * way, turn
+        assert state["command"][0].tolist() == pytest.approx([wanted.real, wanted.imag, 0.0], abs=1e-9)
+        found.add((chosen, 0.0 < best < 0.6 / 1.5 - 1e-3))
+    assert {(0.0, True), (0.0, False)} < found
+    assert {0.5, -0.5, 1.0, -1.0} < {turn for turn, _ in found} or robot == "p3dx"
+
+
 def test_what_comes_is_noticed_by_how_the_nearest_distance_falls() -> None:
     """Smoothed, without the robot's own part of it; a jump is another surface."""
     policy, briefing, rng = ScanPlanner(), sighted("omni3"), np.random.default_rng(3)
