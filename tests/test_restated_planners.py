@@ -242,7 +242,7 @@ def test_who_evades_goes_where_most_way_back_is_free(robot: str) -> None:
     """Straight back, or aside of it: at the speed that stops within what is free there, by the part that leads away."""
     policy, briefing, rng = ScanPlanner(), sighted(robot), np.random.default_rng(38)
     p, memory = planner_params(policy, briefing).copy(), policy.reset(briefing)
-    p["acceleration"], p["yaw_acceleration"], p["delay"] = 1e4, 1e4, 1.5  # at once, and no matter how it brakes
+    p["acceleration"], p["yaw_acceleration"], p["delay"] = 1e4, 1e4, 3.0  # at once, and no matter how it brakes
     radius, found = briefing.robot.hull_radius, set()
     for _ in range(60):
         state, points = on_its_way(rng, 0.0)
@@ -250,7 +250,7 @@ def test_who_evades_goes_where_most_way_back_is_free(robot: str) -> None:
         heading, beam = float(rng.uniform(-math.pi, math.pi)), int(rng.integers(72))
         back = heading + BEAMS[beam] + math.pi
         at = points[rng.integers(50)]
-        spot = at + float(rng.uniform(0.3, 0.9)) * np.array([math.cos(back), math.sin(back)]) + rng.normal(0.0, 0.1, 2)
+        spot = at + float(rng.uniform(0.2, 0.9)) * np.array([math.cos(back), math.sin(back)]) + rng.normal(0.0, 0.1, 2)
         ys, xs = np.mgrid[:160, :160] * policy.cell + 0.5 * policy.cell - np.array([7.0, 6.0])[:, None, None]
         state["grid"] = np.ceil((FARTHEST - np.clip(np.hypot(xs - spot[0], ys - spot[1]), 0.0, FARTHEST)) / UNIT)
         ranges = np.full(72, 5.0)
@@ -266,13 +266,13 @@ def test_who_evades_goes_where_most_way_back_is_free(robot: str) -> None:
             course = way * cmath.rect(1.0, heading)
             places = [at + 0.04 * k * np.array([course.real, course.imag]) for k in range(1, 16)]  # 0.6 m
             free = next((0.04 * k for k, each in enumerate(places) if clear_at(state, each) < needed), 0.6)
-            dead = 1e4 * 1.5
+            dead = 1e4 * 3.0
             speed = min(math.sqrt(dead**2 + 2.0 * 1e4 * free) - dead, policy.max_speed)
             if speed * math.cos(turn) > best + 1e-9:
                 best, wanted, chosen = speed * math.cos(turn), speed * way, turn
         assert state["command"][0].tolist() == pytest.approx([wanted.real, wanted.imag, 0.0], abs=1e-9)
-        found.add((chosen, 0.0 < best < 0.6 / 1.5 - 1e-3))
-    assert {(0.0, True), (0.0, False)} < found
+        found.add((chosen, 0.0 < best < 0.1))
+    assert {slow for _, slow in found} == {True, False}
     assert {0.5, -0.5, 1.0, -1.0} < {turn for turn, _ in found} or robot == "p3dx"
 
 
