@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -567,6 +568,27 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
     refused("is a file")
     with pytest.raises(ValueError, match="is a file"):
         command.check_out(tmp_path / "out" / "deeper")
+
+
+@pytest.mark.parametrize("lacking", [os.W_OK, os.X_OK, 0])
+def test_a_folder_that_may_not_be_written_in_is_refused_before_the_run(
+    lacking: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether it is there, or would have to be made in one that is."""
+    asked = []
+
+    def access(path: Path, mode: int) -> bool:  # the administrator may do all
+        asked.append(path)
+        return not mode & lacking
+
+    monkeypatch.setattr(command.os, "access", access)
+    for folder in (tmp_path, tmp_path / "new" / "deeper"):
+        if lacking:
+            with pytest.raises(ValueError, match=f"cannot be written: no permission in {re.escape(str(tmp_path))}$"):
+                command.check_out(folder)
+        else:
+            command.check_out(folder)
+    assert asked == [tmp_path, tmp_path]
 
 
 # Measured, and in slices.
