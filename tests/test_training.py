@@ -31,7 +31,7 @@ from wayfield.envs.scenarios import GOAL_SCENARIOS, GoalScenario, box, circle, o
 from wayfield.policies.learned.agent import Agent, Network, load_agent, rounded
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.training import checkpoints
+from wayfield.policies.training import checkpoints, command
 from wayfield.policies.training import run as training_run
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
@@ -870,6 +870,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
         (out / "diary.txt").write_text("diary")
     else:  # what the system would say, also to a superuser
         monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(command, "_trained", lambda *_: pytest.fail("the work has begun"))  # it would take hours
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
     with pytest.raises(SystemExit) as caught:
         main([PATH, "--out", str(out)])
