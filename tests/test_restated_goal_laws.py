@@ -12,6 +12,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
+from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.sensing import beam_angles
@@ -348,6 +349,36 @@ def test_of_a_map_a_field_feels_the_occupied_point_that_is_nearest(policy: Any, 
         goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64),
     )  # fmt: skip
     assert (np.abs(policy.act(seen, without, policy.reset(without)) - twists[0]).max(axis=1) > 1e-3).sum() > n // 4
+
+
+@pytest.mark.parametrize("policy", [PotentialField(escape=True, tau=0.9), CorrectedField(rho_0=0.9)])
+def test_a_field_feels_what_is_on_patrol_where_it_is_by_now(policy: Any) -> None:
+    n, rng = 40, np.random.default_rng(8)
+    patrols = np.zeros((n, len(AMONG)), PATROL)
+    for k in range(n):  # one of the two goes to and fro
+        way = AMONG[k % 2]["x"].item(), AMONG[k % 2]["y"].item()
+        patrols[k, k % 2] = (*way, *rng.uniform(-0.5, 0.5, 2), rng.uniform(0.5, 2.0), rng.uniform(0.0, 3.0))
+    poses = np.column_stack([rng.uniform(-1.3, 1.3, (n, 2)), rng.uniform(-3.0, 3.0, n)])
+    goals, turns = rng.uniform(-1.5, 1.5, (n, 2)), rng.uniform(-3.0, 3.0, n)
+    seen = Observation(poses, np.zeros((n, 2)), goals, turns, np.zeros(n), np.zeros((n, 0)))
+    more: dict[str, Any] = {
+        "num_obstacles": np.full(n, len(AMONG)), "goals": np.zeros((n, 1, 3)), "num_goals": np.ones(n, np.int64),
+    }  # fmt: skip
+    moving = told("p3dx", "lagged", n, obstacles=np.tile(AMONG, (n, 1)), patrols=patrols, **more)
+    memory, sides = policy.reset(moving), np.zeros(n)
+    for step in range(12):
+        got = policy.act(seen, moving, memory)
+        now = np.tile(AMONG, (n, 1))
+        for k in range(n):
+            now["x"][k, k % 2], now["y"][k, k % 2], *_ = patrol_at(patrols[k, k % 2], step * DT)
+        standing = told("p3dx", "lagged", n, obstacles=now, patrols=np.zeros_like(patrols), **more)
+        fresh = policy.reset(standing)
+        fresh["side"] = sides
+        np.testing.assert_allclose(got, policy.act(seen, standing, fresh), rtol=1e-9, atol=1e-9)
+        sides = memory["side"].copy()
+    fresh = policy.reset(moving)
+    fresh["side"] = sides
+    assert (np.abs(policy.act(seen, moving, fresh) - got).max(axis=1) > 1e-3).sum() > n // 4
 
 
 # By the scan: the dynamic window and the histogram, with what they remember, foresee and go round.
