@@ -597,3 +597,35 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     sweep = [1.7 + side * 0.3 * (t + after) for after in np.arange(0.0, policy.patrol_horizon + 1e-9, 0.25)]
     room = min(np.hypot(*(way - (1.5, y)).T).min() for y in sweep) - radius - hull
     assert room > policy.margin - policy.cell
+
+
+@pytest.mark.parametrize("sunk", [0.06, 0.13, 0.24])
+@pytest.mark.parametrize("which", ["start", "end", "both"])
+def test_an_end_that_lies_too_near_to_a_wall_is_gone_to_from_the_free_cell_next_to_it(sunk: float, which: str) -> None:
+    """As long as there is one within 0.3 m; of a cell that is free the end itself takes the place."""
+    base = ROBOTS["p3dx"]
+    level = -0.4 + base.hull_radius  # m, of who just fits beside the wall
+    at = {end: level - sunk if which in (end, "both") else level + 0.3 for end in ("start", "end")}
+    goal = np.array([[[2.013, at["end"], 0.0]]])
+    briefing = dataclasses.replace(
+        told("p3dx"), obstacles=obstacle_field(box(0.0, -0.5, 8.0, 0.2))[None].copy(),
+        num_obstacles=np.ones(1, np.int64), goals=goal, num_goals=np.ones(1, np.int64), patrols=None,
+    )  # fmt: skip
+    policy = AstarTracker(margin=0.0)
+    p = policy.params(briefing, theta=True, snap=0.3, spacing=2.0, rounds=0, patience_steps=20)  # as it is found
+    prices = np.array([astar_tracker.clearance_prices(base.hull_radius, 0.0, 0.0)] * len(astar_tracker.MARGIN_SHARES))
+    memory = policy.reset(briefing)
+    pose = np.array([[-0.986, at["start"], 0.0]])
+    astar_tracker.decide(p, prices, Map.of(briefing), pose, np.zeros(1), np.zeros(1), memory)
+    state = memory[0]
+    points, cell, origin = state["points"][: int(state["num_points"])], float(state["cell"]), state["origin"]
+    fits = FARTHEST - UNIT * state["grid"].astype(float) >= base.hull_radius - 1e-9
+    centres = origin + cell * (np.stack(np.indices(fits.shape)[::-1], axis=-1) + 0.5)  # rows, columns, (x, y)
+    for end, place in (("start", pose[0, :2]), ("end", goal[0, 0, :2])):
+        column, row = ((place - origin) / cell).astype(int)
+        away = np.hypot(*(np.indices(fits.shape) - np.array([row, column])[:, None, None]))
+        nearest = fits & (away == away[fits].min())
+        through = min(np.hypot(*(points - centre).T).min() for centre in centres[nearest])
+        assert fits[row, column] == (which not in (end, "both"))
+        assert (through < 1e-9) == (not fits[row, column])
+        assert points[0 if end == "start" else -1] == pytest.approx(place)
