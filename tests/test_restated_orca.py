@@ -219,6 +219,8 @@ def test_it_drives_at_the_farthest_place_of_its_way_that_it_sees_with_room_for_i
         m["planned_at"] = 0 if i % 10 == 8 else 1
         # three discs beside its way, and tight places
         discs = way[rng.integers(3, 45, 3)] + rng.normal(0.0, 0.3, 3) + 1j * rng.normal(0.0, 0.3, 3)
+        if i % 2:
+            discs[0] = at + rng.uniform(0.15, base.hull_radius) * np.exp(1j * rng.uniform(-math.pi, math.pi))
         apart_from = np.abs(places - 6.0 + 1j * (places[:, None] - 6.2) - discs[:, None, None]).min(axis=0)
         m["grid"] = np.ceil((farthest - np.clip(apart_from, 0.0, farthest)) / unit)
         ways.append(way)
