@@ -84,13 +84,16 @@ class _Says(torch.nn.Module):
 
 
 def test_a_step_is_worth_its_reward_and_what_the_lower_critic_makes_of_what_follows() -> None:
-    actor = _Says(lambda x: torch.tensor([[3.0, -0.2]]).repeat(len(x), 1))  # beyond what can be asked for
-    critics = [_Says(lambda x: 5.0 + x[:, -2:-1]), _Says(lambda x: 4.0 + 10.0 * x[:, -1:])]
-    noise = torch.tensor([[0.4, 0.1], [-0.5, 0.4], [-0.5, 0.4]])
-    rewards, discounts = torch.tensor([1.0, 1.0, 1.0]), torch.tensor([0.9, 0.9, 0.0])
-    found = offline.worth(rewards, torch.zeros(3, 2), discounts, [actor, *critics], noise)
-    # actions (1, -0.1) and (0.5, 0.2): critics say 6 and 3, 5.5 and 6; the third step is the task's end
-    assert found.tolist() == pytest.approx([1.0 + 0.9 * 3.0, 1.0 + 0.9 * 5.5, 1.0])
+    """Of an action that is cut, gets its noise, and is cut again; nothing follows where the task has ended."""
+    rng = np.random.default_rng(9)
+    rewards, asked, noise = rng.normal(size=60), rng.uniform(-1.8, 1.8, (60, 2)), rng.uniform(-0.5, 0.5, (60, 2))
+    discounts = rng.choice([0.9, 0.0], 60)
+    critics = [_Says(lambda x: 5.0 + x[:, -2:-1] - 2.0 * x[:, -1:]), _Says(lambda x: 4.5 - x[:, -2:-1] + x[:, -1:])]
+    given = [torch.from_numpy(each) for each in (rewards, asked, discounts, noise)]
+    found = offline.worth(*given[:3], [_Says(lambda x: x), *critics], given[3])
+    first, second = np.clip(np.clip(asked, -1.0, 1.0) + noise, -1.0, 1.0).T
+    lower = np.minimum(5.0 + first - 2.0 * second, 4.5 - first + second)
+    np.testing.assert_allclose(found.numpy(), rewards + discounts * lower, rtol=1e-12)
 
 
 def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_alone() -> None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
@@ -404,22 +404,24 @@ def test_a_scan_of_another_length_is_refused(tmp_path: Path) -> None:
         pilot.policy.act(fields._replace(ranges=fields.ranges[:, 1:]), pilot.briefing, pilot.memory)
 
 
-@given(
-    st.lists(
-        st.tuples(st.booleans(), st.integers(0, 15), st.integers(0, 15), st.integers(0, SUB * SUB - 1)), max_size=40
-    )
-)
-def test_a_scan_map_holds_the_clearance_of_the_spots_it_has(entries: list[tuple[bool, int, int, int]]) -> None:
+ROWS = st.integers(0, 15)
+
+
+@given(st.lists(st.tuples(ROWS, ROWS, st.integers(0, SUB * SUB - 1), st.none() | st.integers(0, 39)), max_size=40))
+@example([(5, 5, 0, None), (5, 7, 9, None), (9, 1, 3, 0)])
+@example([(0, 3, 2, None), (15, 15, 1, None), (4, 3, 5, None), (4, 4, 5, 2)])
+def test_a_scan_map_holds_the_clearance_of_the_spots_it_has(entries: list[tuple[int, int, int, int | None]]) -> None:
     """Whatever was entered and taken back, each cell knows how near the nearest spot left is, near ones only."""
     cell, reach = 0.1, 0.55
     chart, table = np.zeros(1, CHART), stamps(cell, reach)
     grid, evidence, spots = (chart[0][name] for name in ("grid", "evidence", "spots"))
-    for enters, row, column, spot in entries:
-        if enters:
-            evidence[row, column] = 1
-            entered(chart, table, row, column, spot)
-        else:
-            weakened(chart, table, row, column)
+    for k, (row, column, spot, back) in enumerate(entries):
+        evidence[row, column] = 1
+        entered(chart, table, row, column, spot)
+        if back is not None:  # all of a cell that was entered before
+            gone = entries[back % (k + 1)][:2]
+            weakened(chart, table, *gone)
+            assert spots[gone] == 0
     left = np.array(
         [
             (column + (spot % SUB + 0.5) / SUB, row + (spot // SUB + 0.5) / SUB)

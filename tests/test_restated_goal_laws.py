@@ -11,6 +11,8 @@ from test_local_planners import free  # has an oracle of its own
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.goal_reaching import Observation
+from wayfield.envs.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
+from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.sensing import beam_angles
@@ -300,6 +302,83 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
             twist = law(policy, briefing.robot, poses[k], to_goals[k], turns[k], field[: counts[k]], mine[k])
             np.testing.assert_allclose(got[k], twist, rtol=1e-7, atol=1e-9, err_msg=f"robot {k}")
         to_goals = to_goals + rng.normal(0.0, 0.3, (n, 2))
+
+
+AMONG = obstacle_field(circle(0.9, 0.3, 0.2), circle(-0.7, 0.8, 0.15))
+
+
+@pytest.mark.parametrize("policy", [PotentialField(escape=True, tau=0.9), CorrectedField(rho_0=0.9)])
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+def test_of_a_map_a_field_feels_the_occupied_point_that_is_nearest(policy: Any, robot: str) -> None:
+    """As a disc of no size there, beside the obstacles; the cells are squares of a grid that lies askew."""
+    n, rng, cell, turn = 60, np.random.default_rng(6), 0.4, 0.5
+    blocked = np.zeros((12, 13), bool)
+    blocked[rng.integers(0, 12, 9), rng.integers(0, 13, 9)] = True
+    grid = OccupancyGrid(blocked, cell, (-2.3, -2.6, turn), "free")
+    u, v = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
+    rows, columns = np.nonzero(blocked)
+
+    def nearest(x: float, y: float) -> tuple[float, Any]:
+        local = np.array([[u @ (x + 2.3, y + 2.6), v @ (x + 2.3, y + 2.6)]])
+        low = cell * np.column_stack([columns, rows])
+        there = np.clip(local, low, low + cell)
+        away = np.hypot(*(local - there).T)
+        return away.min(), np.array([-2.3, -2.6]) + there[away.argmin()] @ [u, v]
+
+    poses, points = np.empty((n, 3)), np.empty((n, 2))
+    for k in range(n):
+        while True:
+            poses[k] = rng.uniform(-2.0, 2.0, 3) * [1.0, 1.0, 1.5]
+            away, points[k] = nearest(*poses[k, :2])
+            if away > 0.05 and min(surface(each, *poses[k, :2])[0] for each in AMONG) > 0.05:
+                break
+    stood = [np.append(AMONG, obstacle_field(circle(x, y, 1e-9))) for x, y in points.tolist()]
+    goals, turns = rng.uniform(-1.5, 1.5, (n, 2)), rng.uniform(-3.0, 3.0, n)
+    seen = Observation(poses, np.zeros((n, len(ROBOTS[robot].twist_axes))), goals, turns, np.zeros(n), np.zeros((n, 0)))
+    frames = frames_of(lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(n, np.int64))
+    twists = []
+    for field, more in ((np.tile(AMONG, (n, 1)), {"grids": frames}), (np.array(stood), {})):
+        briefing = told(
+            robot, "lagged", n, obstacles=field, num_obstacles=np.full(n, field.shape[1]),
+            goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64), **more,
+        )  # fmt: skip
+        twists.append(policy.act(seen, briefing, policy.reset(briefing)))
+    np.testing.assert_allclose(*twists, rtol=1e-5, atol=1e-6)
+    without = told(
+        robot, "lagged", n, obstacles=np.tile(AMONG, (n, 1)), num_obstacles=np.full(n, len(AMONG)),
+        goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64),
+    )  # fmt: skip
+    assert (np.abs(policy.act(seen, without, policy.reset(without)) - twists[0]).max(axis=1) > 1e-3).sum() > n // 4
+
+
+@pytest.mark.parametrize("policy", [PotentialField(escape=True, tau=0.9), CorrectedField(rho_0=0.9)])
+def test_a_field_feels_what_is_on_patrol_where_it_is_by_now(policy: Any) -> None:
+    n, rng = 40, np.random.default_rng(8)
+    patrols = np.zeros((n, len(AMONG)), PATROL)
+    for k in range(n):  # one of the two goes to and fro
+        way = AMONG[k % 2]["x"].item(), AMONG[k % 2]["y"].item()
+        patrols[k, k % 2] = (*way, *rng.uniform(-0.5, 0.5, 2), rng.uniform(0.5, 2.0), rng.uniform(0.0, 3.0))
+    poses = np.column_stack([rng.uniform(-1.3, 1.3, (n, 2)), rng.uniform(-3.0, 3.0, n)])
+    goals, turns = rng.uniform(-1.5, 1.5, (n, 2)), rng.uniform(-3.0, 3.0, n)
+    seen = Observation(poses, np.zeros((n, 2)), goals, turns, np.zeros(n), np.zeros((n, 0)))
+    more: dict[str, Any] = {
+        "num_obstacles": np.full(n, len(AMONG)), "goals": np.zeros((n, 1, 3)), "num_goals": np.ones(n, np.int64),
+    }  # fmt: skip
+    moving = told("p3dx", "lagged", n, obstacles=np.tile(AMONG, (n, 1)), patrols=patrols, **more)
+    memory, sides = policy.reset(moving), np.zeros(n)
+    for step in range(12):
+        got = policy.act(seen, moving, memory)
+        now = np.tile(AMONG, (n, 1))
+        for k in range(n):
+            now["x"][k, k % 2], now["y"][k, k % 2], *_ = patrol_at(patrols[k, k % 2], step * DT)
+        standing = told("p3dx", "lagged", n, obstacles=now, patrols=np.zeros_like(patrols), **more)
+        fresh = policy.reset(standing)
+        fresh["side"] = sides
+        np.testing.assert_allclose(got, policy.act(seen, standing, fresh), rtol=1e-9, atol=1e-9)
+        sides = memory["side"].copy()
+    fresh = policy.reset(moving)
+    fresh["side"] = sides
+    assert (np.abs(policy.act(seen, moving, fresh) - got).max(axis=1) > 1e-3).sum() > n // 4
 
 
 # By the scan: the dynamic window and the histogram, with what they remember, foresee and go round.

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -321,9 +322,11 @@ def test_a_card_tells_of_all_layers_of_a_network(robot: str) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("older", [False, True])
 def test_a_run_counts_the_seconds_that_it_works_and_its_learner_on_what(
-    tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
+    older: bool, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A state of older releases knows neither processor time nor measured paces: the former counts from then on."""
     clock = SimpleNamespace(now=100.0, computed=40.0)  # s; of the processor half as fast
     stopwatch = SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.computed)
     monkeypatch.setattr(run, "time", stopwatch)
@@ -351,7 +354,17 @@ def test_a_run_counts_the_seconds_that_it_works_and_its_learner_on_what(
     preset = preset_of(steps=UPDATE * 8, validations=3, controller="lqr", imitation=UPDATE * 2)  # after 2, 4, 6 updates
     job = Job(PATH, preset, (), 4, tmp_path)
     reports, _ = went(run._Run(job, Slow(preset)), 8)  # type: ignore[arg-type]
+    before = clock.computed - 40.0
     takes(1000.0)  # until it is taken up again
+    if older:
+        state = checkpoints.read_state
+
+        def without(folder: Path) -> Any:
+            arrays, numbers = state(folder)  # type: ignore[misc]
+            del numbers["cpu_seconds"], numbers["cruises"]
+            return arrays, numbers
+
+        monkeypatch.setattr(checkpoints, "read_state", without)
     last = run._Run(dataclasses.replace(job, resume=True), Slow(preset))  # type: ignore[arg-type]
     takes(1.0)
     reports += went(last)[0]
@@ -359,7 +372,10 @@ def test_a_run_counts_the_seconds_that_it_works_and_its_learner_on_what(
     assert [row["seconds"] for row in rows] == [11.0, 22.0, 33.0, 44.0]
     assert reports[-1].seconds["validation"] == 20.0
     training = load_agent(tmp_path / BEST).card["training"]
-    assert (training["seconds"], training["run_seconds"], training["run_cpu_seconds"]) == (44.0, 44.0, 22.5)
+    assert (training["seconds"], training["run_seconds"], training["run_cpu_seconds"]) == (
+        44.0, 44.0, 22.5 - before if older else 22.5
+    )  # fmt: skip
+    assert before > 1.0
 
     def collected() -> float:
         takes(3.0)
@@ -567,6 +583,27 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
     refused("is a file")
     with pytest.raises(ValueError, match="is a file"):
         command.check_out(tmp_path / "out" / "deeper")
+
+
+@pytest.mark.parametrize("lacking", [os.W_OK, os.X_OK, 0])
+def test_a_folder_that_may_not_be_written_in_is_refused_before_the_run(
+    lacking: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether it is there, or would have to be made in one that is."""
+    asked = []
+
+    def access(path: Path, mode: int) -> bool:  # the administrator may do all
+        asked.append(path)
+        return not mode & lacking
+
+    monkeypatch.setattr(command.os, "access", access)
+    for folder in (tmp_path, tmp_path / "new" / "deeper"):
+        if lacking:
+            with pytest.raises(ValueError, match=f"cannot be written: no permission in {re.escape(str(tmp_path))}$"):
+                command.check_out(folder)
+        else:
+            command.check_out(folder)
+    assert asked == [tmp_path, tmp_path]
 
 
 # Measured, and in slices.

@@ -191,3 +191,79 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
     assert held > 0.2 * n
     assert arrivals or base.holonomic
     assert list(itertools.islice(half_planes(told, margin, (OBSTACLES, patrols, grid), poses[0], v, 0.0), 1))
+
+
+def test_it_drives_at_the_farthest_place_of_its_way_that_it_sees_with_room_for_its_hull() -> None:
+    """Of seven up to 3 m on, along lines looked at every 5 cm; half a metre off, or bound elsewhere, it plans anew."""
+    n, rng, base, unit, farthest, cell = 60, np.random.default_rng(43), ROBOTS["omni4"], 0.005, 1.275, 0.05
+    policy = Orca(k=0.2, perturbation=0.3, margin=0.12)
+    briefing = Briefing(
+        n, base, ACTUATORS["lagged"], DT, "twist", Observation.layout(3, 0, 5.0), np.empty(0), 5.0,
+        obstacles=np.tile(OBSTACLES, (n, 1)), num_obstacles=np.zeros(n, np.int64), goals=np.full((n, 2, 3), 4.0),
+        num_goals=np.full(n, 2), patrols=np.zeros((n, len(OBSTACLES)), PATROL),
+    )  # fmt: skip
+    memory = policy.reset(briefing)
+    memory["cell"], memory["origin"], memory["plans"], memory["planned_at"] = cell, (-6.0, -6.2), 1, 1
+    side = memory["grid"].shape[1]
+    assert side * cell > 12.0
+    places = (np.arange(side) + 0.5) * cell
+    poses, ways, fields = np.empty((n, 3)), [], []
+    for i, m in enumerate(memory):
+        way = np.cumsum(0.1 * np.exp(1j * np.cumsum(rng.normal(0.0, 0.3, 45))))
+        k = int(rng.integers(2, 8))
+        aside = 0.55 if i % 10 == 9 else float(rng.uniform(0.0, 0.3))
+        at = way[k] + aside * 1j * (way[k + 1] - way[k]) / 0.1
+        poses[i] = at.real, at.imag, rng.uniform(-math.pi, math.pi)
+        m["points"][:45], m["num_points"] = np.column_stack([way.real, way.imag]), 45
+        m["arc"][:45] = np.append(0.0, np.cumsum(np.abs(np.diff(way))))
+        m["planned_at"] = 0 if i % 10 == 8 else 1
+        # three discs beside its way, and tight places
+        discs = way[rng.integers(3, 45, 3)] + rng.normal(0.0, 0.3, 3) + 1j * rng.normal(0.0, 0.3, 3)
+        if i % 2:
+            discs[0] = at + rng.uniform(0.15, base.hull_radius) * np.exp(1j * rng.uniform(-math.pi, math.pi))
+        apart_from = np.abs(places - 6.0 + 1j * (places[:, None] - 6.2) - discs[:, None, None]).min(axis=0)
+        m["grid"] = np.ceil((farthest - np.clip(apart_from, 0.0, farthest)) / unit)
+        ways.append(way)
+        fields.append(farthest - unit * m["grid"].astype(float))
+    goals = rng.uniform(-1.0, 1.0, (n, 2))
+    seen = Observation(poses, np.zeros((n, 3)), goals, np.zeros(n), np.zeros(n), np.empty((n, 0)))
+    memory["num_points"][:3] = 0  # no way is known: straight on
+    got = policy.act(seen, briefing, memory)
+    assert memory["planned_at"].tolist() == [1] * n
+    turn_to = 1.0 if np.random.default_rng(policy.seed).random() < 0.5 else -1.0
+    looks, found = (3.0, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35), []
+    replanned: list[bool] = []
+    for i, (way, field) in enumerate(zip(ways, fields, strict=True)):
+        steps, arc = np.abs(np.diff(way)), memory["arc"][i, :45]
+        at = complex(*poses[i, :2])
+        share = np.clip(((at - way[:-1]) * np.diff(way).conj()).real / steps**2, 0.0, 1.0)
+        feet = np.abs(way[:-1] + share * np.diff(way) - at)
+        k = int(np.argmin(np.where(arc[:-1] <= arc[1] + 1.0, feet, np.inf)))
+        if i >= 3:
+            anew = feet[k] > 0.5 or i % 10 == 8
+            assert memory["plans"][i] == 1 + anew
+            if anew:
+                replanned.append(feet[k] > 0.5)
+                continue
+
+        def clear(place: complex, field: Any = field) -> float:
+            u, v = (place.real + 6.0) / cell - 0.5, (place.imag + 6.2) / cell - 0.5
+            a, b = math.floor(u), math.floor(v)
+            square = field[b : b + 2, a : a + 2]
+            return float(np.array([b + 1 - v, v - b]) @ square @ np.array([a + 1 - u, u - a]))
+
+        s = arc[k] + share[k] * steps[k]
+        room = min(base.hull_radius + 0.06, clear(at) - 0.5 * cell)
+        to, left = complex(*goals[i]) * np.exp(1j * poses[i, 2]), 0.0
+        for look in looks if i >= 3 else ():
+            to, left = complex(np.interp(s + look, arc, way.real), np.interp(s + look, arc, way.imag)) - at, arc[-1] - s
+            count = math.ceil(abs(to) / 0.05)
+            if all(clear(at + to * j / count) >= room for j in range(1, count + 1)):
+                found.append((look, room < base.hull_radius + 0.06))
+                break
+        length = max(abs(to), left)
+        u = min(0.2 * length, 0.6) * to / abs(to) * np.exp(1j * (turn_to * 0.3 * min(length, 1.0) - poses[i, 2]))
+        np.testing.assert_allclose(got[i], [u.real, u.imag, 0.0], atol=1e-9)
+    assert set(replanned) == {True, False}
+    assert len({look for look, _ in found}) > 4
+    assert {tight for _, tight in found} == {True, False}

@@ -237,6 +237,45 @@ def test_the_scan_planner_backs_straight_away_from_what_comes(robot: str, beam: 
     assert state["closing"][0] == 0.0
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+def test_who_evades_goes_where_most_way_back_is_free(robot: str) -> None:
+    """Straight back, or aside of it: at the speed that stops within what is free there, by the part that leads away."""
+    policy, briefing, rng = ScanPlanner(), sighted(robot), np.random.default_rng(38)
+    p, memory = planner_params(policy, briefing).copy(), policy.reset(briefing)
+    p["acceleration"], p["yaw_acceleration"], p["delay"] = 1e4, 1e4, 3.0  # at once, and no matter how it brakes
+    radius, found = briefing.robot.hull_radius, set()
+    for _ in range(60):
+        state, points = on_its_way(rng, 0.0)
+        state["steps"], state["closing"], state["nearest"] = 5, 0.3, radius + 0.25 + 0.3 * 0.05
+        heading, beam = float(rng.uniform(-math.pi, math.pi)), int(rng.integers(72))
+        back = heading + BEAMS[beam] + math.pi
+        at = points[rng.integers(50)]
+        spot = at + float(rng.uniform(0.2, 0.9)) * np.array([math.cos(back), math.sin(back)]) + rng.normal(0.0, 0.1, 2)
+        ys, xs = np.mgrid[:160, :160] * policy.cell + 0.5 * policy.cell - np.array([7.0, 6.0])[:, None, None]
+        state["grid"] = np.ceil((FARTHEST - np.clip(np.hypot(xs - spot[0], ys - spot[1]), 0.0, FARTHEST)) / UNIT)
+        ranges = np.full(72, 5.0)
+        ranges[beam] = radius + 0.25
+        seen = observed(robot, (*at, heading), (3.0, 0.0), ranges)
+        assert evade(p, state, Scan.of(policy, seen, briefing, memory), Seen.of(seen, briefing), True)
+        needed = min(radius + policy.skin, clear_at(state, at) - 1e-4)
+        best, wanted, chosen = 0.0, 0.0j, math.nan
+        for turn in (0.0, 0.5, -0.5, 1.0, -1.0) if robot == "omni3" else (0.0,):
+            way = cmath.rect(1.0, BEAMS[beam] + math.pi + turn)
+            if robot == "p3dx":
+                way = complex(math.copysign(1.0, way.real))
+            course = way * cmath.rect(1.0, heading)
+            places = [at + 0.04 * k * np.array([course.real, course.imag]) for k in range(1, 16)]  # 0.6 m
+            free = next((0.04 * k for k, each in enumerate(places) if clear_at(state, each) < needed), 0.6)
+            dead = 1e4 * 3.0
+            speed = min(math.sqrt(dead**2 + 2.0 * 1e4 * free) - dead, policy.max_speed)
+            if speed * math.cos(turn) > best + 1e-9:
+                best, wanted, chosen = speed * math.cos(turn), speed * way, turn
+        assert state["command"][0].tolist() == pytest.approx([wanted.real, wanted.imag, 0.0], abs=1e-9)
+        found.add((chosen, 0.0 < best < 0.1))
+    assert {slow for _, slow in found} == {True, False}
+    assert {0.5, -0.5, 1.0, -1.0} < {turn for turn, _ in found} or robot == "p3dx"
+
+
 def test_what_comes_is_noticed_by_how_the_nearest_distance_falls() -> None:
     """Smoothed, without the robot's own part of it; a jump is another surface."""
     policy, briefing, rng = ScanPlanner(), sighted("omni3"), np.random.default_rng(3)
@@ -558,3 +597,35 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     sweep = [1.7 + side * 0.3 * (t + after) for after in np.arange(0.0, policy.patrol_horizon + 1e-9, 0.25)]
     room = min(np.hypot(*(way - (1.5, y)).T).min() for y in sweep) - radius - hull
     assert room > policy.margin - policy.cell
+
+
+@pytest.mark.parametrize("sunk", [0.06, 0.13, 0.24])
+@pytest.mark.parametrize("which", ["start", "end", "both"])
+def test_an_end_that_lies_too_near_to_a_wall_is_gone_to_from_the_free_cell_next_to_it(sunk: float, which: str) -> None:
+    """As long as there is one within 0.3 m; of a cell that is free the end itself takes the place."""
+    base = ROBOTS["p3dx"]
+    level = -0.4 + base.hull_radius  # m, of who just fits beside the wall
+    at = {end: level - sunk if which in (end, "both") else level + 0.3 for end in ("start", "end")}
+    goal = np.array([[[2.013, at["end"], 0.0]]])
+    briefing = dataclasses.replace(
+        told("p3dx"), obstacles=obstacle_field(box(0.0, -0.5, 8.0, 0.2))[None].copy(),
+        num_obstacles=np.ones(1, np.int64), goals=goal, num_goals=np.ones(1, np.int64), patrols=None,
+    )  # fmt: skip
+    policy = AstarTracker(margin=0.0)
+    p = policy.params(briefing, theta=True, snap=0.3, spacing=2.0, rounds=0, patience_steps=20)  # as it is found
+    prices = np.array([astar_tracker.clearance_prices(base.hull_radius, 0.0, 0.0)] * len(astar_tracker.MARGIN_SHARES))
+    memory = policy.reset(briefing)
+    pose = np.array([[-0.986, at["start"], 0.0]])
+    astar_tracker.decide(p, prices, Map.of(briefing), pose, np.zeros(1), np.zeros(1), memory)
+    state = memory[0]
+    points, cell, origin = state["points"][: int(state["num_points"])], float(state["cell"]), state["origin"]
+    fits = FARTHEST - UNIT * state["grid"].astype(float) >= base.hull_radius - 1e-9
+    centres = origin + cell * (np.stack(np.indices(fits.shape)[::-1], axis=-1) + 0.5)  # rows, columns, (x, y)
+    for end, place in (("start", pose[0, :2]), ("end", goal[0, 0, :2])):
+        column, row = ((place - origin) / cell).astype(int)
+        away = np.hypot(*(np.indices(fits.shape) - np.array([row, column])[:, None, None]))
+        nearest = fits & (away == away[fits].min())
+        through = min(np.hypot(*(points - centre).T).min() for centre in centres[nearest])
+        assert fits[row, column] == (which not in (end, "both"))
+        assert (through < 1e-9) == (not fits[row, column])
+        assert points[0 if end == "start" else -1] == pytest.approx(place)

@@ -3,14 +3,17 @@
 import copy
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 
 from wayfield.policies.training import imitation
 from wayfield.policies.training.imitation import Lessons, teach
-from wayfield.policies.training.shaping import changes_of
+from wayfield.policies.training.learner import Timed
+from wayfield.policies.training.shaping import Shaped, changes_of
 
 ROBOTS, WIDTH = 6, 3
 
@@ -210,3 +213,31 @@ def test_how_an_action_changes(remembered: int) -> None:
     wanted = [[sum(v * v for v in each) for each in part] for part in (first, second)]
     np.testing.assert_allclose(changes_of(actions, before), wanted, rtol=1e-12)
     np.testing.assert_array_equal(before, kept)
+
+
+@pytest.mark.parametrize("around", ["timed", "shaped"])
+def test_what_is_asked_of_worlds_within_others_is_passed_on(around: str) -> None:
+    """Word by word; what answers, answers for those outside."""
+    space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
+    inner = mock.Mock(num_envs=3, observation_space=space, action_space=space)
+    inner.get_attr.return_value = [None] * 3
+    env: Any
+    if around == "timed":
+        env = Timed(inner, {"environment": 0.0})
+    else:
+        env = Shaped.__new__(Shaped)
+        env.worlds = inner
+    inner.reset_mock()
+    asked: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
+        ("env_is_wrapped", (dict, [1]), {}),
+        ("get_attr", ("dt", [0, 2]), {}),
+        ("set_attr", ("dt", 0.1, [0]), {}),
+        ("env_method", ("turn", 1, 2), {"indices": [2], "about": "z"}),
+        ("close", (), {}),
+    ]
+    if around == "timed":
+        asked += [("reset", (), {}), ("step_async", ("ahead",), {}), ("step_wait", (), {}), ("seed", (7,), {})]
+    for name, words, named in asked:
+        answer = getattr(env, name)(*words, **named)
+        assert answer is (None if name in ("close", "set_attr", "step_async") else getattr(inner, name).return_value)
+    assert inner.mock_calls == [mock.call.__getattr__(name)(*words, **named) for name, words, named in asked]
