@@ -72,12 +72,11 @@ class Hybrid:
         agent = self.agent(briefing)
         planner = planner_of(briefing.robot.name, agent.speed)
         parts = {"planner": planner.reset(briefing), "agent": agent.reset(briefing)}
-        kinds = [(each.dtype, each.shape[1:]) for each in parts.values()]
-        sizes = [np.dtype(kind).itemsize for kind in kinds]
-        # whole words a robot, so that every map begins with one
-        layout: Any = {"names": [*parts], "formats": kinds, "offsets": [0, sizes[0]]}
-        layout["itemsize"] = -(-sum(sizes) // 8) * 8
-        memory: NDArray[Any] = np.zeros(briefing.num_envs, np.dtype(layout))
+        fields: list[Any] = [(name, each.dtype, each.shape[1:]) for name, each in parts.items()]
+        # whole words a robot, so that every map begins with one; by a field, as what only pads is not copied with a row
+        if spare := -np.dtype(fields).itemsize % 8:
+            fields.append(("spare", np.uint8, (spare,)))
+        memory: NDArray[Any] = np.zeros(briefing.num_envs, fields)
         for name, each in parts.items():
             memory[name] = each
         return memory
