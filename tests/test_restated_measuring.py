@@ -188,7 +188,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def test_scans_are_timed_among_discs_boxes_and_on_maps(asked: list[Any]) -> None:
     found = throughput.scanning()
-    assert len(found) == len(asked) == 3 + 2 + 3 + 2 + 1
+    assert len(found) == len(asked) == 3 + 2 + 3 + 3 + 1
     assert all(each.robots == 256 and each.cartpole == (each.name == "CartPole-v1") for each in found)
     for each, (env_id, count, more, content, _) in zip(found, asked, strict=True):
         assert count == 256
@@ -216,7 +216,7 @@ def test_scans_are_timed_among_discs_boxes_and_on_maps(asked: list[Any]) -> None
     counts = [int(n.replace(",", "")) for each in found for n in re.findall(r"([\d,]+) (?:discs|boxes)", each.name)]
     assert counts == [16, 64, 1024, 64, 1024]
     shares = [float(n) for each in found for n in re.findall(r"([\d.]+)%", each.name)]
-    assert shares == [0.1, 10.0, 30.0, 10.0]
+    assert shares == [0.1, 10.0, 30.0, 6.0, 10.0]
 
 
 def test_what_is_timed_beside_cartpole(asked: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
