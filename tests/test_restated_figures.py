@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import FillBetweenPolyCollection, LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import same_color, to_hex
 from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import NullFormatter
@@ -141,7 +141,7 @@ def test_the_front_and_the_ladder() -> None:
     (axis,) = contest_figures.front(contest, rows, NOWHERE).axes
     assert inches(axis.figure) == (8.6, 5.6)
     swept = groups([row for row in rows if row["split"] == "front"])
-    bands = [each for each in axis.collections if isinstance(each, FillBetweenPolyCollection)]
+    bands = [each for each in axis.collections if isinstance(each, PolyCollection)]
     for k, mine in enumerate(swept.values()):
         at = [[row for row in mine if row["speed"] == speed] for speed in FRONT]
         costs = [costs_of(group, metric) for group in at]

@@ -80,8 +80,11 @@ def test_an_agent_decides_by_this_recipe(task: str, robot: str, shipped: Any) ->
     env = recipes.environment(task, robot, "ideal", f"{contest.timed_on}/test")
     blobs = Blobs()
     told = json.loads(json.dumps(recipes.network_recipe(task, robot, 0, env, blobs)))
-    wanted = shipped["pilots"][f"{task} {robot} ideal ppo (trained)"]
-    assert resolved(told, blobs.listed()) == resolved(wanted, shipped["blobs"])
+    found = resolved(told, blobs.listed())
+    wanted = resolved(shipped["pilots"][f"{task} {robot} ideal ppo (trained)"], shipped["blobs"])
+    # from an exponential, of which NumPy's releases have other last bits
+    np.testing.assert_allclose(found.pop("shares", []), wanted.pop("shares", []), rtol=1e-12)
+    assert found == wanted
     env.close()
 
 

@@ -36,9 +36,11 @@ _MOST_NESTED = 100  # brackets and dashes behind dashes
 _MOST_YAML = 65_536  # characters
 _SETTINGS = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _FREE, _BLOCKED = ".GS", "@OTW"  # swamp can be driven on; water cannot be driven into from elsewhere
-# what reading a damaged image raises; of Pillow are a SyntaxError (a broken PNG), an AssertionError (no palette)
+# what reading a damaged image raises; of Pillow are a SyntaxError (a broken PNG), an AssertionError and, before release
+# 11, an AttributeError (no palette)
 _DAMAGED = (
-    OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, AssertionError
+    OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, AssertionError,
+    AttributeError,
 )  # fmt: skip
 _NUMERAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
