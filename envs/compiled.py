@@ -435,3 +435,14 @@ def _warn(problem: str) -> None:
             RuntimeWarning,
             stacklevel=4,
         )
+
+
+@inlined
+def assign(to: Any, source: Any) -> None:
+    """Copies an array, number by number, into another of its shape, which lies elsewhere.
+
+    What Numba makes of `to[:] = source`, with a copy in between in case they overlap and the words of the error in case
+    their shapes differ, takes seconds to compile.
+    """
+    for at in np.ndindex(source.shape):
+        to[at] = source[at]

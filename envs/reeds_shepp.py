@@ -195,12 +195,15 @@ def shortest_word(x, y, phi, word):
                     lengths[k] *= time
                     total += abs(lengths[k])
                 if back:
-                    turns[:] = turns[::-1].copy()
-                    lengths[:] = lengths[::-1].copy()
+                    for k in range(MOST_PIECES // 2):
+                        last = MOST_PIECES - 1 - k
+                        turns[k], turns[last] = turns[last], turns[k]
+                        lengths[k], lengths[last] = lengths[last], lengths[k]
                 if total < best and ends_at(turns, lengths, x, y, phi):
                     best = total
-                    word[:, 0] = turns
-                    word[:, 1] = lengths
+                    for k in range(MOST_PIECES):
+                        word[k, 0] = turns[k]
+                        word[k, 1] = lengths[k]
     return best
 
 

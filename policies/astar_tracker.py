@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import memory as check_memory
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
 from wayfield.envs.geometry import clearance_to
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
@@ -240,7 +240,8 @@ def plan_with_room(p, m, prices, x, y, stops):
     short = math.ceil(SAFE * m.cell / UNIT)
     for choice in range(prices.shape[0]):
         stricter = np.full(256, np.inf)
-        stricter[: max(256 - short, 0)] = prices[choice, short:]
+        for units in range(short, 256):
+            stricter[units - short] = prices[choice, units]
         if plan_way(p, m, stricter, stricter, x, y, stops, longest) < np.inf:
             return True
     for choice in range(prices.shape[0] - 1):
@@ -267,7 +268,7 @@ def dodge(p, m, prices, told, i, x, y, stops, time):
                     stamp(m, o, mx - o.x, my - o.y, reach)
                 after += 0.25
         found = plan_with_room(p, m, prices, x, y, stops)
-        m.grid[:] = still
+        assign(m.grid, still)
         if found:
             return
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
 from wayfield.envs.crew import one_a_thread
 from wayfield.envs.geometry import bearing, sin_cos
 from wayfield.envs.kinematics import limit_acceleration, saturation_factor
@@ -339,7 +339,7 @@ def choose(params, seen, command, commands, i):
         cost = plan_cost(p, pose, twist, last, plan)
         if cost < best:
             best = cost
-            commands[i] = plan
+            assign(commands[i], plan)
     return best
 
 
@@ -450,7 +450,7 @@ def improve(params, seen, command, commands, i, cost, change):
             for k in range(n):
                 plan[j, k] = commands[i, j, k] + share * change[j * n + k]
         if plan_cost(p, pose, twist, last, plan) < cost:
-            commands[i] = plan
+            assign(commands[i], plan)
             return
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
 from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
 from wayfield.envs.elementary import exponential, logarithm
 from wayfield.envs.geometry import sin_cos, wrap_angle
 from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
@@ -221,7 +221,7 @@ def decide(params, beams, ranges, seen, memory, twists):
             average(plans, weights, p.samples)
             mean_cost = roll_out(p, plans[p.samples], m.command, wheels, goal, clearances, ways)
             chosen = p.samples if mean_cost <= costs[best] + 0.01 * p.collision_cost else best
-            m.plan[:] = plans[chosen]
+            assign(m.plan, plans[chosen])
             for c in range(3):
                 twists[i, c] = plans[chosen, 0, c]
         set_command(p.plant, m.command, twists[i, 0], twists[i, 1], twists[i, 2])
@@ -452,7 +452,7 @@ def clamp(p, vx, vy, yaw_rate):
 @allocating
 def sample(p, decisions, plan, plans):
     """Fills the plans of a robot's next decision: its last one, standstill, and that last one with noise, clamped."""
-    plans[0] = plan
+    assign(plans[0], plan)
     plans[1] = 0.0
     key = scramble(np.uint64(p.seed))
     fresh = math.sqrt(1.0 - p.noise_correlation * p.noise_correlation)

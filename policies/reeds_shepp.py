@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
+from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
 from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
 from wayfield.envs.grids import grid_clearance
 from wayfield.envs.patrols import patrol_at
@@ -240,7 +240,7 @@ def make_plan(p, told, poses, goal, m, i):
         if patrols[i, j].leg_time == 0.0:
             standing[0, count] = obstacles[i, j]
             count += 1
-    m.start[:] = poses[i]
+    assign(m.start, poses[i])
     m.along = 0.0
     m.off = 0.0
     plan = np.empty((PLAN, 2))
@@ -264,7 +264,7 @@ def make_plan(p, told, poses, goal, m, i):
             needed = p.plant.hull_radius + margin
             if length < best and is_free(plan, radius, m.start, length, field, needed, (0.0, 1.0)):
                 best = length
-                m.plan[:] = plan
+                assign(m.plan, plan)
         if best < np.inf:
             m.radius = radius
             m.length = best

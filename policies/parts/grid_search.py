@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.envs.compiled import allocating, assign, compiled, inlined
 
 UNSEEN = -1  # place of a cell that is not in the heap yet
 CLOSED = -2  # place of a cell whose way is settled
@@ -349,14 +349,14 @@ def traced(parents, goal, columns):
 def pulled(levels, prices, cells):
     """Returns the cells of a way without the turns that line of sight makes needless: a string pulled tight."""
     kept = np.empty_like(cells)
-    kept[0] = cells[0]
+    assign(kept[0], cells[0])
     count = 1
     for k in range(1, cells.shape[0] - 1):
         last = kept[count - 1]
         if not sees(levels, prices, last[0], last[1], cells[k + 1, 0], cells[k + 1, 1]):
-            kept[count] = cells[k]
+            assign(kept[count], cells[k])
             count += 1
     if cells.shape[0] > 1:
-        kept[count] = cells[-1]
+        assign(kept[count], cells[-1])
         count += 1
     return kept[:count].copy()
