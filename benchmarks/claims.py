@@ -11,7 +11,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from wayfield.benchmarks.contests import ALL_CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.crossed import LEAST
 from wayfield.benchmarks.entries import COMPARED, Entry, by_entry, by_slowness, grouped, label, mean_speed, shown_speed
-from wayfield.benchmarks.matrix import ADDED, cost_difference, cost_unit, difference_cells, shown_as, success_difference
+from wayfield.benchmarks.matrix import (
+    ADDED,
+    Runs,
+    cost_difference,
+    cost_unit,
+    difference_cells,
+    shown_as,
+    success_difference,
+)
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.table import Table
@@ -82,21 +90,22 @@ def conditions(contest: Contest, robot: str, rows: Sequence[Row]) -> Mapping[str
 
 
 def _against(contest: Contest, condition: str, entries: Mapping[Entry, list[Row]]) -> Iterator[Comparison]:
+    runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
+    speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
     for agents in entries:
         if agents[0] not in TRAINED:
             continue
         for other in entries:
             if other != agents and other[0] not in TRAINED:
-                ours, theirs = entries[agents], entries[other]
                 yield Comparison(
                     contest,
                     condition,
                     agents,
                     other,
-                    theirs[0]["knows"],
-                    success_difference(ours, theirs),
-                    cost_difference(ours, theirs, contest),
-                    (mean_speed(ours), mean_speed(theirs)),
+                    entries[other][0]["knows"],
+                    success_difference(runs[agents], runs[other]),
+                    cost_difference(runs[agents], runs[other], contest),
+                    (speeds[agents], speeds[other]),
                 )
 
 

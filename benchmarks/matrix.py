@@ -1,5 +1,6 @@
 """Who does better than whom: every pair of entries of a contest, in the scenarios that both met."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -9,10 +10,10 @@ import numpy as np
 from wayfield.benchmarks.contests import PACE_TOLERANCE, Contest
 from wayfield.benchmarks.entries import (
     OFF_PACE,
+    Array,
     Entry,
     by_scenario,
     by_slowness,
-    costs,
     label,
     mean_speed,
     scenario,
@@ -28,7 +29,8 @@ ADDED = ", with two scenarios added to successes and times, in which one of the 
 def better_table(contest: Contest, title: str, entries: Mapping[Entry, list[Row]], source: str) -> Table:
     """Returns the paired matrix: how often the policy of the line does better than that of the column."""
     pairs = list(itertools.combinations(entries, 2))
-    found = [how_often_better(entries[a], entries[b], contest) for a, b in pairs]
+    runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
+    found = [how_often_better(runs[a], runs[b]) for a, b in pairs]
     decided = [p < SIGNIFICANT for p in holm([each.p for each in found])]  # of NaN it is false
     speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
     often: dict[tuple[Entry, Entry], str] = {}
@@ -57,8 +59,9 @@ def better_table(contest: Contest, title: str, entries: Mapping[Entry, list[Row]
 def difference_table(contest: Contest, title: str, entries: Mapping[Entry, list[Row]], source: str) -> Table:
     """Returns every pair's difference of successes and of costs with its interval and its corrected p."""
     pairs = list(itertools.combinations(entries, 2))
-    of_success = [success_difference(entries[a], entries[b]) for a, b in pairs]
-    of_cost = [cost_difference(entries[a], entries[b], contest) for a, b in pairs]
+    runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
+    of_success = [success_difference(runs[a], runs[b]) for a, b in pairs]
+    of_cost = [cost_difference(runs[a], runs[b], contest) for a, b in pairs]
     ps = [holm([each.p for each in column]) for column in (of_success, of_cost)]
     lines = []
     for k, (a, b) in enumerate(pairs):
@@ -90,52 +93,68 @@ def kind_of_mean(contest: Contest) -> str:
     return "mean" if contest.spec.cost.unit == "s" else "interquartile mean"
 
 
-def how_often_better(rows_a: Sequence[Row], rows_b: Sequence[Row], contest: Contest) -> Difference:
+@dataclasses.dataclass(frozen=True)
+class Runs:
+    """What a comparison takes of an entry's episodes: tables (s, r), a line a scenario and a column a trained agent.
+
+    The lines stand in the order of the scenarios' names, so that those of two entries are the same scenarios.
+    """
+
+    scenarios: list[tuple[str, str]]
+    strata: list[str]
+    won: Array  # 0 or 1
+    measured: Array  # what a success costs; 0 where a run that failed has none
+    failing: Array  # what a failure counts as
+
+    @classmethod
+    def of(cls, rows: Sequence[Row], contest: Contest) -> "Runs":
+        """Returns those of the episodes of an entry; ValueError if not every agent has met every scenario once."""
+        ordered = sorted(rows, key=scenario)
+        won, strata = by_scenario(ordered, values(ordered, "success"))
+        measured, _ = by_scenario(ordered, np.nan_to_num(values(ordered, contest.spec.cost.metric)))
+        failing, _ = by_scenario(ordered, values(ordered, "failure_cost"))
+        return cls(list(dict.fromkeys(map(scenario, ordered))), strata, won, measured, failing)
+
+    @property
+    def costs(self) -> Array:
+        """Returns the cost of each run, failures counted."""
+        return np.where(self.won == 1.0, self.measured, self.failing)
+
+
+def how_often_better(a: Runs, b: Runs) -> Difference:
     """Returns by how much A beats B more often than in half of the scenarios that both met.
 
     Raises:
         ValueError: if the two have not met the same scenarios.
     """
-    rows_a, rows_b = _aligned(rows_a, rows_b)
-    won, strata = by_scenario(rows_a, values(rows_a, "success"))
-    other, _ = by_scenario(rows_b, values(rows_b, "success"))
-    # a run that fails may have no cost: it is not looked at
-    ours, theirs = (
-        by_scenario(rows, np.nan_to_num(values(rows, contest.spec.cost.metric)))[0] for rows in (rows_a, rows_b)
-    )
-    return advantage(won, ours, other, theirs, strata)
+    _check_paired(a, b)
+    return advantage(a.won, a.measured, b.won, b.measured, a.strata)
 
 
-def success_difference(rows_a: Sequence[Row], rows_b: Sequence[Row]) -> Difference:
+def success_difference(a: Runs, b: Runs) -> Difference:
     """Returns the share of successes of A less that of B; ValueError as `how_often_better`."""
-    rows_a, rows_b = _aligned(rows_a, rows_b)
-    a, strata = by_scenario(rows_a, values(rows_a, "success"))
-    return difference(a, by_scenario(rows_b, values(rows_b, "success"))[0], strata, "share")
+    _check_paired(a, b)
+    return difference(a.won, b.won, a.strata, "share")
 
 
-def cost_difference(rows_a: Sequence[Row], rows_b: Sequence[Row], contest: Contest) -> Difference:
+def cost_difference(a: Runs, b: Runs, contest: Contest) -> Difference:
     """Returns the cost of A less that of B, failures counted; ValueError as `how_often_better`.
 
     Of times it is the mean. Of errors it is the interquartile mean: a failure counts as a hundred times what others
     err, and a mean would be that of the failures, which `success_difference` tells.
     """
-    rows_a, rows_b = _aligned(rows_a, rows_b)
-    a, strata = by_scenario(rows_a, costs(rows_a, contest))
-    b, _ = by_scenario(rows_b, costs(rows_b, contest))
+    _check_paired(a, b)
     if contest.spec.cost.unit != "s":
-        return difference(a, b, strata, "iqm")
-    both = [*rows_a, *rows_b]
-    taken = costs(both, contest)[values(both, "success") == 1.0]
-    dearer = float(values(both, "failure_cost").mean() - taken.mean()) if len(taken) else 0.0
-    return difference(a, b, strata, "mean", dearer)
+        return difference(a.costs, b.costs, a.strata, "iqm")
+    taken = np.concatenate([each.measured[each.won == 1.0] for each in (a, b)])
+    failing = np.concatenate([each.failing.ravel() for each in (a, b)])
+    dearer = float(failing.mean() - taken.mean()) if len(taken) else 0.0
+    return difference(a.costs, b.costs, a.strata, "mean", dearer)
 
 
-def _aligned(rows_a: Sequence[Row], rows_b: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    """Returns the rows of both in the order of their scenarios; ValueError unless these are the same."""
-    ordered = sorted(rows_a, key=scenario), sorted(rows_b, key=scenario)
-    if list(dict.fromkeys(map(scenario, ordered[0]))) != list(dict.fromkeys(map(scenario, ordered[1]))):
+def _check_paired(a: Runs, b: Runs) -> None:
+    if a.scenarios != b.scenarios:
         raise ValueError("the two policies have not met the same scenarios: the comparison would not be paired")
-    return ordered
 
 
 def difference_cells(found: Difference, corrected: float, factor: float, decimals: int) -> list[str]:

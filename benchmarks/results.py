@@ -83,7 +83,7 @@ def number(row: Row, name: str) -> float:
         ValueError: if it holds anything else; the message names the column.
     """
     try:
-        return row.number(name) if isinstance(row, HeldRow) else float(row.get(name) or math.nan)
+        return row.number(name) if type(row) is HeldRow else float(row.get(name) or math.nan)
     except ValueError:
         raise ValueError(f"column {name!r} holds {shown(row[name])}; it must be a number or empty") from None
 

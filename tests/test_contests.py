@@ -32,7 +32,7 @@ from wayfield.benchmarks.contests import (
 from wayfield.benchmarks.contests import contest as contest_module
 from wayfield.benchmarks.entries import seeds_told
 from wayfield.benchmarks.evaluate import main
-from wayfield.benchmarks.matrix import how_often_better
+from wayfield.benchmarks.matrix import Runs, how_often_better
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.results import number, read_rows, read_trajectories
 from wayfield.benchmarks.shortest import shortest_way
@@ -304,9 +304,10 @@ def test_wrong_options_are_refused_in_one_line(arguments: tuple[str, ...], messa
 def test_comparisons_that_are_not_paired_are_refused(paths: tuple[Path, Result]) -> None:
     rows = [row for row in read_rows(paths[0]) if row["split"] == "test" and row["policy"] == "pure_pursuit"]
     contest = CONTESTS["path-following"]
-    assert how_often_better(rows, rows, contest).value == 0.0
+    runs = Runs.of(rows, contest)
+    assert how_often_better(runs, runs).value == 0.0
     with pytest.raises(ValueError, match="have not met the same scenarios"):
-        how_often_better(rows, rows[:-1], contest)
+        how_often_better(runs, Runs.of(rows[:-1], contest))
 
 
 # The shortest way.

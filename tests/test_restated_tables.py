@@ -17,7 +17,7 @@ from wayfield.benchmarks.contests import CONTESTS, Column, Contest
 from wayfield.benchmarks.crossed import share_interval
 from wayfield.benchmarks.entries import success_cell
 from wayfield.benchmarks.kept_rows import packed, thinned, unpacked
-from wayfield.benchmarks.matrix import cost_difference, how_often_better, success_difference
+from wayfield.benchmarks.matrix import Runs, cost_difference, how_often_better, success_difference
 from wayfield.benchmarks.paired import Difference, difference, holm
 from wayfield.benchmarks.report import findings
 from wayfield.benchmarks.standings import Standings, contest_tables
@@ -342,7 +342,8 @@ def test_who_beats_whom(drawn: Any) -> None:
     contest, entries, tables, _ = pieces(drawn)
     pairs = [*itertools.combinations(entries, 2)]
     cost = contest.spec.cost
-    found = {pair: how_often_better(entries[pair[0]], entries[pair[1]], contest) for pair in pairs}
+    runs = {entry: Runs.of(mine, contest) for entry, mine in entries.items()}
+    found = {pair: how_often_better(runs[pair[0]], runs[pair[1]]) for pair in pairs}
     ps = dict(zip(pairs, holm([each.p for each in found.values()]), strict=True))
     at = [named(entry) for entry in entries]
     assert tables["better"].header == ["policy", *at]
@@ -370,8 +371,9 @@ def test_differences_in_pairs(drawn: Any) -> None:
     contest, entries, tables, _ = pieces(drawn)
     pairs = [*itertools.combinations(entries, 2)]
     cost = contest.spec.cost
-    won = [success_difference(entries[a], entries[b]) for a, b in pairs]
-    cheaper = [cost_difference(entries[a], entries[b], contest) for a, b in pairs]
+    runs = {entry: Runs.of(mine, contest) for entry, mine in entries.items()}
+    won = [success_difference(runs[a], runs[b]) for a, b in pairs]
+    cheaper = [cost_difference(runs[a], runs[b], contest) for a, b in pairs]
     ps = [holm([each.p for each in column]) for column in (won, cheaper)]
     factor = 1000.0 if cost.unit == "m" else 1.0
     wanted = []
@@ -403,12 +405,12 @@ def test_what_a_failure_more_costs_is_added_to_a_difference_of_times() -> None:
             for rows in (sorted(entries[each], key=lambda row: (row["scenario"], row["episode"])) for each in (a, b))
         ]
         wanted = difference(tables[0][0], tables[1][0], tables[0][1], "mean", 60.0 - statistics.fmean(took))
-        found = cost_difference(entries[a], entries[b], contest)
+        found = cost_difference(Runs.of(entries[a], contest), Runs.of(entries[b], contest), contest)
         assert (found.value, found.low, found.high, found.p) == pytest.approx(
             (wanted.value, wanted.low, wanted.high, wanted.p), rel=1e-9, nan_ok=True
         )
     with pytest.raises(ValueError, match="not met the same"):
-        success_difference(entries[a], entries[b][:-1])
+        success_difference(Runs.of(entries[a], contest), Runs.of(entries[b][:-1], contest))
 
 
 def verdict(p: float, ahead: bool) -> str:
@@ -428,7 +430,8 @@ def test_what_agents_win(drawn: Any) -> None:
         for other, theirs in entries.items():
             if other[0] != "ppo":
                 ours = entries["ppo", "trained"]
-                pair = success_difference(ours, theirs), cost_difference(ours, theirs, contest)
+                two = Runs.of(ours, contest), Runs.of(theirs, contest)
+                pair = success_difference(*two), cost_difference(*two, contest)
                 ps += [each.p for each in pair]
                 lines.append((words, other, theirs, ours, pair))
     corrected = holm(ps)
@@ -570,7 +573,8 @@ def test_the_charts_of_a_report_hold_the_numbers_of_the_rows(drawn: Any) -> None
     assert duels["labels"] == heat["labels"] == [named(entry) for entry in entries]
     pairs = [*itertools.combinations(range(len(entries)), 2)]
     keys = list(entries)
-    found = {(i, j): how_often_better(entries[keys[i]], entries[keys[j]], contest) for i, j in pairs}
+    runs = [Runs.of(entries[key], contest) for key in keys]
+    found = {(i, j): how_often_better(runs[i], runs[j]) for i, j in pairs}
     ps = dict(zip(pairs, holm([each.p for each in found.values()]), strict=True))
     for (i, j), each in found.items():
         ahead, behind = (i, j) if each.value > 0.0 else (j, i)
@@ -641,8 +645,8 @@ def test_the_small_table_and_the_sentence(drawn: Any, map_told: bool) -> None:
     rivals = [entry for entry in order if entry not in told_map]
     best, pairs = rivals[0], []
     for other in rivals[1:]:
-        two = entries[best], entries[other]
-        pairs.append(how_often_better(*two, contest) if by_cost else success_difference(*two))
+        two = Runs.of(entries[best], contest), Runs.of(entries[other], contest)
+        pairs.append(how_often_better(*two) if by_cost else success_difference(*two))
     off = {entry: is_off(mine, contest.pace) for entry, mine in entries.items()}
     level = [
         other

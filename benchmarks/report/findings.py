@@ -23,7 +23,7 @@ from wayfield.benchmarks.entries import (
     success_interval,
     values,
 )
-from wayfield.benchmarks.matrix import how_often_better, success_difference
+from wayfield.benchmarks.matrix import Runs, how_often_better, success_difference
 from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
 from wayfield.benchmarks.results import Row
 from wayfield.benchmarks.standings import Standings, front_points
@@ -69,8 +69,9 @@ def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
     rivals = [each for each in ranked if MAP not in each.told] or ranked
     best = rivals[0]
     # of what they are ranked by: who fails more often and is quicker where it succeeds has not drawn
-    pairs = [(entries[best.entry], entries[each.entry]) for each in rivals[1:]]
-    ps = holm([(how_often_better(*pair, contest) if by_cost else success_difference(*pair)).p for pair in pairs])
+    first, *others = (Runs.of(entries[each.entry], contest) for each in rivals)
+    compared = how_often_better if by_cost else success_difference
+    ps = holm([compared(first, each).p for each in others])
     # who errs as little by driving slower has not drawn
     level = [each for each, p in zip(rivals[1:], ps, strict=True) if p >= SIGNIFICANT and each.away == best.away]
     told = not any(math.isnan(p) for p in ps)  # of too few scenarios nothing is said
@@ -214,12 +215,12 @@ def _bars(contest: Contest, robot: str, standings: Sequence[_Standing], by_cost:
 
 def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> Chart:
     """Returns how often the entry of a line does better than that of a column, and whether a paired test is sure."""
-    names = list(entries)
-    cells: list[list[list[float] | None]] = [[None] * len(names) for _ in names]
+    runs = [Runs.of(rows, contest) for rows in entries.values()]
+    cells: list[list[list[float] | None]] = [[None] * len(runs) for _ in runs]
     pairs: dict[tuple[int, int], Difference] = {}
-    for i, a in enumerate(names):
-        for j in range(i):
-            pairs[i, j] = how_often_better(entries[a], entries[names[j]], contest)
+    for i, a in enumerate(runs):
+        for j, b in enumerate(runs[:i]):
+            pairs[i, j] = how_often_better(a, b)
     speeds = [mean_speed(rows) for rows in entries.values()]
     for ((i, j), each), p in zip(pairs.items(), holm([each.p for each in pairs.values()]), strict=True):
         ahead, behind = (speeds[i], speeds[j]) if each.value > 0.0 else (speeds[j], speeds[i])
@@ -228,7 +229,7 @@ def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> 
     return {
         "kind": "duels",
         "title": f"{contest.title}, {robot}: policy against policy",
-        "labels": [label(entry) for entry in names],
+        "labels": [label(entry) for entry in entries],
         "cells": cells,
     }
 
