@@ -20,7 +20,7 @@ class Briefing:
     """What a robot may know before it starts, for a batch of b robots.
 
     A policy that declares `sensors` finds None in the fields of path, goal and map; one that declares `path` or `goal`
-    finds those; only `map` is shown the obstacles.
+    finds those; only `map` is shown the obstacles. How near to its goal a robot has to come is told to all.
     """
 
     num_envs: int
@@ -31,6 +31,7 @@ class Briefing:
     layout: Layout[Any]  # of the flat observation
     beam_angles: NDArray[np.float64]  # (beams,) rad, body frame
     max_range: float  # m
+    position_tolerance: NDArray[np.float64] | None = None  # (b,) m, from the goal where it is reached; None on a path
     paths: PathPool | None = None
     path_index: NDArray[np.int64] | None = None  # (b,) run of each robot in the pool
     goals: NDArray[np.float64] | None = None  # (b, w, 3) waypoints and, last of num_goals, the goal pose

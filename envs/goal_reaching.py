@@ -498,11 +498,12 @@ class GoalReaching(Task):
 
     def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing: waypoints and goal, and the obstacles for a policy with a map."""
-        if knows == "sensors":
-            return {}
         courses, goals, *_ = self.world
         scenario = states["scenario"]
-        told = {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
+        told = {"position_tolerance": courses["position_tolerance"][scenario]}
+        if knows == "sensors":
+            return told
+        told |= {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
         if knows == "map" and self.patrols.shape[1]:
             told["patrols"] = self.patrols[scenario]
         if knows == "map":

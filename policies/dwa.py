@@ -16,6 +16,7 @@ from wayfield.policies.parts.detour import DETOUR, seek
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
     APPROACH,
+    REST,
     SECTORS,
     SIGHTS,
     Scan,
@@ -27,6 +28,7 @@ from wayfield.policies.parts.stopping import (
     find_hits,
     free_time,
     remembering,
+    rest_radius,
     sees_all_round,
     set_command,
     step_and_stop,
@@ -39,7 +41,7 @@ TURNS = 15  # of the grid of twists; for an omni base: of their directions
 
 STATE = [
     ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
-    ("resting", np.int64),  # 1: at the goal
+    *REST,
     ("detour", DETOUR),
     *SIGHTS,
 ]
@@ -68,7 +70,7 @@ class Dwa:
     An omni base has no need to turn: its grid is 7 changes of velocity in 15 directions, counted from the goal's, while
     it turns to the goal heading; its heading term is the angle between velocity and goal. With a scan that does not
     surround it, it is driven like a differential drive, so as not to go where it does not look. The robot slows down at
-    the goal, rests within stop_radius and turns to the goal heading.
+    the goal, rests within stop_radius, or nearer where the goal asks for it, and turns to the goal heading.
 
     A robot that stops coming nearer for `patience` seconds follows the obstacle in its way (`parts.detour`);
     patience = inf is Fox's law, which a dead end holds. What is near stays known for `recall` seconds after it drops
@@ -93,7 +95,7 @@ class Dwa:
     room: float = 1.0
     room_range: float = 0.3  # m, beyond which more room is worth nothing
     turn_gain: float = 2.0  # 1/s, to the goal heading
-    stop_radius: float = 0.08  # m
+    stop_radius: float = 0.08  # m, or less where the goal asks for it
     patience: float = 2.0  # s, inf for no detours
     reach: float = 0.5  # m, a detour takes directions that are free this far
     first_leg: float = 3.0  # m, before a detour tries the other side
@@ -120,6 +122,7 @@ class Dwa:
             ValueError: if the robot has no range scan.
         """
         memory = remembering(self, briefing, STATE)
+        memory["state"]["stop_radius"] = rest_radius(self.stop_radius, briefing)
         memory["state"]["detour"]["waypoints"] = np.nan
         return memory
 

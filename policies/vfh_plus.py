@@ -17,6 +17,7 @@ from wayfield.policies.parts.detour import DETOUR, LOOK, seek
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
     APPROACH,
+    REST,
     SECTORS,
     SIGHTS,
     Scan,
@@ -28,6 +29,7 @@ from wayfield.policies.parts.stopping import (
     find_hits,
     free_time,
     remembering,
+    rest_radius,
     sees_all_round,
     set_command,
     step_and_stop,
@@ -44,7 +46,7 @@ MOVING = 0.05  # m/s, from which a motion has a direction
 
 STATE = [
     ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
-    ("resting", np.int64),  # 1: at the goal
+    *REST,
     ("previous", np.float64),  # direction chosen last, rad, world frame; NaN before, and where there was none
     ("detour", DETOUR),
     ("binary", np.int64, (DIRECTIONS,)),  # the binary histogram, 1: blocked
@@ -102,7 +104,7 @@ class VfhPlus:
     mu_heading: float = 2.0
     mu_previous: float = 2.0
     slowing: float = 0.5
-    stop_radius: float = 0.08  # m
+    stop_radius: float = 0.08  # m, or less where the goal asks for it
     patience: float = 2.0  # s, inf for no detours
     reach: float = 0.5  # m, a detour takes directions that are free this far
     first_leg: float = 3.0  # m, before a detour tries the other side
@@ -145,6 +147,7 @@ class VfhPlus:
             ValueError: if the robot has no range scan.
         """
         memory = remembering(self, briefing, STATE)
+        memory["state"]["stop_radius"] = rest_radius(self.stop_radius, briefing)
         memory["state"]["previous"] = np.nan
         memory["state"]["detour"]["waypoints"] = np.nan
         return memory

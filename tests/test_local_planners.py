@@ -633,6 +633,25 @@ def test_a_goal_pose_in_the_open_is_reached_and_kept(planner: Any, robot: str, a
 
 @every_planner
 @every_robot
+@pytest.mark.parametrize("tolerance", [0.1, 0.04])
+def test_a_planner_tuned_for_goals_reached_from_afar_comes_as_near_as_its_own_asks(
+    planner: Any, robot: str, tolerance: float, tmp_path: Path
+) -> None:
+    scene = {"goal": [1, 0.5, 1.0], "heading_tolerance": 0.1, "position_tolerance": tolerance}
+    poses, info = drive(planner(stop_radius=0.15), scene, robot, tmp_path, 400, end_on_success=False)
+    assert info["success"]
+    away = np.hypot(*(poses[-20:, :2] - (1.0, 0.5)).T)
+    assert away.max() < tolerance
+    assert np.ptp(poses[-20:], axis=0).max() < 0.01
+    # where the goal is reached from afar it rests as far off as its gain lets it
+    wide = scene | {"position_tolerance": 0.2}
+    poses, info = drive(planner(stop_radius=0.15), wide, robot, tmp_path, 400, end_on_success=False)
+    assert info["success"]
+    assert away.max() + 0.01 < math.dist(poses[-1, :2], (1.0, 0.5)) <= 0.15
+
+
+@every_planner
+@every_robot
 def test_waypoints_are_driven_through(planner: Any, robot: str, tmp_path: Path) -> None:
     scene = {"goal": [4, 0, 0], "waypoints": [[2, 1.5]], "waypoint_radius": 0.3}
     poses, info = drive(planner(), scene, robot, tmp_path, 400)

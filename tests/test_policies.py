@@ -441,6 +441,9 @@ def test_a_briefing_tells_of_the_episode(tmp_path: Path) -> None:
     assert told.goals[:, :, :2].tolist() == [[[1.0, 0.0], [2.0, 0.0], [3.0, 4.0]]] * 2
     assert told.goals[:, 2, 2].tolist() == [1.5, 1.5]
     assert told.num_obstacles.tolist() == [1, 1]
+    for knows in ("sensors", "goal", "map"):  # how near they have to come is told to all
+        assert env.briefing(knows).position_tolerance.tolist() == [0.1, 0.1]
+    assert env.briefing("sensors").goals is None
     assert told.obstacles["radius"].tolist() == [[0.3], [0.3]]
     # a copy: nobody moves an obstacle by writing on it
     told.obstacles["x"] = 0.0

@@ -25,6 +25,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import driven_as, driven_speed
 from wayfield.policies.learned.perception import limits_of
+from wayfield.policies.parts.stopping import NEAR_ENOUGH
 from wayfield.policies.policy import lacks
 
 # The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
@@ -243,11 +244,14 @@ def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv,
     policy = make(name, **gains)
     ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
     arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
+    memory = dict(leaves(names_of(kernel), values)).get("memory")
+    fields = (memory.dtype.fields if memory is not None else None) or {}
     field = 0
     if "." in out:
         out, part = out.split(".")
-        memory = dict(leaves(names_of(kernel), values))[out]
-        field = int(memory.dtype.fields[part][1])
+        field = int(fields[part][1])
+    # a robot rests nearer to goals that ask for it, which the page's visitor may draw
+    rest = [int(fields["stop_radius"][1]), policy.stop_radius, NEAR_ENOUGH] if "stop_radius" in fields else None
     return {
         "export": export_of(module, function),
         "arguments": arguments,
@@ -255,6 +259,7 @@ def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv,
         "offset": field,
         "kind": kind,
         "knows": policy.knows,
+        "rest": rest,
     }
 
 

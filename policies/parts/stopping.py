@@ -23,6 +23,7 @@ MOVED = 0.06  # m, nearer, before a surface counts as moving
 FASTEST = 1.0  # m/s, of surfaces that come nearer
 STILL = 1e-3  # m/s; slower than this a robot has stopped: a lag of 0.25 s carries it 0.25 mm farther
 LONGEST_STOP = 1000  # control periods that a stop is predicted for
+NEAR_ENOUGH = 0.8  # of the distance at which a goal is reached: a robot that rests there is, noise and all
 APPROACH = 0.7  # share of the acceleration that a robot brakes with at its goal, so that it does not overshoot
 
 
@@ -32,6 +33,11 @@ SIGHTS = [
     RECALLED,
     ("older_age", np.float64),  # s, of the two scans of `find_approaching`
     ("newer_age", np.float64),
+]
+# What it remembers at its goal.
+REST = [
+    ("resting", np.int64),  # 1: it has come there
+    ("stop_radius", np.float64),  # m, of `rest_radius`
 ]
 
 
@@ -100,6 +106,15 @@ def remembering(policy: Policy, briefing: Briefing, state: list[Any]) -> NDArray
     memory = np.zeros(briefing.num_envs, kept)
     memory["older"] = memory["newer"] = np.nan
     return memory
+
+
+def rest_radius(stop_radius: float, briefing: Briefing) -> Any:
+    """Returns how far from its goal (m) each robot may come to rest: `stop_radius`, or less where the goal asks for it.
+
+    A law may have been tuned for goals that are reached from farther away than the one that it is driven to.
+    """
+    tolerance = briefing.position_tolerance
+    return stop_radius if tolerance is None else np.minimum(stop_radius, NEAR_ENOUGH * tolerance)
 
 
 def sees_all_round(briefing: Briefing) -> bool:
@@ -403,11 +418,11 @@ def set_command(plant, command, vx, vy, yaw_rate):
 def arrived(p, m, d, waypoints_left):
     """Returns whether the robot, `d` (m) from its goal, rests there, and remembers that.
 
-    It comes to rest within `stop_radius` (m) and stays until it finds itself twice as far away.
+    It comes to rest within the memory's `stop_radius` (m) and stays until it finds itself twice as far away.
     """
-    if waypoints_left > 0.0 or d > 2.0 * p.stop_radius:
+    if waypoints_left > 0.0 or d > 2.0 * m.stop_radius:
         m.resting = 0
-    elif d <= p.stop_radius:
+    elif d <= m.stop_radius:
         m.resting = 1
     return m.resting == 1
 

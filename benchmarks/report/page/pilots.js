@@ -33,6 +33,10 @@ class Law {
         this.values[each.name] = { at: kernels.room(each.size * each.shape.reduce((a, b) => a * b, 1)), shape: each.shape };
       } else this.values[each.name] = { at: kernels.put(kernels.blob(each.blob)), shape: each.shape };
     }
+    if (recipe.rest) {
+      const [offset, radius, share] = recipe.rest;
+      kernels.f64(this.values.memory.at + offset, 1)[0] = Math.min(radius, share * simulator.world.position_tolerance);
+    }
   }
 
   act() {
