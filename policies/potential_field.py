@@ -15,12 +15,14 @@ from wayfield.envs.grids import grid_clearance, grid_normal
 from wayfield.envs.patrols import patrol
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, velocity_twists
+from wayfield.policies.parts.stopping import REST, arrived, rest_radius
 from wayfield.policies.policy import check_gain, check_switch
 
 MEMORY = np.dtype(
     [
         ("side", np.float64),  # on which the robot passes an obstacle, +1 left, -1 right, 0 undecided
         ("steps", np.float64),  # since the episode began, where something moves
+        *REST,
     ]
 )
 
@@ -119,7 +121,8 @@ class CorrectedField:
     degrees instead, towards the goal's side of the obstacle, which leaves no point where the forces cancel; the side is
     kept until the obstacle is passed. The sum is cut to max_speed. Traps deeper than the field sees, such as a U around
     the goal, still hold it. An omni base drives the force as a velocity; a differential drive turns towards it and
-    drives forward with what of it lies ahead.
+    drives forward with what of it lies ahead, until it rests within `stop_radius` of the goal, or nearer where the goal
+    asks for it, and turns to the goal heading.
 
     Source: Khatib, IJRR 5(1), 1986, eq. 18; Ge and Cui, IEEE T-RA 16(5), 2000, eqs. 7-10.
     """
@@ -129,6 +132,7 @@ class CorrectedField:
     rho_0: float = 0.6  # m, range of the repulsion
     max_speed: float = 0.3  # m/s
     turn_gain: float = 2.0  # 1/s, with which a differential drive turns towards the force
+    stop_radius: float = 0.05  # m, within which a differential drive turns to the goal heading
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
@@ -136,24 +140,27 @@ class CorrectedField:
     def __post_init__(self) -> None:
         for name in ("k", "eta", "rho_0", "max_speed", "turn_gain"):
             check_gain(self, name, above=0.0)
+        check_gain(self, "stop_radius", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the side and the steps of each robot, MEMORY records (b,)."""
-        return np.zeros(briefing.num_envs, MEMORY)
+        """Returns the side and the steps of each robot, and where it rests, MEMORY records (b,)."""
+        memory = np.zeros(briefing.num_envs, MEMORY)
+        memory["stop_radius"] = rest_radius(self.stop_radius, briefing)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
         twists = np.empty((len(observation.pose), 3))
-        seen = observation.pose, observation.goal, observation.goal_heading_error
+        seen = observation.pose, observation.goal, observation.goal_heading_error, observation.waypoints_left
         steer(params(self, briefing), Map.of(briefing), *seen, memory, twists)
         return twists[:, briefing.robot.twist_axes]
 
 
 @any_layout
 @allocating
-def steer(params, told, poses, goals, turns, memory, twists):
+def steer(params, told, poses, goals, turns, waypoints_left, memory, twists):
     """Fills the (b, 3) twists of `CorrectedField.act` and keeps the sides up to date."""
     p = params[0]
     here = np.zeros((1, told.obstacles.shape[1] + 1), told.obstacles.dtype)
@@ -169,6 +176,10 @@ def steer(params, told, poses, goals, turns, memory, twists):
             twists[i, 0] = vx
             twists[i, 1] = vy
             twists[i, 2] = p.k * turns[i]
+        elif arrived(p, memory[i], math.sqrt(ex * ex + ey * ey), waypoints_left[i]):
+            twists[i, 0] = 0.0
+            twists[i, 1] = 0.0
+            twists[i, 2] = p.turn_gain * turns[i]
         else:
             # as `velocity_twists`
             twists[i, 0] = max(vx, 0.0)

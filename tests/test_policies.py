@@ -495,6 +495,21 @@ def test_goal_seekers_reach_goals_in_the_open(name: str, robot: str) -> None:
     assert finished(env, name) == 32
 
 
+# of the printed field no heading is known for a base that it does not have
+ARRIVING = {name for name in POLICIES if goal_reaching.Observation in policies.make(name).observes}
+ARRIVING -= {"zero", "random", "waypoint", "apf_documented", "apf_escape"}
+
+
+@pytest.mark.parametrize("name", sorted(ARRIVING))
+def test_a_differential_drive_comes_to_a_pose_that_a_file_asks_for(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "pose.json"
+    file.write_text(json.dumps({"goal": [1.3, 0.4, -0.9]}))  # with the tolerances of a file that names none
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveGoalObstacles-v0", 1, scenario=str(file), actuators="lagged", num_beams=72
+    )
+    assert finished(env, name) == 1
+
+
 def finished(env: Any, name: str) -> int:
     """Returns how many robots of a vector end their first episode in success."""
     seen, _ = env.reset(seed=0)

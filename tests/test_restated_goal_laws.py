@@ -259,6 +259,10 @@ def corrected_field(p: CorrectedField, robot: Any, pose: Any, to_goal: Any, turn
     if not opposed:
         m["side"] = 0.0
     force = force * min(1.0, p.max_speed / np.hypot(*force))
+    within = min(p.stop_radius, 0.8 * m["tolerance"])
+    m["rests"] = m["left"] == 0.0 and d <= (2.0 * within if m["rests"] else within)
+    if m["rests"] and not robot.holonomic:
+        return [0.0, p.turn_gain * turn]
     return as_driven(robot, force, pose, turn, p.k, p.turn_gain)
 
 
@@ -268,6 +272,7 @@ FIELDS: list[tuple[Any, Callable[..., Any]]] = [
     (PotentialField(escape=True, tau=0.9, tau_l=1.4, max_speed=0.4), printed_field),
     (CorrectedField(), corrected_field),
     (CorrectedField(k=0.9, eta=0.05, rho_0=0.9, max_speed=0.5, turn_gain=1.3), corrected_field),
+    (CorrectedField(stop_radius=0.9), corrected_field),
 ]
 
 
@@ -281,10 +286,12 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
     counts = rng.integers(0, len(field) + 1, n)
     briefing = told(
         robot, "lagged", n, obstacles=np.tile(field, (n, 1)), num_obstacles=counts,
-        goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64),
+        goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64), position_tolerance=rng.uniform(0.5, 1.5, n),
     )  # fmt: skip
     memory = policy.reset(briefing)
-    mine = [{"side": 0.0} for _ in range(n)]
+    left = rng.choice([0.0, 0.0, 1.0], n)
+    tolerances = briefing.position_tolerance
+    mine = [{"side": 0.0, "rests": False, "left": left[k], "tolerance": tolerances[k]} for k in range(n)]
     poses = np.empty((n, 3))
     for k in range(n):
         while True:
@@ -296,7 +303,7 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
         turns = rng.uniform(-3.0, 3.0, n)
         goals = np.array([body((0.0, 0.0, pose[2]), *to) for pose, to in zip(poses, to_goals, strict=True)])
         axes = len(briefing.robot.twist_axes)
-        seen = Observation(poses, np.zeros((n, axes)), goals, turns, np.zeros(n), np.zeros((n, 0)))
+        seen = Observation(poses, np.zeros((n, axes)), goals, turns, left, np.zeros((n, 0)))
         got = policy.act(seen, briefing, memory)
         for k in range(n):
             twist = law(policy, briefing.robot, poses[k], to_goals[k], turns[k], field[: counts[k]], mine[k])
