@@ -137,7 +137,7 @@ POSES: list[tuple[Any, Callable[..., Any]]] = [
 
 
 @pytest.mark.parametrize(("policy", "law"), POSES, ids=[f"{law.__name__}_{k}" for k, (_, law) in enumerate(POSES)])
-@pytest.mark.parametrize("actuators", ["lagged", "slow"])
+@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
 def test_a_law_to_a_pose_is_its_docstring(policy: Any, law: Any, actuators: str) -> None:
     n, rng = 80, np.random.default_rng(3)
     briefing = told("p3dx", actuators, n)
