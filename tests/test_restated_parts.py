@@ -11,7 +11,9 @@ from test_local_planners import briefing_of
 from test_nav2 import gains, memory, recovers
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import allocating, compiled
+from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.records import aligned
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies import mpc_pose, orca, pilot
@@ -511,25 +513,31 @@ def test_what_is_beyond_the_bounds_of_actions_is_scaled_by_one_factor() -> None:
 
 def test_briefings_of_some_rows_and_of_a_part_hold_what_is_each_robot_s() -> None:
     rng = np.random.default_rng(21)
+    names = ("path_index", "goals", "num_goals", "obstacles", "num_obstacles", "patrols")
+    shared = {"num_envs", "robot", "actuators", "dt", "action_mode", "layout", "beam_angles", "max_range", "paths"}
+    assert {field.name for field in dataclasses.fields(Briefing)} == {*names, "grids"} | shared
 
-    def told(n: int) -> Any:
-        each = {name: rng.normal(size=(n, 2)) for name in ("goals", "obstacles")}
-        whole = {name: rng.integers(0, 9, n) for name in ("path_index", "num_goals", "num_obstacles")}
-        return dataclasses.replace(briefing_of("p3dx"), num_envs=n, patrols=None, **each, **whole)
+    def told(n: int, whole: bool = True) -> Any:
+        each: Any = {name: rng.normal(size=(n, 2)) for name in names} if whole else dict.fromkeys(names)
+        frames = np.zeros(n, NO_GRIDS.frames.dtype)
+        frames["grid_x"] = rng.normal(size=n)
+        each["grids"] = Grids(frames, NO_GRIDS.cells) if whole else None
+        return dataclasses.replace(briefing_of("p3dx"), num_envs=n, **each)
+
+    def rows_of(briefing: Any) -> Any:
+        return [getattr(briefing, name) for name in names] + [briefing.grids.frames]
 
     old, new = told(5), told(5)
-    before = {name: getattr(old, name).copy() for name in ("goals", "num_goals")}
+    before = [array.copy() for array in rows_of(old)]
     for rows in (np.array([1, 3]), np.array([False, True, False, True, False])):
-        mixed = pilot._briefed(old, new, rows)
-        for name in ("path_index", "goals", "num_goals", "obstacles", "num_obstacles"):
-            a, b, c = (getattr(each, name) for each in (old, new, mixed))
-            wanted = [(b if k in (1, 3) else a)[k] for k in range(5)]
-            np.testing.assert_array_equal(c, wanted)
-        assert mixed.patrols is None
-    for name, array in before.items():
-        np.testing.assert_array_equal(getattr(old, name), array)
+        for a, b, c in zip(rows_of(old), rows_of(new), rows_of(pilot._briefed(old, new, rows)), strict=True):
+            np.testing.assert_array_equal(c, [(b if k in (1, 3) else a)[k] for k in range(5)])
+    for a, b in zip(rows_of(old), before, strict=True):
+        np.testing.assert_array_equal(a, b)
     part = pilot._part(old, 1, 4)
     assert part.num_envs == 3
-    for name in ("path_index", "goals", "num_goals", "obstacles", "num_obstacles"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(old, name)[1:4])
-    assert part.patrols is None
+    for a, b in zip(rows_of(part), rows_of(old), strict=True):
+        np.testing.assert_array_equal(a, b[1:4])
+    assert part.grids.cells is old.grids.cells
+    for few in (pilot._part(told(5, False), 1, 4), pilot._briefed(told(5, False), told(5, False), np.array([1]))):
+        assert all(getattr(few, name) is None for name in (*names, "grids"))
