@@ -541,7 +541,15 @@ def test_a_damaged_gains_file_is_refused() -> None:
         *(
             (json.dumps({**good, "gains": {}, name: value}), f"{name} must be")
             for name, value in (
-                *(("robot", 3), ("level", None), ("speed", -1.0), ("chosen", "luck"), ("frames", 0.5)),
+                *(
+                    ("robot", 3),
+                    ("level", None),
+                    ("speed", -1.0),
+                    ("speed", 0),
+                    ("speed", True),
+                    ("chosen", "luck"),
+                    ("frames", 0.5),
+                ),
                 *(("searched_on", value) for value in ("train", None, {"split": 3})),
             )
         ),

@@ -189,6 +189,18 @@ def test_the_law_of_document_b_is_its_docstring(policy: Waypoint) -> None:
             np.testing.assert_allclose(got[k], twist, rtol=1e-9, atol=1e-9, err_msg=f"robot {k}")
 
 
+def test_a_waypoint_is_passed_only_under_the_switching_radius() -> None:
+    policy, goals = Waypoint(switching_radius=0.25), np.array([[[0.25, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+    briefing = told("omni3", "lagged", 1, goals=goals, num_goals=np.array([2]))
+    for x, index in ((0.0, 0), (1e-9, 1)):
+        memory = policy.reset(briefing)
+        seen = Observation(np.array([[x, 0.0, 0.0]]), *np.zeros((4, 1, 2)), np.zeros((1, 0)))
+        seen = seen._replace(goal_heading_error=np.zeros(1), waypoints_left=np.ones(1))
+        twist = policy.act(seen, briefing, memory)
+        assert memory.tolist() == [index]
+        assert twist[0] == pytest.approx((goals[0, index, 0] - x, 0.0, 0.0))
+
+
 def side_of(to_goal: Any, to_obstacle: Any) -> float:
     """Returns on which side of an obstacle the goal lies: 1 left or in line, -1 right."""
     return 1.0 if to_obstacle[0] * to_goal[1] - to_obstacle[1] * to_goal[0] >= -1e-6 else -1.0
@@ -663,7 +675,7 @@ WINDOWS = [
     Dwa(
         max_speed=0.5, max_yaw_rate=1.1, window=0.4, horizon=1.6, margin=0.06, heading=0.8, clearance=0.6, velocity=0.4,
         progress=0.7, room=0.5, room_range=0.4, turn_gain=1.4, stop_radius=0.3, patience=0.35, reach=0.8,
-        first_leg=0.15, recall=0.3, foresight=0.9, retreat=0.2,
+        first_leg=0.03, recall=0.3, foresight=0.9, retreat=0.2,
     ),
     Dwa(foresight=0.0, patience=math.inf, room=0.0),
 ]  # fmt: skip
@@ -698,7 +710,8 @@ def looks(policy: Any, sights: Any, robot: str, n: int, seed: int, shares: Seque
     discs, goals = scene_of(rng, n), rng.uniform(-2.5, 2.5, (n, 2)) * rng.choice(shares, (n, 1))
     poses, wheels = rng.uniform(-0.1, 0.1, (n, 3)), np.zeros((n, 3))
     left = np.zeros(n)
-    left[0] = 1.0
+    left[::3] = 1.0
+    goals[3] = 0.2, 0.1  # a waypoint close by
     for _ in range(16):
         ranges = np.array([look(poses[k], discs[k], briefing.beam_angles) for k in range(n)])
         to_goals = np.array([body(pose, *goal) for pose, goal in zip(poses, goals, strict=True)])
@@ -859,7 +872,7 @@ HISTOGRAMS = [
     VfhPlus(
         max_speed=0.5, max_yaw_rate=1.1, turn_gain=1.6, safety=0.09, margin=0.06, window=1.9, low=0.2, high=0.6,
         wide=0.7, mu_goal=4.3, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
-        first_leg=0.15, recall=0.3, foresight=0.9,
+        first_leg=0.03, recall=0.3, foresight=0.9,
     ),
     VfhPlus(foresight=0.0, patience=math.inf, magnitudes="sum", high=0.8),
 ]  # fmt: skip

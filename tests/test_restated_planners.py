@@ -117,6 +117,27 @@ def test_the_grid_holds_the_clearance_from_all_that_stands(cell: float, mapped: 
     assert 4 < (level == 255).sum() < 3000
 
 
+@pytest.mark.parametrize("heading", [0.4, 1.9])
+def test_a_wall_that_leaves_the_grid_is_in_it_up_to_its_edges_and_not_beyond(heading: float) -> None:
+    wall = obstacle_field(box(0.5, 0.3, 30.0, 0.1, heading))
+    briefing = dataclasses.replace(
+        told("p3dx"), obstacles=wall[None].copy(), num_obstacles=np.ones(1, np.int64), patrols=None
+    )
+    memory = planned(AstarTracker(surroundings=3.0), briefing, 0.1, 3.4)[0]
+    side = len(memory["grid"])
+    row, column = (each.ravel() for each in np.indices((side, side)))
+    edge = np.minimum.reduce([row, column, side - 1 - row, side - 1 - column]) == 0
+    x, y = (
+        origin + (k[edge] + 0.5) * float(memory["cell"])
+        for origin, k in zip(memory["origin"], (column, row), strict=True)
+    )
+    level = np.clip(np.ceil((FARTHEST - to_surface(wall[0], x, y)) / UNIT - 1e-6), 0, 255)
+    off = np.abs(memory["grid"][row[edge], column[edge]].astype(float) - level)
+    assert off.max() <= 1  # a last digit may round a level up
+    assert (off > 0).mean() < 0.01
+    assert level.max() == 255
+
+
 def along(points: Any, s: float) -> Any:
     """Returns the place at arc length s of a polyline, within its ends."""
     arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
@@ -586,7 +607,7 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     memory["points"][0, :2] = (0.0, 1.7), GOALS[1, :2]
     memory["arc"][0, 1], memory["num_points"], memory["segment"] = 3.4, 2, 0
     memory["held_up"], memory["planned_at"] = 1000, -1000
-    before, t = int(state["plans"]), 0.05 * float(state["steps"])
+    before, t, grid = int(state["plans"]), 0.05 * float(state["steps"]), state["grid"].copy()
     pose = np.array([[0.0, 1.7, 0.0]])
     seen = Observation(pose, np.zeros((1, 2)), GOALS[1:, :2] - pose[:, :2], np.zeros(1), np.zeros(1), np.empty((1, 0)))
     policy.act(seen, briefing, memory)
@@ -597,6 +618,7 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     sweep = [1.7 + side * 0.3 * (t + after) for after in np.arange(0.0, policy.patrol_horizon + 1e-9, 0.25)]
     room = min(np.hypot(*(way - (1.5, y)).T).min() for y in sweep) - radius - hull
     assert room > policy.margin - policy.cell
+    np.testing.assert_array_equal(state["grid"], grid)  # what moves is no part of the map
 
 
 @pytest.mark.parametrize("sunk", [0.06, 0.13, 0.24])
