@@ -531,6 +531,14 @@ def test_a_gain_that_is_given_is_not_written_over_by_a_speed() -> None:
     assert policies.cruising("lookahead_retuned", {}, 0.3) == pytest.approx({"k_lin": 0.6, "k_ang": 1.2})
 
 
+def test_gains_that_were_handed_out_are_the_asker_s() -> None:
+    first = policies.tuned_gains("lqr", "path-following")
+    kept = dict(first)
+    first.clear()
+    assert kept
+    assert policies.tuned_gains("lqr", "path-following") == kept
+
+
 def test_a_damaged_gains_file_is_refused() -> None:
     good = {"policy": "stanley", "robot": "p3dx", "speed": 0.6, "level": "none", "chosen": "search", "frames": 1}
     assert read_gains(json.dumps({**good, "gains": {"k": 1.0}}), "gains.json", "stanley")["frames"] == 1

@@ -15,13 +15,13 @@ from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import allocating, compiled
 from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.records import aligned
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.policies import mpc_pose, orca, pilot
 from wayfield.policies.dwa import Dwa, best_that_stops
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.parts import costmap, polyline_tracker, scan_map
 from wayfield.policies.parts.costmap import POINT_SPACING
-from wayfield.policies.parts.params import params
+from wayfield.policies.parts.params import params, params_of
 from wayfield.policies.parts.polyline_tracker import plan_fields
 from wayfield.policies.parts.scan_map import CELLS, CHART, stamps
 from wayfield.policies.parts.steering import velocity_twists
@@ -509,6 +509,28 @@ def test_what_is_beyond_the_bounds_of_actions_is_scaled_by_one_factor() -> None:
             wanted = min(max(a / factor, -m), m) if math.isfinite(a) else a
             assert b == pytest.approx(wanted, rel=1e-6, nan_ok=True)
             assert not abs(b) > m or math.isinf(a)
+
+
+def test_what_a_law_reads_is_made_of_what_it_was_asked_for() -> None:
+    """Also the second time, whatever was asked for in between: no more than one of these differs from case to case."""
+    two, base = (Dwa(), Dwa(max_speed=0.3)), (0, "p3dx", "lagged", 0.05, {"reach": 1.0, "recall": 2.0})
+    cases = [
+        base, (1, *base[1:]), (*base[:1], "omni4", *base[2:]), (*base[:2], "slow", *base[3:]),
+        (*base[:3], 0.1, base[4]), (*base[:4], {"reach": 2.0, "recall": 1.0}),
+        (*base[:4], {"reach": 1.0, "margin": 2.0}),
+    ]  # fmt: skip
+    for which, robot, tier, dt, more in cases * 2:
+        (made,) = params_of(two[which], ROBOTS[robot], ACTUATORS[tier], dt, **more)
+        wanted = vars(two[which]) | more
+        assert {name: made[name] for name in wanted} == wanted
+        plant = made["plant"]
+        assert (plant["dt"], plant["acceleration"], plant["lag"]) == (
+            dt,
+            ACTUATORS[tier].acceleration,
+            ACTUATORS[tier].lag,
+        )
+        assert plant["hull_radius"] == ROBOTS[robot].hull_radius
+        assert plant["num_wheels"] == len(ROBOTS[robot].wheels)
 
 
 def test_briefings_of_some_rows_and_of_a_part_hold_what_is_each_robot_s() -> None:
