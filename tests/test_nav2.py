@@ -96,6 +96,21 @@ def test_costs_fall_off_from_the_hull_as_documented() -> None:
 
 
 @every_controller
+@pytest.mark.parametrize("inflation_radius", [0.1, 0.4, 0.7])
+def test_the_map_knows_of_obstacles_as_far_as_costs_or_plans_ask(controller: Any, inflation_radius: float) -> None:
+    """Up to the inflation radius, or the room beside the hull that plans want, 0.2 m, whichever is the farther."""
+    table = controller(inflation_radius=inflation_radius).maps(briefing_of("p3dx")).table
+    half = table.shape[2] // 2
+    spot = np.array([0.125, 0.375, 0.625, 0.875])  # of a side of the cell
+    away = 0.08 * np.abs(np.arange(-half, half + 1) + 0.5 - spot[:, None])
+    distance = np.hypot(away[:, None, :, None], away[None, :, None, :])
+    known = table > 0
+    # of what lies no farther than that from a point there are cells beyond, to interpolate between
+    assert known[distance <= max(inflation_radius, RADIUS + 0.2) + 0.08].all()
+    assert not known[distance > max(inflation_radius, RADIUS + 0.2) + 0.16].any()
+
+
+@every_controller
 def test_a_command_is_slowed_by_the_share_of_the_time_that_is_free(controller: Any) -> None:
     p, m = gains(controller), memory(controller)
     briefing = briefing_of("p3dx")

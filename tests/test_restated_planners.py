@@ -138,6 +138,55 @@ def test_a_wall_that_leaves_the_grid_is_in_it_up_to_its_edges_and_not_beyond(hea
     assert level.max() == 255
 
 
+def given(monkeypatch: pytest.MonkeyPatch, module: Any, policy: Any, briefing: Briefing) -> Any:
+    """Returns what a planner hands to its law."""
+    found: list[Any] = []
+    monkeypatch.setattr(module, "decide", lambda *arguments: found.append(arguments))
+    t, beams = len(briefing.robot.twist_axes), len(briefing.beam_angles)
+    seen = Observation(
+        np.zeros((1, 3)), np.zeros((1, t)), np.ones((1, 2)), np.zeros(1), np.zeros(1), np.full((1, beams), 5.0)
+    )
+    policy.act(seen, briefing, policy.reset(briefing))
+    return found[0]
+
+
+@pytest.mark.parametrize(("seconds", "periods"), [(0.3, 6), (0.35, 7), (0.62, 12), (0.64, 13)])
+def test_what_lasts_some_seconds_lasts_the_nearest_number_of_control_periods(
+    seconds: float, periods: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sees = dataclasses.replace(
+        told("p3dx"), layout=Observation.layout(2, 8, 5.0), beam_angles=np.arange(-4, 4) * math.pi / 4.0
+    )
+    (p, *_) = given(monkeypatch, scan_planner, ScanPlanner(pause=seconds, period=seconds), sees)
+    assert (p["pause_steps"][0], p["period_steps"][0]) == (periods, periods)
+    (p, *_) = given(monkeypatch, astar_tracker, AstarTracker(patience=seconds), sees)
+    assert p["patience_steps"][0] == periods
+    for controller in (Nav2Dwb(replan=seconds), Nav2Mppi(replan=seconds)):
+        assert controller.given(sees)["replan_steps"][0] == periods
+
+
+@pytest.mark.parametrize(
+    "policy", [ScanPlanner(), ScanPlanner(margin=0.05, give=0.01, wanted_clearance=0.3, weight=1.5)]
+)
+def test_a_metre_costs_what_it_lacks_of_the_wanted_room_down_to_the_margin(
+    policy: ScanPlanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or where there is no other way down to `give` inside of the hull; lines are drawn where half of it is left."""
+    sees = dataclasses.replace(
+        told("p3dx"), layout=Observation.layout(2, 8, 5.0), beam_angles=np.arange(-4, 4) * math.pi / 4.0
+    )
+    _, prices, table, *_ = given(monkeypatch, scan_planner, policy, sees)
+    beside = FARTHEST - UNIT * np.arange(256) - ROBOTS["p3dx"].hull_radius
+    wanted = policy.wanted_clearance
+    for row, least in zip(prices[:2], (policy.margin, -policy.give), strict=True):
+        price = 1.0 + policy.weight * np.clip((wanted - beside) / (wanted - least), 0.0, 1.0)
+        np.testing.assert_allclose(row, np.where(beside >= least - 1e-9, price, np.inf))
+    np.testing.assert_array_equal(prices[2], np.where(beside >= 0.5 * wanted - 1e-9, 1.0, np.inf))
+    # what stands is known as far as it costs, and to the cells around
+    reach = (table.shape[2] // 2 - 1) * policy.cell
+    assert reach <= ROBOTS["p3dx"].hull_radius + wanted + 1.5 * policy.cell < reach + policy.cell
+
+
 def along(points: Any, s: float) -> Any:
     """Returns the place at arc length s of a polyline, within its ends."""
     arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
