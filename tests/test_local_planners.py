@@ -22,9 +22,13 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.sensing import beam_angles
 from wayfield.policies import vfh_plus
 from wayfield.policies.dwa import Dwa, heading_left, score
+from wayfield.policies.mppi import Mppi
+from wayfield.policies.nav2_dwb import Nav2Dwb
+from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.vfh_plus import DIRECTIONS, VfhPlus
 
 Array = NDArray[np.float64]
@@ -705,13 +709,14 @@ def test_an_omni_base_may_be_driven_as_a_differential_drive_is() -> None:
 # What is refused.
 
 
-@every_planner
+@pytest.mark.parametrize("planner", [*PLANNERS, Mppi, ScanPlanner, Nav2Dwb, Nav2Mppi])
 def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
-    with pytest.raises(ValueError, match="num_beams is 0 and must be at least 1"):
+    with pytest.raises(ValueError, match="num_beams is 0"):
         planner().reset(briefing_of("p3dx", 0))
     briefing = briefing_of("p3dx", 72)
-    with pytest.raises(ValueError, match="ranges has 36 values, the scan has 72 beams"):
-        first_twist(planner(), briefing, np.full((1, 36), MAX_RANGE))
+    for beams in (0, 36, 71, 73, 144):
+        with pytest.raises(ValueError, match=f"ranges has {beams} values, the scan has 72 beams"):
+            first_twist(planner(), briefing, np.full((1, beams), MAX_RANGE))
 
 
 @pytest.mark.parametrize(
