@@ -120,16 +120,16 @@ POSES: list[tuple[Any, Callable[..., Any]]] = [
     (SmoothPose(), smooth_pose),
     (
         SmoothPose(
-            k1=1.6, k2=2.3, speed=0.8, beta=0.4, lam=1.5, deceleration=0.2, arrival_radius=0.15, turn_gain=1.2,
-            yaw_acceleration=0.4, max_yaw_rate=0.9, backward=True,
+            k1=1.6, k2=2.3, speed=0.8, beta=0.4, lam=1.5, deceleration=0.7, arrival_radius=0.15, turn_gain=3.0,
+            yaw_acceleration=2.2, max_yaw_rate=2.6, backward=True,
         ),
         smooth_pose,
     ),
     (Polar(), polar),
     (
         Polar(
-            k_rho=2.0, k_alpha=5.0, k_beta=-1.1, max_speed=0.8, deceleration=0.2, arrival_radius=0.15, turn_gain=1.2,
-            yaw_acceleration=0.4, max_yaw_rate=0.9,
+            k_rho=2.0, k_alpha=5.0, k_beta=-1.1, max_speed=0.8, deceleration=0.7, arrival_radius=0.15, turn_gain=3.0,
+            yaw_acceleration=2.2, max_yaw_rate=2.6,
         ),
         polar,
     ),

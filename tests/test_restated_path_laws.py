@@ -305,7 +305,7 @@ LAWS: list[tuple[Any, Callable[..., tuple[float, float]]]] = [
         stanley,
     ),
     (SmoothPose(), smooth_pose),
-    (SmoothPose(k1=1.7, k2=2.2, speed=0.8, beta=0.4, lam=1.5, lookahead_distance=0.4, deceleration=0.3), smooth_pose),
+    (SmoothPose(k1=1.7, k2=2.2, speed=0.8, beta=0.4, lam=1.5, lookahead_distance=0.4, deceleration=0.9), smooth_pose),
     (Lqr(), lqr),
     (
         Lqr(

@@ -154,12 +154,10 @@ def given(monkeypatch: pytest.MonkeyPatch, module: Any, policy: Any, briefing: B
 def test_what_lasts_some_seconds_lasts_the_nearest_number_of_control_periods(
     seconds: float, periods: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sees = dataclasses.replace(
-        told("p3dx"), layout=Observation.layout(2, 8, 5.0), beam_angles=np.arange(-4, 4) * math.pi / 4.0
-    )
+    sees = sighted("p3dx")
     (p, *_) = given(monkeypatch, scan_planner, ScanPlanner(pause=seconds, period=seconds), sees)
     assert (p["pause_steps"][0], p["period_steps"][0]) == (periods, periods)
-    (p, *_) = given(monkeypatch, astar_tracker, AstarTracker(patience=seconds), sees)
+    (p, *_) = given(monkeypatch, astar_tracker, AstarTracker(patience=seconds), told("p3dx"))
     assert p["patience_steps"][0] == periods
     for controller in (Nav2Dwb(replan=seconds), Nav2Mppi(replan=seconds)):
         assert controller.given(sees)["replan_steps"][0] == periods
@@ -172,9 +170,7 @@ def test_a_metre_costs_what_it_lacks_of_the_wanted_room_down_to_the_margin(
     policy: ScanPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Or where there is no other way down to `give` inside of the hull; lines are drawn where half of it is left."""
-    sees = dataclasses.replace(
-        told("p3dx"), layout=Observation.layout(2, 8, 5.0), beam_angles=np.arange(-4, 4) * math.pi / 4.0
-    )
+    sees = sighted("p3dx")
     _, prices, table, *_ = given(monkeypatch, scan_planner, policy, sees)
     beside = FARTHEST - UNIT * np.arange(256) - ROBOTS["p3dx"].hull_radius
     wanted = policy.wanted_clearance

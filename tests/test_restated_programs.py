@@ -216,7 +216,8 @@ def test_predictive_control_to_a_pose_is_its_docstring(
 @pytest.mark.parametrize("speed", [0.1, 0.0, -0.1])
 def test_a_pose_is_reached_near_enough_or_once_it_no_longer_lies_where_the_robot_drives(speed: float) -> None:
     """Within a radius, or within two where it was reached before or lies behind; a waypoint is never rested at."""
-    policy, base = MpcPose(arrival_radius=0.05), ACTUATORS["lagged"]
+    policy = MpcPose(arrival_radius=0.05, turn_gain=3.0, yaw_acceleration=2.2, max_yaw_rate=2.0)
+    base = ACTUATORS["slow"]  # at most 1.5 rad/s^2
     goals = np.array([[share * 0.05, 0.01] for share in (-2.2, -1.5, -0.5, 0.5, 1.5, 2.2)] * 4)
     b = len(goals)
     was, left = np.repeat([0.0, 1.0], b // 2), np.tile(np.repeat([0.0, 1.0], b // 4), 2)
@@ -232,7 +233,7 @@ def test_a_pose_is_reached_near_enough_or_once_it_no_longer_lies_where_the_robot
         assert memory["arrived"][k] == there
         if there:
             e = abs(turns[k])
-            rate = min(2.0 * e, math.sqrt(2.0 * e), policy.max_yaw_rate)
+            rate = min(3.0 * e, math.sqrt(3.0 * e), 2.0)
             assert twists[k] == pytest.approx((0.0, math.copysign(rate, turns[k])))
             assert memory["command"][k] == pytest.approx(twists[k])
             assert not memory["commands"][k].any()

@@ -303,3 +303,19 @@ def test_a_robot_on_its_way_asks_again_before_it_sets_off_on_another(aside: floa
     waits = aside > 0.15 and blocked
     assert bool(memory["off"][0]) == (not waits)
     assert twist.any() == (not waits)
+
+
+@pytest.mark.parametrize(("tier", "yaw_acceleration"), [("lagged", 2.2), ("slow", 1.5)])
+def test_at_the_goal_it_turns_no_harder_than_the_base_can(tier: str, yaw_acceleration: float) -> None:
+    n, policy = 25, ReedsShepp(turn_gain=3.0, yaw_acceleration=2.2, max_yaw_rate=2.0)
+    briefing = dataclasses.replace(
+        told_of("p3dx", n), actuators=ACTUATORS[tier], obstacles=np.tile(obstacle_field(circle(9.0, 0.0, 0.2)), (n, 1)),
+        num_obstacles=np.ones(n, np.int64), patrols=np.zeros((n, 1), PATROL), goals=np.zeros((n, 1, 3)),
+        num_goals=np.ones(n, np.int64),
+    )  # fmt: skip
+    turns = np.linspace(-3.0, 3.0, n)
+    seen = Observation(np.zeros((n, 3)), *np.zeros((2, n, 2)), turns, np.zeros(n), np.zeros((n, 0)))
+    twists = policy.act(seen, briefing, policy.reset(briefing))
+    e = np.abs(turns)
+    rate = np.minimum(np.minimum(3.0 * e, np.sqrt(2.0 * yaw_acceleration * e)), 2.0)
+    np.testing.assert_allclose(twists, np.column_stack([np.zeros(n), np.copysign(rate, turns)]), atol=1e-12)
