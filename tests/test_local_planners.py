@@ -1,5 +1,6 @@
 """Seekers that see only their scan: what they make of constructed scans, and that they can always stop."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -26,7 +27,7 @@ from wayfield.policies.mppi import Mppi
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time
+from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time, sees_all_round
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.vfh_plus import DIRECTIONS, VfhPlus
@@ -704,6 +705,16 @@ def test_an_omni_base_may_be_driven_as_a_differential_drive_is() -> None:
         else:
             assert np.abs(np.array(aside)[:, 0]).max() > 0.1
             assert (np.array(aside)[:, 1] == 0.0).all()
+
+
+@pytest.mark.parametrize("beams", [2, 3, 24, 72])
+def test_a_scan_surrounds_the_robot_until_a_beam_of_it_is_missing(beams: int) -> None:
+    whole = briefing_of("p3dx", beams)
+    assert sees_all_round(whole)
+    for others in (whole.beam_angles[1:], whole.beam_angles[:-1], whole.beam_angles[:1], whole.beam_angles[:0]):
+        assert not sees_all_round(dataclasses.replace(whole, beam_angles=others))
+    half = briefing_of("p3dx", beams, field_of_view=math.pi)
+    assert sees_all_round(half) == (beams == 2)  # of two the one gap is as wide as the other
 
 
 # What is refused.

@@ -18,10 +18,11 @@ from wayfield.envs.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
 from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
-from wayfield.policies import astar_tracker, scan_planner
+from wayfield.policies import astar_tracker, orca, scan_planner
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.nav2_mppi import Nav2Mppi
+from wayfield.policies.orca import Orca
 from wayfield.policies.parts.steering import Map
 from wayfield.policies.parts.stopping import Scan, Seen
 from wayfield.policies.scan_planner import ScanPlanner
@@ -138,10 +139,17 @@ def test_a_wall_that_leaves_the_grid_is_in_it_up_to_its_edges_and_not_beyond(hea
     assert level.max() == 255
 
 
-def given(monkeypatch: pytest.MonkeyPatch, module: Any, policy: Any, briefing: Briefing) -> Any:
+def given(monkeypatch: pytest.MonkeyPatch, module: Any, policy: Any, briefing: Briefing, law: str = "decide") -> Any:
     """Returns what a planner hands to its law."""
     found: list[Any] = []
-    monkeypatch.setattr(module, "decide", lambda *arguments: found.append(arguments))
+
+    def kept(*arguments: Any) -> None:
+        found.append(arguments)
+        for array in arguments[-2:]:  # which it fills
+            if isinstance(array, np.ndarray) and array.dtype == np.float64:
+                array[:] = 0.0
+
+    monkeypatch.setattr(module, law, kept)
     t, beams = len(briefing.robot.twist_axes), len(briefing.beam_angles)
     seen = Observation(
         np.zeros((1, 3)), np.zeros((1, t)), np.ones((1, 2)), np.zeros(1), np.zeros(1), np.full((1, beams), 5.0)
@@ -181,6 +189,57 @@ def test_a_metre_costs_what_it_lacks_of_the_wanted_room_down_to_the_margin(
     # what stands is known as far as it costs, and to the cells around
     reach = (table.shape[2] // 2 - 1) * policy.cell
     assert reach <= ROBOTS["p3dx"].hull_radius + wanted + 1.5 * policy.cell < reach + policy.cell
+
+
+@pytest.mark.parametrize("far", [0, 1])
+def test_a_batch_has_grids_for_the_largest_of_its_worlds(far: int) -> None:
+    """Up to 80 m, with a metre around, 256 cells a side hold it; then as few as are no wider than 0.1 m; 2,048 more."""
+    sides = []
+    for away in (10.0, 77.0, 80.0, 99.0, 102.0, 190.0, 400.0):
+        goals = np.zeros((2, 2, 3))
+        goals[:, 1, 0], goals[far, 1, 1] = 5.0, -away
+        briefing = dataclasses.replace(
+            told("p3dx"), num_envs=2, obstacles=np.tile(OBSTACLES, (2, 1)), num_obstacles=np.zeros(2, np.int64),
+            patrols=np.zeros((2, len(OBSTACLES)), PATROL), goals=goals, num_goals=np.full(2, 2),
+        )  # fmt: skip
+        sides.append(astar_tracker.memory_of(briefing, [])["grid"].shape[0])
+    assert sides == [256, 256, 1024, 1024, 2048, 2048, 2048]
+
+
+WIDE = {"theta": 1, "snap": 0.3, "spacing": 2.0, "rounds": 60}
+FINE = {"theta": 0, "snap": 4.5 * 0.06, "spacing": 1.0, "rounds": 20}
+
+
+@pytest.mark.parametrize(
+    ("policy", "numbers"),
+    [
+        (AstarTracker(margin=0.1), WIDE), (Orca(margin=0.08), WIDE), (ScanPlanner(cell=0.06), FINE | {"recall": 1.0}),
+        (Nav2Dwb(cell=0.06, recall=3.0), FINE | {"wanted_clearance": 0.2, "margin": 0.02, "recall": 3.0}),
+        (Nav2Mppi(cell=0.06), FINE | {"wanted_clearance": 0.2, "margin": 0.02, "recall": 2.0}),
+    ],
+    ids=lambda each: type(each).__name__,
+)  # fmt: skip
+def test_ways_are_searched_laid_and_let_go_as_they_were_when_results_were_published(
+    policy: Any, numbers: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who is told the map keeps the margin, or three quarters, a half, a quarter, nothing of it, in this order."""
+    radius = ROBOTS["p3dx"].hull_radius
+    room = FARTHEST - UNIT * np.arange(256) - radius
+    if isinstance(policy, Nav2Dwb | Nav2Mppi):
+        p, prices = policy.given(sighted("p3dx")), policy.maps(sighted("p3dx")).prices
+    elif isinstance(policy, ScanPlanner):
+        p, prices, *_ = given(monkeypatch, scan_planner, policy, sighted("p3dx"))
+    else:
+        where, law = (orca, "find_velocities") if isinstance(policy, Orca) else (astar_tracker, "decide")
+        p, prices, *_ = given(monkeypatch, where, policy, told("p3dx"), law)
+        margins = [policy.margin * share for share in (1.0, 0.75, 0.5, 0.25, 0.0)]
+        np.testing.assert_array_equal(prices, [np.where(room >= margin - 1e-9, 1.0, np.inf) for margin in margins])
+    assert {name: p[name][0] for name in numbers} == pytest.approx(numbers)
+    if isinstance(policy, Nav2Dwb | Nav2Mppi):  # as the scan planner plans
+        lacking = [1.0 + 3.0 * np.clip((0.2 - room) / (0.2 - least), 0.0, 1.0) for least in (0.02, -0.03)]
+        np.testing.assert_allclose(prices[0], np.where(room >= 0.02 - 1e-9, lacking[0], np.inf))
+        np.testing.assert_allclose(prices[1], np.where(room >= -0.03 - 1e-9, lacking[1], np.inf))
+        np.testing.assert_array_equal(prices[2], np.where(room >= 0.1 - 1e-9, 1.0, np.inf))
 
 
 def along(points: Any, s: float) -> Any:

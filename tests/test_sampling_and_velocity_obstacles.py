@@ -381,6 +381,12 @@ def test_normal_numbers_are_those_of_box_and_muller_from_split_mix() -> None:
         assert normals(np.uint64(key), number) == pytest.approx(wanted, abs=1e-12)
 
 
+def test_a_step_of_a_plan_is_no_shorter_than_a_control_period() -> None:
+    for asked, lasts in ((0.02, DT), (DT, DT), (0.12, 0.12)):
+        p = Mppi(step_time=asked).params(brief("p3dx"))
+        assert p["step_time"][0] == lasts
+
+
 def test_no_number_is_drawn_twice() -> None:
     """Not for two steps, channels, samples or decisions, nor from two seeds."""
     found = []
