@@ -2,11 +2,13 @@
 
 import copy
 import math
+import types
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
+import osqp
 import pytest
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.paths import Path, PathPool
 from wayfield.policies import Pilot, mpc
 from wayfield.policies.mpc import Mpc, QuadraticProgram
+from wayfield.policies.mpc_pose import PoseProgram
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -440,6 +443,25 @@ def test_without_a_solution_from_the_start_it_stands_and_counts(monkeypatch: pyt
     drive = Drive("s_curve").go(20)
     assert drive.failures == 20
     assert not np.array(drive.actions).any()
+
+
+@pytest.mark.parametrize(
+    ("status", "solved"),
+    [("OSQP_SOLVED", True), ("OSQP_SOLVED_INACCURATE", True), ("OSQP_MAX_ITER_REACHED", False),
+     ("OSQP_PRIMAL_INFEASIBLE", False), ("OSQP_NON_CVX", False)],
+)  # fmt: skip
+def test_a_program_is_solved_to_the_tolerance_or_ten_times_that(status: str, solved: bool) -> None:
+    wheels = ((10.0, 2.0), (10.0, -2.0))
+    for program, size in ((QuadraticProgram(2, wheels, (1.0,) * 6, 10), 6), (PoseProgram(2, wheels, 0.6, 10), 4)):
+        for x in (np.full(size, 0.3), np.full(size, math.nan)):
+            info = types.SimpleNamespace(status_val=getattr(osqp.SolverStatus, status))
+            found = types.SimpleNamespace(info=info, x=x, y=np.zeros(len(program.arrays.lower)))
+            program._solver = types.SimpleNamespace(  # type: ignore[assignment]
+                update=lambda **_: None, warm_start=lambda *_: None, solve=lambda found=found, **_: found
+            )
+            start = [np.zeros_like(found.y)] if size == 6 else []
+            change = program.solve(1.0, *start)
+            assert (change is not False and change is not None) == (solved and not np.isnan(x).any())
 
 
 def test_iterations_that_do_not_suffice_are_a_failure() -> None:

@@ -300,6 +300,9 @@ def test_a_robot_on_its_way_asks_again_before_it_sets_off_on_another(aside: floa
         np.array([[0.3, aside, 0.0]]), np.zeros((n, 2)), np.array([[1.7, -aside]]), *np.zeros((2, n)), np.zeros((n, 0))
     )
     (twist,) = policy.act(seen, briefing, memory)
+    if aside > 0.15:  # whatever moves is no part of what the way leads around
+        shortest = min(length for length, _ in plans((0.3, aside, 0.0), (2.0, 0.0, 0.0), policy.radius))
+        assert memory["length"][0] == pytest.approx(shortest)
     waits = aside > 0.15 and blocked
     assert bool(memory["off"][0]) == (not waits)
     assert twist.any() == (not waits)
