@@ -554,7 +554,7 @@ def test_gains_are_those_of_their_file_s_name_and_no_other_s(tmp_path: Path, mon
     assert tuned.tuned_conditions("lqr", "path-following") == ["omni3_0.6_none", "p3dx_0.6_none"]
     assert tuned_set("lqr", "path-following") is not None
     assert tuned_set("lqr", "path-following", speed=0.9) is None
-    with pytest.raises(ValueError, match="holds gains for p3dx_0.6_none, not for omni3_0.6_none"):
+    with pytest.raises(ValueError, match=r"holds gains for p3dx_0\.6_none, not for omni3_0\.6_none"):
         tuned_set("lqr", "path-following", "omni3")
 
 

@@ -303,6 +303,7 @@ def test_a_robot_on_its_way_asks_again_before_it_sets_off_on_another(aside: floa
     if aside > 0.15:  # whatever moves is no part of what the way leads around
         shortest = min(length for length, _ in plans((0.3, aside, 0.0), (2.0, 0.0, 0.0), policy.radius))
         assert memory["length"][0] == pytest.approx(shortest)
+        assert memory["no_path"][0] == 0
     waits = aside > 0.15 and blocked
     assert bool(memory["off"][0]) == (not waits)
     assert twist.any() == (not waits)
