@@ -391,6 +391,17 @@ def test_samples_start_where_the_robot_is_when_it_drives_them(robot: str, open_l
     np.testing.assert_allclose(samples.places[:, 0], np.tile([x, y, heading + 0.05 * now[2]], (16, 1)), atol=1e-9)
 
 
+def test_the_goal_counts_once_little_is_left_of_the_way() -> None:
+    none = dict.fromkeys(("gamma", "constraint", "cost", "goal_angle", "path_align", "path_follow", "path_angle"), 0.0)
+    briefing, policy = briefing_of("p3dx"), Nav2Mppi(samples=16, prefer_forward=0.0, **none)  # type: ignore[arg-type]
+    kept, free = policy.reset(briefing), scan(briefing.beam_angles, [])
+    for x, counts in ((0.0, False), (0.3, False), (0.5, False), (0.7, True), (1.1, True), (1.6, True)):
+        seen = observed(briefing, free, (2.0 - x, 0.0))._replace(pose=np.array([[x, 0.0, 0.0]]))
+        policy.act(seen, briefing, kept)
+        assert Samples.of(nav2_mppi.drawn(0, 16, 56, 0.2, 0.4)).costs.any() == counts
+    assert kept["state"]["plans"][0] == 1
+
+
 def test_after_a_recovery_nothing_is_left_of_the_plan_before_it() -> None:
     briefing, policy = briefing_of("p3dx"), Nav2Mppi(samples=16)
     kept = policy.reset(briefing)

@@ -387,6 +387,17 @@ def test_a_step_of_a_plan_is_no_shorter_than_a_control_period() -> None:
         assert p["step_time"][0] == lasts
 
 
+def test_no_plan_reverses_without_a_view_behind() -> None:
+    policy, whole = Mppi(samples=64, speed_noise=1.0), brief("p3dx")
+    for briefing, least in (
+        (whole, -policy.max_reverse),
+        (dataclasses.replace(whole, beam_angles=whole.beam_angles[9:-9]), 0.0),
+    ):
+        plans = np.empty((policy.samples + 1, policy.steps, 3))
+        mppi.sample(policy.params(briefing)[0], 0, np.zeros((policy.steps, 3)), plans)
+        assert plans[:-1, :, 0].min() == least
+
+
 def test_no_number_is_drawn_twice() -> None:
     """Not for two steps, channels, samples or decisions, nor from two seeds."""
     found = []
