@@ -896,9 +896,9 @@ def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str
         np.testing.assert_allclose(got, twist, atol=1e-6, err_msg=f"robot {k}")
 
 
-@pytest.mark.parametrize("aim", [2.4, -2.4, 1.2])
-def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: float) -> None:
-    """Blocked ahead, and beside it within the circles that it can turn on: what is open behind is turned to."""
+@pytest.mark.parametrize(("aim", "left"), [(2.4, 1.9), (-2.4, 1.9), (1.2, 1.9), (1.2, 0.2), (0.9, 0.2)])
+def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: float, left: float) -> None:
+    """Blocked ahead, and beside it within the circles that it can turn on: to what is open behind, or to the left."""
     policy, n = VfhPlus(foresight=0.0, recall=0.0, patience=math.inf), 1
     briefing = told("p3dx", "lagged", n, BEAMS)
     memory = policy.reset(briefing)
@@ -906,7 +906,7 @@ def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: flo
     me.command = np.array([0.55, 0.0, 0.0])
     memory["state"]["command"] = me.command
     pose = np.array([0.2, -0.3, 0.7])
-    ranges = np.where(np.abs(briefing.beam_angles) < 1.9, 0.62, REACH)
+    ranges = np.where((briefing.beam_angles > -1.9) & (briefing.beam_angles < left), 0.62, REACH)
     goal = (3.0 * math.cos(aim), 3.0 * math.sin(aim))
     seen = Observation(pose[None], np.array([[0.55, 0.0]]), np.array([goal]), np.zeros(1), np.zeros(1), ranges[None])
     got = policy.act(seen, briefing, memory)[0]

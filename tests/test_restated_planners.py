@@ -328,6 +328,21 @@ def test_what_is_out_of_the_map_is_headed_for_through_its_nearest_cell_within(po
     assert state["plans"] == 1
 
 
+@pytest.mark.parametrize("away", [0.28, 5.0])
+def test_who_is_kept_standing_by_what_is_near_counts_for_how_long(away: float) -> None:
+    policy, briefing, pose = ScanPlanner(), sighted("p3dx"), (0.0, 0.0, 0.0)
+    memory = policy.reset(briefing)
+    policy.act(observed("p3dx", pose, (3.0, 0.0), np.full(72, 5.0)), briefing, memory)
+    state = memory["state"][0]
+    for stood in range(4):
+        memory["state"]["command"], memory["state"]["stuck"] = (0.6, 0.0, 0.0), stood
+        memory["state"]["planned_at"] = state["steps"]  # just now
+        seen = observed("p3dx", pose, (3.0, 0.0), np.where(np.abs(BEAMS) < 0.3, away, 5.0))
+        policy.act(seen._replace(twist=np.array([[0.6, 0.0]])), briefing, memory)
+        assert state["plans"] == 1
+        assert state["stuck"] == (stood + 1 if away < 1.0 else 0)
+
+
 @pytest.mark.parametrize("robot", ["p3dx", "omni3"])
 @pytest.mark.parametrize("beam", [36, 40, 3, 71, 20])
 def test_the_scan_planner_backs_straight_away_from_what_comes(robot: str, beam: int) -> None:
