@@ -29,7 +29,7 @@ from wayfield.policies.parts.stopping import (
     sees_all_round,
     set_command,
 )
-from wayfield.policies.policy import check_gain, check_switch, check_whole
+from wayfield.policies.policy import check_gain, check_scan, check_switch, check_whole
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +144,12 @@ class Mppi:
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, t): m/s and rad/s."""
+        """Returns the twists (b, t): m/s and rad/s.
+
+        Raises:
+            ValueError: if the scan has another number of beams than the briefing.
+        """
+        check_scan(self, observation.ranges, briefing)
         twists = np.empty((len(memory), 3))
         decide(
             self.params(briefing),

@@ -135,6 +135,8 @@ def _part(briefing: Briefing, first: int, last: int) -> Briefing:
     """Returns the briefing of some of the robots."""
     told = {name: getattr(briefing, name) for name in _OF_EACH_ROBOT}
     few: Any = {name: None if array is None else array[first:last] for name, array in told.items()}
+    if briefing.grids is not None:
+        few["grids"] = briefing.grids._replace(frames=briefing.grids.frames[first:last])
     return dataclasses.replace(briefing, num_envs=last - first, **few)
 
 
@@ -150,12 +152,16 @@ def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]
 
 def _briefed(briefing: Briefing, anew: Briefing, rows: NDArray[Any]) -> Briefing:
     """Returns a briefing with some rows of another: of all fields that hold an array with a row for each robot."""
-    told = {}
+    told: dict[str, Any] = {}
     for name in _OF_EACH_ROBOT:
         old, new = getattr(briefing, name), getattr(anew, name)
         if old is not None and new is not None:
             told[name] = old.copy()
             told[name][rows] = new[rows]
+    if briefing.grids is not None and anew.grids is not None:
+        frames = briefing.grids.frames.copy()
+        frames[rows] = anew.grids.frames[rows]
+        told["grids"] = anew.grids._replace(frames=frames)
     return dataclasses.replace(briefing, **told)
 
 

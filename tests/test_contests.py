@@ -40,6 +40,7 @@ from wayfield.benchmarks.suite import Setting, episodes, heads_first
 from wayfield.envs.disturbances import LEVELS
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, GoalScenario, circle, obstacle_field, path_scenarios, splits, wall
+from wayfield.policies import tuned
 from wayfield.policies.tuned import TunedSet, condition, read_gains, tuned_set
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
@@ -532,6 +533,32 @@ def test_a_gain_that_is_given_is_not_written_over_by_a_speed() -> None:
     assert policies.cruising("lookahead_retuned", {}, 0.3) == pytest.approx({"k_lin": 0.6, "k_ang": 1.2})
 
 
+def test_gains_that_were_handed_out_are_the_asker_s() -> None:
+    first = policies.tuned_gains("lqr", "path-following")
+    kept = dict(first)
+    first.clear()
+    assert kept
+    assert policies.tuned_gains("lqr", "path-following") == kept
+
+
+def test_gains_are_those_of_their_file_s_name_and_no_other_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shipped = Path(tuned.__file__).parent / "gains" / "path-following" / "lqr_p3dx_0.6_none.json"
+    names = (
+        "lqr_p3dx_0.6_none.json",
+        "lqr_omni3_0.6_none.json",
+        "lqr_p3dx_0.9_light.json.bak",
+        "my_lqr_p3dx_1_none.json",
+    )
+    for name in names:
+        (tmp_path / name).write_bytes(shipped.read_bytes())
+    monkeypatch.setattr(tuned, "_folder", lambda suite: tmp_path)
+    assert tuned.tuned_conditions("lqr", "path-following") == ["omni3_0.6_none", "p3dx_0.6_none"]
+    assert tuned_set("lqr", "path-following") is not None
+    assert tuned_set("lqr", "path-following", speed=0.9) is None
+    with pytest.raises(ValueError, match=r"holds gains for p3dx_0\.6_none, not for omni3_0\.6_none"):
+        tuned_set("lqr", "path-following", "omni3")
+
+
 def test_a_damaged_gains_file_is_refused() -> None:
     good = {"policy": "stanley", "robot": "p3dx", "speed": 0.6, "level": "none", "chosen": "search", "frames": 1}
     assert read_gains(json.dumps({**good, "gains": {"k": 1.0}}), "gains.json", "stanley")["frames"] == 1
@@ -542,7 +569,15 @@ def test_a_damaged_gains_file_is_refused() -> None:
         *(
             (json.dumps({**good, "gains": {}, name: value}), f"{name} must be")
             for name, value in (
-                *(("robot", 3), ("level", None), ("speed", -1.0), ("chosen", "luck"), ("frames", 0.5)),
+                *(
+                    ("robot", 3),
+                    ("level", None),
+                    ("speed", -1.0),
+                    ("speed", 0),
+                    ("speed", True),
+                    ("chosen", "luck"),
+                    ("frames", 0.5),
+                ),
                 *(("searched_on", value) for value in ("train", None, {"split": 3})),
             )
         ),

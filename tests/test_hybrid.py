@@ -47,6 +47,14 @@ def told_goal(folder: Path, ahead: float, **scene: Any) -> tuple[NDArray[Any], b
     return goals[0], bool(led[0])
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4", "jackal"])
+def test_the_planner_has_the_gains_that_were_found_for_the_robot_or_its_own(robot: str) -> None:
+    file = Path(hybrid.__file__).parent / "gains" / "goal-obstacles" / f"scan_planner_{robot}_0.6_none.json"
+    gains = json.loads(file.read_text())["gains"] if file.is_file() else {}
+    assert planner_of(robot, 0.45) == ScanPlanner(**{**gains, "max_speed": 0.45})
+    assert bool(gains) == (robot in ("p3dx", "omni4"))
+
+
 def test_the_point_lies_ahead_on_the_way_until_less_of_it_is_left(tmp_path: Path) -> None:
     for ahead in (0.5, 1.2, 2.5):
         goal, led = told_goal(tmp_path, ahead, goal=[3.0, 0.0, 0.0])

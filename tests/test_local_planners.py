@@ -1,5 +1,6 @@
 """Seekers that see only their scan: what they make of constructed scans, and that they can always stop."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -22,9 +23,13 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.sensing import beam_angles
 from wayfield.policies import vfh_plus
 from wayfield.policies.dwa import Dwa, heading_left, score
+from wayfield.policies.mppi import Mppi
+from wayfield.policies.nav2_dwb import Nav2Dwb
+from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time
+from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, free_time, sees_all_round
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.vfh_plus import DIRECTIONS, VfhPlus
 
 Array = NDArray[np.float64]
@@ -721,16 +726,27 @@ def test_an_omni_base_may_be_driven_as_a_differential_drive_is() -> None:
             assert (np.array(aside)[:, 1] == 0.0).all()
 
 
+@pytest.mark.parametrize("beams", [2, 3, 24, 72])
+def test_a_scan_surrounds_the_robot_until_a_beam_of_it_is_missing(beams: int) -> None:
+    whole = briefing_of("p3dx", beams)
+    assert sees_all_round(whole)
+    for others in (whole.beam_angles[1:], whole.beam_angles[:-1], whole.beam_angles[:1], whole.beam_angles[:0]):
+        assert not sees_all_round(dataclasses.replace(whole, beam_angles=others))
+    half = briefing_of("p3dx", beams, field_of_view=math.pi)
+    assert sees_all_round(half) == (beams == 2)  # of two the one gap is as wide as the other
+
+
 # What is refused.
 
 
-@every_planner
+@pytest.mark.parametrize("planner", [*PLANNERS, Mppi, ScanPlanner, Nav2Dwb, Nav2Mppi])
 def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
-    with pytest.raises(ValueError, match="num_beams is 0 and must be at least 1"):
+    with pytest.raises(ValueError, match="num_beams is 0"):
         planner().reset(briefing_of("p3dx", 0))
     briefing = briefing_of("p3dx", 72)
-    with pytest.raises(ValueError, match="ranges has 36 values, the scan has 72 beams"):
-        first_twist(planner(), briefing, np.full((1, 36), MAX_RANGE))
+    for beams in (0, 36, 71, 73, 144):
+        with pytest.raises(ValueError, match=f"ranges has {beams} values, the scan has 72 beams"):
+            first_twist(planner(), briefing, np.full((1, beams), MAX_RANGE))
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,13 @@
 
 import copy
 import math
+import types
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
+import osqp
 import pytest
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.paths import Path, PathPool
 from wayfield.policies import Pilot, mpc
 from wayfield.policies.mpc import Mpc, QuadraticProgram
+from wayfield.policies.mpc_pose import PoseProgram
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -344,6 +347,32 @@ def test_the_path_ahead_begins_behind_what_was_seen_and_the_robot_is_on_it(steps
     assert problem.start[:3] == pytest.approx(seen.pose[0], abs=1e-12)
 
 
+@pytest.mark.parametrize("turned", [0.0, 0.3, 0.6, 0.95])
+def test_a_robot_is_where_pose_and_heading_are_nearest_also_in_a_corner_that_it_turns_on(turned: float) -> None:
+    """Its projection knows no turn: all of that lies ahead of it."""
+    drive = Drive("right_angle")
+    problem = Problem(drive, Mpc())
+    paths, m = drive.pilot.briefing.paths, problem.model[0]
+    assert paths is not None
+    run = paths.runs[drive.pilot.briefing.path_index[0]]
+    legs = paths.vertices[run["first"] : run["first"] + run["segments"]]
+    corner = 1 + int(np.argmax(np.abs(np.diff(legs["heading"])) > 1.0))
+    before, after = (float(legs["heading"][k]) for k in (corner - 1, corner))
+    x, y = float(legs["x"][corner]), float(legs["y"][corner])
+    poses = np.array([[x + 0.01, y - 0.02, before + turned * math.remainder(after - before, math.tau)]])
+    arc = np.array([float(legs["s"][corner]) - 0.01])
+    which = drive.pilot.briefing.path_index
+    mpc.locate(paths.vertices, paths.runs, which, problem.model, poses, arc, 0, problem.path, problem.start)
+
+    def off(sigma: float) -> float:
+        px, py, heading = problem.pose_at(sigma)
+        turn = math.remainder(poses[0, 2] - heading, math.tau)
+        return float(m["position"] * ((x + 0.01 - px) ** 2 + (y - 0.02 - py) ** 2) + m["heading"] * turn**2)
+
+    # three steps of Newton's method leave a hundredth
+    assert off(problem.start[3]) <= 1.02 * min(map(off, np.linspace(0.0, 1.2, 1201).tolist())) + 1e-6
+
+
 # At the wheel.
 
 
@@ -416,6 +445,25 @@ def test_without_a_solution_from_the_start_it_stands_and_counts(monkeypatch: pyt
     assert not np.array(drive.actions).any()
 
 
+@pytest.mark.parametrize(
+    ("status", "solved"),
+    [("OSQP_SOLVED", True), ("OSQP_SOLVED_INACCURATE", True), ("OSQP_MAX_ITER_REACHED", False),
+     ("OSQP_PRIMAL_INFEASIBLE", False), ("OSQP_NON_CVX", False)],
+)  # fmt: skip
+def test_a_program_is_solved_to_the_tolerance_or_ten_times_that(status: str, solved: bool) -> None:
+    wheels = ((10.0, 2.0), (10.0, -2.0))
+    for program, size in ((QuadraticProgram(2, wheels, (1.0,) * 6, 10), 6), (PoseProgram(2, wheels, 0.6, 10), 4)):
+        for x in (np.full(size, 0.3), np.full(size, math.nan)):
+            info = types.SimpleNamespace(status_val=getattr(osqp.SolverStatus, status))
+            found = types.SimpleNamespace(info=info, x=x, y=np.zeros(len(program.arrays.lower)))
+            program._solver = types.SimpleNamespace(  # type: ignore[assignment]
+                update=lambda **_: None, warm_start=lambda *_: None, solve=lambda found=found, **_: found
+            )
+            start = [np.zeros_like(found.y)] if size == 6 else []
+            change = program.solve(1.0, *start)
+            assert (change is not False and change is not None) == (solved and not np.isnan(x).any())
+
+
 def test_iterations_that_do_not_suffice_are_a_failure() -> None:
     assert Drive("s_curve", Mpc(solver_iterations=1)).go(20).failures > 0
 
@@ -436,9 +484,14 @@ def test_without_a_solution_it_drives_its_plan_on_then_brakes(monkeypatch: pytes
     assert drive["vx"][-1] > 0.4
 
 
-@pytest.mark.parametrize("step", [0.05, 0.1, 0.15])
-def test_a_plan_that_is_moved_on_is_the_same_function_of_time(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
-    """Commands and progress at the ends of the steps, linear between them; the last step stays as it is."""
+@pytest.mark.parametrize(("step", "held"), [(0.05, 0.05), (0.12, 0.1), (0.13, 0.15)])
+def test_a_plan_that_is_moved_on_is_the_same_function_of_time(
+    monkeypatch: pytest.MonkeyPatch, step: float, held: float
+) -> None:
+    """Commands and progress at the ends of the steps, linear between them; the last step stays as it is.
+
+    A step lasts as many control periods as come nearest to what was asked.
+    """
     monkeypatch.setattr(QuadraticProgram, "solve", lambda *_: False)
     drive = Drive("straight", Mpc(step=step))
     memory, n = drive.pilot.memory, drive.pilot.policy.horizon
@@ -447,7 +500,7 @@ def test_a_plan_that_is_moved_on_is_the_same_function_of_time(monkeypatch: pytes
         memory[name] = rng.uniform(0.0, 0.5, memory[name].shape)
     before = memory.copy()
     drive.go(1)
-    times = step * np.arange(1, n + 1)
+    times = held * np.arange(1, n + 1)
 
     def later(values: Array) -> Array:
         moved: Array = np.interp(times + DT, times, values)

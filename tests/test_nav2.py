@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from test_local_planners import briefing_of, drive, observed, scan
 
 from wayfield.envs.compiled import compiled
+from wayfield.envs.kinematics import integrate_arc
 from wayfield.policies import nav2_dwb, nav2_mppi
 from wayfield.policies.nav2_dwb import ILLEGAL, Nav2Dwb
 from wayfield.policies.nav2_mppi import FILTER, HISTORY, Nav2Mppi, Samples
@@ -95,6 +96,21 @@ def test_costs_fall_off_from_the_hull_as_documented() -> None:
 
 
 @every_controller
+@pytest.mark.parametrize("inflation_radius", [0.1, 0.4, 0.7])
+def test_the_map_knows_of_obstacles_as_far_as_costs_or_plans_ask(controller: Any, inflation_radius: float) -> None:
+    """Up to the inflation radius, or the room beside the hull that plans want, 0.2 m, whichever is the farther."""
+    table = controller(inflation_radius=inflation_radius).maps(briefing_of("p3dx")).table
+    half = table.shape[2] // 2
+    spot = np.array([0.125, 0.375, 0.625, 0.875])  # of a side of the cell
+    away = 0.08 * np.abs(np.arange(-half, half + 1) + 0.5 - spot[:, None])
+    distance = np.hypot(away[:, None, :, None], away[None, :, None, :])
+    known = table > 0
+    # of what lies no farther than that from a point there are cells beyond, to interpolate between
+    assert known[distance <= max(inflation_radius, RADIUS + 0.2) + 0.08].all()
+    assert not known[distance > max(inflation_radius, RADIUS + 0.2) + 0.16].any()
+
+
+@every_controller
 def test_a_command_is_slowed_by_the_share_of_the_time_that_is_free(controller: Any) -> None:
     p, m = gains(controller), memory(controller)
     briefing = briefing_of("p3dx")
@@ -141,7 +157,9 @@ def test_noise_is_drawn_once_and_has_the_deviations_that_were_asked_for() -> Non
     assert noise.std((0, 1)) == pytest.approx([0.2, 0.2, 0.4], rel=0.02)
     assert abs(noise.mean((0, 1))).max() < 0.01
     assert abs(np.corrcoef(noise.reshape(-1, 3).T) - np.eye(3)).max() < 0.02
-    assert not np.array_equal(noise, nav2_mppi.drawn(1, 500, 56, 0.2, 0.4))
+    other = nav2_mppi.drawn(1, 500, 56, 0.2, 0.4)
+    assert len(np.unique(np.append(noise, other))) == 2 * noise.size  # no number twice
+    assert not noise.flags.writeable  # all decisions share it
 
 
 def test_samples_start_at_the_twist_that_the_robot_has_and_keep_to_the_accelerations() -> None:
@@ -348,6 +366,52 @@ def test_a_forbidden_sign_forbids_all_of_it_and_nothing_else() -> None:
 
 
 # At the wheel.
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+@pytest.mark.parametrize("open_loop", [False, True])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_samples_start_where_the_robot_is_when_it_drives_them(robot: str, open_loop: bool, sense: float) -> None:
+    """A period on at the measured twist, at what the last command makes of that; in an open loop here, at the last."""
+    briefing = briefing_of(robot)
+    policy = Nav2Mppi(samples=16, acceleration=0.5, yaw_acceleration=0.8, open_loop=open_loop)
+    sideways = float(briefing.robot.holonomic)
+    measured, last = np.array([0.3, 0.1 * sideways, -0.4]), sense * np.array([0.1, 0.2 * sideways, 0.5])
+    kept = policy.reset(briefing)
+    kept["state"]["command"] = last
+    free = scan(briefing.beam_angles, [])
+    policy.act(observed(briefing, free, twist=measured[list(briefing.robot.twist_axes)]), briefing, kept)
+    x, y, heading, now = 0.0, 0.0, 0.0, last
+    if not open_loop:
+        x, y, heading = integrate_arc(0.0, 0.0, 0.0, *measured, 0.05)
+        now = np.clip(last, measured - 0.05 * np.array([0.5, 0.5, 0.8]), measured + 0.05 * np.array([0.5, 0.5, 0.8]))
+    x += 0.05 * (math.cos(heading) * now[0] - math.sin(heading) * now[1])
+    y += 0.05 * (math.sin(heading) * now[0] + math.cos(heading) * now[1])
+    samples = Samples.of(nav2_mppi.drawn(0, 16, 56, 0.2, 0.4))
+    np.testing.assert_allclose(samples.places[:, 0], np.tile([x, y, heading + 0.05 * now[2]], (16, 1)), atol=1e-9)
+
+
+def test_the_goal_counts_once_little_is_left_of_the_way() -> None:
+    none = dict.fromkeys(("gamma", "constraint", "cost", "goal_angle", "path_align", "path_follow", "path_angle"), 0.0)
+    briefing, policy = briefing_of("p3dx"), Nav2Mppi(samples=16, prefer_forward=0.0, **none)  # type: ignore[arg-type]
+    kept, free = policy.reset(briefing), scan(briefing.beam_angles, [])
+    for x, counts in ((0.0, False), (0.3, False), (0.5, False), (0.7, True), (1.1, True), (1.6, True)):
+        seen = observed(briefing, free, (2.0 - x, 0.0))._replace(pose=np.array([[x, 0.0, 0.0]]))
+        policy.act(seen, briefing, kept)
+        assert Samples.of(nav2_mppi.drawn(0, 16, 56, 0.2, 0.4)).costs.any() == counts
+    assert kept["state"]["plans"][0] == 1
+
+
+def test_after_a_recovery_nothing_is_left_of_the_plan_before_it() -> None:
+    briefing, policy = briefing_of("p3dx"), Nav2Mppi(samples=16)
+    kept = policy.reset(briefing)
+    state = kept["state"]
+    state["recovering"], state["recovering_until"] = SPIN, 20
+    state["sequence"], state["history"] = 0.3, 0.3
+    twist = policy.act(observed(briefing, scan(briefing.beam_angles, [])), briefing, kept)
+    assert twist.tolist() == [[0.0, 1.0]]
+    assert not state["sequence"].any()
+    assert not state["history"].any()
 
 
 @every_controller

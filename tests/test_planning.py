@@ -134,6 +134,46 @@ def test_a_star_is_as_short_as_dijkstra(grid: Grid) -> None:
     assert a_star(grid, start, goal).length == pytest.approx(optimum(grid, start, goal), rel=1e-12)
 
 
+def searched(grid: Grid, start: tuple[int, int], goal: tuple[int, int]) -> list[tuple[int, int]]:
+    """Returns the cells of a shortest way; none where there is none.
+
+    The cell of the least estimate comes next, of equal ones that farther on, of these the one of lower row and column.
+    """
+    costs, parents, estimates = {start: 0.0}, {start: start}, {start: 0.0}
+    closed: set[tuple[int, int]] = set()
+    while estimates:
+        node = min(estimates, key=lambda cell: (estimates[cell], -costs[cell], cell))
+        if node == goal:
+            way = [goal]
+            while way[-1] != start:
+                way.append(parents[way[-1]])
+            return way[::-1]
+        del estimates[node]
+        closed.add(node)
+        r, c = node
+        for to in ((r + dr, c + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1)):
+            inside = 0 <= to[0] < grid.shape[0] and 0 <= to[1] < grid.shape[1]
+            if not inside or to in closed or grid[to] or grid[r, to[1]] or grid[to[0], c]:
+                continue
+            cost = costs[node] + (math.sqrt(2.0) if r != to[0] and c != to[1] else 1.0)
+            if cost < costs.get(to, math.inf):
+                a, b = abs(goal[0] - to[0]), abs(goal[1] - to[1])
+                costs[to], parents[to] = cost, node
+                # added up in this order, which rounding knows
+                estimates[to] = cost + max(a, b) + (math.sqrt(2.0) - 1.0) * min(a, b)
+    return []
+
+
+def test_of_equal_ways_the_one_is_taken_that_the_order_of_cells_says() -> None:
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        grid = rng.random((11, 14)) < 0.15 + 0.02 * (seed % 4)
+        start, goal = ends_of(grid)
+        cells = searched(grid, start, goal)
+        assert a_star(grid, start, goal).cells.tolist() == [list(cell) for cell in cells]
+        assert len(cells) > 10
+
+
 @given(sparse_grids)
 def test_ways_go_through_free_cells_and_cut_no_corner(grid: Grid) -> None:
     start, goal = ends_of(grid)

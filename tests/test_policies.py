@@ -4,6 +4,8 @@ import dataclasses
 import itertools
 import json
 import math
+import types
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,6 +26,7 @@ from wayfield.envs.briefing import KNOWS, Briefing
 from wayfield.envs.robots import ACTUATORS
 from wayfield.policies import POLICIES, Pilot
 from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.policy import check_gain
 
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
@@ -461,6 +464,23 @@ def test_each_row_is_told_of_its_own_path() -> None:
         assert math.hypot(seen[i, 0] - first["x"], seen[i, 1] - first["y"]) <= 0.11
 
 
+def test_a_gain_is_a_number_of_its_range_and_of_a_size_to_reckon_with() -> None:
+    values = [-(10**400), -1e300, -1.1e9, -1e9, -6.0, -5, -1e-300, -0.0, 0, 1e-300, np.float32(0.5), 5, 5.1, 1e9, 1.1e9,
+              10**400, math.inf, math.nan, True, "1", None]  # fmt: skip
+    seen = set()
+    for bounds in ({}, {"above": 0.0}, {"least": 0.0}, {"least": -5.0, "most": 5.0}, {"above": 0.0, "finite": False}):
+        above, least = bounds.get("above", -math.inf), bounds.get("least", -math.inf)
+        for value in values:
+            number = isinstance(value, int | float | np.floating) and not isinstance(value, bool)
+            inside = number and value > above and value >= least  # type: ignore[operator]
+            sized = number and abs(value) <= bounds.get("most", 1e9)  # type: ignore[arg-type]
+            fine = inside and (sized or (value == math.inf and not bounds.get("finite", True)))
+            seen.add((fine, inside))
+            with nullcontext() if fine else pytest.raises(ValueError, match=r"^SimpleNamespace: k "):
+                check_gain(types.SimpleNamespace(k=value), "k", **bounds)  # type: ignore[arg-type]
+    assert len(seen) == 3
+
+
 # What they do.
 
 
@@ -477,9 +497,13 @@ def test_zero_stands_still_and_random_uses_all_that_the_robot_can(env_id: str) -
     assert (np.abs(drawn) <= most * (1.0 + 1e-6)).all()
     np.testing.assert_allclose(drawn.std(axis=(0, 1)), most / math.sqrt(3.0), rtol=0.05)
     assert abs(np.corrcoef(drawn[:, 0, 0], drawn[:, 1, 0])[0, 1]) < 0.7
-    other = Pilot(policies.make("random", seed=1), env)
-    other.reset()
-    assert not np.array_equal(other.act(seen), drawn[0])
+    # no robot of another seed does what one of this does, in whichever rows they are
+    firsts = [drawn[0]]
+    for seed in (1, 2):
+        other = Pilot(policies.make("random", seed=seed), env)
+        other.reset()
+        firsts.append(other.act(seen))
+    assert len(np.unique(np.concatenate(firsts), axis=0)) == 150
 
 
 @pytest.mark.parametrize("name", ["lookahead_documented", "lookahead_retuned"])

@@ -120,16 +120,16 @@ POSES: list[tuple[Any, Callable[..., Any]]] = [
     (SmoothPose(), smooth_pose),
     (
         SmoothPose(
-            k1=1.6, k2=2.3, speed=0.8, beta=0.4, lam=1.5, deceleration=0.2, arrival_radius=0.15, turn_gain=1.2,
-            yaw_acceleration=0.4, max_yaw_rate=0.9, backward=True,
+            k1=1.6, k2=2.3, speed=0.8, beta=0.4, lam=1.5, deceleration=0.7, arrival_radius=0.15, turn_gain=3.0,
+            yaw_acceleration=2.2, max_yaw_rate=2.6, backward=True,
         ),
         smooth_pose,
     ),
     (Polar(), polar),
     (
         Polar(
-            k_rho=2.0, k_alpha=5.0, k_beta=-1.1, max_speed=0.8, deceleration=0.2, arrival_radius=0.15, turn_gain=1.2,
-            yaw_acceleration=0.4, max_yaw_rate=0.9,
+            k_rho=2.0, k_alpha=5.0, k_beta=-1.1, max_speed=0.8, deceleration=0.7, arrival_radius=0.15, turn_gain=3.0,
+            yaw_acceleration=2.2, max_yaw_rate=2.6,
         ),
         polar,
     ),
@@ -137,7 +137,7 @@ POSES: list[tuple[Any, Callable[..., Any]]] = [
 
 
 @pytest.mark.parametrize(("policy", "law"), POSES, ids=[f"{law.__name__}_{k}" for k, (_, law) in enumerate(POSES)])
-@pytest.mark.parametrize("actuators", ["lagged", "slow"])
+@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
 def test_a_law_to_a_pose_is_its_docstring(policy: Any, law: Any, actuators: str) -> None:
     n, rng = 80, np.random.default_rng(3)
     briefing = told("p3dx", actuators, n)
@@ -187,6 +187,18 @@ def test_the_law_of_document_b_is_its_docstring(policy: Waypoint) -> None:
         for k in range(n):
             twist = waypoint(policy, poses[k], goals[k, : counts[k]], turns[k], mine[k])
             np.testing.assert_allclose(got[k], twist, rtol=1e-9, atol=1e-9, err_msg=f"robot {k}")
+
+
+def test_a_waypoint_is_passed_only_under_the_switching_radius() -> None:
+    policy, goals = Waypoint(switching_radius=0.25), np.array([[[0.25, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+    briefing = told("omni3", "lagged", 1, goals=goals, num_goals=np.array([2]))
+    for x, index in ((0.0, 0), (1e-9, 1)):
+        memory = policy.reset(briefing)
+        seen = Observation(np.array([[x, 0.0, 0.0]]), *np.zeros((4, 1, 2)), np.zeros((1, 0)))
+        seen = seen._replace(goal_heading_error=np.zeros(1), waypoints_left=np.ones(1))
+        twist = policy.act(seen, briefing, memory)
+        assert memory.tolist() == [index]
+        assert twist[0] == pytest.approx((goals[0, index, 0] - x, 0.0, 0.0))
 
 
 def side_of(to_goal: Any, to_obstacle: Any) -> float:
@@ -670,7 +682,7 @@ WINDOWS = [
     Dwa(
         max_speed=0.5, max_yaw_rate=1.1, window=0.4, horizon=1.6, margin=0.06, heading=0.8, clearance=0.6, velocity=0.4,
         progress=0.7, room=0.5, room_range=0.4, turn_gain=1.4, stop_radius=0.3, patience=0.35, reach=0.8,
-        first_leg=0.15, recall=0.3, foresight=0.9, retreat=0.2,
+        first_leg=0.03, recall=0.3, foresight=0.9, retreat=0.2,
     ),
     Dwa(foresight=0.0, patience=math.inf, room=0.0),
 ]  # fmt: skip
@@ -705,7 +717,8 @@ def looks(policy: Any, sights: Any, robot: str, n: int, seed: int, shares: Seque
     discs, goals = scene_of(rng, n), rng.uniform(-2.5, 2.5, (n, 2)) * rng.choice(shares, (n, 1))
     poses, wheels = rng.uniform(-0.1, 0.1, (n, 3)), np.zeros((n, 3))
     left = np.zeros(n)
-    left[0] = 1.0
+    left[::3] = 1.0
+    goals[3] = 0.2, 0.1  # a waypoint close by
     for _ in range(16):
         ranges = np.array([look(poses[k], discs[k], briefing.beam_angles) for k in range(n)])
         to_goals = np.array([body(pose, *goal) for pose, goal in zip(poses, goals, strict=True)])
@@ -866,7 +879,7 @@ HISTOGRAMS = [
     VfhPlus(
         max_speed=0.5, max_yaw_rate=1.1, turn_gain=1.6, safety=0.09, margin=0.06, window=1.9, low=0.2, high=0.6,
         wide=0.7, mu_goal=4.3, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
-        first_leg=0.15, recall=0.3, foresight=0.9,
+        first_leg=0.03, recall=0.3, foresight=0.9,
     ),
     VfhPlus(foresight=0.0, patience=math.inf, magnitudes="sum", high=0.8),
 ]  # fmt: skip
@@ -890,9 +903,9 @@ def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str
         np.testing.assert_allclose(got, twist, atol=1e-6, err_msg=f"robot {k}")
 
 
-@pytest.mark.parametrize("aim", [2.4, -2.4, 1.2])
-def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: float) -> None:
-    """Blocked ahead, and beside it within the circles that it can turn on: what is open behind is turned to."""
+@pytest.mark.parametrize(("aim", "left"), [(2.4, 1.9), (-2.4, 1.9), (1.2, 1.9), (1.2, 0.2), (0.9, 0.2)])
+def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: float, left: float) -> None:
+    """Blocked ahead, and beside it within the circles that it can turn on: to what is open behind, or to the left."""
     policy, n = VfhPlus(foresight=0.0, recall=0.0, patience=math.inf), 1
     briefing = told("p3dx", "lagged", n, BEAMS)
     memory = policy.reset(briefing)
@@ -900,7 +913,7 @@ def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: flo
     me.command = np.array([0.55, 0.0, 0.0])
     memory["state"]["command"] = me.command
     pose = np.array([0.2, -0.3, 0.7])
-    ranges = np.where(np.abs(briefing.beam_angles) < 1.9, 0.62, REACH)
+    ranges = np.where((briefing.beam_angles > -1.9) & (briefing.beam_angles < left), 0.62, REACH)
     goal = (3.0 * math.cos(aim), 3.0 * math.sin(aim))
     seen = Observation(pose[None], np.array([[0.55, 0.0]]), np.array([goal]), np.zeros(1), np.zeros(1), ranges[None])
     got = policy.act(seen, briefing, memory)[0]

@@ -193,6 +193,28 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
     assert list(itertools.islice(half_planes(told, margin, (OBSTACLES, patrols, grid), poses[0], v, 0.0), 1))
 
 
+@pytest.mark.parametrize("gap", [0.002, 0.01, 0.03])
+def test_a_thin_post_of_a_map_is_not_run_into_while_the_robot_turns_away_from_it(gap: float) -> None:
+    """Between two of the directions that are looked in: that it is the nearest place has to do."""
+    base, policy = ROBOTS["p3dx"], Orca(roadmap=False, perturbation=0.0)
+    margin, bearing, side = base.hull_radius + policy.margin, math.radians(52.5), 0.02
+    centre = (margin + gap + 0.5 * side) * np.array([math.cos(bearing), math.sin(bearing)])
+    grid = OccupancyGrid(np.eye(1, dtype=bool), side, (*(centre - 0.5 * side).tolist(), 0.02), "free")
+    briefing = Briefing(
+        1, base, ACTUATORS["lagged"], DT, "twist", Observation.layout(2, 0, 5.0), np.empty(0), 5.0,
+        obstacles=OBSTACLES[None].copy(), num_obstacles=np.zeros(1, np.int64), goals=np.zeros((1, 1, 3)),
+        num_goals=np.ones(1, np.int64), patrols=np.zeros((1, len(OBSTACLES)), PATROL),
+        grids=frames_of(lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(1, np.int64)),
+    )  # fmt: skip
+    goal = 3.0 * np.array([[math.cos(-0.8), math.sin(-0.8)]])
+    seen = Observation(np.zeros((1, 3)), np.zeros((1, 2)), goal, np.zeros(1), np.zeros(1), np.empty((1, 0)))
+    twist = policy.act(seen, briefing, policy.reset(briefing))[0]
+    ((_, _, (way, speed)),) = of_grid(policy, margin + policy.tracking_error, margin, grid, 0.0, 0.0, np.zeros(2))
+    assert twist[0] == pytest.approx(speed / way[0], rel=1e-4)
+    assert speed < 0.1
+    assert twist[1] == pytest.approx(policy.turn_gain * -0.8)
+
+
 def test_it_drives_at_the_farthest_place_of_its_way_that_it_sees_with_room_for_its_hull() -> None:
     """Of seven up to 3 m on, along lines looked at every 5 cm; half a metre off, or bound elsewhere, it plans anew."""
     n, rng, base, unit, farthest, cell = 60, np.random.default_rng(43), ROBOTS["omni4"], 0.005, 1.275, 0.05

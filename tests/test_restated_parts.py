@@ -11,15 +11,17 @@ from test_local_planners import briefing_of
 from test_nav2 import gains, memory, recovers
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.briefing import Briefing
 from wayfield.envs.compiled import allocating, compiled
+from wayfield.envs.grids import NO_GRIDS, Grids
 from wayfield.envs.records import aligned
-from wayfield.envs.robots import ROBOTS
+from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.policies import mpc_pose, orca, pilot
 from wayfield.policies.dwa import Dwa, best_that_stops
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.parts import costmap, polyline_tracker, scan_map
 from wayfield.policies.parts.costmap import POINT_SPACING
-from wayfield.policies.parts.params import params
+from wayfield.policies.parts.params import params, params_of
 from wayfield.policies.parts.polyline_tracker import plan_fields
 from wayfield.policies.parts.scan_map import CELLS, CHART, stamps
 from wayfield.policies.parts.steering import velocity_twists
@@ -509,27 +511,55 @@ def test_what_is_beyond_the_bounds_of_actions_is_scaled_by_one_factor() -> None:
             assert not abs(b) > m or math.isinf(a)
 
 
+def test_what_a_law_reads_is_made_of_what_it_was_asked_for() -> None:
+    """Also the second time, whatever was asked for in between: no more than one of these differs from case to case."""
+    two, base = (Dwa(), Dwa(max_speed=0.3)), (0, "p3dx", "lagged", 0.05, {"reach": 1.0, "recall": 2.0})
+    cases = [
+        base, (1, *base[1:]), (*base[:1], "omni4", *base[2:]), (*base[:2], "slow", *base[3:]),
+        (*base[:3], 0.1, base[4]), (*base[:4], {"reach": 2.0, "recall": 1.0}),
+        (*base[:4], {"reach": 1.0, "margin": 2.0}),
+    ]  # fmt: skip
+    for which, robot, tier, dt, more in cases * 2:
+        (made,) = params_of(two[which], ROBOTS[robot], ACTUATORS[tier], dt, **more)
+        wanted = vars(two[which]) | more
+        assert {name: made[name] for name in wanted} == wanted
+        plant = made["plant"]
+        assert (plant["dt"], plant["acceleration"], plant["lag"]) == (
+            dt,
+            ACTUATORS[tier].acceleration,
+            ACTUATORS[tier].lag,
+        )
+        assert plant["hull_radius"] == ROBOTS[robot].hull_radius
+        assert plant["num_wheels"] == len(ROBOTS[robot].wheels)
+
+
 def test_briefings_of_some_rows_and_of_a_part_hold_what_is_each_robot_s() -> None:
     rng = np.random.default_rng(21)
+    names = ("path_index", "goals", "num_goals", "obstacles", "num_obstacles", "patrols")
+    shared = {"num_envs", "robot", "actuators", "dt", "action_mode", "layout", "beam_angles", "max_range", "paths"}
+    assert {field.name for field in dataclasses.fields(Briefing)} == {*names, "grids"} | shared
 
-    def told(n: int) -> Any:
-        each = {name: rng.normal(size=(n, 2)) for name in ("goals", "obstacles")}
-        whole = {name: rng.integers(0, 9, n) for name in ("path_index", "num_goals", "num_obstacles")}
-        return dataclasses.replace(briefing_of("p3dx"), num_envs=n, patrols=None, **each, **whole)
+    def told(n: int, whole: bool = True) -> Any:
+        each: Any = {name: rng.normal(size=(n, 2)) for name in names} if whole else dict.fromkeys(names)
+        frames = np.zeros(n, NO_GRIDS.frames.dtype)
+        frames["grid_x"] = rng.normal(size=n)
+        each["grids"] = Grids(frames, NO_GRIDS.cells) if whole else None
+        return dataclasses.replace(briefing_of("p3dx"), num_envs=n, **each)
+
+    def rows_of(briefing: Any) -> Any:
+        return [getattr(briefing, name) for name in names] + [briefing.grids.frames]
 
     old, new = told(5), told(5)
-    before = {name: getattr(old, name).copy() for name in ("goals", "num_goals")}
+    before = [array.copy() for array in rows_of(old)]
     for rows in (np.array([1, 3]), np.array([False, True, False, True, False])):
-        mixed = pilot._briefed(old, new, rows)
-        for name in ("path_index", "goals", "num_goals", "obstacles", "num_obstacles"):
-            a, b, c = (getattr(each, name) for each in (old, new, mixed))
-            wanted = [(b if k in (1, 3) else a)[k] for k in range(5)]
-            np.testing.assert_array_equal(c, wanted)
-        assert mixed.patrols is None
-    for name, array in before.items():
-        np.testing.assert_array_equal(getattr(old, name), array)
+        for a, b, c in zip(rows_of(old), rows_of(new), rows_of(pilot._briefed(old, new, rows)), strict=True):
+            np.testing.assert_array_equal(c, [(b if k in (1, 3) else a)[k] for k in range(5)])
+    for a, b in zip(rows_of(old), before, strict=True):
+        np.testing.assert_array_equal(a, b)
     part = pilot._part(old, 1, 4)
     assert part.num_envs == 3
-    for name in ("path_index", "goals", "num_goals", "obstacles", "num_obstacles"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(old, name)[1:4])
-    assert part.patrols is None
+    for a, b in zip(rows_of(part), rows_of(old), strict=True):
+        np.testing.assert_array_equal(a, b[1:4])
+    assert part.grids.cells is old.grids.cells
+    for few in (pilot._part(told(5, False), 1, 4), pilot._briefed(told(5, False), told(5, False), np.array([1]))):
+        assert all(getattr(few, name) is None for name in (*names, "grids"))

@@ -18,10 +18,11 @@ from wayfield.envs.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
 from wayfield.envs.patrols import PATROL, patrol_at
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
-from wayfield.policies import astar_tracker, scan_planner
+from wayfield.policies import astar_tracker, orca, scan_planner
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.nav2_mppi import Nav2Mppi
+from wayfield.policies.orca import Orca
 from wayfield.policies.parts.steering import Map
 from wayfield.policies.parts.stopping import Scan, Seen
 from wayfield.policies.scan_planner import ScanPlanner
@@ -117,6 +118,130 @@ def test_the_grid_holds_the_clearance_from_all_that_stands(cell: float, mapped: 
     assert 4 < (level == 255).sum() < 3000
 
 
+@pytest.mark.parametrize("heading", [0.4, 1.9])
+def test_a_wall_that_leaves_the_grid_is_in_it_up_to_its_edges_and_not_beyond(heading: float) -> None:
+    wall = obstacle_field(box(0.5, 0.3, 30.0, 0.1, heading))
+    briefing = dataclasses.replace(
+        told("p3dx"), obstacles=wall[None].copy(), num_obstacles=np.ones(1, np.int64), patrols=None
+    )
+    memory = planned(AstarTracker(surroundings=3.0), briefing, 0.1, 3.4)[0]
+    side = len(memory["grid"])
+    row, column = (each.ravel() for each in np.indices((side, side)))
+    edge = np.minimum.reduce([row, column, side - 1 - row, side - 1 - column]) == 0
+    x, y = (
+        origin + (k[edge] + 0.5) * float(memory["cell"])
+        for origin, k in zip(memory["origin"], (column, row), strict=True)
+    )
+    level = np.clip(np.ceil((FARTHEST - to_surface(wall[0], x, y)) / UNIT - 1e-6), 0, 255)
+    off = np.abs(memory["grid"][row[edge], column[edge]].astype(float) - level)
+    assert off.max() <= 1  # a last digit may round a level up
+    assert (off > 0).mean() < 0.01
+    assert level.max() == 255
+
+
+def given(monkeypatch: pytest.MonkeyPatch, module: Any, policy: Any, briefing: Briefing, law: str = "decide") -> Any:
+    """Returns what a planner hands to its law."""
+    found: list[Any] = []
+
+    def kept(*arguments: Any) -> None:
+        found.append(arguments)
+        for array in arguments[-2:]:  # which it fills
+            if isinstance(array, np.ndarray) and array.dtype == np.float64:
+                array[:] = 0.0
+
+    monkeypatch.setattr(module, law, kept)
+    t, beams = len(briefing.robot.twist_axes), len(briefing.beam_angles)
+    seen = Observation(
+        np.zeros((1, 3)), np.zeros((1, t)), np.ones((1, 2)), np.zeros(1), np.zeros(1), np.full((1, beams), 5.0)
+    )
+    policy.act(seen, briefing, policy.reset(briefing))
+    return found[0]
+
+
+@pytest.mark.parametrize(("seconds", "periods"), [(0.3, 6), (0.35, 7), (0.62, 12), (0.64, 13)])
+def test_what_lasts_some_seconds_lasts_the_nearest_number_of_control_periods(
+    seconds: float, periods: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sees = sighted("p3dx")
+    (p, *_) = given(monkeypatch, scan_planner, ScanPlanner(pause=seconds, period=seconds), sees)
+    assert (p["pause_steps"][0], p["period_steps"][0]) == (periods, periods)
+    (p, *_) = given(monkeypatch, astar_tracker, AstarTracker(patience=seconds), told("p3dx"))
+    assert p["patience_steps"][0] == periods
+    for controller in (Nav2Dwb(replan=seconds), Nav2Mppi(replan=seconds)):
+        assert controller.given(sees)["replan_steps"][0] == periods
+
+
+@pytest.mark.parametrize(
+    "policy", [ScanPlanner(), ScanPlanner(margin=0.05, give=0.01, wanted_clearance=0.3, weight=1.5)]
+)
+def test_a_metre_costs_what_it_lacks_of_the_wanted_room_down_to_the_margin(
+    policy: ScanPlanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or where there is no other way down to `give` inside of the hull; lines are drawn where half of it is left."""
+    sees = sighted("p3dx")
+    _, prices, table, *_ = given(monkeypatch, scan_planner, policy, sees)
+    beside = FARTHEST - UNIT * np.arange(256) - ROBOTS["p3dx"].hull_radius
+    wanted = policy.wanted_clearance
+    for row, least in zip(prices[:2], (policy.margin, -policy.give), strict=True):
+        price = 1.0 + policy.weight * np.clip((wanted - beside) / (wanted - least), 0.0, 1.0)
+        np.testing.assert_allclose(row, np.where(beside >= least - 1e-9, price, np.inf))
+    np.testing.assert_array_equal(prices[2], np.where(beside >= 0.5 * wanted - 1e-9, 1.0, np.inf))
+    # what stands is known as far as it costs, and to the cells around
+    reach = (table.shape[2] // 2 - 1) * policy.cell
+    assert reach <= ROBOTS["p3dx"].hull_radius + wanted + 1.5 * policy.cell < reach + policy.cell
+
+
+@pytest.mark.parametrize("far", [0, 1])
+def test_a_batch_has_grids_for_the_largest_of_its_worlds(far: int) -> None:
+    """Up to 80 m, with a metre around, 256 cells a side hold it; then as few as are no wider than 0.1 m; 2,048 more."""
+    sides = []
+    for away in (10.0, 77.0, 80.0, 99.0, 102.0, 190.0, 400.0):
+        goals = np.zeros((2, 2, 3))
+        goals[:, 1, 0], goals[far, 1, 1] = 5.0, -away
+        briefing = dataclasses.replace(
+            told("p3dx"), num_envs=2, obstacles=np.tile(OBSTACLES, (2, 1)), num_obstacles=np.zeros(2, np.int64),
+            patrols=np.zeros((2, len(OBSTACLES)), PATROL), goals=goals, num_goals=np.full(2, 2),
+        )  # fmt: skip
+        sides.append(astar_tracker.memory_of(briefing, [])["grid"].shape[0])
+    assert sides == [256, 256, 1024, 1024, 2048, 2048, 2048]
+
+
+WIDE = {"theta": 1, "snap": 0.3, "spacing": 2.0, "rounds": 60}
+FINE = {"theta": 0, "snap": 4.5 * 0.06, "spacing": 1.0, "rounds": 20}
+
+
+@pytest.mark.parametrize(
+    ("policy", "numbers"),
+    [
+        (AstarTracker(margin=0.1), WIDE), (Orca(margin=0.08), WIDE), (ScanPlanner(cell=0.06), FINE | {"recall": 1.0}),
+        (Nav2Dwb(cell=0.06, recall=3.0), FINE | {"wanted_clearance": 0.2, "margin": 0.02, "recall": 3.0}),
+        (Nav2Mppi(cell=0.06), FINE | {"wanted_clearance": 0.2, "margin": 0.02, "recall": 2.0}),
+    ],
+    ids=lambda each: type(each).__name__,
+)  # fmt: skip
+def test_ways_are_searched_laid_and_let_go_as_they_were_when_results_were_published(
+    policy: Any, numbers: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who is told the map keeps the margin, or three quarters, a half, a quarter, nothing of it, in this order."""
+    radius = ROBOTS["p3dx"].hull_radius
+    room = FARTHEST - UNIT * np.arange(256) - radius
+    if isinstance(policy, Nav2Dwb | Nav2Mppi):
+        p, prices = policy.given(sighted("p3dx")), policy.maps(sighted("p3dx")).prices
+    elif isinstance(policy, ScanPlanner):
+        p, prices, *_ = given(monkeypatch, scan_planner, policy, sighted("p3dx"))
+    else:
+        where, law = (orca, "find_velocities") if isinstance(policy, Orca) else (astar_tracker, "decide")
+        p, prices, *_ = given(monkeypatch, where, policy, told("p3dx"), law)
+        margins = [policy.margin * share for share in (1.0, 0.75, 0.5, 0.25, 0.0)]
+        np.testing.assert_array_equal(prices, [np.where(room >= margin - 1e-9, 1.0, np.inf) for margin in margins])
+    assert {name: p[name][0] for name in numbers} == pytest.approx(numbers)
+    if isinstance(policy, Nav2Dwb | Nav2Mppi):  # as the scan planner plans
+        lacking = [1.0 + 3.0 * np.clip((0.2 - room) / (0.2 - least), 0.0, 1.0) for least in (0.02, -0.03)]
+        np.testing.assert_allclose(prices[0], np.where(room >= 0.02 - 1e-9, lacking[0], np.inf))
+        np.testing.assert_allclose(prices[1], np.where(room >= -0.03 - 1e-9, lacking[1], np.inf))
+        np.testing.assert_array_equal(prices[2], np.where(room >= 0.1 - 1e-9, 1.0, np.inf))
+
+
 def along(points: Any, s: float) -> Any:
     """Returns the place at arc length s of a polyline, within its ends."""
     arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
@@ -201,6 +326,21 @@ def test_what_is_out_of_the_map_is_headed_for_through_its_nearest_cell_within(po
     high = state["origin"] + (160 - 3.0) * policy.cell
     assert state["target"] == pytest.approx(np.clip(np.array(pose[:2]) + goal, low, high))
     assert state["plans"] == 1
+
+
+@pytest.mark.parametrize("away", [0.28, 5.0])
+def test_who_is_kept_standing_by_what_is_near_counts_for_how_long(away: float) -> None:
+    policy, briefing, pose = ScanPlanner(), sighted("p3dx"), (0.0, 0.0, 0.0)
+    memory = policy.reset(briefing)
+    policy.act(observed("p3dx", pose, (3.0, 0.0), np.full(72, 5.0)), briefing, memory)
+    state = memory["state"][0]
+    for stood in range(4):
+        memory["state"]["command"], memory["state"]["stuck"] = (0.6, 0.0, 0.0), stood
+        memory["state"]["planned_at"] = state["steps"]  # just now
+        seen = observed("p3dx", pose, (3.0, 0.0), np.where(np.abs(BEAMS) < 0.3, away, 5.0))
+        policy.act(seen._replace(twist=np.array([[0.6, 0.0]])), briefing, memory)
+        assert state["plans"] == 1
+        assert state["stuck"] == (stood + 1 if away < 1.0 else 0)
 
 
 @pytest.mark.parametrize("robot", ["p3dx", "omni3"])
@@ -586,7 +726,7 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     memory["points"][0, :2] = (0.0, 1.7), GOALS[1, :2]
     memory["arc"][0, 1], memory["num_points"], memory["segment"] = 3.4, 2, 0
     memory["held_up"], memory["planned_at"] = 1000, -1000
-    before, t = int(state["plans"]), 0.05 * float(state["steps"])
+    before, t, grid = int(state["plans"]), 0.05 * float(state["steps"]), state["grid"].copy()
     pose = np.array([[0.0, 1.7, 0.0]])
     seen = Observation(pose, np.zeros((1, 2)), GOALS[1:, :2] - pose[:, :2], np.zeros(1), np.zeros(1), np.empty((1, 0)))
     policy.act(seen, briefing, memory)
@@ -597,6 +737,7 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     sweep = [1.7 + side * 0.3 * (t + after) for after in np.arange(0.0, policy.patrol_horizon + 1e-9, 0.25)]
     room = min(np.hypot(*(way - (1.5, y)).T).min() for y in sweep) - radius - hull
     assert room > policy.margin - policy.cell
+    np.testing.assert_array_equal(state["grid"], grid)  # what moves is no part of the map
 
 
 @pytest.mark.parametrize("sunk", [0.06, 0.13, 0.24])

@@ -33,7 +33,7 @@ class Motion:
         self.twist, self.lag = np.array(twist, float), lag
 
     def drive(self, command: Any) -> None:
-        decay = math.exp(-DT / self.lag)
+        decay = math.exp(-DT / self.lag) if self.lag else 0.0
         off = self.twist - command
         v, w = command + off * self.lag / DT * (1.0 - decay)
         turn = w * DT
@@ -109,16 +109,19 @@ def slopes(function: Any, at: Any) -> Any:
 PREDICTED = [
     MpcPose(),
     MpcPose(
-        speed=0.5, along=2.0, across=3.0, heading=0.4, effort=0.3, horizon=12, step=0.1, arrival_radius=0.05,
+        speed=0.5, along=2.0, across=3.0, heading=0.4, effort=0.3, horizon=12, step=0.12, arrival_radius=0.05,
         turn_gain=1.3, yaw_acceleration=0.6, max_yaw_rate=1.1,
     ),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("policy", PREDICTED, ids=["default", "other"])
-@pytest.mark.parametrize("actuators", ["lagged", "slow"])
+@pytest.mark.parametrize(
+    ("actuators", "policy"),
+    [("ideal", PREDICTED[0]), ("slow", PREDICTED[0]), ("ideal", PREDICTED[1]), ("lagged", PREDICTED[1])],
+    ids=["ideal-default", "slow-default", "ideal-other", "lagged-other"],
+)
 def test_predictive_control_to_a_pose_is_its_docstring(
-    policy: MpcPose, actuators: str, monkeypatch: pytest.MonkeyPatch
+    actuators: str, policy: MpcPose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     b, n, rng, base = 12, policy.horizon, np.random.default_rng(13), ACTUATORS[actuators]
     briefing = Briefing(b, ROBOT, base, DT, "twist", Observation.layout(2, 0, 5.0), np.empty(0), 5.0)
@@ -179,9 +182,10 @@ def test_predictive_control_to_a_pose_is_its_docstring(
         np.testing.assert_allclose(np.triu(hessian), np.triu(wanted), atol=1e-6 * scale)
         # its bounds: what the plan leaves of speeds, accelerations and wheels; a plan beyond one need not come back
         v, w = s["plan"]
+        held = substeps * DT  # of a step, in whole control periods
         change = [np.diff(np.append(s["last"][j], s["plan"][j])) for j in range(2)]
         rows = [(v, policy.speed), (w, policy.max_yaw_rate)]
-        rows += [(change[0], policy.step * base.acceleration), (change[1], policy.step * base.yaw_acceleration)]
+        rows += [(change[0], held * base.acceleration), (change[1], held * base.yaw_acceleration)]
         wheels = ROBOT.wheel_matrix
         limit = ROBOT.rated_wheel_speed if base.at_rated_speed else ROBOT.peak_wheel_speed
         unit = np.abs(wheels[:, 0]).max()
@@ -207,3 +211,30 @@ def test_predictive_control_to_a_pose_is_its_docstring(
         np.testing.assert_allclose(got[i], twist, atol=1e-9)
         np.testing.assert_allclose(memory["command"][i], twist, atol=1e-9)
     assert memory["qp_failures"].sum() < b  # most programs are solved in time
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.0, -0.1])
+def test_a_pose_is_reached_near_enough_or_once_it_no_longer_lies_where_the_robot_drives(speed: float) -> None:
+    """Within a radius, or within two where it was reached before or lies behind; a waypoint is never rested at."""
+    policy = MpcPose(arrival_radius=0.05, turn_gain=3.0, yaw_acceleration=2.2, max_yaw_rate=2.0)
+    base = ACTUATORS["slow"]  # at most 1.5 rad/s^2
+    goals = np.array([[share * 0.05, 0.01] for share in (-2.2, -1.5, -0.5, 0.5, 1.5, 2.2)] * 4)
+    b = len(goals)
+    was, left = np.repeat([0.0, 1.0], b // 2), np.tile(np.repeat([0.0, 1.0], b // 4), 2)
+    turns = np.linspace(-2.0, 2.0, b)
+    briefing = Briefing(b, ROBOT, base, DT, "twist", Observation.layout(2, 0, 5.0), np.empty(0), 5.0)
+    memory = policy.reset(briefing)
+    memory["command"][:, 0], memory["arrived"], memory["commands"] = speed, was, 0.1
+    seen = Observation(np.zeros((b, 3)), np.zeros((b, 2)), goals, turns, left, np.zeros((b, 0)))
+    twists = policy.act(seen, briefing, memory)
+    for k in range(b):
+        r, behind = math.hypot(*goals[k]), goals[k, 0] * math.copysign(1.0, speed) <= 0.0
+        there = left[k] == 0.0 and (r <= 0.05 or (r <= 0.1 and (was[k] == 1.0 or behind)))
+        assert memory["arrived"][k] == there
+        if there:
+            e = abs(turns[k])
+            rate = min(3.0 * e, math.sqrt(3.0 * e), 2.0)
+            assert twists[k] == pytest.approx((0.0, math.copysign(rate, turns[k])))
+            assert memory["command"][k] == pytest.approx(twists[k])
+            assert not memory["commands"][k].any()
+    assert 0 < memory["arrived"].sum() < b

@@ -1,5 +1,6 @@
 """The law along Reeds and Shepp's shortest ways, stated once more in plain Python, drives the same twists."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -278,3 +279,47 @@ def test_it_sets_off_when_no_place_of_its_way_is_taken_a_little_before_or_after_
             answers.append(may_set_off(p, told, memory, now))
             assert answers[-1] == (spare > 0.0 or now > 40.0)
     assert len(answers) > 40
+
+
+@pytest.mark.parametrize("aside", [0.1, 0.3])
+@pytest.mark.parametrize("blocked", [True, False])
+def test_a_robot_on_its_way_asks_again_before_it_sets_off_on_another(aside: float, blocked: bool) -> None:
+    """Where it has left its way it makes a new one, and waits there for what stands in that for now."""
+    policy, n = ReedsShepp(), 1
+    obstacles = obstacle_field(circle(1.2 if blocked else 9.0, 0.0, 0.2))[None].copy()
+    patrols = np.zeros((n, 1), PATROL)
+    patrols[0, 0] = (float(obstacles["x"][0, 0]), 0.0, 0.0, 1e-3, 30.0, 0.0)
+    briefing = dataclasses.replace(
+        told_of("p3dx", n), obstacles=obstacles, num_obstacles=np.ones(n, np.int64), patrols=patrols,
+        goals=np.array([[[2.0, 0.0, 0.0]]]), num_goals=np.ones(n, np.int64),
+    )  # fmt: skip
+    memory = policy.reset(briefing)
+    memory["plan"][0, 0] = 0.0, 2.0 / policy.radius  # straight to the goal
+    memory["radius"], memory["length"], memory["along"], memory["off"] = policy.radius, 2.0, 0.3, 1.0
+    seen = Observation(
+        np.array([[0.3, aside, 0.0]]), np.zeros((n, 2)), np.array([[1.7, -aside]]), *np.zeros((2, n)), np.zeros((n, 0))
+    )
+    (twist,) = policy.act(seen, briefing, memory)
+    if aside > 0.15:  # whatever moves is no part of what the way leads around
+        shortest = min(length for length, _ in plans((0.3, aside, 0.0), (2.0, 0.0, 0.0), policy.radius))
+        assert memory["length"][0] == pytest.approx(shortest)
+        assert memory["no_path"][0] == 0
+    waits = aside > 0.15 and blocked
+    assert bool(memory["off"][0]) == (not waits)
+    assert twist.any() == (not waits)
+
+
+@pytest.mark.parametrize(("tier", "yaw_acceleration"), [("lagged", 2.2), ("slow", 1.5)])
+def test_at_the_goal_it_turns_no_harder_than_the_base_can(tier: str, yaw_acceleration: float) -> None:
+    n, policy = 25, ReedsShepp(turn_gain=3.0, yaw_acceleration=2.2, max_yaw_rate=2.0)
+    briefing = dataclasses.replace(
+        told_of("p3dx", n), actuators=ACTUATORS[tier], obstacles=np.tile(obstacle_field(circle(9.0, 0.0, 0.2)), (n, 1)),
+        num_obstacles=np.ones(n, np.int64), patrols=np.zeros((n, 1), PATROL), goals=np.zeros((n, 1, 3)),
+        num_goals=np.ones(n, np.int64),
+    )  # fmt: skip
+    turns = np.linspace(-3.0, 3.0, n)
+    seen = Observation(np.zeros((n, 3)), *np.zeros((2, n, 2)), turns, np.zeros(n), np.zeros((n, 0)))
+    twists = policy.act(seen, briefing, policy.reset(briefing))
+    e = np.abs(turns)
+    rate = np.minimum(np.minimum(3.0 * e, np.sqrt(2.0 * yaw_acceleration * e)), 2.0)
+    np.testing.assert_allclose(twists, np.column_stack([np.zeros(n), np.copysign(rate, turns)]), atol=1e-12)

@@ -381,6 +381,36 @@ def test_normal_numbers_are_those_of_box_and_muller_from_split_mix() -> None:
         assert normals(np.uint64(key), number) == pytest.approx(wanted, abs=1e-12)
 
 
+def test_a_step_of_a_plan_is_no_shorter_than_a_control_period() -> None:
+    for asked, lasts in ((0.02, DT), (DT, DT), (0.12, 0.12)):
+        p = Mppi(step_time=asked).params(brief("p3dx"))
+        assert p["step_time"][0] == lasts
+
+
+def test_no_plan_reverses_without_a_view_behind() -> None:
+    policy, whole = Mppi(samples=64, speed_noise=1.0), brief("p3dx")
+    for briefing, least in (
+        (whole, -policy.max_reverse),
+        (dataclasses.replace(whole, beam_angles=whole.beam_angles[9:-9]), 0.0),
+    ):
+        plans = np.empty((policy.samples + 1, policy.steps, 3))
+        mppi.sample(policy.params(briefing)[0], 0, np.zeros((policy.steps, 3)), plans)
+        assert plans[:-1, :, 0].min() == least
+
+
+def test_no_number_is_drawn_twice() -> None:
+    """Not for two steps, channels, samples or decisions, nor from two seeds."""
+    found = []
+    for seed, decision in ((0, 0), (0, 1), (0, 2), (1, 0)):
+        policy = Mppi(
+            samples=18, steps=8, max_speed=50.0, max_yaw_rate=50.0, noise_correlation=0.0, speed_noise=1.0,
+            yaw_noise=1.0, seed=seed,
+        )  # fmt: skip
+        found.append(plans_of(policy, "omni4", np.zeros((8, 3)), decision)[2:])
+    drawn = np.round(np.array(found).ravel(), 12)
+    assert len(np.unique(drawn)) == drawn.size == 4 * 16 * 8 * 3
+
+
 def test_every_decision_draws_noise_of_its_own() -> None:
     """From the same memory but for its count of decisions, which each adds one to, other twists come."""
     briefing = brief("p3dx")

@@ -216,3 +216,27 @@ def test_a_scene_that_is_moved_or_mirrored_is_driven_alike(
         pytest.skip("its samples are drawn, and not mirrored")
     here, there = runs(f"wayfield/{robot}GoalObstacles-v0", name, GOAL[scene], symmetry, tmp_path, num_beams=72)
     check_alike(here, there, symmetry, MIRRORED if symmetry.hand < 0.0 else LOOSER.get(name, MOVED))
+
+
+# Whose grids lie in the world: these are alike when they are turned by a quarter.
+PLANNERS = ("orca", "scan_planner", "astar_tracker", "nav2_dwb", "nav2_mppi")
+GRIDDED = {
+    "around a disc": {
+        "goal": [2.7, 0.63, 2.2],
+        "start": [0.02, -0.03, -0.5],
+        "obstacles": [{"kind": "circle", "x": 1.33, "y": 0.32, "radius": 0.27}],
+    },
+    "to a heading": {"goal": [0.41, 0.13, 2.2], "start": [0.02, -0.03, -0.5], "obstacles": []},
+}
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("scene", GRIDDED)
+@pytest.mark.parametrize("robot", ["DiffDrive", "Omni"])
+def test_a_scene_that_is_turned_by_a_quarter_is_planned_in_alike(
+    name: str, scene: str, robot: str, tmp_path: Path
+) -> None:
+    env_id, steps = f"wayfield/{robot}GoalObstacles-v0", 12 if name == "nav2_mppi" else 40
+    scenes = GRIDDED[scene], QUARTER.scene(GRIDDED[scene])
+    here, there = (drive(env_id, each, policies.make(name), steps, tmp_path, num_beams=72) for each in scenes)
+    check_alike(here, there, QUARTER, 2e-4)

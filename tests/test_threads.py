@@ -3,6 +3,7 @@
 import copy
 import pickle
 import threading
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -122,6 +123,39 @@ def test_policies_decide_alike_with_every_number_of_threads(case: str, policy: s
                 drivers[k] = envs, pilot, envs.step(actions)[0]
                 pilot.reset(np.flatnonzero(ended))
         assert all(alike(a, b) for a, b in zip(*found, strict=True))
+
+
+def test_robots_on_several_maps_are_told_each_their_own(tmp_path: Path) -> None:
+    """With every number of threads, and after resets of some of them."""
+    problems = ["version 1"]
+    for k, post in enumerate(((2, 1), (3, 4))):
+        cells = [["@" if (column, row) == post else "." for column in range(6)] for row in range(6)]
+        (tmp_path / f"{k}.map").write_text(
+            "\n".join(["type octile", "height 6", "width 6", "map", *map("".join, cells)])
+        )
+        problems += [f"0\t{k}.map\t6\t6\t1\t{row}\t4\t{row}\t3" for row in (2, 3)]
+    (tmp_path / "two.scen").write_text("\n".join(problems))
+    found = []
+    for n in (1, 3):
+        envs = gymnasium.make_vec(
+            "wayfield/OmniGoalObstacles-v0", ROWS, vectorization_mode="vector_entry_point", max_episode_steps=4,
+            scenario=str(tmp_path / "two.scen"),
+        )  # fmt: skip
+        observations, _ = envs.reset(seed=1)
+        pilot = Pilot(make("apf_corrected"), envs, n)
+        pilot.reset()
+        for _ in range(6):
+            actions = pilot.command(observations)
+            found.append(actions)
+            observations, _, _, truncated, _ = envs.step(actions)
+            if truncated.any():
+                observations, *_ = envs.step(actions)
+                pilot.reset(np.flatnonzero(truncated))
+        anew = Pilot(make("apf_corrected"), envs)
+        anew.reset()
+        assert pilot.briefing.grids.frames.tobytes() == anew.briefing.grids.frames.tobytes()  # type: ignore[union-attr]
+        assert len(np.unique(anew.briefing.grids.frames["grid_first"])) == 2  # type: ignore[union-attr]
+    assert all(alike(a, b) for a, b in zip(found[:6], found[6:], strict=True))
 
 
 # The crew.
