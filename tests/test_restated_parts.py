@@ -535,7 +535,7 @@ def test_what_a_law_reads_is_made_of_what_it_was_asked_for() -> None:
 
 def test_briefings_of_some_rows_and_of_a_part_hold_what_is_each_robot_s() -> None:
     rng = np.random.default_rng(21)
-    names = ("path_index", "goals", "num_goals", "obstacles", "num_obstacles", "patrols")
+    names = ("path_index", "goals", "num_goals", "position_tolerance", "obstacles", "num_obstacles", "patrols")
     shared = {"num_envs", "robot", "actuators", "dt", "action_mode", "layout", "beam_angles", "max_range", "paths"}
     assert {field.name for field in dataclasses.fields(Briefing)} == {*names, "grids"} | shared
 
