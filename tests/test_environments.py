@@ -243,8 +243,10 @@ def test_bad_options_of_reset_are_named(env_id: str, options: dict[str, Any], me
     env.reset(seed=1)
     following, _ = env.reset()
     env.reset(seed=1)
-    with pytest.raises(ValueError, match="options"):
-        env.reset(options=options)
+    for seed in (None, 5):
+        with pytest.raises(ValueError, match="options"):
+            env.reset(seed=seed, options=options)
+    assert env.np_random_seed == 1
     assert env.reset()[0].tobytes() == following.tobytes()
 
 
@@ -650,14 +652,19 @@ def test_a_shove_displaces_the_pose_once(env_id: str, dynamics: str, pose_source
             assert (state["measured_x"], state["measured_y"], state["measured_heading"]) == (0.0, 0.0, 0.0)
 
 
-def test_a_shove_ends_at_an_obstacle(tmp_path: Path) -> None:
+@pytest.mark.parametrize("way", [3.0, 0.3])
+def test_a_shove_ends_at_an_obstacle_and_so_does_the_drive(tmp_path: Path, way: float) -> None:
     ahead = {"kind": "wall", "x1": 1.0, "y1": -9.0, "x2": 1.0, "y2": 9.0}
     scenario = written(tmp_path, goal=[-5, 0, 0], obstacles=[ahead])
-    env = base(GOAL_ID, scenario=scenario, shove=(0.1, 3.0, 0.0, 0.0))
+    env = base(GOAL_ID, scenario=scenario, shove=(0.1, way, 0.0, 0.0))
+    twist = np.array([0.2, 0.3, 0.4], np.float32)
     for k in range(3):
-        _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
-        assert terminated == info["collision"] == (k == 2)
-    assert 0.0 <= info["clearance"] < 1e-6
+        observation, _, terminated, _, info = env.step(twist)
+        met = k == 2 and way > 1.0
+        assert terminated == info["collision"] == met
+        # a shove that meets nothing is no motion of the wheels
+        np.testing.assert_allclose(env.task.layout.unpack(observation).twist, 0.0 * twist if met else twist, rtol=1e-6)
+    assert (0.0 <= info["clearance"] < 1e-6) == met
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -1104,3 +1111,13 @@ def test_every_registered_class_shows_its_own_whole_sheet(spec: EnvSpec) -> None
     first = env.observation_space.shape[0] - fixed.size
     assert re.search(rf"^\| {first}, \.\.\. \| {fixed.name} \|", parts["Observation space"], re.MULTILINE)
     assert f"`Box({first} + " in parts["Observation space"]
+    # the bounds of every number
+    row = r"^\| (\d+[^|]*) \| [^|]+ \| [^|]+ \| ([^|]+) \| ([^|]+) \| [^|]*\|$"
+    task, said = env.unwrapped.task, np.full((2, *env.observation_space.shape), np.nan)
+    words = {"pi": math.pi, "inf": math.inf, "max_range": float(task.params["max_range"][0])}
+    for columns, *ends in re.findall(row, parts["Observation space"], re.MULTILINE):
+        at: Any = slice(int(columns.split(",")[0]), None) if "..." in columns else [int(k) for k in columns.split(",")]
+        for of_end, end in zip(said, ends, strict=True):
+            sign, word = (-1.0 if end[0] == "-" else 1.0), end.removeprefix("-")
+            of_end[at] = sign * words[word] if word in words else float(end)
+    np.testing.assert_allclose([env.observation_space.low, env.observation_space.high], said, rtol=1e-6)
