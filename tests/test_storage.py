@@ -101,6 +101,22 @@ def test_a_lock_is_refused_to_a_second_and_free_after_the_first(tmp_path):
     assert told.stdout == "held\n"
 
 
+@pytest.mark.parametrize("kind", ["text", "folder", "link"])
+def test_what_is_no_lock_is_refused_and_stays_as_it_is(tmp_path, kind):
+    file, there = tmp_path / "lock", tmp_path / "mine.txt"
+    there.write_text("mine")
+    if kind == "folder":
+        file.mkdir()
+    elif kind == "link":
+        file.symlink_to(there)
+    else:
+        file.write_text("mine")
+    with pytest.raises(FileExistsError, match="is not a lock of ours"), storage.locked(file, "busy"):
+        pass
+    assert file.is_dir() if kind == "folder" else file.read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == [file, there]
+
+
 def test_the_digest_is_of_the_content_not_of_the_order():
     assert storage.digest({"a": 1, "b": [2.5]}) == storage.digest({"b": [2.5], "a": 1})
     assert storage.digest({"a": 1}) != storage.digest({"a": 2})
