@@ -316,8 +316,9 @@ def _worlds(folder: Path) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
-def test_a_world_of_cells_is_that_world_of_boxes(tmp_path: Path, dynamics: str) -> None:
-    """Scans, clearances, contacts and ends, step by step, in both plants."""
+@pytest.mark.parametrize("wrong", [{}, {"noise": 1.0, "disturbance": "moderate"}], ids=["right", "wrong"])
+def test_a_world_of_cells_is_that_world_of_boxes(tmp_path: Path, wrong: dict[str, Any], dynamics: str) -> None:
+    """Scans, clearances, contacts and ends, step by step, in both plants; and what sensors make of them."""
     both = [
         gymnasium.make_vec(
             "wayfield/OmniGoalObstacles-v0",
@@ -326,6 +327,7 @@ def test_a_world_of_cells_is_that_world_of_boxes(tmp_path: Path, dynamics: str) 
             scenario=file,
             num_beams=48,
             dynamics=dynamics,
+            **wrong,
         )
         for file in _worlds(tmp_path)
     ]

@@ -146,6 +146,41 @@ def test_where_the_system_does_not_tell_a_child_looks_for_its_parent_once_a_seco
     assert told == [1.0] * 3
 
 
+@pytest.mark.parametrize("system", ["linux", "darwin"])
+@pytest.mark.parametrize("parent", [7, 1])
+def test_a_child_whose_parent_went_before_anybody_was_asked_ends_by_itself(monkeypatch, system, parent):
+    asked = []
+
+    class Thread:
+        def __init__(self, target, args, daemon):
+            asked.append(("watched", args, daemon))
+
+        def start(self):
+            pass
+
+    class Kernel:
+        def __init__(self, name, use_errno):
+            pass
+
+        def prctl(self, option, number):
+            asked.append(("kernel", option, number))
+
+    def ended(status):
+        raise SystemExit(status)
+
+    for owner, name, other in (
+        (processes.sys, "platform", system), (processes.threading, "Thread", Thread),
+        (processes.ctypes, "CDLL", Kernel), (processes.os, "getppid", lambda: parent), (processes.os, "_exit", ended),
+    ):  # fmt: skip
+        monkeypatch.setattr(owner, name, other)
+    if parent == 7:
+        processes.end_with_parent(7)
+    else:
+        with pytest.raises(SystemExit):
+            processes.end_with_parent(7)
+    assert asked == [("kernel", 1, signal.SIGKILL) if system == "linux" else ("watched", (7,), True)]
+
+
 def test_where_signals_cannot_be_held_what_is_asked_for_is_done_all_the_same(monkeypatch):
     monkeypatch.delattr(processes.signal, "pthread_sigmask")
     with processes.interrupts_held():
