@@ -536,6 +536,22 @@ def test_path_scenario_from_json(tmp_path: FilePath) -> None:
     assert (scenario.corridor, scenario.name) == (0.75, "mine")
 
 
+@pytest.mark.parametrize("closed", [None, True, False])
+@pytest.mark.parametrize("repeats", [False, True])
+@pytest.mark.parametrize("listed", [False, True])
+def test_a_path_is_closed_where_it_says_so_or_else_where_it_comes_back(
+    tmp_path: FilePath, listed: bool, repeats: bool, closed: bool | None
+) -> None:
+    corners = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 1.0]]
+    points = corners + corners[:1] * repeats
+    written(tmp_path, "".join(f"{x},{y}\n" for x, y in points), "table.csv")
+    content: dict[str, object] = {"path": points} if listed else {"path_file": "table.csv"}
+    (scenario,) = path_scenarios(written(tmp_path, content | ({} if closed is None else {"closed": closed})))
+    assert scenario.path.closed is (repeats if closed is None else closed)
+    # open, it goes all the way back where it does; closed, it has each point once
+    assert scenario.path.points.tolist() == (points if closed is False else corners)
+
+
 def test_json_names_a_table_beside_it(tmp_path: FilePath) -> None:
     written(tmp_path, "0,0\n1,0\n1,1\n", "table.csv")
     (scenario,) = path_scenarios(written(tmp_path, {"path_file": "table.csv", "closed": True}), 3.0)
