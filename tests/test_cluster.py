@@ -172,7 +172,7 @@ def test_work_in_this_process_ends_at_the_first_error() -> None:
     assert seen == [0, 1, 2]
 
 
-@pytest.mark.parametrize("what", ["code and agents", "numpy"])
+@pytest.mark.parametrize("what", ["code and agents", "python", "numpy", "numba", "llvmlite", "scipy"])
 def test_a_worker_with_other_code_is_refused_by_name(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     with ThreadPoolExecutor(1) as pool:
         engine = Engine.of(pool)

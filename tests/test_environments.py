@@ -554,6 +554,14 @@ def test_waypoints_are_passed_in_their_order(tmp_path: Path) -> None:
             _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
         assert info["waypoint"] == passed
         assert (info["success"], terminated) == (success, success)
+    # all that are near enough at once, at the start and on the way
+    close = [[0.1, 0.0], [0.0, 0.1], [2.0, 0.0], [2.1, 0.0], [2.0, 0.1], [0.1, 0.1]]
+    env = base(GOAL_ID, scenario=written(tmp_path, goal=[5, 0, 0], waypoints=close, waypoint_radius=0.2))
+    observation, info = env.reset()
+    assert (info["waypoint"], fields_of(env, observation).waypoints_left) == (2, 4)
+    env.batch.states["x"] = 2.0
+    observation, *_, info = env.step(np.zeros(3, np.float32))
+    assert (info["waypoint"], fields_of(env, observation).waypoints_left) == (5, 1)
 
 
 @pytest.mark.parametrize(
