@@ -442,6 +442,9 @@ def test_sharpness_is_the_largest_turn_within_a_window(closed: bool) -> None:
         points = np.cumsum(
             rng.uniform(0.05, 0.2, 15)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0
         )
+        if closed:  # a ring, whose sharpest bend may be where it closes
+            angles = 2.0 * math.pi * (np.arange(15) + rng.uniform(-0.3, 0.3, 15)) / 15
+            points = rng.uniform(0.15, 0.4, 15)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
         corners = np.vstack([points, points, points[:1]]) if closed else points
         ways = np.diff(corners, axis=0) @ [1.0, 1j]
         turns = np.append(0.0, np.cumsum(np.angle(ways[1:] / ways[:-1])))
