@@ -224,6 +224,30 @@ def test_it_is_never_inside_of_anything(dynamics: str, tmp_path: Path) -> None:
     assert touched > 20
 
 
+@pytest.mark.parametrize("count", [40, 400])
+def test_among_few_and_many_things_it_is_as_far_from_the_nearest_as_from_each(count: int, tmp_path: Path) -> None:
+    """Many are kept in blocks, of which those out of reach are passed over."""
+    rng = np.random.default_rng(count)
+    things: list[dict[str, Any]] = []
+    for x, y, angle, size in rng.uniform((-9.0, -9.0, -3.0, 0.1), (9.0, 9.0, 3.0, 0.8), (count, 4)).tolist():
+        kinds = (
+            {"kind": "circle", "x": x, "y": y, "radius": 0.3 * size},
+            {"kind": "box", "x": x, "y": y, "length": size, "width": 0.2 * size, "heading": angle},
+            {"kind": "wall", "x1": x, "y1": y, "x2": x + size * math.cos(angle), "y2": y + size * math.sin(angle)},
+        )
+        things.append(kinds[len(things) % 3])
+    file = world(tmp_path, goal=[-14.0, 0.0, 0.0], start=[-15.0, 0.0, 0.0], obstacles=things)
+    env: Any = gymnasium.make_vec("wayfield/DiffDriveGoalObstacles-v0", 300, robot="jackal", scenario=file)
+    env.reset(seed=1)
+    poses = rng.uniform((-10.0, -10.0, -3.0), (10.0, 10.0, 3.0), (300, 3))
+    states, (scenario,) = env.batch.states, env.task.scenarios
+    states["x"], states["y"], states["heading"] = poses.T
+    *_, info = env.step(np.zeros((300, 2), np.float32))
+    wanted = [clearance_of(JACKAL, scenario.obstacles, count, pose) for pose in poses]
+    np.testing.assert_allclose(info["clearance"], wanted, atol=1e-12)
+    assert np.min(wanted) < 0.0 < np.max(wanted)
+
+
 def test_a_shove_does_not_turn_it_into_a_wall(tmp_path: Path) -> None:
     env: Any = gymnasium.make(
         "wayfield/DiffDriveGoalObstacles-v0",
