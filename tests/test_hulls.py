@@ -224,6 +224,32 @@ def test_it_is_never_inside_of_anything(dynamics: str, tmp_path: Path) -> None:
     assert touched > 20
 
 
+@pytest.mark.parametrize("robot", ["jackal", "p3dx"])
+@pytest.mark.parametrize("mapped", [False, True])
+def test_whatever_it_drives_into_it_comes_no_deeper_than_contact_needs(
+    mapped: bool, robot: str, tmp_path: Path
+) -> None:
+    """A wall, or the same one of a map; a hundredth of a second at full speed would be 2 cm."""
+    around: dict[str, Any] = {"obstacles": [{"kind": "wall", "x1": 1.5, "y1": -2.0, "x2": 1.5, "y2": 2.0}]}
+    if mapped:
+        room = np.zeros((20, 20), np.bool_)
+        room[:, 17] = True
+        np.save(tmp_path / "room.npy", room)
+        around = {"map": {"file": "room.npy", "resolution": 0.2, "origin": [-1.9, -2.0, 0.0], "unknown": "free"}}
+    file = world(tmp_path, start=[0, 0, 0], goal=[-1.0, 0, 0], **around)
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveGoalObstacles-v0", 12, robot=robot, scenario=file, dynamics="pymunk", num_beams=8
+    )
+    env.reset(seed=0)
+    speeds, met = np.linspace(0.4, 2.0, 12), np.zeros(12, np.bool_)
+    for _ in range(80):
+        *_, info = env.step(np.column_stack([speeds, np.zeros(12)]).astype(np.float32))
+        hit = info["collision"]
+        assert (np.abs(info["clearance"][hit]) < 1e-3).all()
+        met |= hit
+    assert met.all()
+
+
 @pytest.mark.parametrize("count", [40, 400])
 def test_among_few_and_many_things_it_is_as_far_from_the_nearest_as_from_each(count: int, tmp_path: Path) -> None:
     """Many are kept in blocks, of which those out of reach are passed over."""
