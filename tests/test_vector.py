@@ -212,9 +212,18 @@ def test_an_option_of_reset_chooses_the_scenario_of_each_row(env_id: str) -> Non
     assert following[0] == following[1] == following[2] != [4, 4, 4]
     count = len(env.task.scenarios)
     wrong = rf"options\['scenario'\] must be an int or 3 ints from 0 to {count - 1}, got"
+    env.reset(seed=9)
+    wanted, _ = env.reset()
+    env.reset(seed=9)
     for bad in ([1, 2], [1, 2, count], [0, 0, -1], [1.0, 2.0, 3.0], count, True, None, "a"):
         with pytest.raises(ValueError, match=wrong):
-            env.reset(options={"scenario": bad})
+            env.reset(seed=5, options={"scenario": bad})
+    for seed in (-1, [1, 2], [1, 2, -1], 2**128 - 2):
+        with pytest.raises(ValueError, match="seed"):
+            env.reset(seed=seed)
+    # what was refused has changed nothing
+    assert env.np_random_seed == (9, 10, 11)
+    assert env.reset()[0].tobytes() == wanted.tobytes()
 
 
 def test_next_step_resets_move_nothing(tmp_path: Path) -> None:
