@@ -281,6 +281,11 @@ def test_among_few_and_many_things_it_is_as_far_from_the_nearest_as_from_each(
     wanted = [clearance_of(JACKAL, scenario.obstacles, count, pose) for pose in poses]
     np.testing.assert_allclose(info["clearance"], wanted, atol=1e-12)
     assert np.min(wanted) < 0.0 < np.max(wanted)
+    # who has the map, and who looks at a frame, is told of these alone, in their order
+    told = env.unwrapped.briefing("map")
+    assert told.num_obstacles.tolist() == [count] * 300
+    for shown in (told.obstacles[0], told.obstacles[-1], env.unwrapped.batch.scene(7, np.empty((0, 2)), {}).obstacles):
+        assert shown.tobytes() == scenario.obstacles.tobytes()
 
 
 def test_a_shove_does_not_turn_it_into_a_wall(tmp_path: Path) -> None:
