@@ -138,6 +138,27 @@ def test_no_more_is_handed_over_than_an_engine_is_told() -> None:
     assert waiting[0] == 0
 
 
+@pytest.mark.parametrize("results", [Engine.__call__, Engine.as_done])
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_was_handed_over_is_taken_back_when_nobody_waits_for_it(results: Any, fails: bool) -> None:
+    futures: list[concurrent.futures.Future[Any]] = []
+
+    def submit(function: Any, item: int) -> Any:
+        futures.append(concurrent.futures.Future())
+        if item == 0:
+            futures[0].set_exception(ValueError("zero")) if fails else futures[0].set_result(None)
+        return futures[-1]
+
+    found = results(Engine(submit, ahead=7), str, range(50))
+    if fails:
+        with pytest.raises(ValueError, match="zero"):
+            next(found)
+    else:
+        next(found)
+        found.close()
+    assert [future.cancelled() for future in futures] == [False] + [True] * 6
+
+
 def test_work_in_this_process_ends_at_the_first_error() -> None:
     seen: list[int] = []
 
@@ -151,7 +172,7 @@ def test_work_in_this_process_ends_at_the_first_error() -> None:
     assert seen == [0, 1, 2]
 
 
-@pytest.mark.parametrize("what", ["code and agents", "numpy"])
+@pytest.mark.parametrize("what", ["code and agents", "python", "numpy", "numba", "llvmlite", "scipy"])
 def test_a_worker_with_other_code_is_refused_by_name(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     with ThreadPoolExecutor(1) as pool:
         engine = Engine.of(pool)

@@ -241,6 +241,7 @@ def test_the_robot_is_left_standing_when_it_is_closed_and_when_it_is_forgotten(s
         assert server.world.state != 0
         if let_go == "close":
             env.close()
+            standing(server)  # while it is still there: to forget it would be enough
         del env
         standing(server)
 

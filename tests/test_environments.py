@@ -243,8 +243,10 @@ def test_bad_options_of_reset_are_named(env_id: str, options: dict[str, Any], me
     env.reset(seed=1)
     following, _ = env.reset()
     env.reset(seed=1)
-    with pytest.raises(ValueError, match="options"):
-        env.reset(options=options)
+    for seed in (None, 5):
+        with pytest.raises(ValueError, match="options"):
+            env.reset(seed=seed, options=options)
+    assert env.np_random_seed == 1
     assert env.reset()[0].tobytes() == following.tobytes()
 
 
@@ -552,6 +554,14 @@ def test_waypoints_are_passed_in_their_order(tmp_path: Path) -> None:
             _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
         assert info["waypoint"] == passed
         assert (info["success"], terminated) == (success, success)
+    # all that are near enough at once, at the start and on the way
+    close = [[0.1, 0.0], [0.0, 0.1], [2.0, 0.0], [2.1, 0.0], [2.0, 0.1], [0.1, 0.1]]
+    env = base(GOAL_ID, scenario=written(tmp_path, goal=[5, 0, 0], waypoints=close, waypoint_radius=0.2))
+    observation, info = env.reset()
+    assert (info["waypoint"], fields_of(env, observation).waypoints_left) == (2, 4)
+    env.batch.states["x"] = 2.0
+    observation, *_, info = env.step(np.zeros(3, np.float32))
+    assert (info["waypoint"], fields_of(env, observation).waypoints_left) == (5, 1)
 
 
 @pytest.mark.parametrize(
@@ -650,14 +660,19 @@ def test_a_shove_displaces_the_pose_once(env_id: str, dynamics: str, pose_source
             assert (state["measured_x"], state["measured_y"], state["measured_heading"]) == (0.0, 0.0, 0.0)
 
 
-def test_a_shove_ends_at_an_obstacle(tmp_path: Path) -> None:
+@pytest.mark.parametrize("way", [3.0, 0.3])
+def test_a_shove_ends_at_an_obstacle_and_so_does_the_drive(tmp_path: Path, way: float) -> None:
     ahead = {"kind": "wall", "x1": 1.0, "y1": -9.0, "x2": 1.0, "y2": 9.0}
     scenario = written(tmp_path, goal=[-5, 0, 0], obstacles=[ahead])
-    env = base(GOAL_ID, scenario=scenario, shove=(0.1, 3.0, 0.0, 0.0))
+    env = base(GOAL_ID, scenario=scenario, shove=(0.1, way, 0.0, 0.0))
+    twist = np.array([0.2, 0.3, 0.4], np.float32)
     for k in range(3):
-        _, _, terminated, _, info = env.step(np.zeros(3, np.float32))
-        assert terminated == info["collision"] == (k == 2)
-    assert 0.0 <= info["clearance"] < 1e-6
+        observation, _, terminated, _, info = env.step(twist)
+        met = k == 2 and way > 1.0
+        assert terminated == info["collision"] == met
+        # a shove that meets nothing is no motion of the wheels
+        np.testing.assert_allclose(env.task.layout.unpack(observation).twist, 0.0 * twist if met else twist, rtol=1e-6)
+    assert (0.0 <= info["clearance"] < 1e-6) == met
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -1041,15 +1056,16 @@ def test_a_finite_action_beyond_all_bounds_saturates() -> None:
     assert env.batch.states["command_vx"][0] == pytest.approx(1.0 * 0.05)
 
 
-@pytest.mark.parametrize("size", [1e3, 1e10, 1e100, 1e300])
+@pytest.mark.parametrize("size", [1e3, 1e10, 1e100, 5e307])
 def test_what_saturates_keeps_its_direction_however_large_it_is(size: float) -> None:
     env = base(GOAL_ID, scenario="open_field", robot="omni3")
-    env.step(size * np.array([3.0, -2.0, 1.0]))
-    vx, vy, yaw_rate = (env.batch.states[f"command_{name}"][0] for name in ("vx", "vy", "yaw_rate"))
-    assert (vy / vx, yaw_rate / vx) == pytest.approx((-2.0 / 3.0, 1.0 / 3.0))
-    assert np.abs(env.task.robot.wheel_matrix @ [vx, vy, yaw_rate]).max() == pytest.approx(
-        env.task.params["wheel_speed_limit"][0]
-    )
+    for asked in ([3.0, -2.0, 1.0], [1.0, 3.0, -2.0], [-2.0, 1.0, 3.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]):
+        env.reset(seed=0)
+        env.step(size * np.array(asked))
+        command = [env.batch.states[f"command_{name}"][0] for name in ("vx", "vy", "yaw_rate")]
+        np.testing.assert_allclose(command / np.linalg.norm(command), asked / np.linalg.norm(asked), atol=1e-9)
+        fastest = np.abs(env.task.robot.wheel_matrix @ command).max()
+        assert fastest == pytest.approx(env.task.params["wheel_speed_limit"][0])
 
 
 @every_id
@@ -1104,3 +1120,13 @@ def test_every_registered_class_shows_its_own_whole_sheet(spec: EnvSpec) -> None
     first = env.observation_space.shape[0] - fixed.size
     assert re.search(rf"^\| {first}, \.\.\. \| {fixed.name} \|", parts["Observation space"], re.MULTILINE)
     assert f"`Box({first} + " in parts["Observation space"]
+    # the bounds of every number
+    row = r"^\| (\d+[^|]*) \| [^|]+ \| [^|]+ \| ([^|]+) \| ([^|]+) \| [^|]*\|$"
+    task, said = env.unwrapped.task, np.full((2, *env.observation_space.shape), np.nan)
+    words = {"pi": math.pi, "inf": math.inf, "max_range": float(task.params["max_range"][0])}
+    for columns, *ends in re.findall(row, parts["Observation space"], re.MULTILINE):
+        at: Any = slice(int(columns.split(",")[0]), None) if "..." in columns else [int(k) for k in columns.split(",")]
+        for of_end, end in zip(said, ends, strict=True):
+            sign, word = (-1.0 if end[0] == "-" else 1.0), end.removeprefix("-")
+            of_end[at] = sign * words[word] if word in words else float(end)
+    np.testing.assert_allclose([env.observation_space.low, env.observation_space.high], said, rtol=1e-6)

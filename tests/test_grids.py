@@ -242,6 +242,34 @@ def test_the_outline_is_as_long_as_the_sides_between_occupied_and_free() -> None
     assert np.hypot(*(closed[:, 1] - closed[:, 0]).T).sum() == pytest.approx(5.0 + 10.0)
 
 
+@pytest.mark.parametrize("beyond", ["occupied", "free"])
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_the_edges_within_a_box_are_the_cells_there_with_a_free_side(yaw: float, beyond: str) -> None:
+    """Beyond the grid too, where that is occupied: a wall that can be run into."""
+    rng = np.random.default_rng(17)
+    grid = OccupancyGrid(rng.random((7, 9)) < 0.5, 0.5, (1.0, -2.0, yaw), beyond)
+    cells = [(i, j) for i in range(-5, 12) for j in range(-5, 14)]
+
+    def taken(*places: tuple[int, int]) -> Any:
+        return grid.is_occupied(grid.points(np.array([[j + 0.5, i + 0.5] for i, j in places])))
+
+    middles = grid.points(np.array([[j + 0.5, i + 0.5] for i, j in cells]))
+    beside = [not taken((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)).all() for i, j in cells]
+    edges, outside = taken(*cells) & beside, 0
+    for place in rng.uniform([0.0, -3.0], [6.0, 3.0], (40, 2)):
+        low, high = place - rng.uniform(0.0, 1.5, 2), place + rng.uniform(0.0, 1.5, 2)
+        found = grid.edges_within((low[0], low[1]), (high[0], high[1]))
+        assert len(found) == len(set(found))
+        # all of them, those whose middle is within among them; of a grid that is not turned those that touch it alone
+        assert set(found) <= {cell for cell, edge in zip(cells, edges, strict=True) if edge}
+        gap = np.maximum(np.maximum(low - middles, middles - high), 0.0).max(axis=1)
+        assert set(found) >= {cells[k] for k in np.flatnonzero(edges & (gap == 0.0))}
+        if yaw == 0.0:
+            assert set(found) == {cells[k] for k in np.flatnonzero(edges & (gap <= 0.25))}
+        outside += sum(not (0 <= i < 7 and 0 <= j < 9) for i, j in found)
+    assert (outside > 0) == (beyond == "occupied")
+
+
 def test_a_grid_takes_nine_bytes_a_cell_however_many_robots_and_scenarios_there_are(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     occupied = rng.random((600, 500)) < 0.3
@@ -288,8 +316,9 @@ def _worlds(folder: Path) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
-def test_a_world_of_cells_is_that_world_of_boxes(tmp_path: Path, dynamics: str) -> None:
-    """Scans, clearances, contacts and ends, step by step, in both plants."""
+@pytest.mark.parametrize("wrong", [{}, {"noise": 1.0, "disturbance": "moderate"}], ids=["right", "wrong"])
+def test_a_world_of_cells_is_that_world_of_boxes(tmp_path: Path, wrong: dict[str, Any], dynamics: str) -> None:
+    """Scans, clearances, contacts and ends, step by step, in both plants; and what sensors make of them."""
     both = [
         gymnasium.make_vec(
             "wayfield/OmniGoalObstacles-v0",
@@ -298,6 +327,7 @@ def test_a_world_of_cells_is_that_world_of_boxes(tmp_path: Path, dynamics: str) 
             scenario=file,
             num_beams=48,
             dynamics=dynamics,
+            **wrong,
         )
         for file in _worlds(tmp_path)
     ]

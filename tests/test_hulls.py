@@ -224,6 +224,70 @@ def test_it_is_never_inside_of_anything(dynamics: str, tmp_path: Path) -> None:
     assert touched > 20
 
 
+@pytest.mark.parametrize("robot", ["jackal", "p3dx"])
+@pytest.mark.parametrize("mapped", [False, True])
+def test_whatever_it_drives_into_it_comes_no_deeper_than_contact_needs(
+    mapped: bool, robot: str, tmp_path: Path
+) -> None:
+    """A wall, or the same one of a map; a hundredth of a second at full speed would be 2 cm."""
+    around: dict[str, Any] = {"obstacles": [{"kind": "wall", "x1": 1.5, "y1": -2.0, "x2": 1.5, "y2": 2.0}]}
+    if mapped:
+        room = np.zeros((20, 20), np.bool_)
+        room[:, 17] = True
+        np.save(tmp_path / "room.npy", room)
+        around = {"map": {"file": "room.npy", "resolution": 0.2, "origin": [-1.9, -2.0, 0.0], "unknown": "free"}}
+    file = world(tmp_path, start=[0, 0, 0], goal=[-1.0, 0, 0], **around)
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveGoalObstacles-v0", 12, robot=robot, scenario=file, dynamics="pymunk", num_beams=8
+    )
+    env.reset(seed=0)
+    speeds, met = np.linspace(0.4, 2.0, 12), np.zeros(12, np.bool_)
+    for _ in range(80):
+        *_, info = env.step(np.column_stack([speeds, np.zeros(12)]).astype(np.float32))
+        hit = info["collision"]
+        assert (np.abs(info["clearance"][hit]) < 1e-3).all()
+        met |= hit
+    assert met.all()
+
+
+@pytest.mark.parametrize(("count", "heaps"), [(40, 0), (400, 0), (256, 16)])
+def test_among_few_and_many_things_it_is_as_far_from_the_nearest_as_from_each(
+    count: int, heaps: int, tmp_path: Path
+) -> None:
+    """Many are kept in blocks, of which those out of reach are passed over: of some that lie on heaps, most."""
+    rng = np.random.default_rng(count)
+    things: list[dict[str, Any]] = []
+    drawn = rng.uniform((-9.0, -9.0, -3.0, 0.1), (9.0, 9.0, 3.0, 0.8), (count, 4))
+    if heaps:
+        at = 1.1 * np.stack(np.divmod(np.arange(count) % heaps, 4), axis=-1)
+        drawn[:, :2] = at + rng.uniform(-0.05, 0.05, (count, 2))
+        drawn[:, 3] *= 0.1
+    for x, y, angle, size in drawn.tolist():
+        kinds = (
+            {"kind": "circle", "x": x, "y": y, "radius": 0.3 * size},
+            {"kind": "box", "x": x, "y": y, "length": size, "width": 0.2 * size, "heading": angle},
+            {"kind": "wall", "x1": x, "y1": y, "x2": x + size * math.cos(angle), "y2": y + size * math.sin(angle)},
+        )
+        things.append(kinds[len(things) % 3])
+    file = world(tmp_path, goal=[-14.0, 0.0, 0.0], start=[-15.0, 0.0, 0.0], obstacles=things)
+    env: Any = gymnasium.make_vec("wayfield/DiffDriveGoalObstacles-v0", 300, robot="jackal", scenario=file)
+    env.reset(seed=1)
+    poses = rng.uniform((-10.0, -10.0, -3.0), (10.0, 10.0, 3.0), (300, 3)) if not heaps else (
+        rng.uniform((-0.5, -0.5, -3.0), (4.0, 4.0, 3.0), (300, 3))
+    )  # fmt: skip
+    states, (scenario,) = env.batch.states, env.task.scenarios
+    states["x"], states["y"], states["heading"] = poses.T
+    *_, info = env.step(np.zeros((300, 2), np.float32))
+    wanted = [clearance_of(JACKAL, scenario.obstacles, count, pose) for pose in poses]
+    np.testing.assert_allclose(info["clearance"], wanted, atol=1e-12)
+    assert np.min(wanted) < 0.0 < np.max(wanted)
+    # who has the map, and who looks at a frame, is told of these alone, in their order
+    told = env.unwrapped.briefing("map")
+    assert told.num_obstacles.tolist() == [count] * 300
+    for shown in (told.obstacles[0], told.obstacles[-1], env.unwrapped.batch.scene(7, np.empty((0, 2)), {}).obstacles):
+        assert shown.tobytes() == scenario.obstacles.tobytes()
+
+
 def test_a_shove_does_not_turn_it_into_a_wall(tmp_path: Path) -> None:
     env: Any = gymnasium.make(
         "wayfield/DiffDriveGoalObstacles-v0",

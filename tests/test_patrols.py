@@ -1,5 +1,6 @@
 """Obstacles that move by themselves: where they are, what they hit, and who is told."""
 
+import cmath
 import json
 import math
 from pathlib import Path
@@ -84,13 +85,18 @@ def test_obstacles_are_where_their_patrols_say(tmp_path: Path, robot: str, dynam
 
 
 @every_plant
-def test_ranges_and_clearance_follow_what_moves(tmp_path: Path, dynamics: str) -> None:
+@pytest.mark.parametrize("sideways", [0.0, 1.5])  # m/s, to and fro: wheels that slip
+def test_ranges_and_clearance_follow_what_moves(tmp_path: Path, sideways: float, dynamics: str) -> None:
     env = made(scenario(tmp_path, disc(4.0, 0.0, -0.5, 0.0, 4.0)), dynamics=dynamics, num_beams=4)
     for k in range(1, 100):
-        observation, *_, info = env.step(np.zeros(3))
-        ahead = place_of({"vx": -0.5, "vy": 0.0, "leg_time": 4.0}, 4.0, 0.0, k * DT)[0] - 0.3
-        assert observation[-2] == pytest.approx(ahead, abs=1e-6)
-        assert info["clearance"] == pytest.approx(ahead - 0.3, abs=1e-9)
+        observation, *_, info = env.step(np.array([0.0, sideways if k % 16 < 8 else -sideways, 0.0]))
+        there = place_of({"vx": -0.5, "vy": 0.0, "leg_time": 4.0}, 4.0, 0.0, k * DT)[0]
+        x, y, heading = env.batch.states[["x", "y", "heading"]][0]
+        # the beam ahead ends on the disc, or passes it
+        seen = complex(there - x, -y) * cmath.rect(1.0, -heading)
+        ahead = seen.real - math.sqrt(0.09 - seen.imag**2) if abs(seen.imag) < 0.3 else env.task.max_range
+        assert observation[-2] == pytest.approx(ahead, abs=1e-5)
+        assert info["clearance"] == pytest.approx(math.hypot(there - x, y) - 0.6, abs=1e-9)
 
 
 # What they hit.

@@ -6,6 +6,7 @@ import io
 import itertools
 import json
 import math
+import os
 import re
 import zipfile
 from collections.abc import Callable
@@ -31,6 +32,7 @@ from wayfield.benchmarks.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import goal_scenarios
 from wayfield.envs.scenarios.barn import CYLINDERS, barn_scenarios, read_cylinders, read_path, read_world, way_length
+from wayfield.envs.scenarios.mrpb import mrpb_scenarios
 from wayfield.policies import Pilot, make
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -430,6 +432,48 @@ CONFIG_TEXT = "\n".join(
     for end, values in (("initial", (-2, -1, 0)), ("goal", (2, -1, 0)))
     for axis, value in zip("xya", values, strict=True)
 )
+
+
+def changed(file: Path, old: bytes, new: bytes) -> None:
+    """Puts other bytes, as many, in a file, a second later."""
+    content, before = file.read_bytes(), file.stat().st_mtime_ns
+    assert old in content
+    assert len(old) == len(new)
+    file.write_bytes(content.replace(old, new))
+    os.utime(file, ns=(before + 10**9, before + 10**9))
+
+
+@pytest.mark.parametrize("image", ["map.pgm", "scans/maze.pgm"])
+def test_every_file_of_a_case_of_mrpb_is_read_anew_once_it_is_another(tmp_path: Path, image: str) -> None:
+    folder = ros_map(tmp_path / "maze")
+    (folder / "scans").mkdir()
+    (folder / "map.pgm").rename(folder / image)
+    (folder / "map.yaml").write_text((folder / "map.yaml").read_text().replace("map.pgm", image))
+    first, _ = mrpb_scenarios(folder)
+    assert mrpb_scenarios(folder)[0] is first  # the same as long as nothing changes
+    changed(folder / image, bytes([254] * 5), bytes([254, 0, 254, 254, 254]))
+    second, _ = mrpb_scenarios(folder)
+    assert first.grid is not None
+    assert second.grid is not None
+    assert second.grid.occupied.sum() > first.grid.occupied.sum()
+    changed(folder / "map.yaml", b"[-3, -2, 0]", b"[-3, -2, 1]")
+    third, _ = mrpb_scenarios(folder)
+    assert third.grid is not None
+    assert (second.grid.origin, third.grid.origin) == ((-3.0, -2.0, 0.0), (-3.0, -2.0, 1.0))
+    changed(folder / "cases.csv", b"-2,-1,0,2", b"-1,-1,0,2")
+    assert (third.start[0], mrpb_scenarios(folder)[0].start[0]) == (-2.0, -1.0)
+
+
+def test_every_file_of_a_world_of_barn_is_read_anew_once_it_is_another(worlds: Path) -> None:
+    first = barn_scenarios(worlds)[0]
+    assert barn_scenarios(worlds)[0] is first
+    changed(worlds / "world_0.world", b"<radius>0.075", b"<radius>0.065")
+    second = barn_scenarios(worlds)[0]
+    assert (first.obstacles["radius"].max(), second.obstacles["radius"].max()) == (0.075, 0.065)
+    path = worlds / "path_files" / "path_0.npy"
+    cells = np.load(path)
+    changed(path, cells.tobytes(), np.add(cells, [[1, 0], [0, 0], [0, 0], [0, 0]]).tobytes())
+    assert barn_scenarios(worlds)[0].published_length != second.published_length == first.published_length
 
 
 def test_cases_of_mrpb_are_poses_on_its_map(tmp_path: Path) -> None:

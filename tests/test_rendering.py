@@ -11,10 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from wayfield.envs.geometry import OBSTACLE
+from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.robots import ROBOTS
 
 pytest.importorskip("pygame")
-from wayfield.envs.rendering import Renderer, Scene
+from wayfield.envs.rendering import Ghost, Mark, Renderer, Scene
 
 SCENE = Scene(robot=ROBOTS["p3dx"], pose=(2.0, 2.0, 0.5), bounds=(0.0, 0.0, 10.0, 8.0))
 
@@ -345,6 +346,51 @@ def test_a_changed_path_is_drawn_anew():
     before = frame_of(scene, renderer)
     path[:, 1] = 7.0
     assert (frame_of(scene, renderer) != before).any()
+
+
+def other_layers() -> dict[str, object]:
+    """Returns another value for each field of a scene."""
+    full, room = full_scene(), np.zeros((4, 5), np.bool_)
+    moved, room[1, 2] = full.obstacles.copy(), True
+    moved["x"] += 0.4
+    return {
+        "robot": ROBOTS["omni3"], "pose": (2.0, 2.4, 0.5), "bounds": (-1.0, -1.0, 11.0, 8.6),
+        "path": full.path[::-1] - 0.3, "corridor": 0.6, "obstacles": moved, "grid": OccupancyGrid(room, 1.0),
+        "goals": full.goals + 0.3, "goal_tolerance": 1.5, "ranges": 0.5 * full.ranges, "max_range": 1.2,
+        "beam_angles": 0.5 * full.beam_angles, "trail": np.array([[1.0, 1.0], [1.0, 3.0]]), "reference": (2.5, 1.0),
+        "lookahead": (2.4, 2.6), "start": (1.5, 1.0), "marks": (Mark(np.array([[4.0, 2.0]]), (9, 9, 9), pixels=6.0),),
+        "ghosts": (Ghost(ROBOTS["p3dx"], (6.0, 3.0, 1.0)),), "caption": "t = 2.0 s", "notes": ("a note",),
+    }  # fmt: skip
+
+
+def test_whatever_changes_from_a_frame_to_the_next_is_drawn_as_in_a_first_one():
+    layers = other_layers()
+    assert layers.keys() == {field.name for field in dataclasses.fields(Scene)}
+    first = full_scene()
+    room = layers.pop("grid")
+    changes = [(first, {name: value}) for name, value in layers.items()]
+    for grid in (room, OccupancyGrid(room.occupied.T.copy(), 1.0), None):
+        changes.append((dataclasses.replace(first, grid=changes[-1][1].get("grid")), {"grid": grid}))
+    used = {size_px: Renderer("rgb_array", 20, size_px) for size_px in (160, 320)}
+    for last, change in changes:
+        size_px = 320 if change.keys() & {"caption", "notes"} else 160  # small ones have no words
+        before = frame_of(last, used[size_px])
+        scene = dataclasses.replace(last, **change)
+        after = frame_of(scene, used[size_px])
+        assert (after != before).any(), change
+        np.testing.assert_array_equal(after, frame_of(scene, Renderer("rgb_array", 20, size_px)), err_msg=str(change))
+
+
+def test_the_first_frame_of_an_episode_shows_nothing_of_the_last():
+    env = gymnasium.make("wayfield/DiffDrivePathFollowing-v0", render_mode="rgb_array").unwrapped
+    env.reset(seed=1)
+    first = env.render()
+    for _ in range(30):
+        env.step(0.5 * env.action_space.high)
+    env.marks = {"lookahead": (0.5, 0.5), "reference": (0.2, 1.0)}
+    assert (env.render() != first).any()
+    env.reset(seed=1)
+    np.testing.assert_array_equal(env.render(), first)
 
 
 def test_drawing_survives_that_another_user_quits_pygame():

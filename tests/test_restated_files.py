@@ -5,6 +5,7 @@ import hashlib
 import importlib
 import math
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from wayfield.envs import identity
 from wayfield.envs.grids import check_size
 from wayfield.envs.scenarios import maps
 from wayfield.envs.scenarios.barn import read_world, way_length
+from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.scenarios.mrpb import COLUMNS, read_cases
 from wayfield.envs.scenarios.tables import path_from_table
 from wayfield.envs.storage import write_whole
@@ -309,6 +311,10 @@ def test_the_code_is_known_by_all_that_makes_results() -> None:
             if made and file.parent.name not in ("report", "page") and file.name not in identity._SHOW_ONLY:
                 digest.update(file.read_bytes())
     assert identity.source_digest() == digest.hexdigest()
+    assert identity.identity() == {
+        "code and agents": digest.hexdigest()[:12], "python": f"{sys.version_info[0]}.{sys.version_info[1]}",
+        **{name: importlib.import_module(name).__version__ for name in ("numpy", "numba", "llvmlite", "scipy")},
+    }  # fmt: skip
 
 
 def test_a_map_has_as_many_cells_as_it_may() -> None:
@@ -320,3 +326,19 @@ def test_a_map_has_as_many_cells_as_it_may() -> None:
     for rows, columns in ((0, 1), (1, 0)):
         with pytest.raises(ValueError, match="there must be at least one"):
             check_size("map", rows, columns)
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        ('{"goal": [1, 0, 0]}', "goal"), ('{"dock": [1, 0, 0]}', "dock"), ('{"path": [[0, 0], [1, 0]]}', "path"),
+        # its own word tells more than the one that any pose may have, whichever comes first
+        ('{"goal": [1, 0, 0], "dock": [1, 0, 0]}', "dock"), ('{"dock": [1, 0, 0], "goal": [1, 0, 0]}', "dock"),
+        ("{}", "path"), ("[]", "path"), ('"goal"', "path"), ('{"goal": ', "path"), ("[" * 100_000, "path"),
+    ],
+)  # fmt: skip
+def test_a_file_is_of_the_task_whose_word_it_has(tmp_path: Path, content: str, kind: str) -> None:
+    for name, wanted in (("mine.json", kind), ("MINE.JSON", kind), ("goal.csv", "path")):
+        file = tmp_path / name
+        file.write_text(content)
+        assert kind_of(str(file)) == wanted

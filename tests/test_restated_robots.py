@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wayfield.envs.records import pose_sources
 from wayfield.envs.robots import (
     ACTUATORS,
     ROBOTS,
@@ -291,3 +292,17 @@ def test_the_plants_alone_drive_exactly_straight_whatever_the_wheels() -> None:
         sandbox = Sandbox(robot, "kinematic", "lagged", 0.05, 0, False)
         assert sandbox.params["forward_matrix"][0, :3, :2].tolist() == exact
     assert min(rounded[0], rounded[2]) > 5  # of the pseudo-inverse
+
+
+def test_a_robot_can_measure_its_pose_by_what_it_has() -> None:
+    """Document B's two passive wheels, or the driven ones; the printed sum is of at most four omni wheels."""
+    made = []
+    for n in (4, 5):
+        ways = [2.0 * math.pi * k / n for k in range(n)]
+        wheels = tuple(Wheel(0.13 * math.cos(a), 0.13 * math.sin(a), 0.03, a + 0.5 * math.pi - math.pi) for a in ways)
+        made.append(dataclasses.replace(ROBOTS["omni4"], name=f"ring{n}", wheels=wheels))
+    for robot in (*ROBOTS.values(), *made):
+        wanted = ["ground_truth", "odometry"]
+        wanted += ["odometry_uncorrected"] * bool(robot.encoders)
+        wanted += ["odometry_plain_sum"] * (robot.drive == "omni" and len(robot.wheels) <= 4)
+        assert list(pose_sources(robot)) == wanted, robot.name

@@ -366,6 +366,13 @@ def test_a_way_on_a_map_is_as_long_as_it_is() -> None:
     assert 2.0 * rise < ways.way_length(over, 0.2) < 2.0 * (rise + 0.5)
     assert ways.clear_radius(over) == pytest.approx(0.5, abs=0.03)
     assert ways.way_length(over, 0.55) == math.inf
+    # straight on until the wall is a radius and a node and a half ahead, and from there over it
+    stop, length = 3.0 - 0.2 - 1.5 * ways.STEP, 0.1
+    for across in (3.0 - stop, 5.0 - 3.1):  # a tangent and an arc at either corner of its end
+        away = math.hypot(across, 2.0)
+        length += math.sqrt(away**2 - 0.2**2) + 0.2 * (math.atan2(2.0, across) + math.asin(0.2 / away))
+    assert 4.0 * ways.detour(over, 0.2) == pytest.approx(stop - 1.0 + length, rel=0.02)
+    assert ways.detour(straight, 0.2) == 1.0
 
 
 @pytest.mark.parametrize("side", range(4))
@@ -435,6 +442,9 @@ def test_sharpness_is_the_largest_turn_within_a_window(closed: bool) -> None:
         points = np.cumsum(
             rng.uniform(0.05, 0.2, 15)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0
         )
+        if closed:  # a ring, whose sharpest bend may be where it closes
+            angles = 2.0 * math.pi * (np.arange(15) + rng.uniform(-0.3, 0.3, 15)) / 15
+            points = rng.uniform(0.15, 0.4, 15)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
         corners = np.vstack([points, points, points[:1]]) if closed else points
         ways = np.diff(corners, axis=0) @ [1.0, 1j]
         turns = np.append(0.0, np.cumsum(np.angle(ways[1:] / ways[:-1])))

@@ -1,5 +1,6 @@
 """Small parts of the environments, stated once more: blocks of obstacles, checks of values, engines, a cluster's."""
 
+import contextlib
 import math
 import re
 import signal
@@ -353,3 +354,20 @@ def test_work_is_done_where_the_installation_is_the_same(monkeypatch: pytest.Mon
         with pytest.raises(engines.Refused, match="code"):
             run(abs, -3, {"code": "2"})
     assert cluster._minor("3.11.4") == "3.11"
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt, ValueError])
+def test_who_breaks_off_waits_for_no_work_that_is_under_way(
+    monkeypatch: pytest.MonkeyPatch, error: type[BaseException] | None
+) -> None:
+    """Processes that work for an engine are ended with an error, and let go at an ordinary end."""
+    done: list[Any] = []
+    child = types.SimpleNamespace(terminate=lambda: done.append("terminated"))
+    pool = types.SimpleNamespace(shutdown=lambda **how: done.append(how))
+    monkeypatch.setattr(engines, "ProcessPoolExecutor", lambda *_, **__: pool)
+    monkeypatch.setattr(engines.multiprocessing, "active_children", lambda: [child, child])
+    ends = contextlib.nullcontext() if error is None else pytest.raises(error)
+    with ends, engines.workers(2):
+        if error is not None:
+            raise error
+    assert done == ["terminated"] * (0 if error is None else 2) + [{"wait": True, "cancel_futures": True}]

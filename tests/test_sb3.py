@@ -36,6 +36,8 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
         actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
         actions[0] = 0.0
         actions[0, 0] = space.high[0]
+        if step == 75:  # in the middle of episodes, of which nothing is left
+            np.testing.assert_array_equal(native.reset(), dummy.reset())
         ours, theirs = native.step(actions), dummy.step(actions)
         for mine, other in zip(ours[:3], theirs[:3], strict=True):
             np.testing.assert_array_equal(mine, np.asarray(other, mine.dtype), err_msg=f"step {step}")
@@ -52,6 +54,34 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
             done += 1
     assert late >= 8
     assert done > late
+
+
+@pytest.mark.parametrize(("env_id", "kwargs"), [(PATH, {}), (OMNI, {"scenario": "moving_crossing/train"})])
+def test_robots_that_are_put_back_go_on_as_they_did(env_id: str, kwargs: dict[str, Any]) -> None:
+    """With commands on their way, wheels that lag, noise, and shoves to come: in robots of another process too."""
+    worlds = [(3, {"disturbance": "severe"}), (2, {"noise": 1.0}), (1, {"disturbance": "delay_2"})]
+
+    def made() -> NativeVecEnv:
+        return NativeVecEnv(env_id, worlds, max_episode_steps=30, actuators="slow", **kwargs)
+
+    first, other = made(), made()
+    first.seed(3)
+    first.reset()
+    space, rng = first.action_space, np.random.default_rng(2)
+    actions = rng.uniform(space.low, space.high, (120, 6, *space.shape)).astype(np.float32)
+    for action in actions[:50]:
+        first.step(action)
+    arrays, generators = first.arrays(), first.generators()
+    runs = []
+    for env, back in ((first, False), (first, True), (other, True)):
+        if back:
+            env.restore(arrays, generators)
+        runs.append([env.step(action)[:3] for action in actions[50:]])
+    assert np.any([done for _, _, done in runs[0]])
+    for again in runs[1:]:
+        for k, (ours, theirs) in enumerate(zip(runs[0], again, strict=True)):
+            for mine, yours in zip(ours, theirs, strict=True):
+                np.testing.assert_array_equal(mine, yours, err_msg=f"step {k}")
 
 
 def test_the_usual_wrapper_and_learner_find_what_they_ask_for() -> None:

@@ -156,11 +156,26 @@ def test_spline_agrees_with_scipy(closed: bool) -> None:
     assert spline.curvature(t) == pytest.approx((dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3)
 
 
-def test_scale_multiplies_positions_and_leaves_the_rest() -> None:
-    (plain,), (scaled,) = path_scenarios("straight_offset"), path_scenarios("straight_offset", 0.5)
-    assert scaled.path.points == pytest.approx(0.5 * plain.path.points)
-    assert scaled.start == (0.0, 0.15, 0.0)
-    assert scaled.corridor == plain.corridor
+@pytest.mark.parametrize("name", ["straight_offset", "random_splines", "straights/test", "table.csv", "mine.json"])
+def test_scale_multiplies_positions_and_leaves_the_rest(tmp_path: FilePath, name: str) -> None:
+    """Of every kind of path: a course of a document, a random bank, a family, a table, a file."""
+    if "." in name:
+        written(tmp_path, "0,0\n4,0\n4,3\n", "table.csv")
+        started = {"start": [0.2, 0.1, 0.3], "start_offset": 0.1, "start_turn": 0.2, "corridor": 0.7}
+        name = str(tmp_path / name) if name == "table.csv" else written(tmp_path, {"path_file": "table.csv"} | started)
+    plain, scaled = path_scenarios(name), path_scenarios(name, 0.5)
+    assert len(plain) == len(scaled)
+    for one, other in zip(plain, scaled, strict=True):
+        assert other.path.points == pytest.approx(0.5 * one.path.points)
+        assert other.path.closed == one.path.closed
+        if one.start is None:
+            assert other.start is None
+        else:
+            x, y, heading = one.start
+            assert other.start == pytest.approx((0.5 * x, 0.5 * y, heading))
+        assert [getattr(other, field) for field in ("corridor", "laps", "start_offset", "start_turn")] == [
+            getattr(one, field) for field in ("corridor", "laps", "start_offset", "start_turn")
+        ]
 
 
 # ---- named goals
@@ -534,6 +549,22 @@ def test_path_scenario_from_json(tmp_path: FilePath) -> None:
     assert scenario.start == (0.5, 0.125, 0.5)
     assert (scenario.laps, scenario.start_offset, scenario.start_turn) == (3, 0.1, 0.2)
     assert (scenario.corridor, scenario.name) == (0.75, "mine")
+
+
+@pytest.mark.parametrize("closed", [None, True, False])
+@pytest.mark.parametrize("repeats", [False, True])
+@pytest.mark.parametrize("listed", [False, True])
+def test_a_path_is_closed_where_it_says_so_or_else_where_it_comes_back(
+    tmp_path: FilePath, listed: bool, repeats: bool, closed: bool | None
+) -> None:
+    corners = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 1.0]]
+    points = corners + corners[:1] * repeats
+    written(tmp_path, "".join(f"{x},{y}\n" for x, y in points), "table.csv")
+    content: dict[str, object] = {"path": points} if listed else {"path_file": "table.csv"}
+    (scenario,) = path_scenarios(written(tmp_path, content | ({} if closed is None else {"closed": closed})))
+    assert scenario.path.closed is (repeats if closed is None else closed)
+    # open, it goes all the way back where it does; closed, it has each point once
+    assert scenario.path.points.tolist() == (points if closed is False else corners)
 
 
 def test_json_names_a_table_beside_it(tmp_path: FilePath) -> None:

@@ -101,6 +101,22 @@ def test_a_lock_is_refused_to_a_second_and_free_after_the_first(tmp_path):
     assert told.stdout == "held\n"
 
 
+@pytest.mark.parametrize("kind", ["text", "folder", "link"])
+def test_what_is_no_lock_is_refused_and_stays_as_it_is(tmp_path, kind):
+    file, there = tmp_path / "lock", tmp_path / "mine.txt"
+    there.write_text("mine")
+    if kind == "folder":
+        file.mkdir()
+    elif kind == "link":
+        file.symlink_to(there)
+    else:
+        file.write_text("mine")
+    with pytest.raises(FileExistsError, match="is not a lock of ours"), storage.locked(file, "busy"):
+        pass
+    assert file.is_dir() if kind == "folder" else file.read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == [file, there]
+
+
 def test_the_digest_is_of_the_content_not_of_the_order():
     assert storage.digest({"a": 1, "b": [2.5]}) == storage.digest({"b": [2.5], "a": 1})
     assert storage.digest({"a": 1}) != storage.digest({"a": 2})
@@ -128,6 +144,41 @@ def test_where_the_system_does_not_tell_a_child_looks_for_its_parent_once_a_seco
         processes._watch(7)
     assert end.value.code == 1
     assert told == [1.0] * 3
+
+
+@pytest.mark.parametrize("system", ["linux", "darwin"])
+@pytest.mark.parametrize("parent", [7, 1])
+def test_a_child_whose_parent_went_before_anybody_was_asked_ends_by_itself(monkeypatch, system, parent):
+    asked = []
+
+    class Thread:
+        def __init__(self, target, args, daemon):
+            asked.append(("watched", args, daemon))
+
+        def start(self):
+            pass
+
+    class Kernel:
+        def __init__(self, name, use_errno):
+            pass
+
+        def prctl(self, option, number):
+            asked.append(("kernel", option, number))
+
+    def ended(status):
+        raise SystemExit(status)
+
+    for owner, name, other in (
+        (processes.sys, "platform", system), (processes.threading, "Thread", Thread),
+        (processes.ctypes, "CDLL", Kernel), (processes.os, "getppid", lambda: parent), (processes.os, "_exit", ended),
+    ):  # fmt: skip
+        monkeypatch.setattr(owner, name, other)
+    if parent == 7:
+        processes.end_with_parent(7)
+    else:
+        with pytest.raises(SystemExit):
+            processes.end_with_parent(7)
+    assert asked == [("kernel", 1, signal.SIGKILL) if system == "linux" else ("watched", (7,), True)]
 
 
 def test_where_signals_cannot_be_held_what_is_asked_for_is_done_all_the_same(monkeypatch):

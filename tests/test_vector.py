@@ -104,6 +104,18 @@ def differences(a: Any, b: Any, place: str = "") -> list[str]:
     return [] if type(a) is type(b) and a == b else [f"{place}: {a!r} and {b!r}"]
 
 
+def kept(env: Any) -> dict[str, Any]:
+    """Returns what a batch knows of its robots, and its plant of what they met."""
+    batch, found = env.batch, {"asked": env.batch.asked.copy()}
+    records = {"states": batch.states}
+    if batch.plant is not None:
+        records |= {"progress": batch.plant.progress, "bodies": batch.plant.bodies}
+        found["worlds"] = tuple(batch.plant.worlds)
+    for name, record in records.items():
+        found |= {f"{name}.{field}": record[field].copy() for field in record.dtype.names}
+    return found
+
+
 # each case in both modes and under both clocks, and each mode under each clock
 MODES_AND_CLOCKS = [
     (case, mode, clock)
@@ -135,13 +147,14 @@ def test_rows_equal_single_environments(case: str, autoreset_mode: str, clock: i
 @every_case
 def test_a_seed_means_one_trajectory(case: str) -> None:
     env = native(case, 4)
-    actions = actions_for(env, 120, 4)
-    runs = []
-    for _ in range(2):
-        run = [env.reset(seed=5), *map(env.step, actions)]
-        runs.append(run)
+    # as many steps as end episodes of all rows by the clock, which the next step would begin anew
+    actions = actions_for(env, 3 * 38 - 1, 4)
     fresh = native(case, 4)
-    runs.append([fresh.reset(seed=5), *map(fresh.step, actions)])
+    runs = []
+    for each in (env, env, fresh):
+        # of an episode that was nothing is left, also where no observation tells it
+        first = each.reset(seed=5)
+        runs.append([(*first, kept(each)), *map(each.step, actions)])
     for other in runs[1:]:
         for a, b in zip(runs[0], other, strict=True):
             for x, y in zip(a, b, strict=True):
@@ -172,6 +185,11 @@ def test_seeds_by_row(autoreset_mode: str) -> None:
     single = gymnasium.make(GOAL_ID)
     single.reset(seed=7)
     assert env.reset()[0][0].tobytes() == single.reset()[0].tobytes()
+    # seeded anew where a seed is given, and told so
+    again, _ = env.reset(seed=[None, 5, None])
+    assert env.np_random_seed == (7, 5, 3)
+    assert again[0].tobytes() == single.reset()[0].tobytes()
+    assert again[1].tobytes() == single.reset(seed=5)[0].tobytes()
 
 
 @every_id
@@ -194,9 +212,18 @@ def test_an_option_of_reset_chooses_the_scenario_of_each_row(env_id: str) -> Non
     assert following[0] == following[1] == following[2] != [4, 4, 4]
     count = len(env.task.scenarios)
     wrong = rf"options\['scenario'\] must be an int or 3 ints from 0 to {count - 1}, got"
+    env.reset(seed=9)
+    wanted, _ = env.reset()
+    env.reset(seed=9)
     for bad in ([1, 2], [1, 2, count], [0, 0, -1], [1.0, 2.0, 3.0], count, True, None, "a"):
         with pytest.raises(ValueError, match=wrong):
-            env.reset(options={"scenario": bad})
+            env.reset(seed=5, options={"scenario": bad})
+    for seed in (-1, [1, 2], [1, 2, -1], 2**128 - 2):
+        with pytest.raises(ValueError, match="seed"):
+            env.reset(seed=seed)
+    # what was refused has changed nothing
+    assert env.np_random_seed == (9, 10, 11)
+    assert env.reset()[0].tobytes() == wanted.tobytes()
 
 
 def test_next_step_resets_move_nothing(tmp_path: Path) -> None:

@@ -154,8 +154,7 @@ def _table_path(file: str, table: Any, closed: bool | None, scale: float) -> Pat
     """Returns the path of the table that a JSON file names, closed as it or else the table says."""
     if not isinstance(table, str) or os.path.splitext(table)[1].lower() not in TABLE_SUFFIXES:
         raise ValueError(f"path_file is {shown(table)}; it must be the name of a .csv or .txt file")
-    path = path_from_table(os.path.join(os.path.dirname(file), table), scale)
-    return path if closed is None else Path(path.points, closed)
+    return path_from_table(os.path.join(os.path.dirname(file), table), scale, closed)
 
 
 def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:

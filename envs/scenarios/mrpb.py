@@ -7,6 +7,7 @@ Source: Wen et al., MRPB 1.0: a unified benchmark for the evaluation of mobile r
 (arXiv 2011.00491).
 """
 
+import contextlib
 import csv
 import functools
 import os
@@ -16,7 +17,7 @@ from pathlib import Path
 from wayfield.envs.checks import MOST_WHOLE, number, shown
 from wayfield.envs.objects import fault, read_text
 from wayfield.envs.readers import of_path, reader
-from wayfield.envs.scenarios.maps import grid_from_file
+from wayfield.envs.scenarios.maps import grid_from_file, map_files
 from wayfield.envs.scenarios.scenario import GoalScenario
 
 MAP, CASES, CONFIG = "map.yaml", "cases.csv", "config.txt"
@@ -50,8 +51,10 @@ def mrpb_scenarios(folder: str | os.PathLike[str]) -> tuple[GoalScenario, ...]:
     """
     there = Path(os.path.abspath(folder))
     cases = there / (CASES if (there / CASES).is_file() else CONFIG)
-    files = sorted([cases, *there.glob("map.*")])
-    stamps = tuple((str(file), os.stat(file).st_mtime_ns, os.stat(file).st_size) for file in files)
+    files = [str(cases)]
+    with contextlib.suppress(ValueError):  # what is wrong with the map is said where it is read
+        files += map_files(str(there / MAP), MAP)
+    stamps = tuple((file, os.stat(file).st_mtime_ns, os.stat(file).st_size) for file in files if os.path.exists(file))
     return _scenarios(str(there), str(cases), stamps)
 
 

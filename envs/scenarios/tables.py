@@ -41,14 +41,14 @@ _CIRCUIT = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n20,0,3,3\n20,20,3,3\n0,
 @reader("path table of poses", "path.csv", {"path.csv": _POSES})
 @reader("path table of a circuit", "path.csv", {"path.csv": _CIRCUIT})
 @reader("path table with spaces", "path.txt", {"path.txt": "0 0\n1 0.5\n2 0\n# end\n0 0\n"})
-def path_from_table(file: str, scale: float = 1.0) -> Path:
+def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -> Path:
     """Returns the path of a text table, its coordinates multiplied by `scale`.
 
     Read are: columns named x and y (or x_m and y_m) in a header, among any others; two columns x, y without a
     header; seven columns x, y, z, qx, qy, qz, qw without a header (CoppeliaSim's customData.PATH); circuits
     with the header `# x_m,y_m,w_tr_right_m,w_tr_left_m` (TUMFTM/racetrack-database). Separated by commas or
-    white space; a # starts a comment. The path is closed for a circuit, and where the last point repeats the
-    first.
+    white space; a # starts a comment. Unless it is said by `closed`, the path is closed for a circuit, and where the
+    last point repeats the first; an open one then goes all the way back.
 
     Raises:
         ValueError: if the file is no such table; one line that starts with file:line.
@@ -76,9 +76,9 @@ def path_from_table(file: str, scale: float = 1.0) -> Path:
         line = _line_of(lines, layout, same[0] + 1)
         at = points[same[0]].tolist()
         raise _fault(file, line, f"point {at} repeats the one before it; remove the row")
-    if repeats_first:
+    closed = (layout.circuit or repeats_first) if closed is None else closed
+    if repeats_first and closed:
         points = points[:-1]
-    closed = layout.circuit or repeats_first
     least = 3 if closed else 2
     if len(points) < least:
         kind = "a closed path" if closed else "a path"
