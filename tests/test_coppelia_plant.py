@@ -68,23 +68,25 @@ def test_our_server_moves_as_our_plant_over_a_whole_episode(serve, plain, plant)
     assert worst < 1e-9
 
 
-def test_the_tiers_are_applied_before_the_simulator(serve, plain):
+def test_the_tiers_are_applied_before_the_simulator_and_every_episode_begins_at_rest(serve, plain):
+    server = serve(half_track=TRACK)
     own = gymnasium.make(PATH_FOLLOWING, scenario=plain, actuators="lagged")
     other = gymnasium.make(
-        *(PATH_FOLLOWING,),
-        scenario=plain,
-        actuators="lagged",
-        dynamics="coppelia",
-        address=address_of(serve(half_track=TRACK)),
+        PATH_FOLLOWING, scenario=plain, actuators="lagged", dynamics="coppelia", address=address_of(server)
     )
-    own.reset(seed=0)
-    other.reset(seed=0)
-    for k in range(60):
-        action = np.array([1.0, 2.0 * (-1) ** (k // 20)], np.float32)
-        own.step(action)
-        other.step(action)
-        for name in ("x", "y", "heading"):
-            assert other.unwrapped.batch.states[name][0] == pytest.approx(own.unwrapped.batch.states[name][0], abs=1e-9)
+    for steps in (60, 10):  # the first leaves the wheels turning
+        own.reset(seed=0)
+        other.reset(seed=0)
+        for k in range(steps):
+            action = np.array([1.0, 2.0 * (-1) ** (k // 20)], np.float32)
+            own.step(action)
+            other.step(action)
+            for name in ("x", "y", "heading"):
+                mine, theirs = (env.unwrapped.batch.states[name][0] for env in (own, other))
+                assert theirs == pytest.approx(mine, abs=1e-9), (name, k, steps)
+        # whoever steps does so once, however many episodes he has driven: one call less lets the clock go on
+        (client,) = [each for each in server._clients.values() if each.level]
+        assert client.level == 1
     other.close()
 
 

@@ -3,11 +3,13 @@
 import csv
 import dataclasses
 import json
+import math
 import os
 import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -22,6 +24,7 @@ from wayfield.benchmarks import contests, own_policies
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import number, read_rows
 from wayfield.envs import path_following
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.lookahead import Lookahead
 
 CHASE = """
@@ -126,6 +129,23 @@ def test_files_of_the_user_take_the_place_of_no_module_once_theirs_is_there(home
     assert sys.path[0] != os.getcwd()
 
 
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_a_twist_that_is_not_finite_is_refused_wherever_it_stands(wrong: float, place: int) -> None:
+    twists = np.zeros((2, 2))
+
+    class Once:
+        knows, observes = "sensors", (path_following.Observation,)
+        reset = act = staticmethod(lambda *_: twists)
+
+    there: Any = SimpleNamespace(num_envs=2, robot=ROBOTS["p3dx"])
+    policy = own_policies.Checked("mine", Once())
+    assert policy.act(None, there, twists) is twists
+    twists.flat[place] = wrong
+    with pytest.raises(ValueError, match=f"'mine': act must return finite twists, got {wrong:g}"):
+        policy.act(None, there, twists)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -179,6 +199,46 @@ def test_a_damaged_or_bloated_model_is_one_line_that_names_it(home: Path) -> Non
             with pytest.raises(ValueError, match=f"'model.zip'.*{said}") as caught:
                 own_policies.own_policy("model.zip")
             assert "\n" not in str(caught.value)
+
+
+def test_a_model_that_has_changed_since_it_was_named_is_not_driven(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with zipfile.ZipFile(tmp_path / "model.zip", "w") as archive:
+        archive.writestr("data", "{}")
+        archive.writestr("policy.pth", bytes(100))
+    model = own_policies.own_policy(f"td3:{tmp_path / 'model.zip'}")
+    assert isinstance(model, own_policies.OwnModel)
+    # in place of the package: what tells of which algorithm, and what, was loaded
+    td3 = SimpleNamespace(load=lambda file, device: (file, device))
+    monkeypatch.setitem(sys.modules, "stable_baselines3", SimpleNamespace(TD3=td3))
+    own_policies.loaded.cache_clear()
+    named = model.file, model.algorithm, model.digest
+    assert own_policies.loaded(*named) == (str(tmp_path / "model.zip"), "cpu")
+    own_policies.loaded.cache_clear()
+    with zipfile.ZipFile(tmp_path / "model.zip", "a") as archive:
+        archive.writestr("more", b"")
+    with pytest.raises(ValueError, match="of TD3: it has changed since the command began"):
+        own_policies.loaded(*named)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "alike"),
+    [
+        (-1.0, 1.0, True),
+        (-1.0 - 1e-7, 1.0, True),
+        (-1.0, 1.2, False),
+        (-1.2, 1.0, False),
+    ],
+)
+def test_a_space_is_another_where_either_bound_is(low: float, high: float, alike: bool) -> None:
+    mine, theirs = gymnasium.spaces.Box(low, high, (3,)), gymnasium.spaces.Box(-1.0, 1.0, (3,))
+    assert own_policies._alike(mine, theirs) == alike
+    one = mine.high.copy()
+    one[-1] = 2.0
+    assert not own_policies._alike(gymnasium.spaces.Box(mine.low, one), theirs)
+    assert not own_policies._alike(gymnasium.spaces.Box(low, high, (2,)), theirs)
+    assert not own_policies._alike(gymnasium.spaces.Discrete(3), theirs)
 
 
 def test_a_policy_of_another_task_is_told_what_both_speak(home: Path) -> None:

@@ -181,11 +181,14 @@ def test_an_interval_is_judged_by_the_whole_population(monkeypatch: pytest.Monke
         mine = Design("x", "y", 2, 3, agents, draw, lambda values: values.mean(), ends)
         monkeypatch.setattr(coverage, "designs", lambda mine=mine: [None, mine])
         drawn: list[int] = []
+
+        def noting(rng: Any, *size: int, draw: Any = draw, drawn: Any = drawn) -> Any:
+            drawn.append(int(rng.integers(2**62)))
+            return draw(rng, *size)
+
+        own = dataclasses.replace(mine, draw=noting)
+        monkeypatch.setattr(coverage, "designs", lambda own=own: [None, own, own])
         for which, seed in ((1, 0), (1, 0), (1, 5), (2, 0)):
-            own = dataclasses.replace(
-                mine, draw=lambda rng, *size: drawn.append(int(rng.integers(2**62))) or draw(rng, *size)
-            )
-            monkeypatch.setattr(coverage, "designs", lambda own=own: [None, own, own])
             coverage.covered((which, 1, seed))
         assert drawn[:2] == drawn[2:4]
         # another seed, or another design, draws other numbers; no two samples are drawn with the same

@@ -1,5 +1,6 @@
 """Who drives where in a contest, with which gains and from which seeds, stated once more from the files that ship."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -20,6 +21,7 @@ from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, GAINS, PAPER, C
 from wayfield.benchmarks.parts import described, in_frames
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.policy import check_gain, check_robot, lacks
 
 HOME = Path(wayfield.__file__).parent / "policies"
@@ -171,6 +173,43 @@ def options(suite: str, names: tuple[str, ...], **more: Any) -> ContestOptions:
         "gains_names": GAINS["all"], "families": None, "episodes": None, "seed": 3,
     }  # fmt: skip
     return ContestOptions(suite, names, **{**told, **more})
+
+
+def test_of_a_folder_of_agents_those_for_the_task_and_the_robot_take_part(tmp_path: Path) -> None:
+    home = tmp_path / "mine"
+    trained_for = [(each, robot) for each in CONTESTS.values() for robot in ROBOTS if shipped(each.spec.name, robot)]
+    for seed, (contest, robot) in enumerate(trained_for):
+        card = next(iter(shipped(contest.spec.name, robot).values())) / "card.json"
+        (home / f"seed_{seed}" / "best").mkdir(parents=True)
+        (home / f"seed_{seed}" / "best" / "card.json").write_bytes(card.read_bytes())
+    (home / "seed_99").mkdir()  # has not come to an agent yet
+    for seed, (contest, robot) in enumerate(trained_for):
+        found = list(contest.own_sets(str(home), ROBOTS[robot]))
+        assert found == [("mine", {"seed": seed, "home": str(home)})], (contest.name, robot)
+        entrants = Entrants((), ("default",), (str(home),))
+        (case,) = contest.cases(robot, Course("here", "own", "/a/file.json", 77), entrants)
+        assert (case.policy, case.gains_name, case.gains["seed"]) == ("ppo", "mine", seed)
+        # another sheet under the same name is another robot
+        heavier = dataclasses.replace(ROBOTS[robot], mass=2.0 * ROBOTS[robot].mass)
+        assert not list(contest.own_sets(str(home), heavier))
+    with pytest.raises(ValueError, match="holds no trained agents"):
+        list(CONTESTS["docking"].own_sets(str(home / "seed_0"), ROBOTS["p3dx"]))
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_decisions_are_timed_once_an_entry_and_where_the_run_drives(name: str) -> None:
+    contest = CONTESTS[name]
+    own = (Course("mine", "own", "/a/file.json", 77), Course("other", "own", "/another/file.json", 88))
+    for more, scenario in (
+        ({}, f"{contest.timed_on}/test"),
+        ({"split": "claims"}, f"{contest.timed_on}/claims"),
+        ({"courses": own}, "/a/file.json"),
+    ):
+        cases = options(name, (name,), **more).timed()
+        assert {case.scenario for case in cases} == {scenario}
+        entries = [(case.policy, case.gains_name) for case in cases]
+        driven = contest.cases("p3dx", Course(contest.timed_on, "test"), Entrants(contest.policies, GAINS["all"]))
+        assert sorted(entries) == sorted({(case.policy, case.gains_name) for case in driven})
 
 
 def first_seed(seed: int, split: str, family: str) -> int:
