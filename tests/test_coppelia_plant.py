@@ -1,6 +1,7 @@
 """A CoppeliaSim as a plant, held to our own plants through the protocol; and what goes wrong, in one line each."""
 
 import abc
+import math
 import os
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+import types
 
 import gymnasium
 import numpy as np
@@ -19,6 +21,7 @@ pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 import cbor2
 
 from wayfield.envs.coppelia import standstill
+from wayfield.envs.coppelia.plant import CoppeliaPlant
 
 PATH_FOLLOWING, GOAL_OBSTACLES = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 TRACK = 0.1905  # m, half of it: the task's robot
@@ -88,6 +91,36 @@ def test_the_tiers_are_applied_before_the_simulator_and_every_episode_begins_at_
         (client,) = [each for each in server._clients.values() if each.level]
         assert client.level == 1
     other.close()
+
+
+def test_an_episode_begins_stopped_at_its_pose_with_wheels_at_rest_and_stepped_once():
+    """Also of a simulator that keeps count of who steps over a stop."""
+    heard, level = [], 0
+
+    def call(function, *args):
+        nonlocal level
+        heard.append((function.removeprefix("sim."), *args))
+        if function == "sim.setStepping":
+            before, level = level, max(level + (1 if args[0] else -1), 0)
+            return before
+        return 0
+
+    plant = CoppeliaPlant.__new__(CoppeliaPlant)
+    vars(plant).update(_link=types.SimpleNamespace(call=call), _end=lambda: None, address="there:1")
+    vars(plant).update(base=7, joints=[8, 9], ahead=0.5, height=0.25, _wheels=np.ones(2), _targets=[1.0, 1.0])
+    states = np.zeros(1, [("x", float), ("y", float), ("heading", float)])
+    states["x"], states["y"], states["heading"] = 2.0, 3.0, math.pi / 2.0
+    for _ in range(3):
+        heard.clear()
+        plant._wheels[:] = 1.0
+        plant.reset(np.zeros(1, np.int64), states, None)
+        assert level == 1
+        first, _, (name, base, pose), *wheels = [each for each in heard if each[0] != "setStepping"]
+        assert (first, name, base, wheels[-1]) == (("stopSimulation",), "setObjectPose", 7, ("startSimulation",))
+        half = math.sqrt(0.5)  # the base's origin lies behind the axle, which is asked for
+        assert pose == pytest.approx([2.0, 2.5, 0.25, 0.0, 0.0, half, half])
+        assert wheels[:-1] == [("setJointTargetVelocity", joint, 0.0) for joint in (8, 9)]
+        assert plant._wheels.tolist() == plant._targets == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("scenario", ["apf_0", "held_by_wall"])
@@ -301,6 +334,29 @@ def test_the_command_writes_the_ordinary_tables_and_figures(serve, tmp_path, cap
         assert (out / figure).exists()
         assert (out / "episodes.csv").read_text().count("\n") == 1 + policies.count(",") + 1
     assert "coppelia" in capsys.readouterr().out
+
+
+def test_episodes_are_driven_one_after_the_other_each_by_a_seed_of_its_own(monkeypatch):
+    pytest.importorskip("matplotlib", reason='needs pip install "wayfield[evaluate]"')
+    from wayfield.benchmarks import coppelia
+    from wayfield.benchmarks.trajectory import Trajectory
+
+    asked = []
+
+    def episodes(setting):
+        asked.append((setting.case.policy, setting.dynamics, setting.actuators, setting.seed, setting.episodes))
+        driven = Trajectory(times=np.arange(3.0), poses=np.full((3, 3), float(len(asked))))
+        return [({"policy": setting.case.policy, "seed": str(setting.seed), "episode": "0"}, driven)]
+
+    monkeypatch.setattr(coppelia, "episodes", episodes)
+    cases = coppelia.cases_of("circle", ("lqr", "stanley"), "there:1", None)
+    rows, trajectories = coppelia.driven(cases, "slow", 5, 3)
+    names = [(name, seed) for name in ("lqr", "stanley") for seed in (5, 6, 7)]
+    assert asked == [(name, "coppelia", "slow", seed, 1) for name, seed in names]
+    assert [(row["policy"], row["seed"], row["episode"]) for row in rows] == [
+        (name, str(seed), str(seed - 5)) for name, seed in names
+    ]
+    assert [trajectories[row["trajectory"]].poses[0, 0] for row in rows] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
 def test_the_command_names_what_is_wrong(capsys):

@@ -20,7 +20,7 @@ from click.testing import CliRunner, Result
 import wayfield.benchmarks
 import wayfield.envs
 from wayfield import policies
-from wayfield.benchmarks import contests, own_policies
+from wayfield.benchmarks import comparison, contest_options, contests, own_policies
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import number, read_rows
 from wayfield.envs import path_following
@@ -121,6 +121,29 @@ def test_a_part_is_played_anew_when_the_module_has_changed(home: Path) -> None:
     assert own_policies.own_policy("laws_of_mine:Chase") == before
     (home / "laws_of_mine.py").write_text(CHASE + "\n# changed\n")
     assert own_policies.own_policy("laws_of_mine:Chase") != before
+
+
+def test_a_law_of_one_s_own_is_made_and_looked_at_as_soon_as_it_is_named(home: Path) -> None:
+    for name, said in (("Blind", "lacks 'reset'"), ("Psychic", "knows is"), ("Chase speed=0.5", "cannot be made")):
+        with pytest.raises(ValueError, match=said):
+            own_policies.own_policy(f"laws_of_mine:{name}")
+
+
+def test_a_law_with_a_speed_and_a_bound_is_asked_for_its_speed() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Both(Still):
+        max_speed: float = 1.0
+        speed: float = 0.5
+
+    @dataclasses.dataclass(frozen=True)
+    class Bound(Still):
+        max_speed: float = 1.0
+
+    for law, wanted in ((Both(), {"speed": 0.3}), (Bound(), {"max_speed": 0.3}), (Still(), None)):
+        entrant = own_policies.own_object(law, 1)
+        assert entrant.cruising(0.3) == wanted
+        made: Any = entrant.make(wanted or {})
+        assert made.policy == dataclasses.replace(law, **(wanted or {}))
 
 
 def test_files_of_the_user_take_the_place_of_no_module_once_theirs_is_there(home: Path) -> None:
@@ -360,6 +383,29 @@ class Still:
 
     def act(self, observation: Any, briefing: Any, memory: Any) -> Any:
         return np.zeros((briefing.num_envs, 2))
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_all_that_compare_is_asked_for_is_driven(own: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driven: list[Any] = []
+    monkeypatch.setattr(comparison, "played", lambda setting: driven.append(setting) or [])
+    file = tmp_path / "bend.json"
+    file.write_text('{"path": [[0, 0], [2, 0], [2, 2]]}')
+    where: dict[str, Any] = {"contest": "path-following", "families": ["circles", "splines"]}
+    if own:
+        where = {"contest": tmp_path}
+    wayfield.benchmarks.compare(
+        ["pure_pursuit", "lqr"], **where, episodes=2, robot="turtlebot3", dynamics="pymunk", actuators="slow",
+        gains="default", seed=7,
+    )  # fmt: skip
+    told = {(each.case.policy, each.case.scenario) for each in driven}
+    scenarios = [str(file)] if own else ["circles/test", "splines/test"]
+    assert told == {(policy, scenario) for policy in ("pure_pursuit", "lqr") for scenario in scenarios}
+    assert len(driven) == len(told)
+    for each in driven:
+        assert (each.dynamics, each.actuators, each.episodes) == ("pymunk", "slow", 2)
+        assert (each.case.env_kwargs["robot"], each.case.gains_name) == ("turtlebot3", "default")
+        assert each.seed == contest_options.seed_of(7, each.case.split, each.case.experiment)
 
 
 def test_compare_returns_what_the_command_writes_and_writes_nothing(home: Path) -> None:

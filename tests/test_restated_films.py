@@ -16,6 +16,7 @@ from wayfield import policies
 from wayfield.benchmarks import publish, video
 from wayfield.benchmarks.drives import Drive, Place, chased
 from wayfield.benchmarks.video import filmed, write_film
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.pilot import Pilot
 
 PATH = "wayfield/DiffDrivePathFollowing-v0"
@@ -132,6 +133,22 @@ def test_a_long_way_is_shown_by_forty_robots(frames: list[Any]) -> None:
     poses = tuple((0.01 * k, 0.0, 0.0) for k in range(4001))
     video.picture(dataclasses.replace(film, scenes=film.scenes[:1] * len(poses), poses=poses), 300)
     assert [each.pose for each in frames[2].ghosts] == list(poses[:-1:100])
+
+
+def test_a_place_is_made_of_all_that_was_asked_for_and_of_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    monkeypatch.setattr(gymnasium, "make", lambda env_id, **told: made.append((env_id, told)))
+    every = ("noise=0.5", "num_beams=9", "perfect_pose=false")
+    robot = ROBOTS["turtlebot3"]
+    Place("DiffDriveGoalObstacles-v0", "rooms/test", 3, robot, "slow", "pymunk", "severe", every, 7, "tuned").make(None)
+    Place("wayfield/OmniGoalObstacles-v0", None, None, None, "ideal", None, None, (), 0, "default").make(None)
+    of_contest = {"render_mode": "rgb_array", "num_beams": 72, "max_range": 5.0}
+    asked = {"scenario": "rooms/test", "robot": robot, "actuators": "slow", "dynamics": "pymunk"}
+    asked |= {"disturbance": "severe", "noise": 0.5, "num_beams": 9, "perfect_pose": False}
+    assert made == [
+        ("wayfield/DiffDriveGoalObstacles-v0", of_contest | asked),
+        ("wayfield/OmniGoalObstacles-v0", of_contest | {"actuators": "ideal"}),
+    ]
 
 
 def test_gains_that_are_given_by_hand_come_before_tuned_ones_and_those_before_the_file_s() -> None:

@@ -103,6 +103,28 @@ def test_every_case_is_a_policy_with_one_of_its_sets(name: str, robot: str) -> N
     assert calm.key == (name, "here", "zero", "")
 
 
+def test_a_contest_s_scanner_and_rules_are_those_that_its_notes_tell_of() -> None:
+    ours = {"num_beams": 72, "max_range": 5.0}
+    ust10 = {"num_beams": 720, "field_of_view": 1.5 * math.pi, "max_range": 30.0}  # of the challenge's Jackal
+    scanners = {
+        **{"path-following": {}, "racetracks": {}, "barn": ust10},
+        **dict.fromkeys(("goal-obstacles", "docking", "barn-p3dx", "mrpb", "movingai"), ours),
+    }
+    assert {name: contest.env_kwargs for name, contest in ALL_CONTESTS.items()} == {
+        name: pytest.approx(told) for name, told in scanners.items()
+    }
+    # asked speed and that of the optimal time, where the clock starts and ends, whose way SPL compares with
+    told = {
+        **{"barn": (1.2, 2.0, 0.1, 100.0, False), "barn-p3dx": (0.6, 0.6, 0.1, 100.0, False)},
+        **{"mrpb": (0.55, math.nan, 0.0, math.inf, False), "movingai": (0.6, math.nan, 0.0, math.inf, True)},
+        "racetracks": (0.6, math.nan, 0.0, math.inf, False),
+    }
+    for name, contest in ALL_CONTESTS.items():
+        assert (contest.rules is not None) == (name in told)
+        if contest.rules is not None:
+            assert dataclasses.astuple(contest.rules) == pytest.approx(told[name], nan_ok=True)
+
+
 @pytest.mark.parametrize("name", PLAIN)
 def test_a_failure_counts_as_the_clock_or_as_the_task_says(name: str) -> None:
     contest = CONTESTS[name]

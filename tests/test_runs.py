@@ -1,5 +1,6 @@
 """Runs: they touch nobody's files but their own, survive crashes, and end in one line whatever happens to them."""
 
+import contextlib
 import dataclasses
 import errno
 import io
@@ -20,7 +21,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayfield.benchmarks import decisions, parts, throughput
+from wayfield.benchmarks import decisions, parts, run_folder, throughput
 from wayfield.benchmarks.cases import Case, Rules
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.results import (
@@ -95,6 +96,21 @@ def test_a_file_that_comes_while_a_run_works_is_kept(tmp_path):
     with pytest.raises(FileExistsError, match="figure_new"):
         running()
     assert content(tmp_path) == {"figure_new.svg": "precious"}
+
+
+def test_what_came_while_a_run_waited_for_its_folder_is_refused_before_it_works(tmp_path, monkeypatch):
+    locked = run_folder.locked
+
+    @contextlib.contextmanager
+    def late(*words):
+        with locked(*words):
+            (tmp_path / "table.md").write_text("theirs")
+            yield
+
+    monkeypatch.setattr(run_folder, "locked", late)
+    with pytest.raises(FileExistsError, match=r"table\.md is not from a run of ours"), held(tmp_path, SUITE):
+        pytest.fail("hours of work would be lost at its end")
+    assert (tmp_path / "table.md").read_text() == "theirs"
 
 
 def test_the_results_of_another_suite_are_refused(tmp_path):
