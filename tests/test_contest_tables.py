@@ -23,7 +23,7 @@ from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.parts import in_frames
 from wayfield.benchmarks.report.findings import found
 from wayfield.benchmarks.results import Row
-from wayfield.benchmarks.rollout import roll_out
+from wayfield.benchmarks.rollout import make_policy, roll_out
 from wayfield.benchmarks.standings import contest_tables, front_points
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
@@ -401,6 +401,21 @@ def test_every_slot_gives_its_first_episode_and_no_other(
             assert each.clearances[-1] == info["clearance"]
             assert 0.0 < each.shortest < math.dist(each.poses[0, :2], each.goals[-1, :2]) * 2.0
     assert len(lengths) > 1 or scenario == "circle"
+
+
+def test_laps_without_end_are_a_success_from_98_percent_of_one_on() -> None:
+    for clock, success in ((212, False), (213, True)):
+        (run,) = roll_out(Case("", "", PATH_ID, "circle", "pure_pursuit", {}, {}, clock), actuators="lagged", seed=7)
+        assert run.completion == pytest.approx(0.98, abs=0.004)
+        assert run.success == (run.completion >= 0.98) == success
+
+
+def test_who_acts_at_random_draws_from_the_seed_of_the_run() -> None:
+    drawn = [make_policy(Case("", "", PATH_ID, "circle", "random"), seed) for seed in (0, 1, 5)]
+    assert [vars(each)["seed"] for each in drawn] == [0, 1, 5]
+    first = [roll_out(Case("", "", PATH_ID, "circle", "random", {}, {}, 3), seed=seed)[0].twists for seed in (1, 1, 5)]
+    assert (first[0] == first[1]).all()
+    assert (first[0] != first[2]).any()
 
 
 def test_a_contest_compares_with_the_speed_that_it_asks_for() -> None:

@@ -245,25 +245,6 @@ def test_a_model_that_has_changed_since_it_was_named_is_not_driven(
         own_policies.loaded(*named)
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "alike"),
-    [
-        (-1.0, 1.0, True),
-        (-1.0 - 1e-7, 1.0, True),
-        (-1.0, 1.2, False),
-        (-1.2, 1.0, False),
-    ],
-)
-def test_a_space_is_another_where_either_bound_is(low: float, high: float, alike: bool) -> None:
-    mine, theirs = gymnasium.spaces.Box(low, high, (3,)), gymnasium.spaces.Box(-1.0, 1.0, (3,))
-    assert own_policies._alike(mine, theirs) == alike
-    one = mine.high.copy()
-    one[-1] = 2.0
-    assert not own_policies._alike(gymnasium.spaces.Box(mine.low, one), theirs)
-    assert not own_policies._alike(gymnasium.spaces.Box(low, high, (2,)), theirs)
-    assert not own_policies._alike(gymnasium.spaces.Discrete(3), theirs)
-
-
 def test_a_policy_of_another_task_is_told_what_both_speak(home: Path) -> None:
     own = ("--policy", "laws_of_mine:Chase")
     result = evaluate("--suite", "goal-obstacles", "--policies", "dwa", *own, "--out", "out")

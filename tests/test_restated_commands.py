@@ -1,6 +1,7 @@
 """Options of `wayfield evaluate`, and what else the commands hand on, with runs that only pretend."""
 
 import contextlib
+import dataclasses
 import json
 import signal
 from collections.abc import Iterator
@@ -63,6 +64,9 @@ def test_what_differs_from_the_defaults_names_the_folder(tmp_path: Path) -> None
     nothing = asked().differing
     assert {name: value for name, value in nothing.items() if value} == {}
     assert asked(robot=ROBOTS["p3dx"]).differing == nothing
+    # a sheet of one's own under the same name is another robot
+    heavier = dataclasses.replace(ROBOTS["p3dx"], mass=2.0 * ROBOTS["p3dx"].mass)
+    assert asked(robot=heavier).differing == nothing | {"robot": "p3dx"}
     whole = asked(
         robot=ROBOTS["omni3"], homes=(str(tmp_path / "runs"),), own=("a:B",), policies=("lqr",), families=("splines",),
         split="claims", scale=0.5, episodes=3, seed=4, keep="all",

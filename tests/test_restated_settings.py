@@ -19,6 +19,7 @@ from wayfield.benchmarks import parts
 from wayfield.benchmarks.contest_options import ContestOptions, seed_of
 from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, GAINS, PAPER, Contest, Course, Entrants
 from wayfield.benchmarks.parts import described, in_frames
+from wayfield.benchmarks.suite import Setting
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
 from wayfield.policies.learned.ppo import shipped
@@ -195,6 +196,28 @@ def options(suite: str, names: tuple[str, ...], **more: Any) -> ContestOptions:
         "gains_names": GAINS["all"], "families": None, "episodes": None, "seed": 3,
     }  # fmt: skip
     return ContestOptions(suite, names, **{**told, **more})
+
+
+def test_a_row_tells_of_its_own_scenario_and_of_the_run_s_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    contest = CONTESTS["goal-obstacles"]
+    (case,) = contest.cases("p3dx", Course("clutter_10", "test"), Entrants(("zero",), ("default",)))
+    bank = splits.split("goal_reaching", "clutter_10", "test")
+    setting = Setting("it", case, "kinematic", "ideal", 0, len(bank) + 2)
+    monkeypatch.setattr(parts, "episodes", lambda asked: [({"n": str(i)}, None) for i in range(asked.episodes)])
+    rows = [row for row, _ in parts.played(setting)]
+    assert [row["n"] for row in rows] == [str(i) for i in range(len(bank) + 2)]
+    for row, member in zip(rows, [*bank, *bank[:2]], strict=True):
+        assert (row["tier"], float(row["quantity"])) == (member.tier, member.quantity)
+        assert (row["split"], float(row["failure_cost"]), row["knows"]) == ("test", 60.0, "sensors")
+        assert "speed" not in row
+        assert "scenario" not in row
+    assert len({row["quantity"] for row in rows}) == len(bank)
+    # of a public bank it tells the scenario's name, too; of the front the speed
+    few = [SimpleNamespace(name=f"world {k}", tier="", quantity=float(k)) for k in (4, 9)]
+    monkeypatch.setattr(parts, "members_of", lambda contest, setting: few)
+    swept = dataclasses.replace(setting, case=dataclasses.replace(case, speed=0.45), episodes=2, members=(4, 9))
+    told = [(row["scenario"], row["quantity"], row["split"], row["speed"]) for row, _ in parts.played(swept)]
+    assert told == [("world 4", "4.0", "front", "0.45"), ("world 9", "9.0", "front", "0.45")]
 
 
 def test_of_a_folder_of_agents_those_for_the_task_and_the_robot_take_part(tmp_path: Path) -> None:
