@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from wayfield.benchmarks import decisions, own_policies, parts, suite, transfer
+from wayfield.benchmarks import contest_report, decisions, own_policies, parts, suite, transfer
+from wayfield.benchmarks.ahead import Ahead
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import text
 from wayfield.benchmarks.comparison import compare
@@ -561,6 +562,43 @@ def test_a_timing_is_the_median_and_the_ninety_ninth_of_a_hundred(monkeypatch: p
         count = 3 * {1: 200, 256: 20, 3: 50}[each.batch]
         assert each.median_ms == pytest.approx(each.batch * (count - 1) / 2.0)
         assert each.p99_ms == pytest.approx(each.batch * 0.99 * (count - 1))
+
+
+@pytest.mark.parametrize("ladder", [False, True])
+def test_decisions_are_timed_after_all_else_alone_on_the_machine(
+    ladder: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[Any] = []
+
+    class Busy(Ahead):
+        """Processes that have other work left."""
+
+        def __init__(self) -> None:
+            pass
+
+        def settle(self) -> None:
+            done.append("settled")
+
+    def noted(name: str, returned: Any = None) -> None:
+        monkeypatch.setattr(contest_report, name, lambda *given, **more: done.append((name, *given, more)) or returned)
+
+    for name, returned in (("run_contest", ("rows", "trajectories")), ("parts_of", "parts"), ("drives_of", "drives")):
+        noted(name, returned)
+    for name in ("write_rows", "write_trajectories", "write_drives", "write_worlds", "write_decisions"):
+        noted(name)
+    noted("measured", "timings")
+    asked: Any = types.SimpleNamespace(ladder=ladder, timed=lambda: "cases")
+    engine, stage = Busy(), tmp_path / "stage"
+    contest_report._play(asked, [], tmp_path, stage, engine)
+    assert done[:3] == [
+        ("run_contest", [], tmp_path, engine, {}),
+        ("write_rows", stage, "rows", {}),
+        ("write_trajectories", stage, "trajectories", {}),
+    ]
+    assert ("write_drives", stage, "drives", {}) in done
+    last = [("measured", "cases", {"batches": (1,), "rounds": 2}), ("write_decisions", stage, "timings", {})]
+    assert done[-3:] == ["settled", *last] or ladder
+    assert ("settled" in done) is not ladder
 
 
 def test_decisions_alone_are_timed_once_all_is_compiled_and_ended_robots_begin_anew(

@@ -198,6 +198,20 @@ def options(suite: str, names: tuple[str, ...], **more: Any) -> ContestOptions:
     return ContestOptions(suite, names, **{**told, **more})
 
 
+@pytest.mark.parametrize(("episodes", "members"), [(None, (3, 1, 4)), (2, (3, 1)), (9, (3, 1, 4))])
+def test_of_a_public_bank_the_first_of_its_members_are_driven(episodes: int | None, members: tuple[int, ...]) -> None:
+    course = Course("worlds", "public", "/a/folder", 7, members=(3, 1, 4))
+    found = options("barn", ("barn",), courses=(course,), episodes=episodes, policies=("vfh_plus",)).settings()
+    assert found
+    for each in found:
+        assert (each.members, each.episodes, each.seed) == (members, len(members), first_seed(3, "public", "worlds"))
+        assert (each.case.scenario, each.case.max_episode_steps) == ("/a/folder", 7)
+    # a file of one's own is driven once, or as often as is asked for
+    alone = dataclasses.replace(course, members=())
+    for each in options("barn", ("barn",), courses=(alone,), episodes=episodes, policies=("vfh_plus",)).settings():
+        assert (each.members, each.episodes) == ((), episodes or 1)
+
+
 def test_a_row_tells_of_its_own_scenario_and_of_the_run_s_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     contest = CONTESTS["goal-obstacles"]
     (case,) = contest.cases("p3dx", Course("clutter_10", "test"), Entrants(("zero",), ("default",)))

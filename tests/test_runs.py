@@ -21,7 +21,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayfield.benchmarks import decisions, parts, run_folder, throughput
+from wayfield.benchmarks import archive, decisions, parts, run_folder, throughput
 from wayfield.benchmarks.cases import Case, Rules
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.results import (
@@ -422,6 +422,26 @@ def test_trajectories_come_back_or_are_refused_by_file_whatever_bytes_are_wrong(
         said = str(error)
     assert said.startswith(f"{file}: ")
     assert "\n" not in said
+
+
+def test_what_would_unpack_to_much_is_refused_where_nothing_honest_is_packed_so_densely(tmp_path, monkeypatch):
+    dense, loose = np.zeros(20_000), np.random.default_rng(0).random(20_000)
+    for name, numbers in (("dense", dense), ("loose", loose)):
+        np.savez_compressed(tmp_path / f"{name}.npz", a=numbers)
+    packed = (tmp_path / "dense.npz").stat().st_size
+    assert 8 * len(dense) > 100 * packed
+    for most, read in ((8 * len(dense) + 500, {"dense", "loose"}), (8 * len(dense) - 1, {"loose"}), (100, {"loose"})):
+        monkeypatch.setattr(archive, "MOST_BYTES", most)
+        for name, numbers in (("dense", dense), ("loose", loose)):
+            if name in read:
+                with archive.Archive(tmp_path / f"{name}.npz") as opened:
+                    np.testing.assert_array_equal(opened["a"], numbers)
+            else:
+                with (
+                    pytest.raises(ValueError, match=rf"{name}\.npz: the file is damaged: it would unpack to"),
+                    archive.Archive(tmp_path / f"{name}.npz"),
+                ):
+                    pytest.fail("it was opened")
 
 
 @pytest.mark.parametrize(
