@@ -336,29 +336,6 @@ def test_the_command_writes_the_ordinary_tables_and_figures(serve, tmp_path, cap
     assert "coppelia" in capsys.readouterr().out
 
 
-def test_episodes_are_driven_one_after_the_other_each_by_a_seed_of_its_own(monkeypatch):
-    pytest.importorskip("matplotlib", reason='needs pip install "wayfield[evaluate]"')
-    from wayfield.benchmarks import coppelia
-    from wayfield.benchmarks.trajectory import Trajectory
-
-    asked = []
-
-    def episodes(setting):
-        asked.append((setting.case.policy, setting.dynamics, setting.actuators, setting.seed, setting.episodes))
-        driven = Trajectory(times=np.arange(3.0), poses=np.full((3, 3), float(len(asked))))
-        return [({"policy": setting.case.policy, "seed": str(setting.seed), "episode": "0"}, driven)]
-
-    monkeypatch.setattr(coppelia, "episodes", episodes)
-    cases = coppelia.cases_of("circle", ("lqr", "stanley"), "there:1", None)
-    rows, trajectories = coppelia.driven(cases, "slow", 5, 3)
-    names = [(name, seed) for name in ("lqr", "stanley") for seed in (5, 6, 7)]
-    assert asked == [(name, "coppelia", "slow", seed, 1) for name, seed in names]
-    assert [(row["policy"], row["seed"], row["episode"]) for row in rows] == [
-        (name, str(seed), str(seed - 5)) for name, seed in names
-    ]
-    assert [trajectories[row["trajectory"]].poses[0, 0] for row in rows] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-
-
 def test_the_command_names_what_is_wrong(capsys):
     from wayfield.benchmarks.coppelia import main
 

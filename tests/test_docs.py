@@ -326,11 +326,12 @@ def test_what_is_run_is_published_and_what_is_done_is_not_run_again(repository: 
         "import shutil, sys\n"
         "out = sys.argv[sys.argv.index('--out') + 1]\n"
         "assert sys.argv[1:3] == ['--suite', 'path-following']\n"
+        "assert sys.argv[-2:] == ['--workers', '3']\n"
         "shutil.copytree('finished/path-following', out)\n"
         "print('ran', file=open('log', 'a'))\n"
     )
     for _ in range(2):
-        ran = run_publish(repository, "--only", "path-following")
+        ran = run_publish(repository, "--only", "path-following", "--workers", "3")
         assert ran.exit_code == 0, ran.stderr
         assert (repository / "log").read_text() == "ran\n"
     assert "0.0123" in (repository / "README.md").read_text(encoding="utf-8")
