@@ -256,6 +256,8 @@ def main(simulations: int, seed: int, out: str | None, count: int | None) -> Non
     command = "python -m wayfield.benchmarks.coverage"
     if simulations != SIMULATIONS:
         command += f" --simulations {simulations}"
+    if seed:
+        command += f" --seed {seed}"
     table = coverage_table(count or cores(), simulations, seed, command)
     if out is not None:
         run = Run(SUITE, command, (COVERAGE,))

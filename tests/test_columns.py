@@ -28,6 +28,30 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(columns, "_MOST_TEXTS", 4)
 
 
+def test_a_number_takes_eight_bytes_and_a_column_of_texts_is_known_as_such(
+    small: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many rows come, it is found out once what a column holds."""
+    tried: list[int] = []
+    whole = columns._numbers
+
+    def counted(cells: Any, written: Any) -> Any:
+        tried.append(len(cells))
+        return whole(cells, written)
+
+    monkeypatch.setattr(columns, "_numbers", counted)
+    for cell, of_numbers in ((lambda k: text(0.1 * k), True), (lambda k: f"scenario {k}", False)):
+        tried.clear()
+        rows = Rows({"a": cell(k)} for k in range(90))
+        assert rows == [{"a": cell(k)} for k in range(90)]
+        held = rows._columns["a"]
+        if of_numbers:
+            assert (sum(part.nbytes for part in held._parts), held._codes, held._texts) == (8 * 90, {}, [])
+        else:
+            assert len(tried) == 2  # in the two ways in which numbers are written
+            assert len(held._codes) == 90
+
+
 def test_every_cell_is_asked_for_once() -> None:
     asked: list[str] = []
 

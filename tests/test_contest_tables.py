@@ -23,7 +23,7 @@ from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.parts import in_frames
 from wayfield.benchmarks.report.findings import found
 from wayfield.benchmarks.results import Row
-from wayfield.benchmarks.rollout import roll_out
+from wayfield.benchmarks.rollout import make_policy, roll_out
 from wayfield.benchmarks.standings import contest_tables, front_points
 from wayfield.benchmarks.table import Table
 from wayfield.benchmarks.terminal import print_short
@@ -342,6 +342,17 @@ def alone(case: Case, k: int, seed: int) -> tuple[list[Any], dict[str, Any]]:
             return states, info
 
 
+def wheels_of(env_id: str, vx: float, vy: float, yaw_rate: float) -> list[float]:
+    """Returns the speeds (rad/s) of the wheels of the default robot for a twist, by the documents' kinematics."""
+    if env_id == PATH_ID:  # document A: r 0.0975 m, half the track 0.1905 m
+        return [(vx + side * 0.1905 * yaw_rate) / 0.0975 for side in (1.0, -1.0)]
+    found = []
+    for place in map(math.radians, (-60.0, 60.0, 180.0)):  # document B: r 0.075 m, 0.3 m out, each drives round
+        x, y = 0.3 * math.cos(place), 0.3 * math.sin(place)
+        found.append(((vy + yaw_rate * x) * math.cos(place) - (vx - yaw_rate * y) * math.sin(place)) / 0.075)
+    return found
+
+
 @pytest.mark.parametrize(
     ("env_id", "scenario", "policy", "every", "clock"),
     [
@@ -364,20 +375,47 @@ def test_every_slot_gives_its_first_episode_and_no_other(
         lengths.add(len(states))
         np.testing.assert_array_equal(each.poses, [[s["x"], s["y"], s["heading"]] for s in states])
         np.testing.assert_allclose(each.times, 0.05 * np.arange(len(states)), atol=1e-12)
+        np.testing.assert_array_equal(each.twists, [[s["vx"], s["vy"], s["yaw_rate"]] for s in states])
+        np.testing.assert_array_equal(each.saturated, [float(s["saturated"]) for s in states])
+        turned = [wheels_of(env_id, s["wheel_vx"], s["wheel_vy"], s["wheel_yaw_rate"]) for s in states]
+        np.testing.assert_allclose(each.wheel_speeds, turned, atol=1e-9)
+        assert np.abs(turned).max() > 1.0
         assert each.collision == info["collision"]
         if env_id == PATH_ID:
             assert each.max_speed != each.max_speed  # there is nothing to compare with
             assert each.completion == pytest.approx(info["completion"])
             assert each.success == (info["success"] if scenario != "circle" else info["completion"] >= 0.98)
             assert each.left_corridor == info["left_corridor"]
-            assert each.arc_lengths[-1] == info["arc_length"]
+            for name, column in (
+                ("arc_length", each.arc_lengths),
+                ("cross_track_error", each.cross_track_errors),
+                ("heading_error", each.heading_errors),
+            ):
+                np.testing.assert_array_equal(column, [s[name] for s in states])
+                assert column[-1] == info[name]
         else:
             assert each.success == info["success"]
             assert each.max_speed == pytest.approx(1.7320508, abs=1e-6)  # of omni3's data sheet, along x
             assert each.acceleration == 1.0
+            np.testing.assert_array_equal(each.clearances, [s["clearance"] for s in states])
             assert each.clearances[-1] == info["clearance"]
             assert 0.0 < each.shortest < math.dist(each.poses[0, :2], each.goals[-1, :2]) * 2.0
     assert len(lengths) > 1 or scenario == "circle"
+
+
+def test_laps_without_end_are_a_success_from_98_percent_of_one_on() -> None:
+    for clock, success in ((212, False), (213, True)):
+        (run,) = roll_out(Case("", "", PATH_ID, "circle", "pure_pursuit", {}, {}, clock), actuators="lagged", seed=7)
+        assert run.completion == pytest.approx(0.98, abs=0.004)
+        assert run.success == (run.completion >= 0.98) == success
+
+
+def test_who_acts_at_random_draws_from_the_seed_of_the_run() -> None:
+    drawn = [make_policy(Case("", "", PATH_ID, "circle", "random"), seed) for seed in (0, 1, 5)]
+    assert [vars(each)["seed"] for each in drawn] == [0, 1, 5]
+    first = [roll_out(Case("", "", PATH_ID, "circle", "random", {}, {}, 3), seed=seed)[0].twists for seed in (1, 1, 5)]
+    assert (first[0] == first[1]).all()
+    assert (first[0] != first[2]).any()
 
 
 def test_a_contest_compares_with_the_speed_that_it_asks_for() -> None:

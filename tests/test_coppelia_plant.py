@@ -1,6 +1,7 @@
 """A CoppeliaSim as a plant, held to our own plants through the protocol; and what goes wrong, in one line each."""
 
 import abc
+import math
 import os
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+import types
 
 import gymnasium
 import numpy as np
@@ -19,6 +21,7 @@ pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 import cbor2
 
 from wayfield.envs.coppelia import standstill
+from wayfield.envs.coppelia.plant import CoppeliaPlant
 
 PATH_FOLLOWING, GOAL_OBSTACLES = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 TRACK = 0.1905  # m, half of it: the task's robot
@@ -68,24 +71,56 @@ def test_our_server_moves_as_our_plant_over_a_whole_episode(serve, plain, plant)
     assert worst < 1e-9
 
 
-def test_the_tiers_are_applied_before_the_simulator(serve, plain):
+def test_the_tiers_are_applied_before_the_simulator_and_every_episode_begins_at_rest(serve, plain):
+    server = serve(half_track=TRACK)
     own = gymnasium.make(PATH_FOLLOWING, scenario=plain, actuators="lagged")
     other = gymnasium.make(
-        *(PATH_FOLLOWING,),
-        scenario=plain,
-        actuators="lagged",
-        dynamics="coppelia",
-        address=address_of(serve(half_track=TRACK)),
+        PATH_FOLLOWING, scenario=plain, actuators="lagged", dynamics="coppelia", address=address_of(server)
     )
-    own.reset(seed=0)
-    other.reset(seed=0)
-    for k in range(60):
-        action = np.array([1.0, 2.0 * (-1) ** (k // 20)], np.float32)
-        own.step(action)
-        other.step(action)
-        for name in ("x", "y", "heading"):
-            assert other.unwrapped.batch.states[name][0] == pytest.approx(own.unwrapped.batch.states[name][0], abs=1e-9)
+    for steps in (60, 10):  # the first leaves the wheels turning
+        own.reset(seed=0)
+        other.reset(seed=0)
+        for k in range(steps):
+            action = np.array([1.0, 2.0 * (-1) ** (k // 20)], np.float32)
+            own.step(action)
+            other.step(action)
+            for name in ("x", "y", "heading"):
+                mine, theirs = (env.unwrapped.batch.states[name][0] for env in (own, other))
+                assert theirs == pytest.approx(mine, abs=1e-9), (name, k, steps)
+        # whoever steps does so once, however many episodes he has driven: one call less lets the clock go on
+        (client,) = [each for each in server._clients.values() if each.level]
+        assert client.level == 1
     other.close()
+
+
+def test_an_episode_begins_stopped_at_its_pose_with_wheels_at_rest_and_stepped_once():
+    """Also of a simulator that keeps count of who steps over a stop."""
+    heard, level = [], 0
+
+    def call(function, *args):
+        nonlocal level
+        heard.append((function.removeprefix("sim."), *args))
+        if function == "sim.setStepping":
+            before, level = level, max(level + (1 if args[0] else -1), 0)
+            return before
+        return 0
+
+    plant = CoppeliaPlant.__new__(CoppeliaPlant)
+    vars(plant).update(_link=types.SimpleNamespace(call=call), _end=lambda: None, address="there:1")
+    vars(plant).update(base=7, joints=[8, 9], ahead=0.5, height=0.25, _wheels=np.ones(2), _targets=[1.0, 1.0])
+    states = np.zeros(1, [("x", float), ("y", float), ("heading", float)])
+    states["x"], states["y"], states["heading"] = 2.0, 3.0, math.pi / 2.0
+    for _ in range(3):
+        heard.clear()
+        plant._wheels[:] = 1.0
+        plant.reset(np.zeros(1, np.int64), states, None)
+        assert level == 1
+        first, _, (name, base, pose), *wheels = [each for each in heard if each[0] != "setStepping"]
+        assert (first, name, base, wheels[-1]) == (("stopSimulation",), "setObjectPose", 7, ("startSimulation",))
+        half = math.sqrt(0.5)  # the base's origin lies behind the axle, which is asked for
+        assert pose == pytest.approx([2.0, 2.5, 0.25, 0.0, 0.0, half, half])
+        assert wheels[:-1] == [("setJointTargetVelocity", joint, 0.0) for joint in (8, 9)]
+        assert plant._wheels.tolist() == plant._targets == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("scenario", ["apf_0", "held_by_wall"])

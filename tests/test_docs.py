@@ -269,7 +269,7 @@ def repository(tmp_path: Path) -> Path:
         )
     write_rows(folder, rows)
     manifest = {
-        "command": "python evaluate.py --suite path-following --out somewhere",
+        "command": "python evaluate.py --workers 3 --suite path-following --out somewhere",
         "code": source_digest(),
         "files": {file.name: file_digest(file) for file in folder.iterdir()},
     }
@@ -307,7 +307,10 @@ def test_a_finished_run_becomes_page_and_readme(repository: Path) -> None:
     shown = (repository / page.PAGE).read_text(encoding="utf-8")
     assert "16 scenarios" in shown
     assert source_digest()[:12] in shown
+    # where it was run and how fast is not what was run
+    assert "Made by `python evaluate.py --suite path-following`, wayfield" in shown
     assert "somewhere" not in shown
+    assert "--workers" not in shown
     # what was kept is enough to make them again, without the run's folder
     shutil.rmtree(repository / "results")
     before = whole(repository)
@@ -323,11 +326,12 @@ def test_what_is_run_is_published_and_what_is_done_is_not_run_again(repository: 
         "import shutil, sys\n"
         "out = sys.argv[sys.argv.index('--out') + 1]\n"
         "assert sys.argv[1:3] == ['--suite', 'path-following']\n"
+        "assert sys.argv[-2:] == ['--workers', '3']\n"
         "shutil.copytree('finished/path-following', out)\n"
         "print('ran', file=open('log', 'a'))\n"
     )
     for _ in range(2):
-        ran = run_publish(repository, "--only", "path-following")
+        ran = run_publish(repository, "--only", "path-following", "--workers", "3")
         assert ran.exit_code == 0, ran.stderr
         assert (repository / "log").read_text() == "ran\n"
     assert "0.0123" in (repository / "README.md").read_text(encoding="utf-8")
@@ -374,6 +378,20 @@ def test_results_of_other_code_are_refused_or_marked(repository: Path) -> None:
     assert run_publish(repository, "--stale").exit_code == 0
     assert "the code has changed since" in (repository / page.PAGE).read_text(encoding="utf-8")
     assert "the code has changed since" in (repository / "README.md").read_text(encoding="utf-8")
+
+
+def test_what_an_earlier_code_published_is_marked_and_what_this_one_did_is_not(repository: Path) -> None:
+    kept = repository / "docs/results/path-following.json"
+    assert run_publish(repository, "--no-run").exit_code == 0
+    shutil.rmtree(repository / "results")
+    mine = json.loads(kept.read_text(encoding="utf-8"))
+    assert (mine["code"], mine["stale"]) == (source_digest(), False)
+    for code, stale in ((mine["code"], False), ("0" * 64, True)):
+        kept.write_text(json.dumps(mine | {"code": code}), encoding="utf-8")
+        assert run_publish(repository, "--no-run").exit_code == 0
+        assert json.loads(kept.read_text(encoding="utf-8"))["stale"] is stale
+        for name in (page.PAGE, "README.md"):
+            assert ("the code has changed since" in (repository / name).read_text(encoding="utf-8")) is stale
 
 
 def test_rows_that_were_edited_are_refused(repository: Path) -> None:

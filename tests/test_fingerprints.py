@@ -12,6 +12,7 @@ import pytest
 
 from wayfield import policies
 from wayfield.benchmarks import fingerprints
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.fingerprints import CONDITIONS, QUANTITIES, World, alone, batched, differences, fingerprint
 from wayfield.policies import Pilot
 
@@ -38,6 +39,26 @@ def test_another_process_finds_the_same(here: dict[str, Any]) -> None:
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(run.stdout) == here
     assert {key.split()[-2] for key in here} == set(NAMES)
+
+
+def test_every_robot_is_driven_on_every_plant_under_every_condition() -> None:
+    found = fingerprints.worlds()
+    conditions = {name: {each.condition.name for each in found if each.contest == name} for name in CONTESTS}
+    assert all(len(names) >= 3 for names in conditions.values())
+    wanted = {
+        (name, robot, plant, condition)
+        for name, names in conditions.items()
+        for robot in ("p3dx", "omni3", "omni4", "mecanum4")
+        for plant in ("kinematic", "pymunk")
+        for condition in names
+    }
+    assert {(each.contest, each.robot, each.plant, each.condition.name) for each in found} == wanted
+    assert len(found) == len(wanted)
+    for each in found:
+        options = each.options()
+        assert (options["robot"], options["dynamics"]) == (each.robot, each.plant)
+        assert options["id"] == CONTESTS[each.contest].env_id(each.robot)
+        assert options["scenario"] == each.condition.scenario
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=lambda world: world.contest)

@@ -3,11 +3,13 @@
 import csv
 import dataclasses
 import json
+import math
 import os
 import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -18,10 +20,11 @@ from click.testing import CliRunner, Result
 import wayfield.benchmarks
 import wayfield.envs
 from wayfield import policies
-from wayfield.benchmarks import contests, own_policies
+from wayfield.benchmarks import comparison, contest_options, contests, own_policies
 from wayfield.benchmarks.evaluate import main
 from wayfield.benchmarks.results import number, read_rows
 from wayfield.envs import path_following
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.lookahead import Lookahead
 
 CHASE = """
@@ -120,10 +123,50 @@ def test_a_part_is_played_anew_when_the_module_has_changed(home: Path) -> None:
     assert own_policies.own_policy("laws_of_mine:Chase") != before
 
 
+def test_a_law_of_one_s_own_is_made_and_looked_at_as_soon_as_it_is_named(home: Path) -> None:
+    for name, said in (("Blind", "lacks 'reset'"), ("Psychic", "knows is"), ("Chase speed=0.5", "cannot be made")):
+        with pytest.raises(ValueError, match=said):
+            own_policies.own_policy(f"laws_of_mine:{name}")
+
+
+def test_a_law_with_a_speed_and_a_bound_is_asked_for_its_speed() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Both(Still):
+        max_speed: float = 1.0
+        speed: float = 0.5
+
+    @dataclasses.dataclass(frozen=True)
+    class Bound(Still):
+        max_speed: float = 1.0
+
+    for law, wanted in ((Both(), {"speed": 0.3}), (Bound(), {"max_speed": 0.3}), (Still(), None)):
+        entrant = own_policies.own_object(law, 1)
+        assert entrant.cruising(0.3) == wanted
+        made: Any = entrant.make(wanted or {})
+        assert made.policy == dataclasses.replace(law, **(wanted or {}))
+
+
 def test_files_of_the_user_take_the_place_of_no_module_once_theirs_is_there(home: Path) -> None:
     own_policies.own_policy("laws_of_mine:Chase")
     assert sys.path[-1] == os.getcwd()
     assert sys.path[0] != os.getcwd()
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_a_twist_that_is_not_finite_is_refused_wherever_it_stands(wrong: float, place: int) -> None:
+    twists = np.zeros((2, 2))
+
+    class Once:
+        knows, observes = "sensors", (path_following.Observation,)
+        reset = act = staticmethod(lambda *_: twists)
+
+    there: Any = SimpleNamespace(num_envs=2, robot=ROBOTS["p3dx"])
+    policy = own_policies.Checked("mine", Once())
+    assert policy.act(None, there, twists) is twists
+    twists.flat[place] = wrong
+    with pytest.raises(ValueError, match=f"'mine': act must return finite twists, got {wrong:g}"):
+        policy.act(None, there, twists)
 
 
 @pytest.mark.parametrize(
@@ -179,6 +222,27 @@ def test_a_damaged_or_bloated_model_is_one_line_that_names_it(home: Path) -> Non
             with pytest.raises(ValueError, match=f"'model.zip'.*{said}") as caught:
                 own_policies.own_policy("model.zip")
             assert "\n" not in str(caught.value)
+
+
+def test_a_model_that_has_changed_since_it_was_named_is_not_driven(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with zipfile.ZipFile(tmp_path / "model.zip", "w") as archive:
+        archive.writestr("data", "{}")
+        archive.writestr("policy.pth", bytes(100))
+    model = own_policies.own_policy(f"td3:{tmp_path / 'model.zip'}")
+    assert isinstance(model, own_policies.OwnModel)
+    # in place of the package: what tells of which algorithm, and what, was loaded
+    td3 = SimpleNamespace(load=lambda file, device: (file, device))
+    monkeypatch.setitem(sys.modules, "stable_baselines3", SimpleNamespace(TD3=td3))
+    own_policies.loaded.cache_clear()
+    named = model.file, model.algorithm, model.digest
+    assert own_policies.loaded(*named) == (str(tmp_path / "model.zip"), "cpu")
+    own_policies.loaded.cache_clear()
+    with zipfile.ZipFile(tmp_path / "model.zip", "a") as archive:
+        archive.writestr("more", b"")
+    with pytest.raises(ValueError, match="of TD3: it has changed since the command began"):
+        own_policies.loaded(*named)
 
 
 def test_a_policy_of_another_task_is_told_what_both_speak(home: Path) -> None:
@@ -300,6 +364,29 @@ class Still:
 
     def act(self, observation: Any, briefing: Any, memory: Any) -> Any:
         return np.zeros((briefing.num_envs, 2))
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_all_that_compare_is_asked_for_is_driven(own: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driven: list[Any] = []
+    monkeypatch.setattr(comparison, "played", lambda setting: driven.append(setting) or [])
+    file = tmp_path / "bend.json"
+    file.write_text('{"path": [[0, 0], [2, 0], [2, 2]]}')
+    where: dict[str, Any] = {"contest": "path-following", "families": ["circles", "splines"]}
+    if own:
+        where = {"contest": tmp_path}
+    wayfield.benchmarks.compare(
+        ["pure_pursuit", "lqr"], **where, episodes=2, robot="turtlebot3", dynamics="pymunk", actuators="slow",
+        gains="default", seed=7,
+    )  # fmt: skip
+    told = {(each.case.policy, each.case.scenario) for each in driven}
+    scenarios = [str(file)] if own else ["circles/test", "splines/test"]
+    assert told == {(policy, scenario) for policy in ("pure_pursuit", "lqr") for scenario in scenarios}
+    assert len(driven) == len(told)
+    for each in driven:
+        assert (each.dynamics, each.actuators, each.episodes) == ("pymunk", "slow", 2)
+        assert (each.case.env_kwargs["robot"], each.case.gains_name) == ("turtlebot3", "default")
+        assert each.seed == contest_options.seed_of(7, each.case.split, each.case.experiment)
 
 
 def test_compare_returns_what_the_command_writes_and_writes_nothing(home: Path) -> None:

@@ -162,6 +162,8 @@ def test_times_compare_with_the_speed_that_is_asked_for(worlds: Path) -> None:
         contest, robot = PUBLIC["barn"].contest(mode), ROBOTS[PUBLIC["barn"].modes[mode].robot]
         (first, second) = barn_courses(str(worlds), robot)
         assert [each.members for each in (first, second)] == [(0, 1), (2,)]
+        # the challenge's clock starts with the first 0.1 m, and there are 10 s for that
+        assert {each.steps for each in (first, second)} == {2200}
         cases = list(contest.cases(robot, first, Entrants(contest.policies)))
         assert {"vfh_plus", "dwa", "orca"} <= {case.policy for case in cases if case.gains_name == "paper"}
         for case in cases:
@@ -487,6 +489,9 @@ def test_cases_of_mrpb_are_poses_on_its_map(tmp_path: Path) -> None:
     assert first.grid is second.grid
     # the wall stands at x = 0, from below: the way leads round its upper end
     assert shortest_way(first, 0.25) == pytest.approx(2.0 * math.hypot(2.0, 1.1 + 0.1) - 0.2, rel=0.05)
+    # all cases of a map have one clock, long enough for the longest of them at half the benchmark's speed
+    shorter, longer = sorted(shortest_way(each, ROBOTS["p3dx"].hull_radius) for each in (first, second))
+    assert course.steps == math.ceil((2.0 * longer / 0.55 + 20.0) / 0.05) > (2.0 * shorter / 0.55 + 20.0) / 0.05 + 1.0
     (folder / "cases.csv").unlink()
     (folder / "config.txt").write_text("# Test 1\n" + CONFIG_TEXT + "\n\n", encoding="utf-8")
     (told,) = goal_scenarios(str(folder), 0.25)
@@ -534,6 +539,7 @@ def test_problems_of_movingai_are_drawn_evenly_by_length(tmp_path: Path) -> None
     assert len(lengths) == 12
     assert lengths == sorted(lengths)
     assert max(np.diff(lengths)) - min(np.diff(lengths)) <= 1.0
+    assert course.steps == math.ceil((2.0 * lengths[-1] / 0.6 + 20.0) / 0.05)  # half the asked speed on the longest
     contest = PUBLIC["movingai"].contest("problems")
     (case,) = contest.cases("p3dx", course, Entrants(("zero",), ("default",)))
     (driven,) = roll_out(dataclasses.replace(case, max_episode_steps=3), episodes=1, members=course.members[:1])

@@ -106,6 +106,8 @@ def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, caps
         assert recorded(*WORDS, "--dataset", "here/one-v0", "--mcap", str(home / "first.mcap")) == 0
     told = capsys.readouterr().out
     read = minari.load_dataset("here/one-v0")
+    folder = Path(told.rpartition(" files in ")[2].strip())
+    assert (folder.stat().st_mode & 0o777, (folder / "data" / "metadata.json").is_file()) == (0o755, True)
     rate = f"{read.total_steps:,} steps, {read.total_steps / 4.0:,.0f} steps/s"
     assert f"here/one-v0: 5 episodes, {rate}, SHA-256 {digest_of(read)[:16]}..." in told
     about = read.storage.metadata[KEY]

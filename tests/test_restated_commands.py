@@ -1,6 +1,7 @@
 """Options of `wayfield evaluate`, and what else the commands hand on, with runs that only pretend."""
 
 import contextlib
+import dataclasses
 import json
 import signal
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from wayfield.benchmarks import evaluate, fingerprints
-from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.cases import PATH_FOLLOWING, Case
 from wayfield.benchmarks.contest_options import ContestOptions
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.documents import documents
@@ -20,6 +21,7 @@ from wayfield.benchmarks.evaluate import Asked
 from wayfield.benchmarks.public_suites import PUBLIC
 from wayfield.benchmarks.run_folder import REPORT
 from wayfield.benchmarks.table import Table
+from wayfield.envs.engines import HERE
 from wayfield.envs.robots import ROBOTS
 
 DEFAULTS: dict[str, Any] = dict.fromkeys(
@@ -63,6 +65,9 @@ def test_what_differs_from_the_defaults_names_the_folder(tmp_path: Path) -> None
     nothing = asked().differing
     assert {name: value for name, value in nothing.items() if value} == {}
     assert asked(robot=ROBOTS["p3dx"]).differing == nothing
+    # a sheet of one's own under the same name is another robot
+    heavier = dataclasses.replace(ROBOTS["p3dx"], mass=2.0 * ROBOTS["p3dx"].mass)
+    assert asked(robot=heavier).differing == nothing | {"robot": "p3dx"}
     whole = asked(
         robot=ROBOTS["omni3"], homes=(str(tmp_path / "runs"),), own=("a:B",), policies=("lqr",), families=("splines",),
         split="claims", scale=0.5, episodes=3, seed=4, keep="all",
@@ -76,6 +81,31 @@ def test_what_differs_from_the_defaults_names_the_folder(tmp_path: Path) -> None
     assert evaluate._conditions(None, "both", None, "ideal") == {"plant": None, "tier": None}
     assert evaluate._conditions("both", "both", "lagged", "ideal") == {"plant": None, "tier": "lagged"}
     assert evaluate._conditions("pymunk", "both", "ideal", "ideal") == {"plant": "pymunk", "tier": None}
+
+
+@pytest.mark.parametrize("filmed", [False, True])
+def test_a_film_is_of_the_run_s_own_episodes(filmed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of its cases, on its plant and tier, with its seed."""
+    films: list[Any] = []
+    ran: list[Any] = []
+    monkeypatch.setattr("wayfield.benchmarks.video.film", lambda *words: films.append(words))
+    for name in ("write_rows", "write_trajectories", "write_drives", "write_worlds"):
+        monkeypatch.setattr(evaluate, name, lambda *_: None)
+    monkeypatch.setattr(evaluate, "run", lambda settings, in_parallel: ran.extend(settings) or ([], {}))
+    monkeypatch.setattr(evaluate, "read_rows", lambda _: [])
+    monkeypatch.setattr(evaluate, "write_case_tables", lambda *_: ["table"])
+    monkeypatch.setattr(evaluate, "ranked", lambda _: "told")
+    monkeypatch.setattr("wayfield.benchmarks.document_figures.wanted_figures", lambda *_: [])
+    cases = [Case("path", "mine", PATH_FOLLOWING, "circle", policy, episodes=2) for policy in ("lqr", "stanley")]
+    monkeypatch.setattr(Asked, "command", "wayfield evaluate")
+    given = asked(path="x", video=filmed, seed=4, dynamics="pymunk", actuators="slow", count=1)
+    with given._cases_section("mine", cases, tmp_path / "out", HERE) as section:
+        stage = section.folder
+    assert (section.tables, section.small) == (["table"], "told")
+    assert films == ([(stage / "video", cases, "pymunk", "slow", 4)] if filmed else [])
+    assert [(each.case, each.dynamics, each.actuators, each.seed, each.episodes) for each in ran] == [
+        (case, "pymunk", "slow", 4, 2) for case in cases
+    ]
 
 
 def test_options_that_are_empty_or_belong_elsewhere_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,6 +72,11 @@ def test_passes_are_due_by_the_clock_or_by_those_who_step(desk, clock):
     assert not client.wish
     assert served._next_pass == pytest.approx(100.025)
     client.level = 0
+    served.paced = False
+    served._advance(clock.at)  # as fast as it goes: there is no time at which it should have been
+    assert len(served.lateness) == late
+    served.paced = True
+    served.schedule(clock.at)
     for name, args in (("releaseLock", []), ("setBoolParam", [25, True]), ("setStepping", []), ("startSimulation", [])):
         served._next_pass = 0.0
         if name == "startSimulation":
@@ -151,6 +156,27 @@ def test_a_waiting_call_is_answered_when_its_time_has_come(desk, clock, monkeypa
     assert served._connections[b"1"].wait is None
     served._release()
     assert len(sent) == 1
+
+
+def test_who_asks_again_has_given_up_on_what_he_waited_for(desk, monkeypatch):
+    served = desk("empty").server
+    sent = []
+    monkeypatch.setattr(served, "_send", lambda identity, reply: sent.append((identity, reply)))
+    frame = types.SimpleNamespace(get=lambda option: 77)
+    for func, reply in (
+        ("sim.getSimulationState", {"ret": [0]}),
+        ("sim.nothing", {"err": "No such function: "}),
+        ("", {}),
+    ):
+        connected(served, "a", b"1", descriptor=77)
+        served._connections[b"1"].wait = Wait(lambda: [7])
+        frame.bytes = cbor2.dumps({"uuid": "a", "func": func, "args": []})
+        found = served._reply(b"1", frame)
+        assert set(found) == set(reply or {"err": ""})
+        assert found == reply or func != "sim.getSimulationState"
+        served._release()
+        # a second answer would be taken for that to his next question; what is no request gives up nothing
+        assert len(sent) == (not func), func
 
 
 def test_a_request_gets_what_its_function_returns(desk, monkeypatch):

@@ -124,6 +124,7 @@ def test_one_place_of_a_json_is_changed() -> None:
             assert changed(1, kind, null)["a"] == [None, {"b": "c"}]
         if kind != 1:
             assert changed(3, kind, null)["a"] == [1, {"b": None}]
+    assert changed(1, 3, null)["a"] == [None, {"b": "c"}]  # a list has no key to be there twice
     twice = _done(mutations.json_text, content, 3, 3, null).decode()
     assert re.findall(r'"b": ([^,}]*)', twice) == ["1", "2"]
     for k, raw in enumerate(mutations.HOSTILE):

@@ -12,9 +12,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
+from wayfield import policies
 from wayfield.benchmarks import publish, video
 from wayfield.benchmarks.drives import Drive, Place, chased
 from wayfield.benchmarks.video import filmed, write_film
+from wayfield.envs.robots import ROBOTS
 from wayfield.policies.pilot import Pilot
 
 PATH = "wayfield/DiffDrivePathFollowing-v0"
@@ -56,7 +58,22 @@ def frames(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return drawn
 
 
-def test_a_film_and_its_pictures(frames: list[Any], tmp_path: Path) -> None:
+def test_a_film_and_its_pictures(frames: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clips: list[tuple[int, float]] = []
+
+    class Clip:
+        """Notes how many pictures are shown, and how many a second."""
+
+        def __init__(self, pictures: Any, fps: float) -> None:
+            clips.append((len(pictures), fps))
+
+        def write_videofile(self, file: str, **how: Any) -> None:
+            assert how["codec"] == "libx264"
+            assert how["audio"] is False
+            Path(file).write_bytes(b"mp4")
+
+    moviepy = pytest.importorskip("moviepy", reason='needs pip install "wayfield[render]"')
+    monkeypatch.setattr(moviepy, "ImageSequenceClip", Clip)
     drive, ghost = drive_of("lookahead_retuned"), drive_of("stanley")
     film = filmed(drive, ghost, 3.0)
     assert (len(film), film.dt) == (61, 0.05)
@@ -89,6 +106,12 @@ def test_a_film_and_its_pictures(frames: list[Any], tmp_path: Path) -> None:
         # the format counts in hundredths of a second
         assert total == pytest.approx(len(shown) * round(1000.0 * 0.05 * skip / pace), abs=10 * len(shown) // 2)
         assert gif.info["loop"] == 0
+        write_film(film, tmp_path / "film.mp4", 300, pace)
+        assert (tmp_path / "film.mp4").read_bytes() == b"mp4"
+        pictures, a_second = clips.pop()
+        assert pictures == len(shown)
+        # a second of it shows as many of the robot's as were asked for
+        assert 0.05 * skip * a_second == pytest.approx(pace)
 
 
 def test_a_long_way_is_shown_by_forty_robots(frames: list[Any]) -> None:
@@ -106,6 +129,39 @@ def test_a_long_way_is_shown_by_forty_robots(frames: list[Any]) -> None:
     scenes = [dataclasses.replace(scene, bounds=bounds) for scene, bounds in zip(film.scenes, moved, strict=False)]
     video.picture(dataclasses.replace(film, scenes=tuple(scenes), poses=film.poses[:3]), 300)
     assert frames[1].bounds == (0.0, -1.0, 5.0, 3.0)
+    # of a way that takes minutes not one a second
+    poses = tuple((0.01 * k, 0.0, 0.0) for k in range(4001))
+    video.picture(dataclasses.replace(film, scenes=film.scenes[:1] * len(poses), poses=poses), 300)
+    assert [each.pose for each in frames[2].ghosts] == list(poses[:-1:100])
+
+
+def test_a_place_is_made_of_all_that_was_asked_for_and_of_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    monkeypatch.setattr(gymnasium, "make", lambda env_id, **told: made.append((env_id, told)))
+    every = ("noise=0.5", "num_beams=9", "perfect_pose=false")
+    robot = ROBOTS["turtlebot3"]
+    Place("DiffDriveGoalObstacles-v0", "rooms/test", 3, robot, "slow", "pymunk", "severe", every, 7, "tuned").make(None)
+    Place("wayfield/OmniGoalObstacles-v0", None, None, None, "ideal", None, None, (), 0, "default").make(None)
+    of_contest = {"render_mode": "rgb_array", "num_beams": 72, "max_range": 5.0}
+    asked = {"scenario": "rooms/test", "robot": robot, "actuators": "slow", "dynamics": "pymunk"}
+    asked |= {"disturbance": "severe", "noise": 0.5, "num_beams": 9, "perfect_pose": False}
+    assert made == [
+        ("wayfield/DiffDriveGoalObstacles-v0", of_contest | asked),
+        ("wayfield/OmniGoalObstacles-v0", of_contest | {"actuators": "ideal"}),
+    ]
+
+
+def test_gains_that_are_given_by_hand_come_before_tuned_ones_and_those_before_the_file_s() -> None:
+    env = PLACE.make("stanley")
+    given = "stanley speed=0.3"
+    tuned, default = policies.tuned_gains("stanley", "path-following"), policies.make("stanley")
+    there = vars(PLACE.policy(given, env))
+    assert there["speed"] == 0.3 != tuned["speed"]
+    others = {name: value for name, value in tuned.items() if name != "speed"}
+    assert {name: there[name] for name in others} == others
+    assert any(value != getattr(default, name) for name, value in others.items())
+    for place, seen in ((dataclasses.replace(PLACE, gains="default"), env), (PLACE, None)):
+        assert place.policy(given, seen) == dataclasses.replace(default, speed=0.3)  # type: ignore[type-var]
 
 
 def test_a_film_of_no_time_has_a_step(frames: list[Any]) -> None:

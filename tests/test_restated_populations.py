@@ -1,5 +1,6 @@
 """The made-up populations by which intervals are judged, drawn once more in plain loops; and the table of it."""
 
+import dataclasses
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -179,6 +180,22 @@ def test_an_interval_is_judged_by_the_whole_population(monkeypatch: pytest.Monke
 
         mine = Design("x", "y", 2, 3, agents, draw, lambda values: values.mean(), ends)
         monkeypatch.setattr(coverage, "designs", lambda mine=mine: [None, mine])
+        drawn: list[int] = []
+
+        def noting(rng: Any, *size: int, draw: Any = draw, drawn: Any = drawn) -> Any:
+            drawn.append(int(rng.integers(2**62)))
+            return draw(rng, *size)
+
+        own = dataclasses.replace(mine, draw=noting)
+        monkeypatch.setattr(coverage, "designs", lambda own=own: [None, own, own])
+        for which, seed in ((1, 0), (1, 0), (1, 5), (2, 0)):
+            coverage.covered((which, 1, seed))
+        assert drawn[:2] == drawn[2:4]
+        # another seed, or another design, draws other numbers; no two samples are drawn with the same
+        assert len(set(drawn)) == 6
+        asked.clear()
+        seen.clear()
+        monkeypatch.setattr(coverage, "designs", lambda mine=mine: [None, mine])
         assert coverage.covered((1, 4, 0)) == 2
         whole = (2, 2000, 100) if agents > 1 else (2, 40_000, 1)
         assert asked == [whole] + [(2, 3, agents)] * 4
@@ -223,8 +240,9 @@ def test_the_table_of_coverage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         asked.clear()
         done = CliRunner().invoke(coverage.main, [*words, "--seed", "5", "--out", str(tmp_path)])
         assert done.exit_code == 0, done.output
+        made += " --seed 5"
         assert asked[0] == count
-        assert asked[1][1] == [(0, 40 if made else 1000, 5), (1, 40 if made else 1000, 5)]
+        assert asked[1][1] == [(k, 40 if "40" in made else 1000, 5) for k in range(2)]
         assert f"`python -m wayfield.benchmarks.coverage{made}`" in " ".join(done.output.split())
         assert "kind 10" in done.output
         text = (tmp_path / "coverage.csv").read_text(encoding="utf-8")

@@ -14,6 +14,7 @@ import pytest
 
 from wayfield.benchmarks import comparison
 from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.envs.engines import Failed
 
 pytest.importorskip("mcap", reason='needs pip install "wayfield[record]"')
@@ -31,6 +32,39 @@ def episode(seed: int, steps: int) -> Episode:
         rng.random(steps), np.arange(steps) == steps - 1, np.zeros(steps, bool),
         {"a": rng.random(steps + 1), "b": rng.random(steps + 1) < 0.5},
     )  # fmt: skip
+
+
+def test_what_is_recorded_and_what_minari_makes_again_are_one_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    conditions = record.Conditions("validation", ROBOTS["omni4"], "pymunk", "slow", "light", "default", 0.25)
+    (source,) = record.sources(CONTESTS["goal-obstacles"], ("orca",), ("rooms",), 3, 5, conditions)
+    case = source.case
+    assert (case.policy, case.gains_name, case.scenario) == ("orca", "default", "rooms/validation")
+    assert [(start.seed, start.scenario) for start in source.starts] == [(5, 0), (6, 1), (7, 2)]
+    vectors: list[Any] = []
+    recorded: list[Any] = []
+
+    def vector(*words: Any) -> Any:
+        vectors.append(words)
+        return types.SimpleNamespace(close=lambda: None)
+
+    monkeypatch.setattr(record, "make_vector", vector)
+    monkeypatch.setattr(record, "robots_for", lambda env, starts: 2)
+    monkeypatch.setattr(record, "record", lambda env, policy, *words: recorded.append(words) or iter([(0, "it")]))
+    assert list(record.recorded(dataclasses.replace(source, first=4), conditions)) == [(4, "it")]
+    assert vectors == [(case, "pymunk", "slow", count) for count in (1, 2)]
+    assert recorded == [(source.starts, 0.25)]
+    made: list[Any] = []
+    monkeypatch.setattr(record.gymnasium, "make", lambda env_id, **told: made.append((env_id, told)))
+    record.single(case, conditions)
+    assert made == [
+        (
+            "wayfield/OmniGoalObstacles-v0",
+            {
+                **{"scenario": "rooms/validation", "dynamics": "pymunk", "actuators": "slow", "robot": "omni4"},
+                **{"disturbance": "light", "num_beams": 72, "max_range": 5.0, "max_episode_steps": 1200},
+            },
+        )
+    ]
 
 
 def test_a_set_s_files_hold_its_episodes_and_what_is_told_of_them(

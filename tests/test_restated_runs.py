@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from wayfield.benchmarks import decisions, own_policies, parts, suite, transfer
+from wayfield.benchmarks import contest_report, decisions, own_policies, parts, suite, transfer
+from wayfield.benchmarks.ahead import Ahead
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.columns import text
 from wayfield.benchmarks.comparison import compare
@@ -219,7 +220,7 @@ def scored(name: str, seed: int) -> tuple[list[dict[str, str]], list[Any]]:
         numbers = {"success": float(won), "time": rng.uniform(10.0, 40.0), "mean_speed": rng.uniform(0.55, 0.62),
                    "cross_track_rms": float(rng.choice([0.0004, 0.02, 0.3])), "sct": rng.random()}  # fmt: skip
         rows.append({key: repr(float(each)) for key, each in numbers.items()})
-        scenarios.append(bank[k])
+        scenarios.append(dataclasses.replace(bank[k], laps=k % 4))  # 0: without end, of which one counts
     return rows, scenarios
 
 
@@ -484,6 +485,17 @@ def test_the_clock_in_a_maze_is_that_of_its_way_and_of_endless_laps_that_of_one(
     way = shortest_way(own.scenario, 0.1)
     assert way > 7.0 > 2.0  # over the wall's end, not through it
     assert own.steps == math.ceil((3.0 * way / 0.25 + 20.0) / 0.05)
+    # a map that was edited since is read anew: neither its picture nor what stands beside it is remembered
+    straight = math.ceil((3.0 * 2.0 / 0.25 + 20.0) / 0.05)
+    for file, content in (
+        ("maze.yaml", (tmp_path / "maze.yaml").read_bytes().replace(b"0.1\n", b"0.2\n")),  # the wall is 10 m away
+        ("maze.pgm", header + np.full_like(free, 254).tobytes()),
+    ):
+        before = (tmp_path / file).read_bytes()
+        (tmp_path / file).write_bytes(content)
+        assert own_scenario(str(scene)).steps == straight < own.steps, file
+        (tmp_path / file).write_bytes(before)
+        assert own_scenario(str(scene)).steps == own.steps
     (tmp_path / "endless.json").write_text(json.dumps({"path": [[0, 0], [2, 0], [2, 2]], "closed": True, "laps": 0}))
     endless = own_scenario(str(tmp_path / "endless.json"))
     assert endless.scenario.laps == 0
@@ -550,6 +562,88 @@ def test_a_timing_is_the_median_and_the_ninety_ninth_of_a_hundred(monkeypatch: p
         count = 3 * {1: 200, 256: 20, 3: 50}[each.batch]
         assert each.median_ms == pytest.approx(each.batch * (count - 1) / 2.0)
         assert each.p99_ms == pytest.approx(each.batch * 0.99 * (count - 1))
+
+
+@pytest.mark.parametrize("ladder", [False, True])
+def test_decisions_are_timed_after_all_else_alone_on_the_machine(
+    ladder: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[Any] = []
+
+    class Busy(Ahead):
+        """Processes that have other work left."""
+
+        def __init__(self) -> None:
+            pass
+
+        def settle(self) -> None:
+            done.append("settled")
+
+    def noted(name: str, returned: Any = None) -> None:
+        monkeypatch.setattr(contest_report, name, lambda *given, **more: done.append((name, *given, more)) or returned)
+
+    for name, returned in (("run_contest", ("rows", "trajectories")), ("parts_of", "parts"), ("drives_of", "drives")):
+        noted(name, returned)
+    for name in ("write_rows", "write_trajectories", "write_drives", "write_worlds", "write_decisions"):
+        noted(name)
+    noted("measured", "timings")
+    asked: Any = types.SimpleNamespace(ladder=ladder, timed=lambda: "cases")
+    engine, stage = Busy(), tmp_path / "stage"
+    contest_report._play(asked, [], tmp_path, stage, engine)
+    assert done[:3] == [
+        ("run_contest", [], tmp_path, engine, {}),
+        ("write_rows", stage, "rows", {}),
+        ("write_trajectories", stage, "trajectories", {}),
+    ]
+    assert ("write_drives", stage, "drives", {}) in done
+    last = [("measured", "cases", {"batches": (1,), "rounds": 2}), ("write_decisions", stage, "timings", {})]
+    assert done[-3:] == ["settled", *last] or ladder
+    assert ("settled" in done) is not ladder
+
+
+def test_decisions_alone_are_timed_once_all_is_compiled_and_ended_robots_begin_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = types.SimpleNamespace(now=0.0)
+    told: list[Any] = []
+
+    class Env:
+        """Its second robot ends with every fourth step that is asked for; a step takes a long time."""
+
+        steps = 0
+
+        def reset(self, seed: int) -> Any:
+            told.append(("env", seed))
+            return 0, {}
+
+        def step(self, actions: Any) -> Any:
+            self.steps += 1
+            clock.now += 1000.0
+            ends = np.array([False, self.steps % 4 == 0])
+            return self.steps, None, ends, np.zeros(2, bool), {}
+
+    class Pilot:
+        def __init__(self, policy: Any, env: Any) -> None:
+            self.asked = 0
+
+        def reset(self, rows: Any = None) -> None:
+            told.append(None if rows is None else list(rows))
+
+        def command(self, seen: int) -> None:
+            self.asked += 1
+            clock.now += 500.0 if self.asked == 1 else 2.0 + self.asked  # the first compiles
+            told.append(seen)
+
+    monkeypatch.setattr(decisions, "make_vector", lambda *_: Env())
+    monkeypatch.setattr(decisions, "make_policy", lambda *_: "policy")
+    monkeypatch.setattr(decisions, "Pilot", Pilot)
+    monkeypatch.setattr(decisions, "time", types.SimpleNamespace(perf_counter=lambda: clock.now))
+    driver = decisions._Driver(Case("d", "e", PATH, "x", "a"), 2)
+    assert driver.times == []
+    driver.drive(4)
+    # the fourth step, the first of these, ended a robot: its reset took the fifth; so did the eighth
+    assert driver.times == [6.0, 7.0, 8.0, 9.0]
+    assert told == [("env", 0), None, 0, 1, 2, 3, [1], 5, 6, 7, [1]]
 
 
 @pytest.mark.parametrize(("scenario", "closed"), [("circuits/test", True), ("splines/test", False)])

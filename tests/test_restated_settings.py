@@ -1,5 +1,6 @@
 """Who drives where in a contest, with which gains and from which seeds, stated once more from the files that ship."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -18,8 +19,10 @@ from wayfield.benchmarks import parts
 from wayfield.benchmarks.contest_options import ContestOptions, seed_of
 from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, GAINS, PAPER, Contest, Course, Entrants
 from wayfield.benchmarks.parts import described, in_frames
+from wayfield.benchmarks.suite import Setting
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.policy import check_gain, check_robot, lacks
 
 HOME = Path(wayfield.__file__).parent / "policies"
@@ -101,6 +104,28 @@ def test_every_case_is_a_policy_with_one_of_its_sets(name: str, robot: str) -> N
     assert calm.key == (name, "here", "zero", "")
 
 
+def test_a_contest_s_scanner_and_rules_are_those_that_its_notes_tell_of() -> None:
+    ours = {"num_beams": 72, "max_range": 5.0}
+    ust10 = {"num_beams": 720, "field_of_view": 1.5 * math.pi, "max_range": 30.0}  # of the challenge's Jackal
+    scanners = {
+        **{"path-following": {}, "racetracks": {}, "barn": ust10},
+        **dict.fromkeys(("goal-obstacles", "docking", "barn-p3dx", "mrpb", "movingai"), ours),
+    }
+    assert {name: contest.env_kwargs for name, contest in ALL_CONTESTS.items()} == {
+        name: pytest.approx(told) for name, told in scanners.items()
+    }
+    # asked speed and that of the optimal time, where the clock starts and ends, whose way SPL compares with
+    told = {
+        **{"barn": (1.2, 2.0, 0.1, 100.0, False), "barn-p3dx": (0.6, 0.6, 0.1, 100.0, False)},
+        **{"mrpb": (0.55, math.nan, 0.0, math.inf, False), "movingai": (0.6, math.nan, 0.0, math.inf, True)},
+        "racetracks": (0.6, math.nan, 0.0, math.inf, False),
+    }
+    for name, contest in ALL_CONTESTS.items():
+        assert (contest.rules is not None) == (name in told)
+        if contest.rules is not None:
+            assert dataclasses.astuple(contest.rules) == pytest.approx(told[name], nan_ok=True)
+
+
 @pytest.mark.parametrize("name", PLAIN)
 def test_a_failure_counts_as_the_clock_or_as_the_task_says(name: str) -> None:
     contest = CONTESTS[name]
@@ -171,6 +196,79 @@ def options(suite: str, names: tuple[str, ...], **more: Any) -> ContestOptions:
         "gains_names": GAINS["all"], "families": None, "episodes": None, "seed": 3,
     }  # fmt: skip
     return ContestOptions(suite, names, **{**told, **more})
+
+
+@pytest.mark.parametrize(("episodes", "members"), [(None, (3, 1, 4)), (2, (3, 1)), (9, (3, 1, 4))])
+def test_of_a_public_bank_the_first_of_its_members_are_driven(episodes: int | None, members: tuple[int, ...]) -> None:
+    course = Course("worlds", "public", "/a/folder", 7, members=(3, 1, 4))
+    found = options("barn", ("barn",), courses=(course,), episodes=episodes, policies=("vfh_plus",)).settings()
+    assert found
+    for each in found:
+        assert (each.members, each.episodes, each.seed) == (members, len(members), first_seed(3, "public", "worlds"))
+        assert (each.case.scenario, each.case.max_episode_steps) == ("/a/folder", 7)
+    # a file of one's own is driven once, or as often as is asked for
+    alone = dataclasses.replace(course, members=())
+    for each in options("barn", ("barn",), courses=(alone,), episodes=episodes, policies=("vfh_plus",)).settings():
+        assert (each.members, each.episodes) == ((), episodes or 1)
+
+
+def test_a_row_tells_of_its_own_scenario_and_of_the_run_s_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    contest = CONTESTS["goal-obstacles"]
+    (case,) = contest.cases("p3dx", Course("clutter_10", "test"), Entrants(("zero",), ("default",)))
+    bank = splits.split("goal_reaching", "clutter_10", "test")
+    setting = Setting("it", case, "kinematic", "ideal", 0, len(bank) + 2)
+    monkeypatch.setattr(parts, "episodes", lambda asked: [({"n": str(i)}, None) for i in range(asked.episodes)])
+    rows = [row for row, _ in parts.played(setting)]
+    assert [row["n"] for row in rows] == [str(i) for i in range(len(bank) + 2)]
+    for row, member in zip(rows, [*bank, *bank[:2]], strict=True):
+        assert (row["tier"], float(row["quantity"])) == (member.tier, member.quantity)
+        assert (row["split"], float(row["failure_cost"]), row["knows"]) == ("test", 60.0, "sensors")
+        assert "speed" not in row
+        assert "scenario" not in row
+    assert len({row["quantity"] for row in rows}) == len(bank)
+    # of a public bank it tells the scenario's name, too; of the front the speed
+    few = [SimpleNamespace(name=f"world {k}", tier="", quantity=float(k)) for k in (4, 9)]
+    monkeypatch.setattr(parts, "members_of", lambda contest, setting: few)
+    swept = dataclasses.replace(setting, case=dataclasses.replace(case, speed=0.45), episodes=2, members=(4, 9))
+    told = [(row["scenario"], row["quantity"], row["split"], row["speed"]) for row, _ in parts.played(swept)]
+    assert told == [("world 4", "4.0", "front", "0.45"), ("world 9", "9.0", "front", "0.45")]
+
+
+def test_of_a_folder_of_agents_those_for_the_task_and_the_robot_take_part(tmp_path: Path) -> None:
+    home = tmp_path / "mine"
+    trained_for = [(each, robot) for each in CONTESTS.values() for robot in ROBOTS if shipped(each.spec.name, robot)]
+    for seed, (contest, robot) in enumerate(trained_for):
+        card = next(iter(shipped(contest.spec.name, robot).values())) / "card.json"
+        (home / f"seed_{seed}" / "best").mkdir(parents=True)
+        (home / f"seed_{seed}" / "best" / "card.json").write_bytes(card.read_bytes())
+    (home / "seed_99").mkdir()  # has not come to an agent yet
+    for seed, (contest, robot) in enumerate(trained_for):
+        found = list(contest.own_sets(str(home), ROBOTS[robot]))
+        assert found == [("mine", {"seed": seed, "home": str(home)})], (contest.name, robot)
+        entrants = Entrants((), ("default",), (str(home),))
+        (case,) = contest.cases(robot, Course("here", "own", "/a/file.json", 77), entrants)
+        assert (case.policy, case.gains_name, case.gains["seed"]) == ("ppo", "mine", seed)
+        # another sheet under the same name is another robot
+        heavier = dataclasses.replace(ROBOTS[robot], mass=2.0 * ROBOTS[robot].mass)
+        assert not list(contest.own_sets(str(home), heavier))
+    with pytest.raises(ValueError, match="holds no trained agents"):
+        list(CONTESTS["docking"].own_sets(str(home / "seed_0"), ROBOTS["p3dx"]))
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_decisions_are_timed_once_an_entry_and_where_the_run_drives(name: str) -> None:
+    contest = CONTESTS[name]
+    own = (Course("mine", "own", "/a/file.json", 77), Course("other", "own", "/another/file.json", 88))
+    for more, scenario in (
+        ({}, f"{contest.timed_on}/test"),
+        ({"split": "claims"}, f"{contest.timed_on}/claims"),
+        ({"courses": own}, "/a/file.json"),
+    ):
+        cases = options(name, (name,), **more).timed()
+        assert {case.scenario for case in cases} == {scenario}
+        entries = [(case.policy, case.gains_name) for case in cases]
+        driven = contest.cases("p3dx", Course(contest.timed_on, "test"), Entrants(contest.policies, GAINS["all"]))
+        assert sorted(entries) == sorted({(case.policy, case.gains_name) for case in driven})
 
 
 def first_seed(seed: int, split: str, family: str) -> int:

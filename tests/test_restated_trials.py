@@ -598,6 +598,8 @@ def test_a_command_in_a_fork_ends_as_it_would_by_itself(tmp_path: Path, monkeypa
 
     for code, status, err in ((None, 0, ""), (0, 0, ""), ("no", 1, "no\n"), (7, 7, "")):
         assert started(ends(code)).wait(20.0) == Ended(status, "", err)
+    # whatever bytes it says
+    assert started(lambda: sys.exit(os.write(1, b"a\xff"))).wait(20.0) == Ended(2, "a\ufffd", "")
 
     def raises() -> None:
         raise ValueError("x")

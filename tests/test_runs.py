@@ -1,5 +1,6 @@
 """Runs: they touch nobody's files but their own, survive crashes, and end in one line whatever happens to them."""
 
+import contextlib
 import dataclasses
 import errno
 import io
@@ -20,8 +21,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayfield.benchmarks import decisions, parts, throughput
-from wayfield.benchmarks.cases import Case
+from wayfield.benchmarks import archive, decisions, parts, run_folder, throughput
+from wayfield.benchmarks.cases import Case, Rules
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.results import (
     EPISODES,
@@ -95,6 +96,21 @@ def test_a_file_that_comes_while_a_run_works_is_kept(tmp_path):
     with pytest.raises(FileExistsError, match="figure_new"):
         running()
     assert content(tmp_path) == {"figure_new.svg": "precious"}
+
+
+def test_what_came_while_a_run_waited_for_its_folder_is_refused_before_it_works(tmp_path, monkeypatch):
+    locked = run_folder.locked
+
+    @contextlib.contextmanager
+    def late(*words):
+        with locked(*words):
+            (tmp_path / "table.md").write_text("theirs")
+            yield
+
+    monkeypatch.setattr(run_folder, "locked", late)
+    with pytest.raises(FileExistsError, match=r"table\.md is not from a run of ours"), held(tmp_path, SUITE):
+        pytest.fail("hours of work would be lost at its end")
+    assert (tmp_path / "table.md").read_text() == "theirs"
 
 
 def test_the_results_of_another_suite_are_refused(tmp_path):
@@ -271,6 +287,58 @@ def test_a_damaged_part_is_played_again_with_one_line_that_says_so(tmp_path, mad
     assert not made_up
 
 
+def folder_of(setting, out):
+    """Returns where a part is kept until its run is done."""
+    (part,) = parts.parts_of([setting], out)
+    return part.folder
+
+
+def test_a_part_of_another_setting_is_another_part(tmp_path, monkeypatch):
+    """Whatever a setting or its case says: of a run that was changed nothing old is taken."""
+    monkeypatch.setattr(parts, "members_of", lambda contest, setting: ())
+    monkeypatch.setattr(parts, "source_digest", lambda: "0a")
+    first = SETTINGS[0]
+    others = {
+        **dict.fromkeys(("suite", "dynamics", "actuators"), "another"),
+        **{"seed": 1, "episodes": 4, "keep": None, "members": (2,), "given": first.case},
+    }
+    of_case = {
+        **dict.fromkeys(("experiment", "env_id", "scenario", "policy", "gains_name", "split"), "another"),
+        **{"document": "docking", "gains": {"speed": 0.5}, "env_kwargs": {"robot": "p3dx", "noise": 1.0}},
+        **{"max_episode_steps": 7, "episodes": 2, "arrival_radius": 0.1, "published": {"time": 1.0}, "filmed": True},
+        **{"speed": 0.3, "every_scenario": True, "entrant": "mine", "rules": Rules(2.0)},
+    }
+    assert {*others, "case"} == {field.name for field in dataclasses.fields(Setting)}
+    assert set(of_case) == {field.name for field in dataclasses.fields(Case)}
+    changed = [dataclasses.replace(first, **{name: value}) for name, value in others.items()]
+    changed += [
+        dataclasses.replace(first, case=dataclasses.replace(first.case, **{name: value}))
+        for name, value in of_case.items()
+    ]
+    folders = [folder_of(each, tmp_path) for each in (first, *changed)]
+    assert len(set(folders)) == len(folders)
+    assert folder_of(dataclasses.replace(first), tmp_path) == folders[0]
+
+
+def test_a_part_of_other_code_another_agent_or_another_file_is_another_part(tmp_path, monkeypatch):
+    course, same, home = tmp_path / "course.json", tmp_path / "same.json", tmp_path / "mine"
+    card = home / "seed_2" / "best" / "card.json"
+    card.parent.mkdir(parents=True)
+    same.write_text('{"path": [[0, 0], [2, 0]]}')
+    gains = {"seed": 2, "home": str(home)}
+    trained = dataclasses.replace(SETTINGS[0].case, scenario=str(same), policy="ppo", gains=gains)
+    driven = dataclasses.replace(SETTINGS[0].case, scenario=str(course))
+    found = []
+    for path, steps, code in (("[2, 0]", 1, "0a"), ("[2, 1]", 1, "0a"), ("[2, 0]", 2, "0a"), ("[2, 0]", 1, "1b")):
+        course.write_text(f'{{"path": [[0, 0], {path}]}}')
+        card.write_text(f'{{"training": {{"steps": {steps}}}}}')
+        monkeypatch.setattr(parts, "source_digest", lambda code=code: code)
+        found.append([folder_of(dataclasses.replace(SETTINGS[0], case=each), tmp_path) for each in (driven, trained)])
+    of_file, of_agent = zip(*found, strict=True)
+    assert [each == of_file[0] for each in of_file] == [True, False, True, False]
+    assert [each == of_agent[0] for each in of_agent] == [True, True, False, False]
+
+
 def test_only_a_run_s_own_parts_are_deleted(tmp_path, made_up):
     others = [setting("goal-obstacles", "rooms")]
     parts.run_contest(others, tmp_path, HERE)
@@ -354,6 +422,26 @@ def test_trajectories_come_back_or_are_refused_by_file_whatever_bytes_are_wrong(
         said = str(error)
     assert said.startswith(f"{file}: ")
     assert "\n" not in said
+
+
+def test_what_would_unpack_to_much_is_refused_where_nothing_honest_is_packed_so_densely(tmp_path, monkeypatch):
+    dense, loose = np.zeros(20_000), np.random.default_rng(0).random(20_000)
+    for name, numbers in (("dense", dense), ("loose", loose)):
+        np.savez_compressed(tmp_path / f"{name}.npz", a=numbers)
+    packed = (tmp_path / "dense.npz").stat().st_size
+    assert 8 * len(dense) > 100 * packed
+    for most, read in ((8 * len(dense) + 500, {"dense", "loose"}), (8 * len(dense) - 1, {"loose"}), (100, {"loose"})):
+        monkeypatch.setattr(archive, "MOST_BYTES", most)
+        for name, numbers in (("dense", dense), ("loose", loose)):
+            if name in read:
+                with archive.Archive(tmp_path / f"{name}.npz") as opened:
+                    np.testing.assert_array_equal(opened["a"], numbers)
+            else:
+                with (
+                    pytest.raises(ValueError, match=rf"{name}\.npz: the file is damaged: it would unpack to"),
+                    archive.Archive(tmp_path / f"{name}.npz"),
+                ):
+                    pytest.fail("it was opened")
 
 
 @pytest.mark.parametrize(
