@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -459,6 +460,65 @@ def test_a_run_is_told_in_a_line(task: str, tmp_path: Path, capsys: pytest.Captu
     assert command._told(jobs[:3], reports[:3], preset) == 143
     assert command._told(jobs[2:4], reports[2:4], preset) == 1
     assert command._told(jobs[:1], reports[:1], preset) == 0
+
+
+def test_a_command_asks_for_a_run_a_seed_and_shares_the_cores_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[tuple[list[Job], int]] = []
+    drawn: list[Any] = []
+
+    def trained(jobs: list[Job], at_once: int) -> list[Report]:
+        asked.append((jobs, at_once))
+        for job in jobs[:2]:  # the others have not come to a validation
+            checkpoints.write_run(job.folder, job.described())
+            (job.folder / CURVE).touch()
+        return [Report(job.seed, 10, 10, done=True) for job in jobs]
+
+    def train(*words: str) -> click.testing.Result:
+        return click.testing.CliRunner().invoke(command.main, [PATH, *words])
+
+    cluster = [False]
+    monkeypatch.setattr(command, "_trained", trained)
+    monkeypatch.setattr(command, "draw_curves", lambda *told: drawn.append(told))
+    monkeypatch.setattr(command, "cluster_given", lambda: cluster[0])
+    monkeypatch.setattr(command.os, "sched_getaffinity", lambda process: set(range(7)), raising=False)
+    monkeypatch.chdir(tmp_path)
+    words = ("--set", "clip=0.15", "--steps", "600000", "--robot", "p3dx")
+    for seeds, threads, at_once, far in ((1, 7, 1, False), (2, 3, 2, False), (9, 1, 7, False), (2, 1, 2, True)):
+        cluster[0] = far
+        out = tmp_path / f"{seeds}_{far}"
+        done = train(*words, "--seed", "4", "--seeds", str(seeds), "--out", str(out))
+        assert done.exit_code == 0, done.output
+        jobs, together = asked.pop()
+        assert together == at_once
+        assert [job.seed for job in jobs] == list(range(4, 4 + seeds))
+        for job in jobs:
+            assert (job.env_id, job.folder, job.threads, job.resume) == (PATH, out / f"seed_{job.seed}", threads, False)
+            assert job.settings == ("clip=0.15", "steps=600000", "robot=p3dx")  # in which the later one counts
+            assert (job.preset.name, job.preset.clip, job.preset.steps) == ("path_following", 0.15, 600_000)
+            assert job.preset.robot == "p3dx"
+        ((folders, task, file, title),) = drawn
+        assert folders == [out / "seed_4", out / "seed_5"][:seeds]
+        assert (task, file.parent, PATH in title, "path_following" in title) == ("path_following", out, True, True)
+        drawn.clear()
+    # what was begun goes on, what was not begins
+    out = tmp_path / "2_False"
+    assert train(*words, "--seed", "4", "--seeds", "3", "--out", str(out), "--resume").exit_code == 0
+    assert [(job.seed, job.resume) for job in asked.pop()[0]] == [(4, True), (5, True), (6, False)]
+    for more, said in ((("--seed", "4"), "holds a run"), (("--seed", "7", "--resume"), "holds no run to resume")):
+        refused = train(*words, *more, "--out", str(out))
+        assert (refused.exit_code, said in refused.output) == (2, True), refused.output
+    assert train("--preset", "path_following_plain").exit_code == 0
+    assert asked.pop()[0][0].folder == Path("results/training/path_following_plain/seed_0")
+    for error, status, said in (
+        (OSError(errno.ENOSPC, "no room"), 1, "the disk is full"),
+        (FloatingPointError("it diverged"), 1, "it diverged"),
+        (ValueError("it is damaged"), 2, "it is damaged"),
+    ):
+        monkeypatch.setattr(command, "_trained", lambda *_, error=error: (_ for _ in ()).throw(error))
+        failed = train("--out", str(tmp_path / "none"))
+        assert (failed.exit_code, said in failed.output, len(failed.output.splitlines())) == (status, True, 1)
 
 
 def test_where_nobody_looks_a_line_is_printed_a_validation_or_now_and_then(
