@@ -21,7 +21,7 @@ from wayfield.policies.learned import agent as agents
 from wayfield.policies.learned import conditions, reading
 from wayfield.policies.learned.agent import Agent, Network, held_law, load_agent, rounded
 from wayfield.policies.learned.conditions import driven_as, driven_speed, outside
-from wayfield.policies.learned.perception import hold
+from wayfield.policies.learned.perception import GoalFeatures, hold
 from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.learned.residual import Base, controller_at
 from wayfield.policies.pilot import Pilot
@@ -339,6 +339,14 @@ def test_a_preset_s_worlds_and_settings(name: str) -> None:
     ):
         assert (kwargs, pace) == (world, asked)
         assert abs(count - preset.num_envs * share / len(preset.paces)) <= 1.5
+    if isinstance(preset.features, GoalFeatures):  # it sees by the scan that it has, of the hull that it has
+        assert preset.robot is not None
+        assert preset.features.hull_radius == ROBOTS[preset.robot].hull_radius
+        for each in (*worlds, preset.validation, *(kwargs for _, kwargs in preset.conditions)):
+            assert (each["num_beams"], each["max_range"]) == (preset.features.num_beams, preset.features.max_range)
+    splits = [*(str(each["scenario"]).partition("/")[2] for each in worlds)]
+    chosen = [str(kwargs["scenario"]) for kwargs in (preset.validation, *(each for _, each in preset.conditions))]
+    assert (set(splits), set(chosen)) == ({"train"}, {"all/validation"})
     # every key takes its own default, as it is listed, and changes nothing
     listed = {key: default for key, default, _, _ in rows(preset)}
     again = overridden(preset, [f"{key}={'' if text == 'empty' else text}" for key, text in listed.items()])
