@@ -69,6 +69,20 @@ def test_what_follows_a_step_is_the_next_one_and_the_task_s_end_goes_on_to_nothi
     seen = {row.tobytes() for row in steps.inputs}
     later = sum(row.tobytes() in seen for row in steps.following)
     assert later == len(steps.inputs) - len(episodes)
+    # whatever ended an episode: the clock alone, the task alone, or both at once
+    ends = [(False, True), (True, False), (True, True)]
+    for each, (terminated, truncated) in zip(episodes, ends, strict=True):
+        each["terminations"][-1], each["truncations"][-1] = terminated, truncated
+    data = SimpleNamespace(episode_indices=range(3), storage=SimpleNamespace(get_episodes=lambda _: episodes))
+    last = {row.tobytes() for row in steps.following} - seen
+    found = transitions(data, task_of(opened(str(recorded))), PRESET)
+    assert len(last) == 3
+    over = [k for k, row in enumerate(found.following) if row.tobytes() in last]
+    in_order = sorted(
+        zip(episodes, ends, strict=True), key=lambda each: len(each[0]["actions"])
+    )  # the longest ends last
+    assert found.going_on[over].tolist() == [0.0 if terminated else 1.0 for _, (terminated, _) in in_order]
+    assert np.delete(found.going_on, over).all()
 
 
 class _Says(torch.nn.Module):
