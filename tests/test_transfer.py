@@ -82,9 +82,6 @@ def test_what_was_not_tuned_is_refused_in_one_line() -> None:
     done = CliRunner().invoke(main, ["--policies", "mpc"])
     assert done.exit_code == 2
     assert "nothing was tuned for them in goal reaching" in done.output
-    for seed in SEEDS.values():
-        done = CliRunner().invoke(main, ["--policies", "dwa", "--seed", str(seed)])
-        assert (done.exit_code, "gains were chosen in the rooms of that seed" in done.output) == (2, True), done.output
 
 
 @pytest.mark.slow
