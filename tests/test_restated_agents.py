@@ -19,7 +19,7 @@ from wayfield import policies
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
 from wayfield.policies.learned import agent as agents
 from wayfield.policies.learned import conditions, reading
-from wayfield.policies.learned.agent import Agent, Network, held_law, load_agent, rounded
+from wayfield.policies.learned.agent import Agent, Network, held_law, load_agent, read_card, rounded
 from wayfield.policies.learned.conditions import driven_as, driven_speed, outside
 from wayfield.policies.learned.perception import GoalFeatures, hold
 from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
@@ -54,7 +54,7 @@ def stopping(speed: float, base: Actuators) -> float:
 @pytest.mark.parametrize("known", [("lagged",), ("slow",), ("lagged", "slow"), ("ideal",), ("slow", "ideal", "lagged")])
 def test_which_base_an_agent_drives_a_base_as_and_how_fast(known: tuple[str, ...], told: Any) -> None:
     cruises = {"lagged": [[0.4, 0.3], [0.8, 0.5]], "slow": [[0.5, 0.4]]}
-    card = {"trained_on": {"actuators": [*known], "speeds": [0.4, 0.8], "disturbances": [], "beams": []}}
+    card = {"trained_on": {"actuators": [*known], "speeds": [0.8, 0.4], "disturbances": [], "beams": []}}
     card["cruises"] = {tier: each for tier, each in cruises.items() if tier in known}
     bases = [ACTUATORS[tier] for tier in known]
     for own, speed in itertools.product(TIERS, (0.2, 0.45, 0.7, 0.9)):
@@ -185,7 +185,7 @@ def cases() -> Iterator[tuple[str, str, str, int]]:
 
 
 @pytest.mark.parametrize(("task", "robot", "env_id", "beams"), list(cases()))
-@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow"])
+@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow", "slower"])
 @pytest.mark.filterwarnings("ignore::wayfield.policies.learned.conditions.NewToAgent")
 def test_an_agent_decides_by_its_parts_one_after_the_other(
     task: str, robot: str, env_id: str, beams: int, tier: str, monkeypatch: pytest.MonkeyPatch
@@ -201,20 +201,31 @@ def test_an_agent_decides_by_its_parts_one_after_the_other(
         agent = dataclasses.replace(agent, network=Network.of(layers), base=base)
         assert agent.knows == policies.make("pure_pursuit").knows
     kwargs = {"num_beams": beams} if beams else {}
-    env = gymnasium.make_vec(env_id, 4, vectorization_mode="vector_entry_point", actuators=tier, robot=robot, **kwargs)
+    given_tier = "slow" if tier == "slower" else tier
+    env = gymnasium.make_vec(
+        env_id, 4, vectorization_mode="vector_entry_point", actuators=given_tier, robot=robot, **kwargs
+    )
     pilot = Pilot(agent, env)
     observation, _ = env.reset(seed=3)
     pilot.reset()
+    if tier == "slower":  # than any that it was trained on
+        pilot.briefing = dataclasses.replace(pilot.briefing, actuators=Actuators(True, 0.1, 0.4, 0.3))
     here = pilot.briefing
     actuators, speed = driven_as(agent.card, here), driven_speed(agent.card, here, 0.5)
     is_held = actuators != here.actuators
     assert is_held == (tier == "ideal")
+    assert (speed < 0.25) == (tier == "slower")
     perception, axes = agent.perception(here), list(here.robot.twist_axes)
     memory, speeds = perception.fresh(4), np.full(4, speed)
     held, given = np.zeros((4, 2, 3)), np.zeros((4, 3))
     law = controller_at("pure_pursuit", {}, 0.5) if based else None
     kept = law.reset(here) if law else None
-    for _ in range(4):
+    near = np.empty(0, int)
+    if beams:
+        near = here.layout.unpack(np.arange(observation.shape[1], dtype=float)[None]).ranges[0].astype(int)
+    for k in range(4):
+        # what stands comes near, so that the guard has to do
+        observation[:, near] = np.minimum(observation[:, near], here.robot.hull_radius + (0.7, 0.4, 0.2, 0.1)[k])
         seen = here.layout.unpack(observation.astype(float))
         if is_held:
             seen = seen._replace(twist=seen.twist + (held[:, 1] - given)[:, axes])
@@ -352,6 +363,20 @@ def test_a_preset_s_worlds_and_settings(name: str) -> None:
     again = overridden(preset, [f"{key}={'' if text == 'empty' else text}" for key, text in listed.items()])
     assert again == preset
     assert list(listed) == [key for key, _ in settable(preset)]
+
+
+def test_the_gains_of_a_controller_that_teaches() -> None:
+    for name, robot in (("diff_drive_goal", "p3dx"), ("omni4_goal", "omni4"), ("omni3_goal", "omni3")):
+        preset = dataclasses.replace(PRESETS[name], controller="dwa")
+        tuned = policies.tuned_gains("dwa", "goal-obstacles", robot)
+        for asked, wanted in (("tuned", tuned), ("default", {}), ("shipped", tuned)):  # by it, no agent was taught
+            found = dataclasses.replace(preset, controller_gains=asked)  # type: ignore[arg-type]
+            assert found.gains == wanted
+            assert found.controller_at(0.45) == controller_at("dwa", wanted, 0.45)
+        taught = read_card(shipped("goal_reaching", robot)[0] / "card.json")["training"]
+        preset = dataclasses.replace(PRESETS[name], controller=taught["taught_by"], controller_gains="shipped")
+        assert preset.gains == taught["taught_with"]
+        assert preset.controller_at(0.45) == controller_at(taught["taught_by"], taught["taught_with"], 0.45)
 
 
 def test_what_is_read_of_files_is_plain_and_bounded(tmp_path: Path) -> None:
