@@ -379,6 +379,21 @@ def test_the_gains_of_a_controller_that_teaches() -> None:
         assert preset.controller_at(0.45) == controller_at(taught["taught_by"], taught["taught_with"], 0.45)
 
 
+def test_a_controller_under_an_agent_cruises_at_the_speed_that_is_asked_for() -> None:
+    """Whatever speed its gains were tuned for, and with all else of them."""
+    for policy in ("lqr", "stanley", "mpc", "pure_pursuit", "regulated_pure_pursuit", "lookahead_retuned", "dwa"):
+        gains = policies.tuned_gains(policy, "goal-obstacles" if policy == "dwa" else "path-following", "p3dx")
+        for speed in (0.25, 0.6, 1.05):
+            for law in (controller_at(policy, gains, speed), Base(policy, gains, 0.2).policy(speed)):
+                has: Any = vars(law)
+                cruise = next(name for name in ("k_lin", "speed", "max_speed") if name in has)
+                ahead = has["lookahead_distance"] if cruise == "k_lin" else 1.0  # that law settles at v = k_lin L
+                assert has[cruise] * ahead == pytest.approx(speed)
+                assert {name: has[name] for name in gains if name != cruise} == {
+                    name: each for name, each in gains.items() if name != cruise
+                }
+
+
 def test_what_is_read_of_files_is_plain_and_bounded(tmp_path: Path) -> None:
     numbers = 0, -3, 2**63 - 1, -(2**63), 0.5, -1e308, 5e-324
     others = (

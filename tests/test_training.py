@@ -29,6 +29,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.patrols import PATROL
+from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GOAL_SCENARIOS, GoalScenario, box, circle, obstacle_field
 from wayfield.policies.learned.agent import Agent, Network, load_agent, rounded
 from wayfield.policies.learned.perception import Actions, GoalFeatures
@@ -44,7 +45,7 @@ from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.settings import ABOUT, rows
 from wayfield.policies.training.shaping import GoalReward
 from wayfield.policies.training.validation import validate
-from wayfield.policies.training.ways import left_from, way_field
+from wayfield.policies.training.ways import WAYS, left_from, manoeuvre_from, way_field
 
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 
@@ -98,8 +99,8 @@ class Killed(Exception):
 
 TAUGHT = dataclasses.replace(SMALL, controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
 ADDING = dataclasses.replace(SMALL, controller="lqr", reach=0.2, paces=(0.4, 0.6))
-# a replay buffer that comes round, and random actions until after the first update
-REPLAYING = dataclasses.replace(SMALL, batch_size=16, sac=Sac(16 * 20, learning_starts=16 * 10, gradient_steps=2))
+# a replay buffer that comes round, not with the end of an update, and random actions until after the first update
+REPLAYING = dataclasses.replace(SMALL, batch_size=16, sac=Sac(16 * 22, learning_starts=16 * 10, gradient_steps=2))
 
 
 # all that a robot can remember: crumbs, trails, frames, and what its controller does
@@ -494,6 +495,29 @@ def test_every_robot_of_every_world_is_told_its_own_way() -> None:
     straight = np.hypot(goals[:, 0] - states["x"], goals[:, 1] - states["y"])
     assert env.ways is not None
     np.testing.assert_allclose(env.ways(env.worlds), straight, rtol=0.05, atol=0.1)
+
+
+def test_the_way_left_to_a_dock_is_the_longer_of_a_point_s_and_a_car_s() -> None:
+    """Around what stands, on a grid of 5 cm that is known no better than 6 cm; on circles of 25 cm, with all room."""
+    worlds = NativeVecEnv("wayfield/DiffDriveDocking-v0", [(6, {"scenario": "wall"}), (6, {"scenario": "berth/test"})])
+    worlds.seed(2)
+    worlds.reset()
+    found = WAYS["docking"](worlds)(worlds)
+    longer = []
+    for part, mine in zip(worlds.parts, worlds.rows, strict=True):
+        for state, left in zip(part.batch.states, found[mine], strict=True):
+            scenario = part.task.scenarios[state["scenario"]]
+            field, low = way_field(scenario, part.task.robot.hull_radius, 0.05, 0.0)
+            u, v = (np.array([state["x"], state["y"]]) - low) / 0.05
+            column, row = int(u), int(v)
+            nodes = field[row : row + 2, column : column + 2]
+            around = np.array([row + 1 - v, v - row]) @ nodes @ np.array([column + 1 - u, u - column])
+            car, poses = np.empty(1), np.array([[state["x"], state["y"], state["heading"]]])
+            manoeuvre_from(poses, np.array([scenario.goal]), 0.25, car)
+            assert left == pytest.approx(max(car[0], around - 0.06), abs=1e-5)
+            longer.append(car[0] > around - 0.06)
+    assert any(longer)
+    assert not all(longer)
 
 
 def test_a_way_between_nodes_is_in_proportion_along_x_and_y_of_its_own_grid() -> None:
