@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -78,8 +79,16 @@ def test_a_search_drives_as_many_sets_as_it_was_asked_for_and_those_that_were_gi
     given = {"q_e": 50.0, "q_th": 300.0, "rounding": 0.001, "lateral_acceleration": 0.5, "share": 0.8, "pace": 1.2}
     within = given | {"q_th": 40.0, "rounding": 0.03}
     contest = tune.CONTESTS["path-following"]
-    asked = tune.Search("lqr", contest, ROBOTS["p3dx"], 0.6, "none", "lagged", 10**9, count, 1, 3, (given,))
+    asked = tune.Search("lqr", contest, ROBOTS["p3dx"], 0.6, "moderate", "slow", 10**9, count, 1, 3, (given,))
     found = asked.run(lambda *_: [])
+    # given again, the command that the file names asks for the same
+    python, *words = shlex.split(found["command"])
+    assert (python, words[:2]) == ("python", ["-m", "wayfield.benchmarks.tune"])
+    told = tune.main.make_context("tune", words[2:]).params
+    assert [json.loads(each) for each in told["started_from"]] == [given]
+    for name in ("policy", "robot", "speed", "level", "actuators", "frames", "trials", "scenarios", "seed"):
+        assert told[name] == getattr(asked, name), name
+    assert told["suite"] == contest.name
     searched = [each for each in driven if each[0] == tune.SEARCH_SPLIT]
     validated = driven[count:]
     assert len(searched) == count

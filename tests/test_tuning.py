@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -212,3 +213,34 @@ def test_a_search_may_start_from_what_ships_for_another_condition(suite: str) ->
         if pace is not None:
             again = asked.gains_at(start, pace)
             assert again == {name: pytest.approx(ships["gains"][name], rel=0.01) for name in again}
+
+
+def test_a_file_in_the_way_ends_a_search_before_it_begins_and_one_that_came_meanwhile_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, searched = tmp_path / "gains.json", []
+    found = {"policy": "lqr", "chosen": "default", "validation": {"default": 1, "winner": "default"}}
+
+    def run(asked: Search, engine: Any) -> dict[str, Any]:
+        del engine
+        searched.append(asked)
+        out.write_text("another's")
+        return found
+
+    monkeypatch.setattr(Search, "run", run)
+    words = (
+        "lqr --suite path-following --robot omni3 --speed 0.45 --level light --actuators slow --frames 9000 --trials 7"
+    )
+    words += f" --scenarios 3 --seed 5 --workers 1 --from {{}} --study s.journal --out {out}"
+    for before in (False, True):
+        if before:
+            out.write_text("another's")
+        refused = CliRunner().invoke(tune.main, words.split())
+        assert (refused.exit_code, "--force replaces it" in refused.stderr) == (2, True)
+        assert out.read_text() == "another's"
+        assert len(searched) == 1
+    contest = tune.CONTESTS["path-following"]
+    wanted = Search("lqr", contest, ROBOTS["omni3"], 0.45, "light", "slow", 9000, 7, 3, 5, ({},), "s.journal")
+    assert searched == [wanted]
+    assert CliRunner().invoke(tune.main, [*words.split(), "--force"]).exit_code == 0
+    assert json.loads(out.read_text()) == found
