@@ -227,16 +227,26 @@ def test_what_ends_the_task_is_left_alone_though_it_pays_as_well_as_anything_els
 
 def test_a_seed_gives_one_agent_that_drives_and_is_not_overwritten(recorded: Path, tmp_path: Path) -> None:
     words = ["bc", str(recorded), "--gradient-steps", "30", "--seeds", "2", "--out"]
-    for name in ("a", "b"):
-        result = CliRunner().invoke(offline.main, [*words, str(tmp_path / name)])
+    for more, name in (([], "a"), (["--seed", "1", "--seeds", "1"], "b")):
+        result = CliRunner().invoke(offline.main, [*words, str(tmp_path / name), *more])
         assert result.exit_code == 0, result.output
         assert "seed 1: " in result.output
-    for seed in (0, 1):
-        weights = [tmp_path / name / f"seed_{seed}" / "best" / "weights.safetensors" for name in ("a", "b")]
-        assert weights[0].read_bytes() == weights[1].read_bytes()
+    assert [sorted(each.name for each in (tmp_path / name).iterdir()) for name in "ab"] == [
+        ["seed_0", "seed_1"], ["seed_1"],
+    ]  # fmt: skip
+    weights = [tmp_path / name / "seed_1" / "best" / "weights.safetensors" for name in "ab"]
+    assert weights[0].read_bytes() == weights[1].read_bytes()
     agent = load_agent(tmp_path / "a" / "seed_1" / "best")
-    assert agent.card["training"]["algorithm"] == "bc"
-    assert agent.card["training"]["data"]["digest"] == opened(str(recorded)).storage.metadata[offline.KEY]["digest"]
+    other = load_agent(tmp_path / "a" / "seed_0" / "best")
+    assert not np.array_equal(agent.network.numbers, other.network.numbers)
+    assert not (agent.network.numbers.view(np.uint32) & 0xFFFF).any()  # rounded as all that are saved
+    training, data = agent.card["training"], opened(str(recorded))
+    assert (training["algorithm"], training["seed"], training["gradient_steps"]) == ("bc", 1, 30)
+    assert training["steps"] == data.total_steps  # frames that it has seen
+    assert training["data"]["digest"] == data.storage.metadata[offline.KEY]["digest"]
+    # judged on the robot that was recorded, where its preset is judged
+    assert agent.card["env_kwargs"] == {**PRESETS[training["preset"]].validation, "robot": "p3dx"}
+    assert agent.card["robots"] == ["p3dx"]
     again = CliRunner().invoke(offline.main, [*words, str(tmp_path / "a")])
     assert again.exit_code == 2
     assert "is there already" in again.output
