@@ -361,6 +361,17 @@ def test_a_preset_s_worlds_and_settings(name: str) -> None:
     splits = [*(str(each["scenario"]).partition("/")[2] for each in worlds)]
     chosen = [str(kwargs["scenario"]) for kwargs in (preset.validation, *(each for _, each in preset.conditions))]
     assert (set(splits), set(chosen)) == ({"train"}, {"all/validation"})
+    # another robot comes with its hull, unless another is asked for
+    if isinstance(preset.features, GoalFeatures) and not preset.reach:
+        settings = [
+            f"robot={next(each for each in ('omni4', 'p3dx') if each != preset.robot)}",
+            "controller_gains=default",
+        ]
+        assert overridden(preset, settings).features == dataclasses.replace(
+            preset.features, hull_radius=ROBOTS[settings[0].partition("=")[2]].hull_radius
+        )
+        other = overridden(preset, [*settings, "features.hull_radius=0.123"])
+        assert other.features == dataclasses.replace(preset.features, hull_radius=0.123)
     # every key takes its own default, as it is listed, and changes nothing
     listed = {key: default for key, default, _, _ in rows(preset)}
     again = overridden(preset, [f"{key}={'' if text == 'empty' else text}" for key, text in listed.items()])
