@@ -29,6 +29,7 @@ from wayfield.policies.training import measured
 from wayfield.policies.training.presets import PRESETS, overridden, settable
 from wayfield.policies.training.run import trained_on
 from wayfield.policies.training.settings import _text, rows
+from wayfield.policies.training.validation import Score, validated
 
 PATH, GOAL = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 TIERS: Any = (*ACTUATORS.values(), *(Actuators(True, a, w, lag) for a, w, lag in itertools.product(
@@ -333,6 +334,11 @@ def test_in_what_an_agent_is_measured() -> None:
     score = {"success": 1.0, "error": math.nan}
     assert measured.measurement(0.6, {"a": 1}, score) == {
         "asked_speed": 0.6, "env_kwargs": {"a": 1}, "success": 1.0, "error": None,
+    }  # fmt: skip
+    nobody_came = Score(-2.0, 0.0, 1.0, math.nan, 60.0, 60.0, 0.3, -4.0)
+    assert validated(nobody_came) == {
+        "score": -2.0, "success": 0.0, "collision": 1.0, "error": None, "median": 60.0, "p95": 60.0, "speed": 0.3,
+        "return": -4.0,
     }  # fmt: skip
 
 

@@ -770,8 +770,13 @@ def test_a_slice_goes_on_from_its_files_and_ends_behind_a_validation(monkeypatch
     assert str(slices.Slice(job, {}, 1.0)) == "seed 8"
 
 
-def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path) -> None:
+def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ends = {0: 3, 1: 1, 2: 2}
+    written: list[str] = []
+    write_whole = slices.write_whole
+    monkeypatch.setattr(
+        slices, "write_whole", lambda file, content: (written.append(file.name), write_whole(file, content))
+    )
     jobs = [Job(PATH, preset_of(), (), k, tmp_path / f"seed_{k}") for k in ends]
     turns: list[int] = []
     told: list[Report] = []
@@ -791,6 +796,8 @@ def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path) -> None:
     assert turns == [0, 1, 2, 0, 2, 0]
     assert [(each.seed, each.frames, each.done) for each in last] == [(0, 3, True), (1, 1, True), (2, 2, True)]
     assert [each.seed for each in told] == turns
+    # as they came: the state before what follows from it, so that it is never behind that
+    assert written == ["count", "card.json"] * len(turns)
     for k, count in ends.items():
         assert (tmp_path / f"seed_{k}" / "count").read_bytes() == b"x" * count
         assert (tmp_path / f"seed_{k}" / "best" / "card.json").read_bytes() == b"card"
