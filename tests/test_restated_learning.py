@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.perception import Perception
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.policy import check_gain, check_whole
 from wayfield.policies.training import checkpoints, command, learner, measured, run, slices, validation
 from wayfield.policies.training.checkpoints import BEST, CURVE, LAST, LOCK, RUN
@@ -701,6 +703,34 @@ def test_a_card_is_measured_anew_and_nothing_else_of_it_changes(
     }
     place = "all/validation"
     assert done.output == f"{tmp_path / BEST}: {place} slow 0.6 m/s: 89 %, {place} lagged 1.05 m/s: 88 %\n"
+
+
+@pytest.mark.parametrize("task", ["goal_reaching", "docking"])
+def test_who_follows_no_path_is_measured_at_the_speed_that_it_is_told(
+    task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its mean speed is none that it was asked to hold: no cruises, and its validation is that of its training."""
+    asked: list[tuple[float, dict[str, Any]]] = []
+
+    def validated(agent: Any, env_id: str, kwargs: Any, clock: int) -> Score:
+        assert (env_id, clock) == (before.card["env_id"], TASKS[task].clock)
+        asked.append((agent.speed, dict(kwargs)))
+        return score_of(len(asked), [0.5])
+
+    folder = shutil.copytree(shipped(task, "p3dx")[0], tmp_path / BEST)
+    before = load_agent(folder)
+    monkeypatch.setattr(measured, "validate", validated)
+    monkeypatch.setattr(measured, "cruises", lambda agent: {"lagged": [[0.4, 0.39]]})
+    done = click.testing.CliRunner().invoke(measured.main, [str(folder)])
+    assert done.exit_code == 0, done.output
+    card = load_agent(folder).card
+    assert asked == measured.conditions(before)
+    assert [(each["asked_speed"], each["env_kwargs"]) for each in card["measured"]] == asked
+    assert [each["success"] for each in card["measured"]] == [0.9 - 0.01 * (k + 1) for k in range(len(asked))]
+    changed = {"measured", "digest", "format"}
+    assert {k: v for k, v in card.items() if k not in changed} == {
+        k: v for k, v in before.card.items() if k not in changed
+    }
 
 
 def test_a_cruise_is_what_is_driven_where_nothing_is_known_of_it(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
