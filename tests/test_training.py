@@ -352,7 +352,7 @@ def test_sac_has_the_numbers_of_the_preset_and_says_nothing(capsys: pytest.Captu
 def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     """Of steps that end, with a reward of -(a - (0.5, -0.25))^2, the mean comes to that action; drawn at random."""
     rates = {"learning_rate": 3e-3, "final_learning_rate": 3e-3}
-    preset = dataclasses.replace(REPLAYING, hidden=(32, 32), **rates)
+    preset = dataclasses.replace(REPLAYING, hidden=(32, 32), sac=Sac(16 * 20), **rates)
     learner = SacLearner(preset, PATH, 0)
     replay, rng = learner.sac.replay_buffer, np.random.default_rng(0)
     assert replay is not None
