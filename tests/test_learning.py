@@ -22,8 +22,9 @@ from wayfield.benchmarks.aggregates import iqm
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.rollout import roll_out
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.sb3 import NativeVecEnv
-from wayfield.envs.scenarios import splits
+from wayfield.envs.scenarios import path_scenarios, splits
 from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
 from wayfield.policies.learned.ppo import shipped
@@ -292,6 +293,21 @@ def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], pace
     for (count, kwargs, pace), (wanted, asked_kwargs, asked_pace) in zip(parts, asked, strict=True):
         assert abs(count - wanted) <= 1.5 + 1e-9
         assert (kwargs, pace) == (asked_kwargs, asked_pace)
+
+
+def test_a_world_s_own_arguments_go_before_those_of_all() -> None:
+    """Its clock and its robot, where it says so; the preset's elsewhere, and the pace of its part."""
+    own = {"scenario": "circle", "max_episode_steps": 7, "robot": "turtlebot3", "actuators": "slow"}
+    preset = dataclasses.replace(
+        FOLLOWING, worlds=((0.5, {"scenario": "s_curve"}), (0.5, own)), time_limit=9, robot="p3dx", paces=(0.2, 0.3)
+    )
+    env = make_worlds(preset, PATH)
+    slow = ROBOTS["turtlebot3"].actuators("slow")
+    found = [(part.max_episode_steps, part.task.robot.name, part.task.scenarios[0].name) for part in env.worlds.parts]
+    first, last = path_scenarios("s_curve")[0].name, path_scenarios("circle")[0].name
+    assert found == [(9, "p3dx", first)] * 2 + [(7, "turtlebot3", last)] * 2
+    assert [part.task.options.actuators == slow for part in env.worlds.parts] == [False, False, True, True]
+    assert env.speeds.tolist() == [0.2] * 4 + [0.3] * 4 + [0.2] * 4 + [0.3] * 4
 
 
 # What is taught.
