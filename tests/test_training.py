@@ -6,13 +6,16 @@ import contextlib
 import dataclasses
 import errno
 import functools
+import itertools
 import json
 import os
+import queue
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,7 +37,7 @@ from wayfield.envs.scenarios import GOAL_SCENARIOS, GoalScenario, box, circle, o
 from wayfield.policies.learned.agent import Agent, Network, load_agent, rounded
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.training import checkpoints, command
+from wayfield.policies.training import checkpoints, command, seeds
 from wayfield.policies.training import run as training_run
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
@@ -200,6 +203,68 @@ def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None
     assert apart[1] < 0.4 * apart[0]
     assert seen == sorted(seen)
     assert preset.imitation <= seen[-1] == learner.frames < 1.1 * preset.imitation
+
+
+def test_a_second_signal_cuts_a_run_off_and_later_ones_are_as_before() -> None:
+    def before(number: int, frame: Any) -> None:
+        came.append(number)
+
+    came: list[int] = []
+    handler = signal.signal(signal.SIGTERM, before)
+    try:
+        for first, second in itertools.product((signal.SIGINT, signal.SIGTERM), repeat=2):
+            with training_run.interruptible() as interrupted:
+                assert interrupted.number == 0
+                signal.raise_signal(first)
+                assert interrupted.number == first
+                with pytest.raises(KeyboardInterrupt):
+                    signal.raise_signal(second)
+        assert signal.getsignal(signal.SIGTERM) is before
+        with training_run.interruptible((signal.SIGINT,)) as interrupted:
+            signal.raise_signal(signal.SIGTERM)
+        assert (interrupted.number, came) == (0, [signal.SIGTERM])
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+
+
+def test_a_worker_leaves_ctrl_c_to_its_command_and_tells_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    handlers: list[Any] = []
+    monkeypatch.setattr(seeds, "end_with_parent", lambda parent: handlers.append(parent))
+    monkeypatch.setattr(seeds.signal, "signal", lambda *given: handlers.append(given))
+    each = job(Path("run"), seed=6)
+    for error, said in (
+        (None, ""),
+        (KeyboardInterrupt(), "interrupted twice; --resume goes on from its last save"),
+        (MemoryError("4 GiB"), "out of memory: 4 GiB; --resume goes on from its last save"),
+        (ValueError("wrong\n  here"), "wrong here"),
+        (FloatingPointError("diverged"), "diverged"),
+        (OSError("full"), "full"),
+    ):
+        told: queue.Queue[Any] = queue.Queue()
+        handlers.clear()
+        asked = threading.Event()
+
+        def train_it(
+            given: Job, report: Any, signals: Any, stop: Any, error: Any = error, asked: Any = asked
+        ) -> Report:
+            # in a terminal Ctrl-C comes to all processes: the command tells its workers, once
+            assert handlers == [77, (signal.SIGINT, signal.SIG_IGN)]
+            assert (given, signals) == (each, (signal.SIGTERM,))
+            assert not stop()
+            asked.set()
+            assert stop()
+            report(Report(6, 5, 9))
+            if error is not None:
+                raise error
+            return Report(6, 9, 9, done=True)
+
+        monkeypatch.setattr(seeds, "train", train_it)
+        seeds._work(3, each, told, asked, 77)  # type: ignore[arg-type]
+        assert told.get_nowait() == (3, Report(6, 5, 9), False)
+        ended = Report(6, 9, 9, done=True) if error is None else Report(6, 0, each.preset.steps, error=said)
+        assert told.get_nowait() == (3, ended, True)
+        seeds._work(3, each, told, asked, 77)  # type: ignore[arg-type]  asked to stop before it began
+        assert told.get_nowait() == (3, Report(6, 0, each.preset.steps), True)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -559,6 +624,7 @@ def test_a_way_between_nodes_is_in_proportion_along_x_and_y_of_its_own_grid() ->
         ([PATH, "--set", "learning_rate=nan"], "finite"),
         ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--steps", "0"], "steps is 0"),
+        ([PATH, "--preset", PLAIN, "--steps", str(1024 * 32 - 1)], "at least one update, num_envs x horizon = 32768"),
         ([PATH, "--preset", PLAIN, "--set", "controller=lqr"], "either teaches"),
         ([PATH, "--preset", PLAIN, "--set", "reach=0.2"], "either teaches"),
         ([PATH, "--set", "batch_size=1"], "batch_size must be at least 2"),
