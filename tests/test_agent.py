@@ -1017,6 +1017,7 @@ def test_a_save_that_is_killed_at_any_moment_leaves_the_old_agent_or_the_new(tmp
         np.testing.assert_array_equal(agent.network.numbers, Network.of(layers_of([inputs, 16, 8, 2], seed=k)).numbers)
         return k
 
+    tmp_path.chmod(0o755)
     moments, found = 0, set()
     for count in itertools.count():
         folder = tmp_path / f"best_{count}"
@@ -1025,11 +1026,12 @@ def test_a_save_that_is_killed_at_any_moment_leaves_the_old_agent_or_the_new(tmp
         killed = killed_at(count, lambda folder=folder: save(1, folder))  # type: ignore[misc]
         if folder.exists() or not first:
             found.add(check(folder, (0, 1)))
-        # what comes after is cut off too, and then left to end
-        if killed_at(2, lambda folder=folder: save(2, folder)) and (folder.exists() or not first):  # type: ignore[misc]
+        # what comes after is cut off too, its weights beside the card of those before, and then left to end
+        if killed_at(3, lambda folder=folder: save(2, folder)) and (folder.exists() or not first):  # type: ignore[misc]
             check(folder, (0, 1))
         save(2, folder)
         assert check(folder, (2,)) == 2
+        assert folder.stat().st_mode & 0o777 == 0o755  # who may read what lies around it may read the agent
         assert sorted(each.name for each in folder.iterdir() if not each.name.startswith(".")) == [CARD, WEIGHTS]
         if not killed:
             break

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -21,11 +22,13 @@ from wayfield.benchmarks.aggregates import iqm
 from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.rollout import roll_out
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.sb3 import NativeVecEnv
-from wayfield.envs.scenarios import splits
+from wayfield.envs.scenarios import path_scenarios, splits
 from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
 from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import imitation, measured, run
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.learner import PpoLearner, make_worlds
@@ -292,6 +295,21 @@ def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], pace
         assert (kwargs, pace) == (asked_kwargs, asked_pace)
 
 
+def test_a_world_s_own_arguments_go_before_those_of_all() -> None:
+    """Its clock and its robot, where it says so; the preset's elsewhere, and the pace of its part."""
+    own = {"scenario": "circle", "max_episode_steps": 7, "robot": "turtlebot3", "actuators": "slow"}
+    preset = dataclasses.replace(
+        FOLLOWING, worlds=((0.5, {"scenario": "s_curve"}), (0.5, own)), time_limit=9, robot="p3dx", paces=(0.2, 0.3)
+    )
+    env = make_worlds(preset, PATH)
+    slow = ROBOTS["turtlebot3"].actuators("slow")
+    found = [(part.max_episode_steps, part.task.robot.name, part.task.scenarios[0].name) for part in env.worlds.parts]
+    first, last = path_scenarios("s_curve")[0].name, path_scenarios("circle")[0].name
+    assert found == [(9, "p3dx", first)] * 2 + [(7, "turtlebot3", last)] * 2
+    assert [part.task.options.actuators == slow for part in env.worlds.parts] == [False, False, True, True]
+    assert env.speeds.tolist() == [0.2] * 4 + [0.3] * 4 + [0.2] * 4 + [0.3] * 4
+
+
 # What is taught.
 
 
@@ -430,6 +448,37 @@ def test_a_score_is_that_of_its_costs(
     assert found.success == pytest.approx(won.mean())
     assert found.collision == pytest.approx(np.mean([row[failed] for row in rows]))
     assert found.speed == pytest.approx(np.mean([row["mean_speed"] for row in rows]))
+
+
+def test_a_validation_is_of_every_so_manieth_scenario_each_until_its_own_end() -> None:
+    """As if each robot were alone: what others do after its end, and the episode that it begins then, do not count."""
+    clock, every, seed = 200, 3, 7
+    conditions: dict[str, Any] = {"scenario": "clutter_10/validation", "actuators": "lagged", "noise": 1.0}
+    law = policies.make("waypoint")
+    found = validate(law, OMNI, conditions, clock, seed=seed, every=every)
+    returns, lengths, collisions, speeds = [], [], [], []
+    for row, k in enumerate(range(0, len(splits.split("goal_reaching", "clutter_10", "validation")), every)):
+        env: Any = gymnasium.make_vec(
+            OMNI, 1, vectorization_mode="vector_entry_point", max_episode_steps=clock, **conditions
+        )
+        seen, _ = env.reset(seed=seed + row, options={"scenario": [k]})
+        pilot = Pilot(law, env)
+        pilot.reset()
+        places, paid, ended = [env.unwrapped.batch.states[["x", "y"]][0].item()], 0.0, False
+        while not ended:
+            seen, reward, terminated, truncated, told = env.step(pilot.act(seen))
+            paid += reward[0]
+            ended = bool(terminated[0] or truncated[0])
+            places.append(env.unwrapped.batch.states[["x", "y"]][0].item())
+        way = np.array(places)
+        returns.append(paid)
+        lengths.append(len(way) - 1)
+        collisions.append(told["collision"][0])
+        speeds.append(np.hypot(*np.diff(way, axis=0).T).sum() / (DT * lengths[-1]))
+    assert min(lengths) < 0.7 * max(lengths)  # some end long before others, or this tests little
+    assert found.reward == pytest.approx(np.mean(returns))
+    assert found.collision == np.mean(collisions)
+    assert found.speed == pytest.approx(np.mean(speeds))
 
 
 def scored(scores: list[float], folder: Path, monkeypatch: pytest.MonkeyPatch, **changes: Any) -> tuple[_Run, Report]:

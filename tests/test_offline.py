@@ -69,6 +69,20 @@ def test_what_follows_a_step_is_the_next_one_and_the_task_s_end_goes_on_to_nothi
     seen = {row.tobytes() for row in steps.inputs}
     later = sum(row.tobytes() in seen for row in steps.following)
     assert later == len(steps.inputs) - len(episodes)
+    # whatever ended an episode: the clock alone, the task alone, or both at once
+    ends = [(False, True), (True, False), (True, True)]
+    for each, (terminated, truncated) in zip(episodes, ends, strict=True):
+        each["terminations"][-1], each["truncations"][-1] = terminated, truncated
+    data = SimpleNamespace(episode_indices=range(3), storage=SimpleNamespace(get_episodes=lambda _: episodes))
+    last = {row.tobytes() for row in steps.following} - seen
+    found = transitions(data, task_of(opened(str(recorded))), PRESET)
+    assert len(last) == 3
+    over = [k for k, row in enumerate(found.following) if row.tobytes() in last]
+    in_order = sorted(
+        zip(episodes, ends, strict=True), key=lambda each: len(each[0]["actions"])
+    )  # the longest ends last
+    assert found.going_on[over].tolist() == [0.0 if terminated else 1.0 for _, (terminated, _) in in_order]
+    assert np.delete(found.going_on, over).all()
 
 
 class _Says(torch.nn.Module):
@@ -213,16 +227,26 @@ def test_what_ends_the_task_is_left_alone_though_it_pays_as_well_as_anything_els
 
 def test_a_seed_gives_one_agent_that_drives_and_is_not_overwritten(recorded: Path, tmp_path: Path) -> None:
     words = ["bc", str(recorded), "--gradient-steps", "30", "--seeds", "2", "--out"]
-    for name in ("a", "b"):
-        result = CliRunner().invoke(offline.main, [*words, str(tmp_path / name)])
+    for more, name in (([], "a"), (["--seed", "1", "--seeds", "1"], "b")):
+        result = CliRunner().invoke(offline.main, [*words, str(tmp_path / name), *more])
         assert result.exit_code == 0, result.output
         assert "seed 1: " in result.output
-    for seed in (0, 1):
-        weights = [tmp_path / name / f"seed_{seed}" / "best" / "weights.safetensors" for name in ("a", "b")]
-        assert weights[0].read_bytes() == weights[1].read_bytes()
+    assert [sorted(each.name for each in (tmp_path / name).iterdir()) for name in "ab"] == [
+        ["seed_0", "seed_1"], ["seed_1"],
+    ]  # fmt: skip
+    weights = [tmp_path / name / "seed_1" / "best" / "weights.safetensors" for name in "ab"]
+    assert weights[0].read_bytes() == weights[1].read_bytes()
     agent = load_agent(tmp_path / "a" / "seed_1" / "best")
-    assert agent.card["training"]["algorithm"] == "bc"
-    assert agent.card["training"]["data"]["digest"] == opened(str(recorded)).storage.metadata[offline.KEY]["digest"]
+    other = load_agent(tmp_path / "a" / "seed_0" / "best")
+    assert not np.array_equal(agent.network.numbers, other.network.numbers)
+    assert not (agent.network.numbers.view(np.uint32) & 0xFFFF).any()  # rounded as all that are saved
+    training, data = agent.card["training"], opened(str(recorded))
+    assert (training["algorithm"], training["seed"], training["gradient_steps"]) == ("bc", 1, 30)
+    assert training["steps"] == data.total_steps  # frames that it has seen
+    assert training["data"]["digest"] == data.storage.metadata[offline.KEY]["digest"]
+    # judged on the robot that was recorded, where its preset is judged
+    assert agent.card["env_kwargs"] == {**PRESETS[training["preset"]].validation, "robot": "p3dx"}
+    assert agent.card["robots"] == ["p3dx"]
     again = CliRunner().invoke(offline.main, [*words, str(tmp_path / "a")])
     assert again.exit_code == 2
     assert "is there already" in again.output

@@ -19,7 +19,9 @@ from wayfield.policies.learned import ppo
 from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.training.measured import conditions
 from wayfield.policies.training.presets import PRESETS
+from wayfield.policies.training.run import trained_on
 from wayfield.policies.training.validation import validate
 
 PATH_ID, DIFF_GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
@@ -54,6 +56,18 @@ def test_each_loads_and_its_card_says_how_it_was_made(task: str, robot: str, see
     assert agent.card["training"]["frames"] <= agent.card["training"]["steps"] * 1.02
     assert "train.py" in agent.card["training"]["command"]
     assert agent.num_parameters == agent.card["network"]["parameters"]
+    # by a preset that trains the same today: who trains anew gets what ships
+    card, preset = agent.card, PRESETS[agent.card["training"]["preset"]]
+    assert (agent.features, agent.actions, agent.base) == (preset.features, preset.actions, preset.base)
+    assert (agent.speed, agent.network.activation) == (preset.speed, preset.activation)
+    assert tuple(card["network"]["hidden"]) == preset.hidden
+    assert card["training"]["steps"] == preset.steps
+    assert not card["training"]["settings"]
+    assert card["trained_on"] == trained_on(preset)
+    assert (card["task"], card["env_id"] in preset.env_ids) == (preset.task, True)
+    assert card["env_kwargs"] == {**preset.validation} | ({} if preset.robot is None else {"robot": preset.robot})
+    # and it was measured wherever an agent of its task is today
+    assert [(each["asked_speed"], each["env_kwargs"]) for each in card["measured"]] == conditions(agent)
 
 
 def test_agents_follow_paths_at_the_speed_they_are_asked_for() -> None:

@@ -19,9 +19,9 @@ from wayfield import policies
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
 from wayfield.policies.learned import agent as agents
 from wayfield.policies.learned import conditions, reading
-from wayfield.policies.learned.agent import Agent, Network, held_law, load_agent, rounded
+from wayfield.policies.learned.agent import Agent, Network, held_law, load_agent, read_card, rounded
 from wayfield.policies.learned.conditions import driven_as, driven_speed, outside
-from wayfield.policies.learned.perception import hold
+from wayfield.policies.learned.perception import GoalFeatures, hold
 from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.learned.residual import Base, controller_at
 from wayfield.policies.pilot import Pilot
@@ -29,6 +29,7 @@ from wayfield.policies.training import measured
 from wayfield.policies.training.presets import PRESETS, overridden, settable
 from wayfield.policies.training.run import trained_on
 from wayfield.policies.training.settings import _text, rows
+from wayfield.policies.training.validation import Score, validated
 
 PATH, GOAL = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 TIERS: Any = (*ACTUATORS.values(), *(Actuators(True, a, w, lag) for a, w, lag in itertools.product(
@@ -54,7 +55,7 @@ def stopping(speed: float, base: Actuators) -> float:
 @pytest.mark.parametrize("known", [("lagged",), ("slow",), ("lagged", "slow"), ("ideal",), ("slow", "ideal", "lagged")])
 def test_which_base_an_agent_drives_a_base_as_and_how_fast(known: tuple[str, ...], told: Any) -> None:
     cruises = {"lagged": [[0.4, 0.3], [0.8, 0.5]], "slow": [[0.5, 0.4]]}
-    card = {"trained_on": {"actuators": [*known], "speeds": [0.4, 0.8], "disturbances": [], "beams": []}}
+    card = {"trained_on": {"actuators": [*known], "speeds": [0.8, 0.4], "disturbances": [], "beams": []}}
     card["cruises"] = {tier: each for tier, each in cruises.items() if tier in known}
     bases = [ACTUATORS[tier] for tier in known]
     for own, speed in itertools.product(TIERS, (0.2, 0.45, 0.7, 0.9)):
@@ -185,7 +186,7 @@ def cases() -> Iterator[tuple[str, str, str, int]]:
 
 
 @pytest.mark.parametrize(("task", "robot", "env_id", "beams"), list(cases()))
-@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow"])
+@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow", "slower"])
 @pytest.mark.filterwarnings("ignore::wayfield.policies.learned.conditions.NewToAgent")
 def test_an_agent_decides_by_its_parts_one_after_the_other(
     task: str, robot: str, env_id: str, beams: int, tier: str, monkeypatch: pytest.MonkeyPatch
@@ -201,20 +202,34 @@ def test_an_agent_decides_by_its_parts_one_after_the_other(
         agent = dataclasses.replace(agent, network=Network.of(layers), base=base)
         assert agent.knows == policies.make("pure_pursuit").knows
     kwargs = {"num_beams": beams} if beams else {}
-    env = gymnasium.make_vec(env_id, 4, vectorization_mode="vector_entry_point", actuators=tier, robot=robot, **kwargs)
+    given_tier = "slow" if tier == "slower" else tier
+    env = gymnasium.make_vec(
+        env_id, 4, vectorization_mode="vector_entry_point", actuators=given_tier, robot=robot, **kwargs
+    )
     pilot = Pilot(agent, env)
     observation, _ = env.reset(seed=3)
     pilot.reset()
+    if tier == "slower":  # than any that it was trained on
+        pilot.briefing = dataclasses.replace(pilot.briefing, actuators=Actuators(True, 0.3, 0.8, 0.25))
     here = pilot.briefing
     actuators, speed = driven_as(agent.card, here), driven_speed(agent.card, here, 0.5)
     is_held = actuators != here.actuators
     assert is_held == (tier == "ideal")
+    assert (speed < 0.45) == (tier == "slower")
     perception, axes = agent.perception(here), list(here.robot.twist_axes)
     memory, speeds = perception.fresh(4), np.full(4, speed)
     held, given = np.zeros((4, 2, 3)), np.zeros((4, 3))
     law = controller_at("pure_pursuit", {}, 0.5) if based else None
     kept = law.reset(here) if law else None
-    for _ in range(4):
+    near = np.empty(0, int)
+    if beams:
+        near = here.layout.unpack(np.arange(observation.shape[1], dtype=float)[None]).ranges[0].astype(int)
+    draws = np.random.default_rng(7)
+    for k in range(6):
+        # what stands comes near on one side, so that the guard has to do, and the more the longer a base turns on
+        sides = np.cos(np.linspace(-np.pi, np.pi, len(near)) - draws.uniform(-np.pi, np.pi, (4, 1)))
+        room = (1.5, 1.0, 0.7, 0.4, 0.2, 0.1)[k] * np.exp(1.5 * sides)
+        observation[:, near] = np.minimum(observation[:, near], here.robot.hull_radius + room)
         seen = here.layout.unpack(observation.astype(float))
         if is_held:
             seen = seen._replace(twist=seen.twist + (held[:, 1] - given)[:, axes])
@@ -320,6 +335,11 @@ def test_in_what_an_agent_is_measured() -> None:
     assert measured.measurement(0.6, {"a": 1}, score) == {
         "asked_speed": 0.6, "env_kwargs": {"a": 1}, "success": 1.0, "error": None,
     }  # fmt: skip
+    nobody_came = Score(-2.0, 0.0, 1.0, math.nan, 60.0, 60.0, 0.3, -4.0)
+    assert validated(nobody_came) == {
+        "score": -2.0, "success": 0.0, "collision": 1.0, "error": None, "median": 60.0, "p95": 60.0, "speed": 0.3,
+        "return": -4.0,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -339,11 +359,59 @@ def test_a_preset_s_worlds_and_settings(name: str) -> None:
     ):
         assert (kwargs, pace) == (world, asked)
         assert abs(count - preset.num_envs * share / len(preset.paces)) <= 1.5
+    if isinstance(preset.features, GoalFeatures):  # it sees by the scan that it has, of the hull that it has
+        assert preset.robot is not None
+        assert preset.features.hull_radius == ROBOTS[preset.robot].hull_radius
+        for each in (*worlds, preset.validation, *(kwargs for _, kwargs in preset.conditions)):
+            assert (each["num_beams"], each["max_range"]) == (preset.features.num_beams, preset.features.max_range)
+    splits = [*(str(each["scenario"]).partition("/")[2] for each in worlds)]
+    chosen = [str(kwargs["scenario"]) for kwargs in (preset.validation, *(each for _, each in preset.conditions))]
+    assert (set(splits), set(chosen)) == ({"train"}, {"all/validation"})
+    # another robot comes with its hull, unless another is asked for
+    if isinstance(preset.features, GoalFeatures) and not preset.reach:
+        settings = [
+            f"robot={next(each for each in ('omni4', 'p3dx') if each != preset.robot)}",
+            "controller_gains=default",
+        ]
+        assert overridden(preset, settings).features == dataclasses.replace(
+            preset.features, hull_radius=ROBOTS[settings[0].partition("=")[2]].hull_radius
+        )
+        other = overridden(preset, [*settings, "features.hull_radius=0.123"])
+        assert other.features == dataclasses.replace(preset.features, hull_radius=0.123)
     # every key takes its own default, as it is listed, and changes nothing
     listed = {key: default for key, default, _, _ in rows(preset)}
     again = overridden(preset, [f"{key}={'' if text == 'empty' else text}" for key, text in listed.items()])
     assert again == preset
     assert list(listed) == [key for key, _ in settable(preset)]
+
+
+def test_the_gains_of_a_controller_that_teaches() -> None:
+    for name, robot in (("diff_drive_goal", "p3dx"), ("omni4_goal", "omni4"), ("omni3_goal", "omni3")):
+        preset = dataclasses.replace(PRESETS[name], controller="dwa")
+        tuned = policies.tuned_gains("dwa", "goal-obstacles", robot)
+        for asked, wanted in (("tuned", tuned), ("default", {}), ("shipped", tuned)):  # by it, no agent was taught
+            found = dataclasses.replace(preset, controller_gains=asked)  # type: ignore[arg-type]
+            assert found.gains == wanted
+            assert found.controller_at(0.45) == controller_at("dwa", wanted, 0.45)
+        taught = read_card(shipped("goal_reaching", robot)[0] / "card.json")["training"]
+        preset = dataclasses.replace(PRESETS[name], controller=taught["taught_by"], controller_gains="shipped")
+        assert preset.gains == taught["taught_with"]
+        assert preset.controller_at(0.45) == controller_at(taught["taught_by"], taught["taught_with"], 0.45)
+
+
+def test_a_controller_under_an_agent_cruises_at_the_speed_that_is_asked_for() -> None:
+    """Whatever speed its gains were tuned for, and with all else of them."""
+    for policy in ("lqr", "stanley", "mpc", "pure_pursuit", "regulated_pure_pursuit", "lookahead_retuned", "dwa"):
+        gains = policies.tuned_gains(policy, "goal-obstacles" if policy == "dwa" else "path-following", "p3dx")
+        for speed in (0.25, 0.6, 1.05):
+            for law in (controller_at(policy, gains, speed), Base(policy, gains, 0.2).policy(speed)):
+                has: Any = vars(law)
+                cruise = next(name for name in ("k_lin", "speed", "max_speed") if name in has)
+                ahead = has["lookahead_distance"] if cruise == "k_lin" else 1.0  # that law settles at v = k_lin L
+                assert has[cruise] * ahead == pytest.approx(speed)
+                assert {name: has[name] for name in gains if name != cruise} == {
+                    name: each for name, each in gains.items() if name != cruise
+                }
 
 
 def test_what_is_read_of_files_is_plain_and_bounded(tmp_path: Path) -> None:

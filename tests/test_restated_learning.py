@@ -2,10 +2,12 @@
 
 import contextlib
 import dataclasses
+import errno
 import json
 import math
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +23,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.perception import Perception
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.policy import check_gain, check_whole
 from wayfield.policies.training import checkpoints, command, learner, measured, run, slices, validation
 from wayfield.policies.training.checkpoints import BEST, CURVE, LAST, LOCK, RUN
@@ -461,6 +464,65 @@ def test_a_run_is_told_in_a_line(task: str, tmp_path: Path, capsys: pytest.Captu
     assert command._told(jobs[:1], reports[:1], preset) == 0
 
 
+def test_a_command_asks_for_a_run_a_seed_and_shares_the_cores_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[tuple[list[Job], int]] = []
+    drawn: list[Any] = []
+
+    def trained(jobs: list[Job], at_once: int) -> list[Report]:
+        asked.append((jobs, at_once))
+        for job in jobs[:2]:  # the others have not come to a validation
+            checkpoints.write_run(job.folder, job.described())
+            (job.folder / CURVE).touch()
+        return [Report(job.seed, 10, 10, done=True) for job in jobs]
+
+    def train(*words: str) -> click.testing.Result:
+        return click.testing.CliRunner().invoke(command.main, [PATH, *words])
+
+    cluster = [False]
+    monkeypatch.setattr(command, "_trained", trained)
+    monkeypatch.setattr(command, "draw_curves", lambda *told: drawn.append(told))
+    monkeypatch.setattr(command, "cluster_given", lambda: cluster[0])
+    monkeypatch.setattr(command.os, "sched_getaffinity", lambda process: set(range(7)), raising=False)
+    monkeypatch.chdir(tmp_path)
+    words = ("--set", "clip=0.15", "--steps", "600000", "--robot", "p3dx")
+    for seeds, threads, at_once, far in ((1, 7, 1, False), (2, 3, 2, False), (9, 1, 7, False), (2, 1, 2, True)):
+        cluster[0] = far
+        out = tmp_path / f"{seeds}_{far}"
+        done = train(*words, "--seed", "4", "--seeds", str(seeds), "--out", str(out))
+        assert done.exit_code == 0, done.output
+        jobs, together = asked.pop()
+        assert together == at_once
+        assert [job.seed for job in jobs] == list(range(4, 4 + seeds))
+        for job in jobs:
+            assert (job.env_id, job.folder, job.threads, job.resume) == (PATH, out / f"seed_{job.seed}", threads, False)
+            assert job.settings == ("clip=0.15", "steps=600000", "robot=p3dx")  # in which the later one counts
+            assert (job.preset.name, job.preset.clip, job.preset.steps) == ("path_following", 0.15, 600_000)
+            assert job.preset.robot == "p3dx"
+        ((folders, task, file, title),) = drawn
+        assert folders == [out / "seed_4", out / "seed_5"][:seeds]
+        assert (task, file.parent, PATH in title, "path_following" in title) == ("path_following", out, True, True)
+        drawn.clear()
+    # what was begun goes on, what was not begins
+    out = tmp_path / "2_False"
+    assert train(*words, "--seed", "4", "--seeds", "3", "--out", str(out), "--resume").exit_code == 0
+    assert [(job.seed, job.resume) for job in asked.pop()[0]] == [(4, True), (5, True), (6, False)]
+    for more, said in ((("--seed", "4"), "holds a run"), (("--seed", "7", "--resume"), "holds no run to resume")):
+        refused = train(*words, *more, "--out", str(out))
+        assert (refused.exit_code, said in refused.output) == (2, True), refused.output
+    assert train("--preset", "path_following_plain").exit_code == 0
+    assert asked.pop()[0][0].folder == Path("results/training/path_following_plain/seed_0")
+    for error, status, said in (
+        (OSError(errno.ENOSPC, "no room"), 1, "the disk is full"),
+        (FloatingPointError("it diverged"), 1, "it diverged"),
+        (ValueError("it is damaged"), 2, "it is damaged"),
+    ):
+        monkeypatch.setattr(command, "_trained", lambda *_, error=error: (_ for _ in ()).throw(error))
+        failed = train("--out", str(tmp_path / "none"))
+        assert (failed.exit_code, said in failed.output, len(failed.output.splitlines())) == (status, True, 1)
+
+
 def test_where_nobody_looks_a_line_is_printed_a_validation_or_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -616,6 +678,7 @@ def test_a_card_is_measured_anew_and_nothing_else_of_it_changes(
     went(began(tmp_path, preset))
     before = load_agent(tmp_path / BEST)
     told.asked.clear()
+    told.scores = [each - 0.25 for each in told.scores]  # told a speed, it does otherwise
     monkeypatch.setattr(measured, "validate", told)
     monkeypatch.setattr(measured, "cruises", lambda agent: {"lagged": [[0.4, 0.39]]})
     done = click.testing.CliRunner().invoke(measured.main, [str(tmp_path / BEST)])
@@ -640,6 +703,34 @@ def test_a_card_is_measured_anew_and_nothing_else_of_it_changes(
     }
     place = "all/validation"
     assert done.output == f"{tmp_path / BEST}: {place} slow 0.6 m/s: 89 %, {place} lagged 1.05 m/s: 88 %\n"
+
+
+@pytest.mark.parametrize("task", ["goal_reaching", "docking"])
+def test_who_follows_no_path_is_measured_at_the_speed_that_it_is_told(
+    task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its mean speed is none that it was asked to hold: no cruises, and its validation is that of its training."""
+    asked: list[tuple[float, dict[str, Any]]] = []
+
+    def validated(agent: Any, env_id: str, kwargs: Any, clock: int) -> Score:
+        assert (env_id, clock) == (before.card["env_id"], TASKS[task].clock)
+        asked.append((agent.speed, dict(kwargs)))
+        return score_of(len(asked), [0.5])
+
+    folder = shutil.copytree(shipped(task, "p3dx")[0], tmp_path / BEST)
+    before = load_agent(folder)
+    monkeypatch.setattr(measured, "validate", validated)
+    monkeypatch.setattr(measured, "cruises", lambda agent: {"lagged": [[0.4, 0.39]]})
+    done = click.testing.CliRunner().invoke(measured.main, [str(folder)])
+    assert done.exit_code == 0, done.output
+    card = load_agent(folder).card
+    assert asked == measured.conditions(before)
+    assert [(each["asked_speed"], each["env_kwargs"]) for each in card["measured"]] == asked
+    assert [each["success"] for each in card["measured"]] == [0.9 - 0.01 * (k + 1) for k in range(len(asked))]
+    changed = {"measured", "digest", "format"}
+    assert {k: v for k, v in card.items() if k not in changed} == {
+        k: v for k, v in before.card.items() if k not in changed
+    }
 
 
 def test_a_cruise_is_what_is_driven_where_nothing_is_known_of_it(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
@@ -709,8 +800,13 @@ def test_a_slice_goes_on_from_its_files_and_ends_behind_a_validation(monkeypatch
     assert str(slices.Slice(job, {}, 1.0)) == "seed 8"
 
 
-def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path) -> None:
+def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ends = {0: 3, 1: 1, 2: 2}
+    written: list[str] = []
+    write_whole = slices.write_whole
+    monkeypatch.setattr(
+        slices, "write_whole", lambda file, content: (written.append(file.name), write_whole(file, content))
+    )
     jobs = [Job(PATH, preset_of(), (), k, tmp_path / f"seed_{k}") for k in ends]
     turns: list[int] = []
     told: list[Report] = []
@@ -730,6 +826,8 @@ def test_runs_take_turns_and_what_came_back_is_kept(tmp_path: Path) -> None:
     assert turns == [0, 1, 2, 0, 2, 0]
     assert [(each.seed, each.frames, each.done) for each in last] == [(0, 3, True), (1, 1, True), (2, 2, True)]
     assert [each.seed for each in told] == turns
+    # as they came: the state before what follows from it, so that it is never behind that
+    assert written == ["count", "card.json"] * len(turns)
     for k, count in ends.items():
         assert (tmp_path / f"seed_{k}" / "count").read_bytes() == b"x" * count
         assert (tmp_path / f"seed_{k}" / "best" / "card.json").read_bytes() == b"card"

@@ -289,16 +289,19 @@ def test_a_table_of_gains_elsewhere() -> None:
     rows = [
         {"robot": "p3dx", "policy": policy, "gains_name": "tuned", "learned_from": "1 M frames", "place": place,
          "scenario": f"{place} {k // 2}", "success": str(int(k < won))}
-        for policy, place, won in (("dwa", "rooms", 3), ("dwa", "test", 0), ("orca", "test", 8))
+        for policy, place, won in (
+            ("dwa", "rooms", 3), ("dwa", "test", 0), ("orca", "test", 8), ("dwa", "rooms, jackal", 4)
+        )
         for k in range(8)
     ]  # fmt: skip
     table = transfer.transfer_table(rows, "made so")
-    assert table.header == ["robot", "policy", "gains", "learned from", "test", "rooms"]
+    assert table.header == ["robot", "policy", "gains", "learned from", "test", "rooms", "rooms, jackal"]
     assert [line[:4] for line in table.rows] == [["p3dx", name, "tuned", "1 M frames"] for name in ("dwa", "orca")]
     assert [line[4].split()[0] for line in table.rows] == ["0.0", "100.0"]
     assert table.rows[0][4] == f"0.0 [0.0, {100.0 * (1.0 - 0.025 ** (1 / 8)):.1f}]"
     assert (table.rows[0][5].split()[0], table.rows[1][5]) == ("37.5", "")
-    assert "Rooms: 4 of 8 to 20 m" in table.note
+    assert table.rows[0][6].split()[0] == "50.0"
+    assert "Rooms: 4 of 8 to 20 m" in table.note  # with another hull they are the same
     assert "Made by `made so`." in table.note
 
 

@@ -319,6 +319,14 @@ def test_gains_are_tried_where_they_were_chosen_and_elsewhere(monkeypatch: pytes
     assert [row["success"] for row in rows] == ["0", "1", "1"]
     assert {(row["place"], row["learned_from"], row["robot"]) for row in rows} == {("validation", "tuned p3dx", "p3dx")}
     assert rows[0]["scenario"] == f"{setting.case.scenario}#0"
+    # with another hull it is the same set, with what it was learned from
+    seen.clear()
+    elsewhere = next(each for each in transfer.places(entry.robot, [room], None) if each.name == "rooms, jackal")
+    rows = transfer.tried((entry, elsewhere, room))
+    assert seen[0].case.env_kwargs["robot"] == "jackal"
+    assert {(row["robot"], row["learned_from"], row["scenario"]) for row in rows} == {
+        ("p3dx", "tuned p3dx", "rooms, jackal, room_0")
+    }
 
 
 def test_the_command_tries_every_set_in_every_place(

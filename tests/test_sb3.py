@@ -23,9 +23,11 @@ PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v
     ],
 )
 def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str, kwargs: dict[str, Any]) -> None:
-    clock, count = 60, 6
-    native = NativeVecEnv(env_id, [(2, {}), (4, {"max_episode_steps": clock})], max_episode_steps=clock, **kwargs)
-    dummy = DummyVecEnv([lambda: Monitor(gymnasium.make(env_id, max_episode_steps=clock, **kwargs))] * count)
+    given: dict[str, Any] = {"max_episode_steps": 60, **kwargs}
+    own = {"max_episode_steps": 45, "noise": 0.5}  # of the second world, where it says otherwise than what is for all
+    native = NativeVecEnv(env_id, [(2, {}), (4, own)], **given)
+    worlds, count = [given] * 2 + [given | own] * 4, 6
+    dummy = DummyVecEnv([lambda each=each: Monitor(gymnasium.make(env_id, **each)) for each in worlds])
     for env in (native, dummy):
         env.seed(5)
     np.testing.assert_array_equal(native.reset(), dummy.reset())
@@ -33,6 +35,8 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
     space = native.action_space
     for step in range(150):
         # the first robot drives straight out of bounds or into something, the others at random
+        if step == 70:  # in the middle of episodes: others begin, and what was paid in these counts no more
+            np.testing.assert_array_equal(native.reset(), dummy.reset())
         actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
         actions[0] = 0.0
         actions[0, 0] = space.high[0]

@@ -1,6 +1,8 @@
 """A search that several processes do together: each set is driven once, and what is there is gone on with."""
 
+import dataclasses
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -63,24 +65,81 @@ def test_a_search_drives_as_many_sets_as_it_was_asked_for_and_those_that_were_gi
     count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two, where one is given: the policy's own gains and that one. Waiting for its turn is not having been driven."""
-    driven: list[dict[str, Any]] = []
+    driven: list[tuple[str, dict[str, Any], float]] = []
+    scores: list[Score] = []
 
-    def drive(_: tune.Search, gains: dict[str, Any], split: str, *rest: Any) -> tune.Drive:
-        del rest
-        driven.extend([dict(gains)] * (split == tune.SEARCH_SPLIT))
-        return tune.Drive(Score(0, 0, 1.0, 0.6, 1, 100))
+    def drive(_: tune.Search, gains: dict[str, Any], split: str, engine: Any, least: float = 0.0) -> tune.Drive:
+        driven.append((split, dict(gains), least))
+        scores.append(Score(0, 0, 1.0, 0.4 + 0.01 * len(driven), 1, 100 + len(driven)))
+        return tune.Drive(scores[-1])
 
     monkeypatch.setattr(tune.Search, "drive", drive)
     monkeypatch.setattr(tune, "tuned_set", lambda *_: None)
-    given = {"q_e": 50.0, "q_th": 3.0, "rounding": 0.1, "lateral_acceleration": 0.5, "share": 0.8, "pace": 1.2}
+    # what is given beyond the range of a gain is brought into it
+    given = {"q_e": 50.0, "q_th": 300.0, "rounding": 0.001, "lateral_acceleration": 0.5, "share": 0.8, "pace": 1.2}
+    within = given | {"q_th": 40.0, "rounding": 0.03}
     contest = tune.CONTESTS["path-following"]
-    asked = tune.Search("lqr", contest, ROBOTS["p3dx"], 0.6, "none", "lagged", 10**9, count, 1, 0, (given,))
+    asked = tune.Search("lqr", contest, ROBOTS["p3dx"], 0.6, "moderate", "slow", 10**9, count, 1, 3, (given,))
     found = asked.run(lambda *_: [])
-    assert len(driven) == count
+    # given again, the command that the file names asks for the same
+    python, *words = shlex.split(found["command"])
+    assert (python, words[:2]) == ("python", ["-m", "wayfield.benchmarks.tune"])
+    told = tune.main.make_context("tune", words[2:]).params
+    assert [json.loads(each) for each in told["started_from"]] == [given]
+    for name in ("policy", "robot", "speed", "level", "actuators", "frames", "trials", "scenarios", "seed"):
+        assert told[name] == getattr(asked, name), name
+    assert told["suite"] == contest.name
+    searched = [each for each in driven if each[0] == tune.SEARCH_SPLIT]
+    validated = driven[count:]
+    assert len(searched) == count
     # the policy's own gains are the first of the search, and are not validated twice
-    assert found["frames"] == 100 * (count + 1 + min(count - 1, tune.FINALISTS))
+    assert len(validated) == 1 + min(count - 1, tune.FINALISTS)
+    assert {split for split, *_ in validated} == {tune.TRANSFER_SPLIT}
+    assert found["frames"] == sum(each.frames for each in scores)
     if count > 1:
-        assert driven[1] == {name: value for name, value in given.items() if name != "pace"} | {"speed": 0.72}
+        assert searched[1][1] == {name: value for name, value in within.items() if name != "pace"} | {"speed": 0.72}
+    # no set shall be slower than the policy's own gains, where it is searched as where it is chosen
+    for drives, first in ((searched, scores[0]), (validated, scores[count])):
+        assert [least for *_, least in drives] == [0.0] + [first.mean_speed] * (len(drives) - 1)
+    before = list(driven)
+    for seed, alike in ((3, True), (4, count < 3)):  # the third is the first that chance draws
+        driven.clear()
+        dataclasses.replace(asked, seed=seed).run(lambda *_: [])
+        assert ([gains for _, gains, _ in driven] == [gains for _, gains, _ in before]) is alike
+
+
+@pytest.mark.parametrize(("policy", "suite", "speed"), [("lqr", "path-following", 1.1), ("dwa", "goal-obstacles", 0.6)])
+def test_gains_are_drawn_from_their_ranges_and_no_cruising_speed_is_beyond_the_robot(
+    policy: str, suite: str, speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: dict[str, tuple[float, float, bool]] = {}
+
+    def suggest(_: Any, name: str, low: float, high: float, *, log: bool = False) -> float:
+        drawn[name] = low, high, log
+        return high
+
+    driven: list[dict[str, Any]] = []
+
+    def drive(_: tune.Search, gains: dict[str, Any], split: str, *rest: Any) -> tune.Drive:
+        driven.append(gains)
+        return tune.Drive(Score(0, 0, 1.0, 0.5, 1, 1))
+
+    monkeypatch.setattr(optuna.trial.Trial, "suggest_float", suggest)
+    monkeypatch.setattr(tune.Search, "drive", drive)
+    robot = ROBOTS["p3dx"]
+    asked = tune.Search(policy, tune.CONTESTS[suite], robot, speed, "none", "lagged", 10**9, 1, 1, 0)
+    asked._searched(lambda *_: [])
+    fastest = float(robot.max_twist[0])
+    paced = suite == "path-following"
+    if paced:
+        low, high, log = drawn.pop("pace")
+        assert (low, log) == (tune.PACE_FACTORS[0], False)
+        assert high == pytest.approx(min(tune.PACE_FACTORS[1], fastest / speed))
+        assert driven[0]["speed"] == pytest.approx(fastest, rel=5e-3)
+    assert drawn == {name: (each.low, each.high, each.log) for name, each in tune.SEARCHED[policy].items()}
+    assert {name: driven[0][name] for name in drawn} == {
+        name: tune.rounded(each.high) for name, each in tune.SEARCHED[policy].items()
+    }
 
 
 @pytest.mark.parametrize("where", ["journal", "sqlite"])

@@ -6,13 +6,16 @@ import contextlib
 import dataclasses
 import errno
 import functools
+import itertools
 import json
 import os
+import queue
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -29,11 +32,12 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.patrols import PATROL
+from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GOAL_SCENARIOS, GoalScenario, box, circle, obstacle_field
 from wayfield.policies.learned.agent import Agent, Network, load_agent, rounded
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.training import checkpoints, command
+from wayfield.policies.training import checkpoints, command, seeds
 from wayfield.policies.training import run as training_run
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
@@ -44,7 +48,7 @@ from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.settings import ABOUT, rows
 from wayfield.policies.training.shaping import GoalReward
 from wayfield.policies.training.validation import validate
-from wayfield.policies.training.ways import left_from, way_field
+from wayfield.policies.training.ways import WAYS, left_from, manoeuvre_from, way_field
 
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 
@@ -98,8 +102,8 @@ class Killed(Exception):
 
 TAUGHT = dataclasses.replace(SMALL, controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
 ADDING = dataclasses.replace(SMALL, controller="lqr", reach=0.2, paces=(0.4, 0.6))
-# a replay buffer that comes round, and random actions until after the first update
-REPLAYING = dataclasses.replace(SMALL, batch_size=16, sac=Sac(16 * 20, learning_starts=16 * 10, gradient_steps=2))
+# a replay buffer that comes round, not with the end of an update, and random actions until after the first update
+REPLAYING = dataclasses.replace(SMALL, batch_size=16, sac=Sac(16 * 22, learning_starts=16 * 10, gradient_steps=2))
 
 
 # all that a robot can remember: crumbs, trails, frames, and what its controller does
@@ -199,6 +203,68 @@ def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None
     assert apart[1] < 0.4 * apart[0]
     assert seen == sorted(seen)
     assert preset.imitation <= seen[-1] == learner.frames < 1.1 * preset.imitation
+
+
+def test_a_second_signal_cuts_a_run_off_and_later_ones_are_as_before() -> None:
+    def before(number: int, frame: Any) -> None:
+        came.append(number)
+
+    came: list[int] = []
+    handler = signal.signal(signal.SIGTERM, before)
+    try:
+        for first, second in itertools.product((signal.SIGINT, signal.SIGTERM), repeat=2):
+            with training_run.interruptible() as interrupted:
+                assert interrupted.number == 0
+                signal.raise_signal(first)
+                assert interrupted.number == first
+                with pytest.raises(KeyboardInterrupt):
+                    signal.raise_signal(second)
+        assert signal.getsignal(signal.SIGTERM) is before
+        with training_run.interruptible((signal.SIGINT,)) as interrupted:
+            signal.raise_signal(signal.SIGTERM)
+        assert (interrupted.number, came) == (0, [signal.SIGTERM])
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+
+
+def test_a_worker_leaves_ctrl_c_to_its_command_and_tells_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    handlers: list[Any] = []
+    monkeypatch.setattr(seeds, "end_with_parent", lambda parent: handlers.append(parent))
+    monkeypatch.setattr(seeds.signal, "signal", lambda *given: handlers.append(given))
+    each = job(Path("run"), seed=6)
+    for error, said in (
+        (None, ""),
+        (KeyboardInterrupt(), "interrupted twice; --resume goes on from its last save"),
+        (MemoryError("4 GiB"), "out of memory: 4 GiB; --resume goes on from its last save"),
+        (ValueError("wrong\n  here"), "wrong here"),
+        (FloatingPointError("diverged"), "diverged"),
+        (OSError("full"), "full"),
+    ):
+        told: queue.Queue[Any] = queue.Queue()
+        handlers.clear()
+        asked = threading.Event()
+
+        def train_it(
+            given: Job, report: Any, signals: Any, stop: Any, error: Any = error, asked: Any = asked
+        ) -> Report:
+            # in a terminal Ctrl-C comes to all processes: the command tells its workers, once
+            assert handlers == [77, (signal.SIGINT, signal.SIG_IGN)]
+            assert (given, signals) == (each, (signal.SIGTERM,))
+            assert not stop()
+            asked.set()
+            assert stop()
+            report(Report(6, 5, 9))
+            if error is not None:
+                raise error
+            return Report(6, 9, 9, done=True)
+
+        monkeypatch.setattr(seeds, "train", train_it)
+        seeds._work(3, each, told, asked, 77)  # type: ignore[arg-type]
+        assert told.get_nowait() == (3, Report(6, 5, 9), False)
+        ended = Report(6, 9, 9, done=True) if error is None else Report(6, 0, each.preset.steps, error=said)
+        assert told.get_nowait() == (3, ended, True)
+        seeds._work(3, each, told, asked, 77)  # type: ignore[arg-type]  asked to stop before it began
+        assert told.get_nowait() == (3, Report(6, 0, each.preset.steps), True)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -351,7 +417,7 @@ def test_sac_has_the_numbers_of_the_preset_and_says_nothing(capsys: pytest.Captu
 def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     """Of steps that end, with a reward of -(a - (0.5, -0.25))^2, the mean comes to that action; drawn at random."""
     rates = {"learning_rate": 3e-3, "final_learning_rate": 3e-3}
-    preset = dataclasses.replace(REPLAYING, hidden=(32, 32), **rates)
+    preset = dataclasses.replace(REPLAYING, hidden=(32, 32), sac=Sac(16 * 20), **rates)
     learner = SacLearner(preset, PATH, 0)
     replay, rng = learner.sac.replay_buffer, np.random.default_rng(0)
     assert replay is not None
@@ -496,6 +562,29 @@ def test_every_robot_of_every_world_is_told_its_own_way() -> None:
     np.testing.assert_allclose(env.ways(env.worlds), straight, rtol=0.05, atol=0.1)
 
 
+def test_the_way_left_to_a_dock_is_the_longer_of_a_point_s_and_a_car_s() -> None:
+    """Around what stands, on a grid of 5 cm that is known no better than 6 cm; on circles of 25 cm, with all room."""
+    worlds = NativeVecEnv("wayfield/DiffDriveDocking-v0", [(6, {"scenario": "wall"}), (6, {"scenario": "berth/test"})])
+    worlds.seed(2)
+    worlds.reset()
+    found = WAYS["docking"](worlds)(worlds)
+    longer = []
+    for part, mine in zip(worlds.parts, worlds.rows, strict=True):
+        for state, left in zip(part.batch.states, found[mine], strict=True):
+            scenario = part.task.scenarios[state["scenario"]]
+            field, low = way_field(scenario, part.task.robot.hull_radius, 0.05, 0.0)
+            u, v = (np.array([state["x"], state["y"]]) - low) / 0.05
+            column, row = int(u), int(v)
+            nodes = field[row : row + 2, column : column + 2]
+            around = np.array([row + 1 - v, v - row]) @ nodes @ np.array([column + 1 - u, u - column])
+            car, poses = np.empty(1), np.array([[state["x"], state["y"], state["heading"]]])
+            manoeuvre_from(poses, np.array([scenario.goal]), 0.25, car)
+            assert left == pytest.approx(max(car[0], around - 0.06), abs=1e-5)
+            longer.append(car[0] > around - 0.06)
+    assert any(longer)
+    assert not all(longer)
+
+
 def test_a_way_between_nodes_is_in_proportion_along_x_and_y_of_its_own_grid() -> None:
     """Of two grids, one of them longer than wide, that hold a plane each: a plane between nodes is the plane."""
     planes = [(0.3, 2.0, -0.7, (3, 6), (-1.0, 2.0)), (1.1, -0.4, 0.9, (5, 4), (4.0, -3.0))]
@@ -535,6 +624,7 @@ def test_a_way_between_nodes_is_in_proportion_along_x_and_y_of_its_own_grid() ->
         ([PATH, "--set", "learning_rate=nan"], "finite"),
         ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--steps", "0"], "steps is 0"),
+        ([PATH, "--preset", PLAIN, "--steps", str(1024 * 32 - 1)], "at least one update, num_envs x horizon = 32768"),
         ([PATH, "--preset", PLAIN, "--set", "controller=lqr"], "either teaches"),
         ([PATH, "--preset", PLAIN, "--set", "reach=0.2"], "either teaches"),
         ([PATH, "--set", "batch_size=1"], "batch_size must be at least 2"),

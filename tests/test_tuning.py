@@ -1,11 +1,13 @@
 """Which set a search chooses: by the whole validation split, in rooms too, and none that is told apart as worse."""
 
 import dataclasses
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,7 +47,7 @@ def goals(lost: Iterable[int], count: int = 60) -> list[bool]:
 
 @pytest.mark.parametrize("robot", ["p3dx", "omni3"])
 def test_a_set_is_chosen_on_all_of_validation_and_in_rooms_of_its_own(robot: str, tmp_path: Path) -> None:
-    asked = search(robot)
+    asked = search(robot, level="moderate", actuators="slow")
     asked = dataclasses.replace(asked, rooms=asked._drawn_rooms(tmp_path))
     hulls = ["p3dx", "turtlebot3", "jackal"] if robot == "p3dx" else [robot]
     families = len(GOALS.families("kinematic"))
@@ -65,6 +67,13 @@ def test_a_set_is_chosen_on_all_of_validation_and_in_rooms_of_its_own(robot: str
             assert sum(len(part.members) for part in parts) == len(there)
             assert {part.case.env_kwargs["robot"] for part in parts} == {place.robot.name}
             assert {part.case.gains["k"] for part in parts} == {0.7}
+        for place in (first, *others):
+            for part in asked.settings(place, {}):
+                assert (part.case.env_kwargs["disturbance"], part.actuators, part.dynamics) == (
+                    "moderate",
+                    "slow",
+                    "kinematic",
+                )
     files = [{course.file for course in courses} for courses in asked.rooms.values()]
     assert not files[0] & files[1]
 
@@ -186,3 +195,52 @@ def test_no_set_loses_to_itself_nor_to_one_that_does_worse(ours: list[bool], the
         assert a.losses(b) == []
     assert not (a.losses(b) and b.losses(a))
     assert drive(place=goals(range(20), 20)).losses(drive(place=goals([], 20))) == ["place"]
+
+
+@pytest.mark.parametrize("suite", tune.CONTESTS)
+def test_a_search_may_start_from_what_ships_for_another_condition(suite: str) -> None:
+    """From the gains that are searched, and the pace at which a path follower then cruises as the set that ships."""
+    found = [json.loads(file.read_text()) for file in sorted(tune.folder_of(suite).glob("*.json"))]
+    found = [each for each in found if each["chosen"] == "search"]
+    assert found
+    for ships in found:
+        known = f"{ships['robot']}_{ships['speed']:g}_{ships['level']}"
+        start = tune.start_of(ships["policy"], suite, known)
+        pace = start.pop("pace", None)
+        assert start == {k: ships["gains"][k] for k in tune.searched(ships["policy"], suite) if k in ships["gains"]}
+        asked = search(policy=ships["policy"], contest=tune.CONTESTS[suite], speed=ships["speed"])
+        assert (pace is not None) == asked.paced
+        if pace is not None:
+            again = asked.gains_at(start, pace)
+            assert again == {name: pytest.approx(ships["gains"][name], rel=0.01) for name in again}
+
+
+def test_a_file_in_the_way_ends_a_search_before_it_begins_and_one_that_came_meanwhile_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, searched = tmp_path / "gains.json", []
+    found = {"policy": "lqr", "chosen": "default", "validation": {"default": 1, "winner": "default"}}
+
+    def run(asked: Search, engine: Any) -> dict[str, Any]:
+        del engine
+        searched.append(asked)
+        out.write_text("another's")
+        return found
+
+    monkeypatch.setattr(Search, "run", run)
+    words = (
+        "lqr --suite path-following --robot omni3 --speed 0.45 --level light --actuators slow --frames 9000 --trials 7"
+    )
+    words += f" --scenarios 3 --seed 5 --workers 1 --from {{}} --study s.journal --out {out}"
+    for before in (False, True):
+        if before:
+            out.write_text("another's")
+        refused = CliRunner().invoke(tune.main, words.split())
+        assert (refused.exit_code, "--force replaces it" in refused.stderr) == (2, True)
+        assert out.read_text() == "another's"
+        assert len(searched) == 1
+    contest = tune.CONTESTS["path-following"]
+    wanted = Search("lqr", contest, ROBOTS["omni3"], 0.45, "light", "slow", 9000, 7, 3, 5, ({},), "s.journal")
+    assert searched == [wanted]
+    assert CliRunner().invoke(tune.main, [*words.split(), "--force"]).exit_code == 0
+    assert json.loads(out.read_text()) == found
