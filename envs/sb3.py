@@ -37,11 +37,11 @@ class NativeVecEnv(VecEnv):
 
     Args:
         worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
-            rows stand one after the other. Spaces and control period must agree.
+            rows stand one after the other. Spaces must agree.
         kwargs: keyword arguments of the environment, and max_episode_steps.
 
     Raises:
-        ValueError: if the worlds differ in their observation spaces, or there are none.
+        ValueError: if the worlds differ in a space, or there are none.
     """
 
     def __init__(self, env_id: str, worlds: int | Sequence[tuple[int, Mapping[str, Any]]] = 1, **kwargs: Any) -> None:
@@ -62,8 +62,10 @@ class NativeVecEnv(VecEnv):
             self.parts.append(part)
         first = self.parts[0]
         for part in self.parts[1:]:
-            if part.single_observation_space != first.single_observation_space:
-                raise ValueError(f"the worlds of {env_id} must have one observation space")
+            for space in ("observation", "action"):
+                one, other = (getattr(each, f"single_{space}_space") for each in (first, part))
+                if one != other:
+                    raise ValueError(f"the worlds of {env_id} must have one {space} space, got {one} and {other}")
         self.task = first.task
         ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
         self.rows = [slice(end - part.num_envs, end) for end, part in zip(ends, self.parts, strict=True)]

@@ -109,8 +109,11 @@ def test_frames_are_those_of_the_rows() -> None:
     assert NativeVecEnv(PATH, 2).get_images() == [None, None]
 
 
-def test_worlds_that_differ_in_what_is_seen_and_no_worlds_are_refused() -> None:
+def test_worlds_that_differ_in_what_is_seen_or_done_and_no_worlds_are_refused() -> None:
     with pytest.raises(ValueError, match="observation space"):
         NativeVecEnv(OMNI, [(1, {}), (1, {"num_beams": 4})])
+    # a robot slower than the first would be asked for what it cannot do
+    with pytest.raises(ValueError, match=r"one action space, got .*1\.2 .*and .*0\.22"):
+        NativeVecEnv(PATH, [(1, {}), (1, {"robot": "turtlebot3"})])
     with pytest.raises(ValueError, match="at least one"):
         NativeVecEnv(PATH, [])
