@@ -388,9 +388,14 @@ def test_tuning_replaces_nothing_unasked(tmp_path: Path, monkeypatch: pytest.Mon
     content = json.loads(published.read_text())
     assert content["robot"] == "p3dx"
     assert content["chosen"] == "default"  # nothing was better
-    monkeypatch.setattr(tune.Search, "drive", lambda *_: pytest.fail("it searched"))
+    searched: list[Any] = []
+    monkeypatch.setattr(tune.Search, "drive", lambda *words: searched.append(words))
     for out in (tmp_path, published / "below", ""):
-        assert tuned("--out", str(out), "--force").exit_code in (1, 2)
+        refused = tuned("--out", str(out), "--force")
+        assert refused.exit_code in (1, 2)
+        assert len(refused.stderr.splitlines()) == 1
+        assert "--out" in refused.stderr
+    assert not searched
 
 
 def test_a_score_puts_success_first_then_the_speed() -> None:
