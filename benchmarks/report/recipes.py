@@ -241,7 +241,7 @@ class Blobs:
 def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
     """Returns how the page makes a policy decide: the export, its arguments, and where the twist is."""
     module, function, out, kind = decisions(task)[name]
-    policy = make(name, **gains)
+    policy: Any = make(name, **gains)
     ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
     arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
     memory = dict(leaves(names_of(kernel), values)).get("memory")
