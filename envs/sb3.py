@@ -37,11 +37,12 @@ class NativeVecEnv(VecEnv):
 
     Args:
         worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
-            rows stand one after the other. Spaces must agree.
+            rows stand one after the other. Observation spaces must agree. The action space has room for what the
+            fastest robot can do; what is too fast for another is slowed down to what that can, in the same direction.
         kwargs: keyword arguments of the environment, and max_episode_steps.
 
     Raises:
-        ValueError: if the worlds differ in a space, or there are none.
+        ValueError: if the worlds differ in their observation spaces, or there are none.
     """
 
     def __init__(self, env_id: str, worlds: int | Sequence[tuple[int, Mapping[str, Any]]] = 1, **kwargs: Any) -> None:
@@ -62,10 +63,11 @@ class NativeVecEnv(VecEnv):
             self.parts.append(part)
         first = self.parts[0]
         for part in self.parts[1:]:
-            for space in ("observation", "action"):
-                one, other = (getattr(each, f"single_{space}_space") for each in (first, part))
-                if one != other:
-                    raise ValueError(f"the worlds of {env_id} must have one {space} space, got {one} and {other}")
+            if part.single_observation_space != first.single_observation_space:
+                raise ValueError(f"the worlds of {env_id} must have one observation space")
+        # stable-baselines3 clips actions to it: that of a slow robot would hold back the others
+        actions: list[Any] = [part.single_action_space for part in self.parts]
+        fastest = np.max([each.high for each in actions], axis=0)
         self.task = first.task
         ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
         self.rows = [slice(end - part.num_envs, end) for end, part in zip(ends, self.parts, strict=True)]
@@ -73,7 +75,7 @@ class NativeVecEnv(VecEnv):
         self._actions: NDArray[Any] = np.empty(0)
         self._returns = np.zeros(ends[-1])
         self._since = time.time()
-        super().__init__(ends[-1], first.single_observation_space, first.single_action_space)
+        super().__init__(ends[-1], first.single_observation_space, gymnasium.spaces.Box(-fastest, fastest))
 
     def reset(self) -> NDArray[np.float32]:
         """Starts an episode in every row, seeded if `seed` was called before."""

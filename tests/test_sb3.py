@@ -109,11 +109,26 @@ def test_frames_are_those_of_the_rows() -> None:
     assert NativeVecEnv(PATH, 2).get_images() == [None, None]
 
 
-def test_worlds_that_differ_in_what_is_seen_or_done_and_no_worlds_are_refused() -> None:
+def test_worlds_that_differ_in_what_is_seen_and_no_worlds_are_refused() -> None:
     with pytest.raises(ValueError, match="observation space"):
         NativeVecEnv(OMNI, [(1, {}), (1, {"num_beams": 4})])
-    # a robot slower than the first would be asked for what it cannot do
-    with pytest.raises(ValueError, match=r"one action space, got .*1\.2 .*and .*0\.22"):
-        NativeVecEnv(PATH, [(1, {}), (1, {"robot": "turtlebot3"})])
     with pytest.raises(ValueError, match="at least one"):
         NativeVecEnv(PATH, [])
+
+
+@pytest.mark.parametrize("robots", [("p3dx", "turtlebot3"), ("turtlebot3", "p3dx")])
+def test_worlds_of_a_fast_and_a_slow_robot_hold_nobody_back_and_overtax_none(robots: tuple[str, str]) -> None:
+    both = NativeVecEnv(PATH, [(1, {"robot": robot}) for robot in robots], scenario="straight", actuators="ideal")
+    alone = {robot: gymnasium.make(PATH, robot=robot, scenario="straight", actuators="ideal") for robot in robots}
+    np.testing.assert_array_equal(both.action_space.high, alone["p3dx"].action_space.high)
+    np.testing.assert_array_equal(both.action_space.low, -alone["p3dx"].action_space.high)
+    both.seed(0)
+    both.reset()
+    for k, robot in enumerate(robots):
+        alone[robot].reset(seed=k)
+    full = np.array([both.action_space.high * (1.0, 0.0)] * 2, np.float32)
+    for _ in range(5):
+        seen, *_ = both.step(full)
+        for k, robot in enumerate(robots):
+            own, *_ = alone[robot].step(np.minimum(full[k], alone[robot].action_space.high))
+            np.testing.assert_allclose(seen[k], own, atol=1e-6)
