@@ -304,6 +304,20 @@ def _whole(settings: list[Setting]) -> list[dict[str, str]]:
 # Training, a slice of a run at a time.
 
 
+def test_the_state_that_all_else_follows_from_comes_first_of_a_run_s_files(tmp_path: Path) -> None:
+    """They are written in this order: whoever is cut off between two of them has not a curve beyond its state."""
+    pytest.importorskip("torch")
+    from wayfield.policies.training.slices import files_of
+
+    names = ["best/card.json", "curve.csv", "last.safetensors", "previous.safetensors", "run.json", ".lock"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name)
+    found = files_of(tmp_path)
+    assert found == {name: name.encode() for name in names[:-1]}
+    assert next(iter(found)) == "last.safetensors"
+
+
 @pytest.mark.parametrize("own", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_run_in_slices_on_other_machines_is_the_run_of_one_process(
     tmp_path: Path, threads: Engine, monkeypatch: pytest.MonkeyPatch, own: bool

@@ -380,6 +380,19 @@ def test_results_of_other_code_are_refused_or_marked(repository: Path) -> None:
     assert "the code has changed since" in (repository / "README.md").read_text(encoding="utf-8")
 
 
+def test_the_commit_of_today_is_named_beside_results_of_the_code_of_today_alone(
+    repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publish, "described", lambda home: "v7-3-g1a2b3c4")
+    file = repository / "results/path-following/run.json"
+    mine = file.read_text()
+    (section,) = [each for each in sections.SECTIONS if each.name == "path-following"]
+    for code, named in ((mine, "v7-3-g1a2b3c4"), (mine.replace(source_digest(), "0" * 64), "")):
+        file.write_text(code)
+        kept = publish.gathered(section, file.parent, repository, stale=True)
+        assert json.loads(kept["docs/results/path-following.json"])["commit"] == named
+
+
 def test_what_an_earlier_code_published_is_marked_and_what_this_one_did_is_not(repository: Path) -> None:
     kept = repository / "docs/results/path-following.json"
     assert run_publish(repository, "--no-run").exit_code == 0

@@ -85,6 +85,19 @@ def test_what_follows_a_step_is_the_next_one_and_the_task_s_end_goes_on_to_nothi
     assert np.delete(found.going_on, over).all()
 
 
+def test_an_end_by_the_clock_goes_on_and_the_task_s_end_does_not(recorded: Path) -> None:
+    """The recorded episodes end once by the clock and otherwise by the task, whatever ended them."""
+    data = opened(str(recorded))
+    episodes = list(data.storage.get_episodes([0, 1, 2]))
+    late = max(range(3), key=lambda k: len(episodes[k]["actions"]))  # its last step is the last of all
+    for k, each in enumerate(episodes):
+        each["terminations"] = np.arange(len(each["actions"])) == (-1 if k == late else len(each["actions"]) - 1)
+    told = SimpleNamespace(episode_indices=[0, 1, 2], storage=SimpleNamespace(get_episodes=lambda numbers: episodes))
+    steps = transitions(told, task_of(data), PRESET)
+    assert steps.going_on[-1] == 1.0
+    assert (steps.going_on == 0.0).sum() == 2
+
+
 class _Says(torch.nn.Module):
     """A network that answers by its last two inputs, an action."""
 

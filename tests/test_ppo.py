@@ -12,9 +12,12 @@ from click.testing import CliRunner
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
+from wayfield.benchmarks.cases import Case
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.evaluate import main
+from wayfield.benchmarks.metrics import measure
 from wayfield.benchmarks.results import read_rows
+from wayfield.benchmarks.rollout import roll_out
 from wayfield.policies.learned import ppo
 from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.ppo import shipped
@@ -88,6 +91,16 @@ def test_agents_follow_paths_at_the_speed_they_are_asked_for() -> None:
     # the first seconds go to the start beside the path, and on an even curve what they cost in the mean is made good
     assert 0.3 < paces[0] < 0.44
     assert 0.6 < paces[1] < 0.9
+
+
+def test_a_validation_of_every_third_scenario_is_that_of_those() -> None:
+    case = Case(
+        "", "", PATH_ID, "splines/validation", "pure_pursuit", max_episode_steps=40, every_scenario=True
+    )  # fmt: skip
+    conditions = {"scenario": case.scenario, "actuators": "lagged"}
+    found = validate(policies.make("pure_pursuit"), PATH_ID, conditions, 40, seed=5, every=3)
+    driven = roll_out(case, actuators="lagged", seed=5, episodes=4, members=(0, 3, 6, 9))
+    assert found.speed == pytest.approx(np.mean([measure(each)["mean_speed"] for each in driven]))
 
 
 @pytest.mark.parametrize(("tier", "speed"), [("lagged", 0.6), ("ideal", 0.6), ("lagged", 0.3)])

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils import seeding
 
 pytest.importorskip("mcap", reason='needs pip install "wayfield[record]"')
 pytest.importorskip("pyarrow", reason='needs pip install "wayfield[record]"')
@@ -76,6 +77,14 @@ def test_exploration_is_the_noise_that_was_asked_for():
     most = gymnasium.make(PATHS).action_space.high
     np.testing.assert_allclose(driven.std(axis=0) / most, 0.1, rtol=0.06)
     np.testing.assert_allclose(driven.mean(axis=0) / most, 0.0, atol=0.01)
+
+
+def test_exploration_draws_apart_from_the_episode():
+    """What the seed gives an episode's start and disturbances is not given to its noise once more."""
+    (driven,) = episodes(PATHS, "zero", 1, [Start(7, 0)], 0.1, **NOISY | {"max_episode_steps": 20})
+    noise = driven.actions / gymnasium.make(PATHS).action_space.high / 0.1
+    seeds_own = seeding.np_random(7)[0].standard_normal(4 * noise.size)
+    assert np.abs(seeds_own[:, None] - noise.ravel()).min(axis=0).max() > 1e-3
 
 
 def test_episodes_under_way_are_bounded_in_memory():

@@ -120,6 +120,8 @@ VALIDATED = "97 % succeeded, 1 % failed badly, 11.0 s (lagged, 0.6 m/s, 72 beams
         ({"actuators": "slow", "num_beams": 72}, 0.6,
          "with actuators 'slow', not lagged (so at no more than X m/s)", SAID[0]),
         ({"actuators": "ideal", "num_beams": 32}, 0.6, "with 32 beams, not 72", SAID[2]),
+        # the tier says more than the beams
+        ({"actuators": "ideal", "num_beams": 72}, 0.9, "at 0.9 m/s, not 0.4 to 0.8", SAID[2]),
     ],
 )  # fmt: skip
 def test_the_line_that_warns(kwargs: dict[str, Any], speed: float, news: str, nearest: str) -> None:

@@ -213,6 +213,17 @@ def test_what_took_less_than_its_share_leaves_the_rest_to_the_others(
     assert counts["second"].tried == 27  # 26 s were left
 
 
+def test_every_group_does_a_trial_though_it_may_take_longer_than_what_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: Clock
+) -> None:
+    attempt = _groups(clock, {"first": 1.0})["first"].attempt
+    listed = [{"takes": 70.0, "limit": 90.0}, {"takes": 9.0, "limit": 90.0}]
+    groups = {name: campaign.Group(0.5, lambda rng: iter(listed), attempt) for name in ("first", "second")}
+    monkeypatch.setattr(campaign, "GROUPS", groups)
+    counts = campaign.run(Out(tmp_path), ("first", "second"), 1.0, 0, lambda line: None)  # type: ignore[arg-type]
+    assert [(each.tried, each.seconds) for each in counts.values()] == [(1, 70.0), (1, 70.0)]
+
+
 def test_a_campaign_that_is_stopped_has_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> None:
     def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
         yield {"takes": 2.0}

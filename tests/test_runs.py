@@ -52,6 +52,14 @@ def run(out, files, suite=SUITE):
             (stage / name).write_text(text)
 
 
+def test_a_file_that_is_edited_while_the_next_run_works_is_left_to_whoever_edited_it(tmp_path):
+    run(tmp_path, {"figure_a.svg": "a", "figure_b.svg": "b", "figure_c.svg": "c"})
+    with held(tmp_path, SUITE), staging(tmp_path, SUITE) as stage:
+        (stage / "figure_a.svg").write_text("a again")
+        (tmp_path / "figure_b.svg").write_text("mine")
+    assert content(tmp_path) == {"figure_a.svg": "a again", "figure_b.svg": "mine"}
+
+
 def content(out):
     """Returns the text of every file in a folder, but for the lock."""
     return {

@@ -24,6 +24,7 @@ from wayfield.envs.scenarios import SPLITS, splits
 from wayfield.policies.tuned import TunedSet
 
 GOALS = tune.CONTESTS["goal-obstacles"]
+SLOWEST = 0.43  # m/s, of whatever is driven
 
 
 def search(name: str = "p3dx", **others: Any) -> Search:
@@ -35,7 +36,8 @@ def drive(**places: Sequence[bool]) -> Drive:
     """Returns what a set comes to that reaches these goals, ten scenarios a family."""
     won = {name: ([f"family {k // 10}" for k in range(len(each))], list(each)) for name, each in places.items()}
     lost = {name: sum(not each for each in there) for name, (_, there) in won.items()}
-    return Drive(Score(sum(lost.values()), 0, 1.0), {name: Score(count, 0, 1.0) for name, count in lost.items()}, won)
+    score = Score(sum(lost.values()), 0, 1.0, SLOWEST)
+    return Drive(score, {name: Score(count, 0, 1.0) for name, count in lost.items()}, won)
 
 
 def goals(lost: Iterable[int], count: int = 60) -> list[bool]:
@@ -126,11 +128,12 @@ def chosen(
 
     The first is the policy's own, as k = 0.
     """
-    validated = []
+    validated: list[float] = []
 
-    def driven(_: Search, gains: dict[str, Any], split: str, *rest: Any) -> Drive:
-        del rest
+    def driven(_: Search, gains: dict[str, Any], split: str, engine: Any, least: float = 0.0) -> Drive:
+        del engine
         assert split == tune.TRANSFER_SPLIT
+        assert least == (SLOWEST if validated else 0.0)  # no set shall be slower than the default gains, the first
         validated.append(gains.get("k", 0.0))
         return drives[gains.get("k", 0.0)]
 
