@@ -31,7 +31,7 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
     np.testing.assert_array_equal(native.reset(), dummy.reset())
     rng, late, done = np.random.default_rng(0), 0, 0
     space = native.action_space
-    for step in range(150):
+    for step in range(200):
         # the first robot drives straight out of bounds or into something, the others at random
         actions = rng.uniform(0.3 * space.low, 0.3 * space.high, (count, *space.shape)).astype(np.float32)
         actions[0] = 0.0
@@ -52,7 +52,7 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
             assert mine == other
             late += mine["TimeLimit.truncated"]
             done += 1
-    assert late >= 8
+    assert late >= 12  # of most robots two in turn: what the first earned is not the second's
     assert done > late
 
 
