@@ -420,7 +420,7 @@ def densely(x, y, bearing, obstacle):
     distance = np.hypot(dx, dy)
     off = np.abs(np.remainder(np.arctan2(dy, dx) - bearing + math.pi, 2 * math.pi) - math.pi)
     facing = -(dx * table[:, 2] + dy * table[:, 3]) / np.maximum(distance, 1e-12)
-    seen = (off <= sonars.HALF_ANGLE) & (facing >= math.cos(sonars.INCIDENCE))
+    seen = (off <= math.radians(15.0)) & (facing >= math.cos(math.radians(45.0)))
     best = distance[seen].min() if seen.any() else math.inf
     return float(best)
 
@@ -430,7 +430,10 @@ def test_a_sonar_sees_the_nearest_point_of_all_in_its_sector(obstacle):
     for bearing in np.linspace(-1.2, 1.2, 17):
         found = sonars.echo(0.0, 0.0, float(bearing), [obstacle.item()])
         expected = densely(0.0, 0.0, float(bearing), obstacle)
-        if expected > 1.0 - 1e-4 or expected < 0.05:
+        if abs(expected - 1.0) < 1e-4 or expected < 0.05:
+            continue
+        if expected > 1.0:  # beyond its reach, or seen at a slant of more than 45 degrees alone
+            assert found is None
             continue
         assert found is not None
         assert found.distance == pytest.approx(expected, abs=2e-4)

@@ -218,6 +218,16 @@ def test_an_option_of_reset_chooses_the_scenario(env_id: str) -> None:
         assert env.batch.states["scenario"][0] == k
 
 
+def test_every_scenario_of_a_bank_can_be_chosen_whatever_their_number() -> None:
+    # k / 100 * 100 falls short of k by rounding for some
+    env = base(PATH_ID, scenario="straights/claims")
+    assert len(env.task.scenarios) == 100
+    for k, scenario in enumerate(env.task.scenarios):
+        env.reset(seed=k, options={"scenario": k})
+        assert env.batch.states["scenario"][0] == k
+        assert env.batch.states[["x", "y"]][0].item() == pytest.approx(scenario.start[:2])
+
+
 @every_id
 @pytest.mark.parametrize(
     ("options", "message"),

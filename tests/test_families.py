@@ -127,9 +127,20 @@ def test_tiers_follow_their_thresholds_and_all_occur(task: str) -> None:
     for s in scenarios:
         first, second = TASKS[task].tier_bounds
         rising = first < second
-        expected = [s.quantity < bound if rising else s.quantity >= bound for bound in (first, second)]
+        expected = [s.quantity < bound if rising else s.quantity > bound for bound in (first, second)]
         assert s.tier == ("easy" if expected[0] else "medium" if expected[1] else "hard")
     assert {s.tier for s in scenarios} == set(TIERS)
+
+
+@pytest.mark.parametrize(
+    ("task", "bounds", "easier"),
+    [("path_following", (1.0, 2.5), -1e-6), ("goal_reaching", (0.6, 0.35), 1e-6), ("docking", (1.8, 2.5), -1e-6)],
+)
+def test_what_lies_on_a_bound_of_the_tiers_is_of_the_harder_one(
+    task: str, bounds: tuple[float, float], easier: float
+) -> None:
+    assert [TASKS[task].tier(bound) for bound in bounds] == ["medium", "hard"]
+    assert [TASKS[task].tier(bound + easier) for bound in bounds] == ["easy", "medium"]
 
 
 @pytest.mark.parametrize(("task", "family"), EVERY)

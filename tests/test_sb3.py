@@ -33,7 +33,7 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
     np.testing.assert_array_equal(native.reset(), dummy.reset())
     rng, late, done = np.random.default_rng(0), 0, 0
     space = native.action_space
-    for step in range(150):
+    for step in range(200):
         # the first robot drives straight out of bounds or into something, the others at random
         if step == 70:  # in the middle of episodes: others begin, and what was paid in these counts no more
             np.testing.assert_array_equal(native.reset(), dummy.reset())
@@ -56,7 +56,7 @@ def test_rows_are_monitored_dummy_vec_envs_of_the_same_environments(env_id: str,
             assert mine == other
             late += mine["TimeLimit.truncated"]
             done += 1
-    assert late >= 8
+    assert late >= 12  # of most robots two in turn: what the first earned is not the second's
     assert done > late
 
 
