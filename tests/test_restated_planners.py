@@ -740,6 +740,37 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     np.testing.assert_array_equal(state["grid"], grid)  # what moves is no part of the map
 
 
+@pytest.mark.parametrize(("now", "found"), [(1.5, True), (0.6, False)])
+def test_who_has_no_way_around_all_that_is_swept_plans_around_a_third_of_it_or_keeps_its_plan(
+    now: float, found: bool
+) -> None:
+    policy, briefing = AstarTracker(), told("p3dx")
+    hull, radius, v = ROBOTS["p3dx"].hull_radius, float(OBSTACLES["radius"][MOVING]), -0.6
+    assert briefing.patrols is not None
+    memory = planned(policy, briefing, 0.0, 1.7)
+    state = memory[0]
+    t = 0.05 * float(state["steps"])
+    briefing.patrols[0, MOVING] = (now - v * (5.0 + t), 1.7, v, 0.0, 30.0, 5.0)  # comes along the way
+    # within the horizon it is where the robot stands, within a third of it only if it is that near already
+    swept = [[now + v * after for after in np.arange(0.0, most, 0.25)] for most in (3.0, 1.0)]
+    assert [min(map(abs, xs)) > radius + hull + policy.margin for xs in swept] == [False, found]
+    memory["points"][0, :2] = straight = np.array([[0.0, 1.7], GOALS[1, :2]])
+    memory["arc"][0, 1], memory["num_points"], memory["segment"] = 3.4, 2, 0
+    memory["held_up"], memory["planned_at"] = 1000, -1000
+    pose = np.array([[0.0, 1.7, 0.0]])
+    seen = Observation(pose, np.zeros((1, 2)), GOALS[1:, :2] - pose[:, :2], np.zeros(1), np.zeros(1), np.empty((1, 0)))
+    before = int(state["plans"])
+    policy.act(seen, briefing, memory)
+    assert state["plans"] == before + 1
+    points = state["points"][: int(state["num_points"])]
+    if not found:
+        np.testing.assert_array_equal(points, straight)
+        return
+    way = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(points)])
+    room = min(np.hypot(*(way - (x, 1.7)).T).min() for x in swept[1]) - radius - hull
+    assert room > policy.margin - policy.cell
+
+
 @pytest.mark.parametrize("sunk", [0.06, 0.13, 0.24])
 @pytest.mark.parametrize("which", ["start", "end", "both"])
 def test_an_end_that_lies_too_near_to_a_wall_is_gone_to_from_the_free_cell_next_to_it(sunk: float, which: str) -> None:
