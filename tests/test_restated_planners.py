@@ -536,6 +536,33 @@ def test_how_far_a_plan_has_been_seen() -> None:
     assert seen_ahead(state, 0.0) == 0.0
 
 
+@pytest.mark.parametrize(("reach", "creep", "limited"), [(5.0, 0.15, False), (0.3, 0.15, True), (0.3, 0.59, True)])
+def test_into_what_was_not_seen_it_drives_with_room_to_stop_before_it_or_creeps(
+    reach: float, creep: float, limited: bool
+) -> None:
+    policy, pose, v = ScanPlanner(creep=creep), (0.02, 0.03, 0.0), 0.6
+    briefing = dataclasses.replace(sighted("p3dx"), max_range=reach)  # nothing is hit, and so far it is seen
+    memory = policy.reset(briefing)
+    state = memory["state"][0]
+    state["command"][0] = v
+    for _ in range(20):
+        seen = observed("p3dx", pose, (3.0, 0.0), np.full(72, reach))
+        policy.act(seen._replace(twist=np.array([[v, 0.0]])), briefing, memory)
+        v = float(state["command"][0])
+    points, ahead = state["points"][: int(state["num_points"])], 0.0
+    while ahead < 1.0:
+        cell = (np.array(along(points, ahead)) - state["origin"]) / policy.cell
+        if state["evidence"][math.floor(cell[1]), math.floor(cell[0])] == 0:
+            break
+        ahead += 0.5 * policy.cell
+    a = min(policy.acceleration, 0.8 * ACTUATORS["lagged"].acceleration)
+    dead = ACTUATORS["lagged"].lag + 2.0 * 0.05
+    stops = math.sqrt((a * dead) ** 2 + 2.0 * a * ahead) - a * dead
+    assert v == pytest.approx(min(policy.max_speed, max(creep, stops)))
+    assert (v < policy.max_speed) == limited
+    assert (v == pytest.approx(creep)) == (creep > 0.5)
+
+
 @pytest.mark.parametrize("stuck", [9, 10])
 def test_who_is_stuck_bars_the_narrowest_place_and_who_is_shut_in_has_no_plan(stuck: int) -> None:
     from wayfield.policies.parts.scan_map import BARRED
