@@ -636,6 +636,22 @@ def test_when_a_scan_planner_plans_anew() -> None:
     assert len(found) >= 6
 
 
+@pytest.mark.parametrize(
+    ("lacking", "stiff", "giving"), [(0.0, False, False), (0.025, True, False), (0.05, True, True)]
+)
+def test_a_way_that_the_hull_had_to_give_for_is_blocked_only_by_what_is_narrower(
+    lacking: float, stiff: bool, giving: bool
+) -> None:
+    policy, briefing = ScanPlanner(), sighted("p3dx")
+    state, points = on_its_way(np.random.default_rng(18), 0.5)
+    state["grid"] = math.ceil((FARTHEST - briefing.robot.hull_radius + lacking) / UNIT)
+    state["steps"], state["planned_at"], state["plans"], state["target"] = 100, 70, 1, (4.0, 5.0)
+    for no_path, blocked in ((0, stiff), (1, giving)):
+        state["no_path"] = no_path
+        due, _ = is_due(planner_params(policy, briefing), state, *points[0], 4.0, 5.0)
+        assert bool(due) == blocked
+
+
 def test_the_grid_lies_half_way_to_the_goal_and_is_laid_again_near_its_edge() -> None:
     policy, briefing = ScanPlanner(), sighted("p3dx")
     p, quarter = planner_params(policy, briefing), 0.25 * 160 * policy.cell
