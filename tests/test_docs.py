@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ from wayfield.benchmarks.run_folder import file_digest
 from wayfield.envs.identity import source_digest
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
-from wayfield.policies import POLICIES
+from wayfield.policies import POLICIES, make
+from wayfield.policies.parts.costmap import INSCRIBED
+from wayfield.policies.parts.scan_map import SUB
 
 ROOT = Path(__file__).parents[1]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
@@ -143,6 +146,43 @@ def test_every_task_and_policy_is_in_the_pages() -> None:
     families = {family for spec in TASKS.values() for family in spec.families}
     told = (ROOT / "docs/scenarios.md").read_text(encoding="utf-8")
     assert [family for family in families if family not in told] == []
+
+
+def test_the_gains_that_the_page_of_policies_prints_are_those_that_the_policies_have() -> None:
+    """Of those laws whose defaults it prints: Nav2's, as Nav2 ships them, and where ours differ."""
+    told = " ".join(prose(ROOT / "docs/policies.md").split())
+    has = {name: SimpleNamespace(**vars(make(name))) for name in POLICIES}
+    m, d, pose = has["nav2_mppi"], has["nav2_dwb"], has["mpc_pose"]
+    assert [
+        said
+        for said in (
+            f"{m.samples:,} of {m.steps} steps of {m.step_time:g} s, noise {m.speed_noise:g} m/s and {m.yaw_noise:g} "
+            f"rad/s drawn once, temperature {m.temperature:g}, gamma {m.gamma:g} |",
+            f"{d.speeds} forward speeds by {d.turns} yaw rates (by {d.sideways} to the side), {d.horizon:g} s |",
+            f"Constraint {m.constraint:g}, Cost {m.cost:g}, Goal {m.goal:g}, GoalAngle {m.goal_angle:g}, PathAlign "
+            f"{m.path_align:g}, PathFollow {m.path_follow:g}, PathAngle {m.path_angle:g}, PreferForward "
+            f"{m.prefer_forward:g} |",
+            f"BaseObstacle {d.obstacle:g}, PathDist {d.path_distance:g}, GoalDist {d.goal_distance:g}, PathAlign "
+            f"{d.path_align:g}, GoalAlign {d.goal_align:g}, RotateToGoal {d.rotate_to_goal:g}, Oscillation |",
+            f"| {m.max_reverse:g} m/s backward, {m.max_yaw_rate:g} rad/s, {m.acceleration:g} m/s², "
+            f"{m.yaw_acceleration:g} rad/s² |",
+            f"| forward, {d.max_yaw_rate:g} rad/s, {d.acceleration:g} m/s², {d.yaw_acceleration:g} rad/s² |",
+            f"inflation {m.inflation_radius:g} m, scaling {m.cost_scaling:g} /m, inscribed {INSCRIBED:g} |",
+            f"the same, {d.window:g} m by {d.window:g} m around the robot |",
+            f"hits nothing that it sees within {m.time_before_collision:g} s",
+            f"in cells of {100 * d.cell:g} cm with hits to {100 * d.cell / SUB:g} cm",
+            f"knows it for {d.recall:g} s, as `dwa` does",
+            f"DWB's goal tolerance is {d.tolerance:g} m",
+            f"min sum of x^4 + {pose.across:g} y^2 + {pose.heading:g} th^4 + {pose.effort:g} (v^4 + w^4 / 16) over "
+            f"{pose.horizon * pose.step:g} s",
+            f"drives to the point {has['hybrid'].ahead:g} m ahead",
+            f"whole-path search, k_ang = {has['lookahead_documented'].k_ang:g} |",
+            f"the same with k_ang = {has['lookahead_retuned'].k_ang:g} and a search window",
+        )
+        if said not in told
+    ] == []
+    assert (m.replan, d.replan, has["dwa"].recall, pose.along) == (1.0, 1.0, d.recall, 1.0)  # said in words
+    assert (has["lookahead_documented"].search, has["lookahead_retuned"].search) == ("whole", "window")
 
 
 def test_every_page_is_linked_from_the_readme() -> None:

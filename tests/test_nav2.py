@@ -496,3 +496,12 @@ def test_the_nose_keeps_to_the_plan_until_it_would_be_past_its_end(away: float, 
         policy = Nav2Dwb(tolerance=0.01, path_distance=0.0, goal_distance=0.0, goal_align=0.0, path_align=weight)
         asked.append(policy.act(seen, briefing, policy.reset(briefing))[0].tolist())
     assert (asked[0] != asked[1]) == counts
+
+
+def test_dwb_heads_for_the_last_place_of_the_plan_that_its_local_costmap_holds() -> None:
+    """The plan leads straight to the goal, and leaves a square of 1.5 m around the robot on the left."""
+    alone = dict.fromkeys(("obstacle", "path_distance", "path_align", "goal_align"), 0.0)
+    policy, briefing = Nav2Dwb(window=1.5, sideways=21, max_yaw_rate=0.01, **alone), briefing_of("omni4")
+    seen = observed(briefing, scan(briefing.beam_angles, []), (1.0, 3.0))
+    twist = policy.act(seen, briefing, policy.reset(briefing))[0]
+    assert policy.horizon * twist[:2] == pytest.approx([0.25, 0.75], abs=0.1)

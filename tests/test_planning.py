@@ -20,7 +20,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.compiled import compiled
 from wayfield.policies import astar_tracker
 from wayfield.policies.astar_tracker import AstarTracker
-from wayfield.policies.parts.grid_search import a_star, sees, theta_star
+from wayfield.policies.parts.grid_search import Scratch, a_star, search, sees, theta_star
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT, PolylineTracker
 from wayfield.policies.parts.scan_map import CHART, SUB, mark, stamps, weaken
 from wayfield.policies.pilot import Pilot
@@ -172,6 +172,27 @@ def test_of_equal_ways_the_one_is_taken_that_the_order_of_cells_says() -> None:
         cells = searched(grid, start, goal)
         assert a_star(grid, start, goal).cells.tolist() == [list(cell) for cell in cells]
         assert len(cells) > 10
+
+
+def test_a_step_costs_its_length_times_the_mean_price_of_its_two_cells() -> None:
+    prices = np.array([1.0, 2.5, 4.0, np.inf])
+    for seed in range(8):
+        levels = np.random.default_rng(seed).choice(4, size=(9, 12), p=[0.4, 0.2, 0.2, 0.2]).astype(np.uint8)
+        levels[0, 0] = levels[8, 11] = 0
+        edges = []
+        for (r, c), level in np.ndenumerate(levels):
+            for to in ((r, c + 1), (r + 1, c), (r + 1, c + 1), (r + 1, c - 1)):
+                inside = to[0] < 9 and 0 <= to[1] < 12
+                if inside and max(levels[r, c], levels[to], levels[r, to[1]], levels[to[0], c]) < 3:
+                    price = 0.5 * (prices[level] + prices[levels[to]])
+                    edges.append((r * 12 + c, to[0] * 12 + to[1], math.dist((r, c), to) * price))
+        i, j, cost = np.array(edges).T
+        graph = coo_array((cost, (i.astype(np.int32), j.astype(np.int32))), shape=(108, 108))
+        least = dijkstra(graph.tocsr(), directed=False, indices=0)[107]
+        scratch = Scratch.of(levels.size)
+        assert search(levels, prices, 0, 107, False, scratch) == math.isfinite(least)
+        if math.isfinite(least):
+            assert scratch.costs[107] == pytest.approx(least, rel=1e-12)
 
 
 @given(sparse_grids)

@@ -536,6 +536,33 @@ def test_how_far_a_plan_has_been_seen() -> None:
     assert seen_ahead(state, 0.0) == 0.0
 
 
+@pytest.mark.parametrize(("reach", "creep", "limited"), [(5.0, 0.15, False), (0.3, 0.15, True), (0.3, 0.59, True)])
+def test_into_what_was_not_seen_it_drives_with_room_to_stop_before_it_or_creeps(
+    reach: float, creep: float, limited: bool
+) -> None:
+    policy, pose, v = ScanPlanner(creep=creep), (0.02, 0.03, 0.0), 0.6
+    briefing = dataclasses.replace(sighted("p3dx"), max_range=reach)  # nothing is hit, and so far it is seen
+    memory = policy.reset(briefing)
+    state = memory["state"][0]
+    state["command"][0] = v
+    for _ in range(20):
+        seen = observed("p3dx", pose, (3.0, 0.0), np.full(72, reach))
+        policy.act(seen._replace(twist=np.array([[v, 0.0]])), briefing, memory)
+        v = float(state["command"][0])
+    points, ahead = state["points"][: int(state["num_points"])], 0.0
+    while ahead < 1.0:
+        cell = (np.array(along(points, ahead)) - state["origin"]) / policy.cell
+        if state["evidence"][math.floor(cell[1]), math.floor(cell[0])] == 0:
+            break
+        ahead += 0.5 * policy.cell
+    a = min(policy.acceleration, 0.8 * ACTUATORS["lagged"].acceleration)
+    dead = ACTUATORS["lagged"].lag + 2.0 * 0.05
+    stops = math.sqrt((a * dead) ** 2 + 2.0 * a * ahead) - a * dead
+    assert v == pytest.approx(min(policy.max_speed, max(creep, stops)))
+    assert (v < policy.max_speed) == limited
+    assert (v == pytest.approx(creep)) == (creep > 0.5)
+
+
 @pytest.mark.parametrize("stuck", [9, 10])
 def test_who_is_stuck_bars_the_narrowest_place_and_who_is_shut_in_has_no_plan(stuck: int) -> None:
     from wayfield.policies.parts.scan_map import BARRED
@@ -607,6 +634,22 @@ def test_when_a_scan_planner_plans_anew() -> None:
         assert s == pytest.approx(arc[at] + share[at] * (arc[at + 1] - arc[at]))
         found.add((asked, rested, barred <= 1.0, bool(due)))
     assert len(found) >= 6
+
+
+@pytest.mark.parametrize(
+    ("lacking", "stiff", "giving"), [(0.0, False, False), (0.025, True, False), (0.05, True, True)]
+)
+def test_a_way_that_the_hull_had_to_give_for_is_blocked_only_by_what_is_narrower(
+    lacking: float, stiff: bool, giving: bool
+) -> None:
+    policy, briefing = ScanPlanner(), sighted("p3dx")
+    state, points = on_its_way(np.random.default_rng(18), 0.5)
+    state["grid"] = math.ceil((FARTHEST - briefing.robot.hull_radius + lacking) / UNIT)
+    state["steps"], state["planned_at"], state["plans"], state["target"] = 100, 70, 1, (4.0, 5.0)
+    for no_path, blocked in ((0, stiff), (1, giving)):
+        state["no_path"] = no_path
+        due, _ = is_due(planner_params(policy, briefing), state, *points[0], 4.0, 5.0)
+        assert bool(due) == blocked
 
 
 def test_the_grid_lies_half_way_to_the_goal_and_is_laid_again_near_its_edge() -> None:
@@ -738,6 +781,37 @@ def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(
     room = min(np.hypot(*(way - (1.5, y)).T).min() for y in sweep) - radius - hull
     assert room > policy.margin - policy.cell
     np.testing.assert_array_equal(state["grid"], grid)  # what moves is no part of the map
+
+
+@pytest.mark.parametrize(("now", "found"), [(1.5, True), (0.6, False)])
+def test_who_has_no_way_around_all_that_is_swept_plans_around_a_third_of_it_or_keeps_its_plan(
+    now: float, found: bool
+) -> None:
+    policy, briefing = AstarTracker(), told("p3dx")
+    hull, radius, v = ROBOTS["p3dx"].hull_radius, float(OBSTACLES["radius"][MOVING]), -0.6
+    assert briefing.patrols is not None
+    memory = planned(policy, briefing, 0.0, 1.7)
+    state = memory[0]
+    t = 0.05 * float(state["steps"])
+    briefing.patrols[0, MOVING] = (now - v * (5.0 + t), 1.7, v, 0.0, 30.0, 5.0)  # comes along the way
+    # within the horizon it is where the robot stands, within a third of it only if it is that near already
+    swept = [[now + v * after for after in np.arange(0.0, most, 0.25)] for most in (3.0, 1.0)]
+    assert [min(map(abs, xs)) > radius + hull + policy.margin for xs in swept] == [False, found]
+    memory["points"][0, :2] = straight = np.array([[0.0, 1.7], GOALS[1, :2]])
+    memory["arc"][0, 1], memory["num_points"], memory["segment"] = 3.4, 2, 0
+    memory["held_up"], memory["planned_at"] = 1000, -1000
+    pose = np.array([[0.0, 1.7, 0.0]])
+    seen = Observation(pose, np.zeros((1, 2)), GOALS[1:, :2] - pose[:, :2], np.zeros(1), np.zeros(1), np.empty((1, 0)))
+    before = int(state["plans"])
+    policy.act(seen, briefing, memory)
+    assert state["plans"] == before + 1
+    points = state["points"][: int(state["num_points"])]
+    if not found:
+        np.testing.assert_array_equal(points, straight)
+        return
+    way = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(points)])
+    room = min(np.hypot(*(way - (x, 1.7)).T).min() for x in swept[1]) - radius - hull
+    assert room > policy.margin - policy.cell
 
 
 @pytest.mark.parametrize("sunk", [0.06, 0.13, 0.24])

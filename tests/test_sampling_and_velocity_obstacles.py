@@ -523,6 +523,26 @@ def test_what_a_decision_keeps(robot: str) -> None:
     assert seen == {True, False}
 
 
+@pytest.mark.parametrize(("collision_cost", "driven"), [(20.0, 0.5), (1e4, 0.25)])
+def test_the_mean_gives_way_to_a_sample_that_is_cheaper_by_a_hundredth_of_a_collision(
+    collision_cost: float, driven: float
+) -> None:
+    """Two samples weigh the same: to drive at the goal, and to stand, whose mean comes half as far, metres behind."""
+    policy, briefing = Mppi(samples=2, temperature=1e6, collision_cost=collision_cost), brief("p3dx")
+    memory = policy.reset(briefing)
+    memory["plan"][0, :, 0] = memory["command"][0, 0] = 0.5
+    seen = goal_reaching.Observation(
+        np.zeros((1, 3)),
+        np.array([[0.5, 0.0]]),
+        np.array([[4.0, 0.0]]),
+        np.zeros(1),
+        np.zeros(1),
+        np.full((1, 72), 5.0),
+    )
+    assert policy.act(seen, briefing, memory)[0] == pytest.approx([driven, 0.0], abs=1e-4)
+    assert memory["plan"][0, :, 0] == pytest.approx(np.full(policy.steps, driven), abs=1e-4)
+
+
 @pytest.mark.parametrize("goal_weight", [0.0, 1.0])
 def test_a_plan_that_ends_at_an_obstacle_pays_for_the_way_that_is_left(goal_weight: float) -> None:
     """Of a plan and of standstill alone, the share of each in what is driven tells the difference of their costs."""
