@@ -88,13 +88,20 @@ sys.exit(f"failed: {failed}" if failed else 0)
 """
 
 
-def test_the_blocks_of_every_page_run(tmp_path: Path) -> None:
+TRAINED = "train.md"  # whose block trains with another library, as an example does that every run tries
+
+
+@pytest.mark.parametrize("trained", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_blocks_of_every_page_run(trained: bool, tmp_path: Path) -> None:
     # each as a reader would paste it: with names and a folder of its own. The process is the page's, so that the ids
     # may be known from the block above: a block that uses one imports the package itself.
     pages: dict[str, list[tuple[str, str]]] = {}
     for name, text in python_blocks():
         assert "wayfield/" not in text or re.search(r"^(import|from) wayfield", text, re.MULTILINE), name
-        pages.setdefault(name.rpartition("-")[0], []).append((name, text))
+        page = name.rpartition("-")[0]
+        if (page == TRAINED) == trained:
+            pages.setdefault(page, []).append((name, text))
+    assert pages
     command, given = [sys.executable, "-c", PLAYER], json.dumps(pages)
     done = subprocess.run(command, input=given, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
