@@ -287,9 +287,11 @@ def test_ctrl_c_and_sigterm_save_and_the_run_goes_on_from_there(tmp_path: Path, 
         np.testing.assert_array_equal(mine, other)
 
 
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    wanted = range(3, 3 + count)
     # a path: to drive those of every family takes longer than all the rest
     monkeypatch.setitem(
         PRESETS, PLAIN, dataclasses.replace(PRESETS[PLAIN], worlds=SMALL.worlds, validation=SMALL.validation)
@@ -297,19 +299,20 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     out = tmp_path / "out"
     small = ("num_envs=64", "horizon=8", "batch_size=64", "epochs=1", "hidden=8", "validations=1")
     settings = [word for each in small for word in ("--set", each)]
+    asked = ("--steps", "1024", "--seeds", str(count), "--seed", "3")
     with pytest.raises(SystemExit) as caught:
-        main([PATH, "--preset", PLAIN, "--steps", "1024", "--seeds", "2", "--seed", "3", "--out", str(out), *settings])
+        main([PATH, "--preset", PLAIN, *asked, "--out", str(out), *settings])
     assert caught.value.code == 0
     said = capsys.readouterr()
     told = said.out.splitlines()
-    assert [line.split(":")[0] for line in told] == ["seed 3", "seed 4"]
+    assert [line.split(":")[0] for line in told] == [f"seed {seed}" for seed in wanted]
     # without a terminal a line a validation, once; on a busy machine one of how far it is may come before
     validated = sorted(line for line in said.err.splitlines() if "success" in line)
-    assert [line.split(",")[0] for line in validated] == [f"seed {seed}: 1" for seed in (3, 4)], said.err
+    assert [line.split(",")[0] for line in validated] == [f"seed {seed}: 1" for seed in wanted], said.err
     assert all("024 of 1,024 frames" in line for line in validated)
     assert all(part in told[0] for part in ("done", "frames/s", "environment", "update", "last validation"))
     digests = set()
-    for seed in (3, 4):
+    for seed in wanted:
         folder = out / f"seed_{seed}"
         curve = read_curve(folder)
         assert curve["frames"] == [1024.0]
@@ -320,7 +323,7 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
             (event,) = events.Scalars(f"wayfield/{name}")
             assert event.step == 1024
             assert event.value == pytest.approx(curve[name][0], rel=1e-6)
-    assert len(digests) == 2
+    assert len(digests) == count
     assert (out / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
