@@ -171,7 +171,7 @@ def choose_twists(params, scan, seen, memory, twists):
         d = math.sqrt(goal_x * goal_x + goal_y * goal_y)
         turn = turn_towards(seen.heading_errors[i], p.turn_gain, p.max_yaw_rate)
         twist = 0.0, 0.0, turn
-        if not arrived(p, m, d, seen.waypoints_left[i]):
+        if not arrived(m, d, seen.waypoints_left[i]):
             aim, around = seek(p, hits, seen, m, i)
             fastest = p.max_speed
             if around:

@@ -165,4 +165,4 @@ def _briefed(briefing: Briefing, anew: Briefing, rows: NDArray[Any]) -> Briefing
     return dataclasses.replace(briefing, **told)
 
 
-_OF_EACH_ROBOT = (*("path_index", "goals", "num_goals", "position_tolerance", "obstacles", "num_obstacles", "patrols"),)
+_OF_EACH_ROBOT = ("path_index", "goals", "num_goals", "position_tolerance", "obstacles", "num_obstacles", "patrols")

@@ -176,7 +176,7 @@ def steer(params, told, poses, goals, turns, waypoints_left, memory, twists):
             twists[i, 0] = vx
             twists[i, 1] = vy
             twists[i, 2] = p.k * turns[i]
-        elif arrived(p, memory[i], math.sqrt(ex * ex + ey * ey), waypoints_left[i]):
+        elif arrived(memory[i], math.sqrt(ex * ex + ey * ey), waypoints_left[i]):
             twists[i, 0] = 0.0
             twists[i, 1] = 0.0
             twists[i, 2] = p.turn_gain * turns[i]

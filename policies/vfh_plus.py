@@ -199,7 +199,7 @@ def steer(params, scan, seen, memory, twists):
             weighed = cells[: cells_of(hits, seen.poses[i], cells)]
         d = math.sqrt(seen.goals[i, 0] ** 2 + seen.goals[i, 1] ** 2)
         twist = 0.0, 0.0, turn_towards(seen.heading_errors[i], p.turn_gain, p.max_yaw_rate)
-        if not arrived(p, m, d, seen.waypoints_left[i]):
+        if not arrived(m, d, seen.waypoints_left[i]):
             aim, around = seek(p, hits, seen, m, i)
             choice, barred = choose_direction(p, weighed, m, heading, aim, d, around, primary, blocked)
             fastest = 0.0 if barred else p.max_speed

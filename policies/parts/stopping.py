@@ -415,7 +415,7 @@ def set_command(plant, command, vx, vy, yaw_rate):
 
 
 @inlined
-def arrived(p, m, d, waypoints_left):
+def arrived(m, d, waypoints_left):
     """Returns whether the robot, `d` (m) from its goal, rests there, and remembers that.
 
     It comes to rest within the memory's `stop_radius` (m) and stays until it finds itself twice as far away.
