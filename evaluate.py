@@ -14,7 +14,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, _interrupted)
 
 try:
-    from wayfield.benchmarks.evaluate import main
+    from wayfield.benchmarks.commands.evaluate import main
 except ModuleNotFoundError as error:
     sys.exit(f'evaluate: {error.name} is missing; pip install -c constraints.txt -e ".[all]"')
 

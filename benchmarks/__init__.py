@@ -1,29 +1,23 @@
-"""Who did it better: cases as data, one rollout loop, metrics of recorded trajectories, and tables and figures of them.
+"""Contests: cases as data, one rollout loop, metrics of recorded trajectories, tables and figures.
 
 From Python, `compare` holds a contest and returns its rows and tables; `read_rows` and `read_trajectories` read the
 folder of a run; `evaluate` is the command line.
-
-`cases` says what a case is, `documents`, `own_scenario` and `contests` list them, `own_policies` brings policies from
-outside, `rollout` drives them, `trajectory` is what is kept of an episode, `metrics` measures it, `suite` and `parts`
-play many, `results` writes and reads them, `run_folder` says where, `document_tables` and `document_figures`,
-`standings` and `contest_figures`, and `video` show them; `drives`, `play` and `lists` are for one robot and for what
-there is, and `throughput` times the environments themselves.
 """
 
 import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from wayfield.benchmarks.comparison import Comparison, compare
-    from wayfield.benchmarks.results import read_rows, read_trajectories
-    from wayfield.benchmarks.trajectory import Trajectory
+    from wayfield.benchmarks.commands.comparison import Comparison, compare
+    from wayfield.benchmarks.records.results import read_rows, read_trajectories
+    from wayfield.benchmarks.records.trajectory import Trajectory
 
 __all__ = ["Comparison", "Trajectory", "compare", "read_rows", "read_trajectories"]
 
 _WHERE = {
-    **dict.fromkeys(("Comparison", "compare"), "comparison"),
-    **dict.fromkeys(("read_rows", "read_trajectories"), "results"),
-    "Trajectory": "trajectory",
+    **dict.fromkeys(("Comparison", "compare"), "commands.comparison"),
+    **dict.fromkeys(("read_rows", "read_trajectories"), "records.results"),
+    "Trajectory": "records.trajectory",
 }
 
 

@@ -3,7 +3,12 @@
 import sys
 from pathlib import Path
 
+from sphinx.ext.autodoc.mock import mock
+
 import wayfield
+
+with mock(["stable_baselines3"]):  # which NativeVecEnv extends: the site needs nothing of it
+    import wayfield.envs.sb3
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -13,8 +18,8 @@ release = version = wayfield.__version__
 html_title = "wayfield"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
-extensions += ["registry_pages", "docstrings"]  # of this folder
-exclude_patterns = ["results/[a-z]*"]  # tables that results.md has
+extensions += ["registry_pages", "docstrings", "simulators"]  # of this folder
+suppress_warnings = ["myst.header"]  # the full tables of a run begin below the title of a page
 source_suffix = {".md": "markdown"}
 
 myst_heading_anchors = 4  # as GitHub has them
@@ -23,6 +28,7 @@ myst_enable_extensions = ["attrs_inline"]
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = [("tables.js", {"defer": "defer"})]
 html_extra_path = ["demo.html"]
 html_show_sourcelink = False
 html_show_copyright = False

@@ -3,21 +3,29 @@
 They are made anew in `docs/generated` before each build from the registries, so that none is missing and none is old.
 """
 
-import dataclasses
+import html
 import importlib
 import inspect
+import io
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+from equations import EQUATIONS
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import math_to_image
+from simulators import places
 from sphinx.application import Sphinx
 
 import wayfield  # noqa: F401  registers the ids
+from wayfield.envs import team_worlds
 from wayfield.envs.robots import robots_with
-from wayfield.envs.scenarios import TASKS
+from wayfield.envs.tasks.specs import CROWDS, EVERY, TaskSpec, spec_of
 from wayfield.policies import ABOUT, POLICIES, make
+from wayfield.policies.gain import gains_of
 from wayfield.policies.policy import observation_of
 from wayfield.policies.tuned import tuned_conditions
 
@@ -30,16 +38,15 @@ API: Mapping[str, tuple[str, ...]] = {
     "wayfield.benchmarks": (),
     "wayfield.envs.scenarios": (),
     "wayfield.envs.robots": ("ROBOTS", "Robot", "Wheel", "Sensors", "Actuators", "robot_of"),
-    "wayfield.envs.disturbances": ("DISTURBANCES", "LEVELS", "Disturbance"),
-    "wayfield.envs.briefing": ("Briefing",),
-    "wayfield.envs.observation": ("Layout", "Field"),
+    "wayfield.envs.robots.disturbances": ("DISTURBANCES", "LEVELS", "Disturbance"),
+    "wayfield.envs.tasks.briefing": ("Briefing",),
+    "wayfield.envs.tasks.observation": ("Layout", "Field"),
     "wayfield.envs.path_following": ("Observation",),
     "wayfield.envs.goal_reaching": ("Observation",),
     "wayfield.envs.single": ("SingleEnv",),
     "wayfield.envs.vector": ("NativeVectorEnv",),
     "wayfield.envs.sb3": ("NativeVecEnv",),
 }
-OF_ANY = {"seed": "of the law's own random numbers", "solver_iterations": "of OSQP, at most"}  # gains, in every law
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -65,7 +72,7 @@ def write(docs: Path) -> None:
 
 def pages(docs: Path) -> Iterator[tuple[str, str]]:
     """Yields name and text of each page that is generated."""
-    ids = [env_id for spec in TASKS.values() for env_id in spec.ids.values()]
+    ids = [env_id for spec in EVERY.values() for env_id in spec.ids.values()]
     told = "Each environment's sheet, with units, rewards and ends of episodes; `help(env.unwrapped)` prints it too."
     rows = [(f"[{_stem(each)}](environments/{_stem(each)}.md)", _picture(each, "gif", "..")) for each in ids]
     told += "\n\n" + _table(("environment", "a drive in it"), rows)
@@ -78,15 +85,36 @@ def pages(docs: Path) -> Iterator[tuple[str, str]]:
     yield "policies.md", _hub("Each policy", told, [f"policies/{name}" for name in POLICIES])
     advice = choices(docs)
     for name in POLICIES:
-        yield f"policies/{name}.md", policy_page(name, advice[name])
+        yield f"policies/{name}.md", policy_page(name, advice.get(name, ""))
     told = "What is public, from its docstrings. Environments are made by their ids, policies by `make`."
     told += "\n\n" + "\n".join(f"- [{module}](api/{module}.md)" for module in API)
     yield "api.md", _hub("API", told, [f"api/{module}" for module in API])
     for module in API:
         yield f"api/{module}.md", api_page(module)
+    books = sorted((docs / "notebooks").glob("*.ipynb"))
+    told = "What they print is kept in them; each opens in Jupyter, VS Code or Colab (Upload)."
+    yield "notebooks.md", _hub("Notebooks", told, [f"notebooks/{book.stem}" for book in books])
+    for book in books:
+        yield f"notebooks/{book.stem}.md", notebook_page(book)
     for name, page in ROOT_PAGES.items():
         text = (docs.parent / name).read_text(encoding="utf-8")
         yield page, re.sub(r"\]\(docs/", "](../", text)
+
+
+def notebook_page(book: Path) -> str:
+    """Returns a notebook as a page: its texts, its code, and what the code printed."""
+    parts = []
+    for cell in json.loads(book.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(text)
+            continue
+        parts.append(f"```python\n{text}\n```")
+        said = "".join(line for output in cell["outputs"] for line in output.get("text", []))
+        if said:
+            parts.append(f"```text\n{said.rstrip()}\n```")
+    parts.append(f"{{download}}`This notebook <../../notebooks/{book.name}>`, to run it elsewhere.")
+    return "\n\n".join(parts) + "\n"
 
 
 def _stem(env_id: str) -> str:
@@ -95,7 +123,7 @@ def _stem(env_id: str) -> str:
 
 def _picture(env_id: str, kind: str, docs: str, width: str = "") -> str:
     what = "a film of a drive" if kind == "gif" else "the whole way of a drive in one picture"
-    size = f"{{width={width}}}" if width else ""
+    size = f'{{width="{width}"}}' if width else ""  # quoted: MyST takes no bare per cent
     return f"![{_stem(env_id)}: {what}]({docs}/pictures/{_stem(env_id)}.{kind}){size}"
 
 
@@ -110,7 +138,7 @@ def _table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 def environment_page(env_id: str) -> str:
     """Returns the page of a registered environment: who drives it, where, its picture and film, and its sheet."""
-    spec = next(each for each in TASKS.values() if env_id in each.ids.values())
+    spec = spec_of(env_id)
     holonomic = env_id == spec.ids[True]
     known = gymnasium.spec(env_id)
     module, _, name = str(known.entry_point).partition(":")
@@ -118,7 +146,7 @@ def environment_page(env_id: str) -> str:
     drivers = [
         f"[`{policy}`](../policies/{policy}.md)"
         for policy in POLICIES
-        if observation_of(spec) in make(policy).observes and (holonomic or "holonomic" not in _needs(policy))
+        if _drives(policy, spec) and (holonomic or "holonomic" not in _needs(policy))
     ]
     facts = [
         ("robots", ", ".join(f"`{robot}`" for robot in robots_with(holonomic))),
@@ -131,8 +159,21 @@ def environment_page(env_id: str) -> str:
     head, _, rest = sheet.partition("\n")
     pictures = [_picture(env_id, "png", "../..", "60%"), _picture(env_id, "gif", "../..", "36%")]
     code = f'```python\nimport gymnasium\nimport wayfield\n\nenv = gymnasium.make("{env_id}")\n```'
-    parts = [f"# {_stem(env_id)}", head, code, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
-    return "\n\n".join(parts) + "\n"
+    # worlds of several bodies are films alone
+    shown = {"path": "pure_pursuit, lqr", "goal": "vfh_plus, dwa", "dock": "reeds_shepp, polar"}.get(spec.kind, "")
+    options = [f":kind: {spec.kind}", f":robot: {'omni3' if holonomic else 'p3dx'}", ":about: scenes"]
+    options += [":family: 'dock: wall'", ":seed: 1"] if spec.kind == "dock" else []
+    drives = "\n".join([f"```{{simulator}} {shown}", *options, "```"]) if shown else ""
+    parts = [f"# {_stem(env_id)}", head, code, drives, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
+    return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def _drives(policy: str, spec: TaskSpec) -> bool:
+    """Returns whether a policy can read what a task gives: who reads the scan drives among others too."""
+    made = make(policy)
+    if spec in CROWDS.values() and team_worlds.Observation in made.observes:
+        return True
+    return observation_of(spec) in made.observes
 
 
 def choices(docs: Path) -> dict[str, str]:
@@ -145,8 +186,8 @@ def policy_page(name: str, advice: str) -> str:
     """Returns the page of a policy: what it is told, when to take it, its law and its gains."""
     policy = make(name)
     kind = type(policy)
-    what, source = ABOUT[name]
-    tasks = [spec for spec in TASKS.values() if observation_of(spec) in policy.observes]
+    what, source = ABOUT[name].what, ABOUT[name].source
+    tasks = [spec for spec in EVERY.values() if _drives(name, spec)]
     tuned = [f"{spec.suite}: {', '.join(tuned_conditions(name, spec.suite))}" for spec in tasks]
     facts = [
         ("drives", ", ".join(spec.title.lower() for spec in tasks)),
@@ -156,38 +197,63 @@ def policy_page(name: str, advice: str) -> str:
         ("source", source or "none"),
         ("tuned for (robot, m/s, disturbance)", "; ".join(each for each in tuned if not each.endswith(": ")) or "none"),
     ]
-    gains = gains_of(name)
+    gains = gain_rows(name)
     parts = [
         f"# {name}",
         f"{what[0].upper()}{what[1:]}.",
-        f"**When to take it**: {advice}",
+        f"**When to take it**: {advice}" if advice else "",
         f'```python\nfrom wayfield.policies import Pilot, make\n\npilot = Pilot(make("{name}"), env)\n```',
         _table(("", ""), facts),
         "## The law",
+        equations(name),
+        simulator(name, places(name)),
         markdown(inspect.cleandoc(kind.__doc__ or "")),
         "## Gains",
-        _table(("gain", "default", "meaning"), gains) if gains else "None.",
+        _table(("gain", "default", "unit", "range", "meaning"), gains) if gains else "None.",
     ]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def equations(name: str) -> str:
+    """Returns a policy's equations, one below the other."""
+    return "\n\n".join(equation(each) for each in EQUATIONS.get(name, ()))
+
+
+def equation(tex: str) -> str:
+    """Returns an equation as it is set: outlines in the ink of the page, which need no font, script or network."""
+    drawn = io.StringIO()
+    math_to_image(
+        f"${tex}$".replace(r"\frac", r"\dfrac"), drawn, prop=FontProperties(math_fontfamily="cm", size=14), format="svg"
+    )
+    text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
+    for part in ("metadata", "style"):
+        text = re.sub(rf"<{part}.*?</{part}>", "", text, flags=re.DOTALL)
+    text = re.sub(r'<g id="patch_1">.*?</g>|<!--.*?-->', "", text, flags=re.DOTALL)
+    text = " ".join(text.split()).replace("<svg ", '<svg fill="currentColor" aria-hidden="true" ', 1)
+    return f'<div class="equation" role="img" tabindex="0" aria-label="{html.escape(tex)}">{text}</div>'
+
+
+def simulator(name: str, found: list[tuple[str, str]]) -> str:
+    """Returns the simulator in which a policy drives, small; "" where it cannot drive in the page."""
+    if not found:
+        film = f"pictures/policy_{name}.gif"
+        return f"![{name}: a film of a drive](../../{film})" if (Path(__file__).parent / film).is_file() else ""
+    (kind, robot), label = found[0], "ppo (trained)" if name == "ppo" else name
+    lines = [f"```{{simulator}} {label}", f":kind: {kind}", f":robot: {robot}", "```", ""]
+    told = "*overlay* draws what it looks at, the sliders are its gains; in the whole simulator things can be moved."
+    return "\n".join([*lines, told])
 
 
 def _needs(name: str) -> tuple[str, ...]:
     return tuple(getattr(make(name), "needs", ()))
 
 
-def gains_of(name: str) -> list[tuple[str, str, str]]:
-    """Returns each gain of a policy: its name, its default and, from the comment at its field, its meaning."""
-    policy: Any = make(name)
-    lines = [line for kind in type(policy).__mro__[:-1] for line in inspect.getsource(kind).splitlines()]
-    law = inspect.getdoc(type(policy)) or ""
-    found = []
-    for field in dataclasses.fields(policy):
-        beside = next((line for line in lines if re.match(rf"    {field.name}: .*  # ", line)), "").partition("  # ")[2]
-        meaning = beside or OF_ANY.get(field.name, "")
-        if not meaning and re.search(rf"\b{field.name}\b", law):
-            meaning = "as the law says"
-        found.append((f"`{field.name}`", f"`{getattr(policy, field.name)!r}`", markdown(meaning)))
-    return found
+def gain_rows(name: str) -> list[tuple[str, ...]]:
+    """Returns each gain of a policy: its name, default, unit, range and meaning."""
+    return [
+        (f"`{gain}`", f"`{each.default!r}`", each.unit.strip("1") or "-", each.range or "-", markdown(each.meaning))
+        for gain, each in gains_of(make(name)).items()
+    ]
 
 
 def markdown(text: str) -> str:

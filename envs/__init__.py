@@ -2,15 +2,15 @@
 
 import gymnasium
 
-from wayfield.envs.specs import TASKS
+from wayfield.envs.tasks.specs import CROWDS, EVERY
 
 _EPISODE_STEPS = 1200  # control periods: 60 s
 
-for _spec in TASKS.values():
+for _spec in EVERY.values():
     for _id in _spec.ids.values():
         gymnasium.register(
             id=_id,
             entry_point=_spec.entry_point(_id),
             vector_entry_point=f"{_spec.entry_point(_id)}Vector",
-            max_episode_steps=_EPISODE_STEPS,
+            max_episode_steps=_spec.clock if _spec in CROWDS.values() else _EPISODE_STEPS,
         )

@@ -6,23 +6,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.briefing import KNOWS, Briefing
-from wayfield.envs.checks import choose, memory, shown
-from wayfield.envs.compiled import machine_code
-from wayfield.envs.crew import crew
-from wayfield.envs.geometry import OBSTACLE
-from wayfield.envs.grids import SCRATCH, WORDS, scan_grid
-from wayfield.envs.patrols import PATROL
-from wayfield.envs.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
-from wayfield.envs.sharing import PART
-from wayfield.envs.stepping import COMMAND, DRIVE, JUDGE
-from wayfield.envs.task import Task
+from wayfield.envs.robots.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
+from wayfield.envs.tasks.briefing import KNOWS, Briefing
+from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
+from wayfield.envs.tasks.task import Task
+from wayfield.envs.world.geometry import OBSTACLE
+from wayfield.envs.world.grids import SCRATCH, WORDS, scan_grid
+from wayfield.envs.world.patrols import PATROL
+from wayfield.system.checks import choose, memory, shown
+from wayfield.system.compiled import machine_code
+from wayfield.system.sharing import PART
+from wayfield.system.threads import crew
 
 # The arrays that hold all that decides what comes next, but for the generators and the plant.
-STATE_ARRAYS = ("states", "obstacles", "actions", "skip", "noise", "asked")
+STATE_ARRAYS = ("states", "obstacles", "columns", "skip", "noise", "asked")
 
 # Rows of noise drawn at once for a robot: large enough that drawing is cheap, small enough to stay in the cache.
 NOISE_BLOCK = 64
+
+_OF_SCENARIO = ("scenario", "num_obstacles", "field", "num_blocks")  # of a state, as a reset leaves them
+_FARTHEST = 1e6  # m, rad, m/s, rad/s: of what a state holds
 
 ALONE = np.empty(0, np.int64)  # shares where no other thread takes rows
 _FIRST = np.arange(1)
@@ -69,7 +72,7 @@ class Batch:
         each = (
             task.state_dtype.itemsize
             + (2 if task.shared_obstacles is None else 1) * OBSTACLE.itemsize * task.max_obstacles
-            + 8 * (rows * columns + 2 * task.layout.size)
+            + 8 * (rows * columns + 2 * task.layout.size + task.options.num_requested)
         )
         memory(
             f"num_envs={num_envs} (with {task.max_obstacles} obstacles, {task.num_beams} beams and an observation of "
@@ -79,13 +82,20 @@ class Batch:
         self.states = np.zeros(num_envs, task.state_dtype)
         shared = task.shared_obstacles
         self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE) if shared is None else shared
-        self.actions = np.zeros((num_envs, *self.action_shape))
+        # behind an action, where the base has a delay, what was asked before
+        count = len(task.options.max_action)
+        self.columns = np.zeros((num_envs, count + task.options.num_requested))
+        self.actions = self.columns[:, :count]
         self.skip = np.zeros(num_envs, np.bool_)
         self.noise = np.zeros((num_envs, rows, columns))
         # a drawn shove takes a time and a direction
         self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
         self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
-        self._inputs = (task.params, self.states, self.obstacles, self.actions, self.noise, self.skip, *task.world)
+        self.own = task.own_arrays(num_envs)
+        self._inputs = (
+            *(task.params, self.states, self.obstacles, self.columns, self.noise, self.skip),
+            *(*task.world, *self.own),
+        )
         # fewer rows are done sooner than another thread is woken
         self._alone = num_threads == 1 or num_envs < 2 * PART
         results = Results(task, 1)
@@ -93,7 +103,8 @@ class Batch:
         self._step_rows = machine_code(task.step_rows, 0, 0, ALONE, *self._inputs, *outputs)
         draws = np.empty((1, self.draws))
         self._reset_rows = machine_code(
-            task.reset_rows, task.params, self.states, self.obstacles, _FIRST, draws, self.noise, *task.world, *outputs
+            task.reset_rows,
+            *(task.params, self.states, self.obstacles, _FIRST, draws, self.noise, *task.world, *self.own, *outputs),
         )
         self._phases = COMMAND | DRIVE | JUDGE
         self.plant: Any = None
@@ -117,13 +128,53 @@ class Batch:
         return (
             Batch,
             (self.task, self.num_envs, self.num_threads),
-            {name: getattr(self, name) for name in (*STATE_ARRAYS, "plant")},
+            {name: getattr(self, name) for name in (*STATE_ARRAYS, "own", "plant")},
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name in STATE_ARRAYS:
             getattr(self, name)[...] = state[name]  # in place: the step's arguments are these arrays
+        for array, found in zip(self.own, state["own"], strict=True):
+            array[...] = found
         self.plant = state["plant"]
+
+    def put_back(self, kept: Mapping[str, NDArray[Any]], own: tuple[NDArray[Any], ...] = ()) -> None:
+        """Takes over an earlier state of a batch that has just been reset to the scenarios of that state.
+
+        Args:
+            kept: arrays of `STATE_ARRAYS`, which may come from a file: kernels index by them, and look at no bounds.
+            own: those of the task, as `own_arrays` makes them, which may too.
+
+        Raises:
+            ValueError: naming the field, if a value cannot be one of a robot in its scenario; nothing is taken over.
+        """
+        states = kept["states"]
+        last = self.task.last_indices(states["scenario"]) | {"noise_row": NOISE_BLOCK if self.noisy else 2**62}
+        for name in states.dtype.names or ():
+            values = states[name]
+            if values.dtype.kind == "f":
+                good = (np.abs(values) <= _FARTHEST) | ((values == np.inf) & (name in ("clearance", "gap")))
+            elif name in _OF_SCENARIO:
+                good = self.task.same_world(name, values, self.states[name])
+            else:
+                good = (values <= last.get(name, 2**62)) & (values >= (-1 if name == "shove_step" else 0))
+            if not good.all():
+                i = int(good.argmin())
+                raise ValueError(
+                    f"{name} of robot {i} is {values[i]}, which no robot has in scenario {states['scenario'][i]}"
+                )
+        for name, array in kept.items():
+            fields = [array[field] for field in array.dtype.names] if array.dtype.names else [array]
+            if name != "states" and not all((np.abs(each) <= _FARTHEST).all() for each in fields):
+                raise ValueError(f"{name} must hold numbers of at most {_FARTHEST:g} in size")
+        if self.task.shared_obstacles is not None and kept["obstacles"].tobytes() != self.obstacles.tobytes():
+            raise ValueError("obstacles are other ones than those of the scenarios")
+        if own:
+            self.task.check_own(own, self.own)
+        for name, array in kept.items():
+            getattr(self, name)[...] = array  # in place: the step's arguments are these arrays
+        for there, array in zip(self.own, own, strict=False):
+            there[...] = array
 
     def close(self) -> None:
         """Lets go of what the plant holds outside of this process."""
@@ -176,6 +227,7 @@ class Batch:
         `scenarios` (num_envs,) takes the place of the draw of the scenario; all else is drawn as without it.
         """
         self.asked[:, rows] = 0.0
+        self.columns[rows, self.actions.shape[1] :] = 0.0
         draws = np.empty((len(rows), self.draws))
         for j, i in enumerate(rows.tolist()):
             generators[i].random(out=draws[j])
@@ -191,6 +243,7 @@ class Batch:
             draws,
             self.noise,
             *self.task.world,
+            *self.own,
             results.observations,
             results.numbers,
             results.flags,
@@ -223,7 +276,7 @@ class Batch:
             self._shared_out(self._phases, results, meanwhile)
             return
         self._shared_out(self._phases, results)
-        self.plant.drive(self.states, self.obstacles, self.noise, self.skip)
+        self.plant.drive(self.states, self.obstacles, self.columns, self.noise, self.skip)
         self._shared_out(JUDGE, results, meanwhile)
 
     def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None] | None = None) -> None:
@@ -283,7 +336,7 @@ class Batch:
         """Returns what a policy that declares `knows` may be told about the episodes now starting.
 
         Raises:
-            ValueError: if `knows` is none of "sensors", "path", "goal", "map".
+            ValueError: if `knows` is none of KNOWS.
         """
         choose("knows", knows, KNOWS)
         task = self.task
@@ -306,8 +359,18 @@ class Batch:
             **told,
         )
 
-    def scene(self, i: int, trail: NDArray[np.float64], marks: dict[str, tuple[float, float]]) -> Any:
-        """Returns the rendering.Scene of robot i, with the path it drove (t, 2) and the points a controller marked."""
+    def scene(
+        self,
+        i: int,
+        trail: NDArray[np.float64],
+        marks: dict[str, tuple[float, float]],
+        trails: NDArray[np.float64] | None = None,
+    ) -> Any:
+        """Returns the rendering.Scene of robot i, with the path it drove (t, 2) and the points a controller marked.
+
+        Args:
+            trails: (t, n, 2) where all robots of its world were; None: their ways are not shown.
+        """
         from wayfield.envs.rendering import Scene
 
         state = self.states[i]
@@ -341,6 +404,8 @@ class Batch:
                     lidar.words,
                 )
             drawing["ranges"] = ranges[i]
+        if self.own:
+            drawing |= self._company(i, trails)
         return Scene(
             robot=self.task.robot,
             pose=(float(state["x"]), float(state["y"]), float(state["heading"])),
@@ -348,3 +413,22 @@ class Batch:
             trail=trail,
             **(drawing | marks),
         )
+
+    def _company(self, i: int, trails: NDArray[np.float64] | None) -> dict[str, Any]:
+        """Returns the other bodies of robot i's world as fields of `rendering.Scene`, without its beams."""
+        from wayfield.envs.rendering import OF_TEAM, Body, person
+
+        robots, people = self.task.others(self.states, self.own, i)
+        bodies = [
+            Body(
+                pose,
+                self.task.robot.hull_radius,
+                OF_TEAM[j % len(OF_TEAM)],
+                goal=goal,
+                trail=None if trails is None else trails[:, j],
+                gone=gone,
+            )
+            for j, pose, goal, gone in robots
+        ]
+        bodies += [person(*each) for each in people.tolist()]
+        return {"bodies": tuple(bodies), "ranges": None}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalReaching, OmniGoalObstacles
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.sheets import sheet_like, signature_like
+from wayfield.envs.tasks.sheets import sheet_like, signature_like
 from wayfield.envs.vector import NativeVectorEnv
 
 _LEAST_FRAME = 3.0  # m

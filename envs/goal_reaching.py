@@ -3,23 +3,19 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import records, sensing
-from wayfield.envs.blocks import in_blocks
-from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
-from wayfield.envs.compiled import allocating, inlined
-from wayfield.envs.geometry import OBSTACLE, corners_of, sin_cos, surroundings, wrap_angle
-from wayfield.envs.grids import FRAME, SCRATCH, WORDS, Grids, clearance_around, frames_of, lay_grids, scan_grids
-from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.observation import Field, Layout
-from wayfield.envs.patrols import PATROL, patrol
-from wayfield.envs.robots import AnyRobot, robots_with
+from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
+from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
-from wayfield.envs.sheets import (
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.observation import Field, Layout
+from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
     DIFF_DRIVE_ROBOTS,
@@ -28,10 +24,16 @@ from wayfield.envs.sheets import (
     OMNI_ROBOTS,
     sheet_like,
 )
-from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
-from wayfield.envs.task import Options, Task
+from wayfield.envs.tasks.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
+from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.world.blocks import in_blocks
+from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
+from wayfield.envs.world.grids import FRAME, SCRATCH, WORDS, Grids, clearance_around, frames_of, lay_grids, scan_grids
+from wayfield.envs.world.patrols import PATROL, patrol
+from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
+from wayfield.system.compiled import allocating, inlined
+from wayfield.system.elementary import sin_cos, wrap_angle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,8 +136,8 @@ INFO = (
     "waypoint",
 )
 FLAGS = ("success", "collision")
-NUMBER = places(*INFO, "reward")
-FLAG = places(*FLAGS, "ended")
+NUMBER = places(*INFO)
+FLAG = places(*FLAGS)
 DRAWS = 3  # random numbers of a reset, besides the choice of the scenario
 
 
@@ -178,6 +180,17 @@ class World(NamedTuple):
 @inlined
 def observe(p, s, course, world, robots, i, row, out):
     """Writes the observation of one robot; what grids hold is for `scan_maps`."""
+    k = observe_goal(p, s, course, world, robots, i, row, out)
+    lidar = world.lidar
+    pose = (s.x, s.y, s.heading)
+    sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, s.num_blocks, pose, out, i, k)
+    if robots.grids.cells.shape[0] == 0:
+        disturb_ranges(p, lidar, robots.noise, i, row, out, k)
+
+
+@inlined
+def observe_goal(p, s, course, world, robots, i, row, out):
+    """Writes the observation of one robot but for the scan; returns the column in which that begins."""
     goals = world.goals
     sensing.measure(p, s, robots.noise, i, row)
     k = write_motion(s, p.holonomic, i, out)
@@ -187,12 +200,7 @@ def observe(p, s, course, world, robots, i, row, out):
     )
     out[i, k + 2] = wrap_angle(goals[s.scenario, course.num_goals - 1, 2] - s.measured_heading)
     out[i, k + 3] = course.num_goals - 1 - s.waypoint
-    k += 4
-    lidar = world.lidar
-    pose = (s.x, s.y, s.heading)
-    sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, s.num_blocks, pose, out, i, k)
-    if robots.grids.cells.shape[0] == 0:
-        disturb_ranges(p, lidar, robots.noise, i, row, out, k)
+    return k + 4
 
 
 @inlined
@@ -236,6 +244,15 @@ def judge(p, s, world, robots, i, row, outputs):
     turn_before = abs(s.goal_heading_error)
     track_goal(s, course, world.goals)
     observe(p, s, course, world, robots, i, row, outputs.observations)
+    assess(p, s, course, before, turn_before, outputs, i)
+
+
+@inlined
+def assess(p, s, course, before, turn_before, outputs, i):
+    """Writes reward, info and flags of robot i, whose way left and turn left were those `before`.
+
+    The reward is the last of the numbers and the end the last of the flags: what stands between is another task's.
+    """
     progress = before - s.remaining_distance
     turn_progress = turn_before - abs(s.goal_heading_error)
     collision = s.contact != 0
@@ -256,7 +273,7 @@ def judge(p, s, world, robots, i, row, outputs):
     flags = outputs.flags
     flags[FLAG.success, i] = success
     flags[FLAG.collision, i] = collision
-    flags[FLAG.ended, i] = (success and p.end_on_success == 1) or (collision and p.end_on_contact == 1)
+    flags[flags.shape[0] - 1, i] = (success and p.end_on_success == 1) or (collision and p.end_on_contact == 1)
 
 
 @inlined
@@ -270,7 +287,7 @@ def report(p, s, reward, progress, turn_progress, numbers, i):
     numbers[NUMBER.turn_progress, i] = turn_progress
     numbers[NUMBER.clearance, i] = s.clearance
     numbers[NUMBER.waypoint, i] = s.waypoint
-    numbers[NUMBER.reward, i] = reward
+    numbers[numbers.shape[0] - 1, i] = reward
 
 
 @inlined
@@ -393,13 +410,15 @@ class GoalReaching(Task):
     """The goal-reaching task of one robot on a bank of obstacle fields."""
 
     state_dtype = STATE
-    info_names = INFO
-    flag_names = FLAGS
+    info_names: ClassVar[tuple[str, ...]] = INFO
+    flag_names: ClassVar[tuple[str, ...]] = FLAGS
     draws = DRAWS
     step_rows = staticmethod(step_rows)
     reset_rows = staticmethod(reset_rows)
     belongs_to: ClassVar[TaskSpec] = TASKS["goal_reaching"]
     numbers: ClassVar[type[Params]] = Params
+    param_fields: ClassVar[list[Any]] = PARAMS
+    further: Mapping[str, Any] = MappingProxyType({})  # the values of those that are another task's
 
     def __init__(
         self,
@@ -420,16 +439,17 @@ class GoalReaching(Task):
         if not FINEST <= field_of_view <= 2.0 * math.pi:
             raise ValueError(f"field_of_view must be above 0 and at most 2 pi rad, got {field_of_view!r}")
         field_of_view, max_range = float(field_of_view), float(max_range)
-        self.scenarios: tuple[GoalScenario, ...] = field_scenarios(self.belongs_to, scenario, options.robot.hull_radius)
-        if options.dynamics == "coppelia" and any(each.grid is not None for each in self.scenarios):
+        self.scenarios = self.bank(scenario, options.robot.hull_radius)
+        courses_of = self.courses_of()
+        if options.dynamics == "coppelia" and any(each.grid is not None for each in courses_of):
             raise ValueError(f'scenario {shown(scenario)} has a map; dynamics="coppelia" has none')
         self.options = options
         self.robot = options.robot
-        self.max_obstacles = max(len(each.obstacles) for each in self.scenarios)
+        self.max_obstacles = max(len(each.obstacles) for each in courses_of)
         self.beam_angles = sensing.beam_angles(num_beams, field_of_view)
         self.max_range = max_range
-        courses, goals, fields, patrols = _courses_and_fields(self.scenarios)
-        self.grids = lay_grids([each.grid for each in self.scenarios], courses)
+        courses, goals, fields, patrols = _courses_and_fields(courses_of)
+        self.grids = lay_grids([each.grid for each in courses_of], courses)
         # no columns, and no work, in a bank where nothing moves
         self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
         still = self.patrols.shape[1] == 0 and options.dynamics == "kinematic"
@@ -439,9 +459,9 @@ class GoalReaching(Task):
             self.shared_obstacles, courses["num_blocks"] = in_blocks(fields, courses["num_obstacles"])
         beams = np.ascontiguousarray(sensing.beam_directions(self.beam_angles).T)
         self.world = (courses, goals, fields, self.patrols, self.grids.cells, beams)
-        self.layout = Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
+        self.layout = self.observed(num_beams, max_range)
         self.params = records.record(
-            PARAMS,
+            self.param_fields,
             options.robot_params()
             | dataclasses.asdict(self.numbers(**params))
             | {
@@ -449,8 +469,25 @@ class GoalReaching(Task):
                 "beam_step": self.beam_angles[1] - self.beam_angles[0] if num_beams > 1 else 2.0 * math.pi,
                 "max_range": max_range,
                 "shared_field": self.shared_obstacles is not None,
-            },
+            }
+            | dict(self.further),
         )
+
+    def bank(self, scenario: str, hull_radius: float) -> tuple[Any, ...]:
+        """Returns the scenarios of a name, for a hull of a radius (m)."""
+        return field_scenarios(self.belongs_to, scenario, hull_radius)
+
+    def observed(self, num_beams: int, max_range: float) -> Layout[Any]:
+        """Returns the layout of what a robot observes."""
+        return Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
+
+    def courses_of(self) -> tuple[GoalScenario, ...]:
+        """Returns what each robot of each scenario is asked, in the order of states["scenario"]."""
+        return self.scenarios
+
+    def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+        """Returns the greatest value (b,) of each index."""
+        return {"waypoint": self.world[0]["num_goals"][scenarios] - 1}
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
@@ -470,7 +507,7 @@ class GoalReaching(Task):
             near = np.column_stack([ways["x"], ways["y"]])
             reach = 0.5 * (high - low)
             points = np.vstack([points, *((end + r)[moving] for end in (near, near + leg) for r in (-reach, reach))])
-        grid = self.scenarios[scenario].grid
+        grid = self.courses_of()[scenario].grid
         if grid is not None:
             points = np.vstack([points, grid.corners])
         # a large world is shown where it is driven in; the robot counts in whole metres, for what moves the frame has
@@ -501,7 +538,7 @@ class GoalReaching(Task):
         courses, goals, *_ = self.world
         scenario = states["scenario"]
         told = {"position_tolerance": courses["position_tolerance"][scenario]}
-        if knows == "sensors":
+        if knows in ("sensors", "bodies"):
             return told
         told |= {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
         if knows == "map" and self.patrols.shape[1]:
@@ -579,7 +616,7 @@ class OmniGoalObstacles(SingleEnv):
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
     | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected", "odometry_plain_sum": see below |
     | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame, up to contact |
-    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: `wayfield.envs.disturbances` |
+    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances` |
     | num_beams, field_of_view, max_range | as the robot's | the range scan; 32, 2 pi, 5 m where no data sheet says so |
     | end_on_success, end_on_contact | True, True | see Episode end |
     | render_mode | None | "rgb_array" or "human" |

@@ -8,18 +8,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import records, sensing
-from wayfield.envs.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
-from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import sin_cos, wrap_angle
-from wayfield.envs.grids import NO_GRIDS
-from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.observation import Field, Layout
-from wayfield.envs.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
-from wayfield.envs.patrols import PATROL
-from wayfield.envs.robots import AnyRobot, robots_with
+from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
+from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
-from wayfield.envs.sheets import (
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.observation import Field, Layout
+from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
     DIFF_DRIVE_ROBOTS,
@@ -28,10 +22,24 @@ from wayfield.envs.sheets import (
     OMNI_ROBOTS,
     sheet_like,
 )
-from wayfield.envs.single import SingleEnv
-from wayfield.envs.stepping import Outputs, Robots, Turn, nothing_more, places, reset_robots, step_robots, write_motion
-from wayfield.envs.task import Options, Task
+from wayfield.envs.tasks.stepping import (
+    Outputs,
+    Robots,
+    Turn,
+    nothing_more,
+    places,
+    reset_robots,
+    step_robots,
+    write_motion,
+)
+from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.world.grids import NO_GRIDS
+from wayfield.envs.world.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
+from wayfield.envs.world.patrols import PATROL
+from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
+from wayfield.system.compiled import compiled, inlined
+from wayfield.system.elementary import sin_cos, wrap_angle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -334,6 +342,10 @@ class PathFollowing(Task):
             | {"max_speed": self.robot.max_twist[0]},
         )
 
+    def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+        """Returns the greatest value (b,) of each index."""
+        return dict.fromkeys(("segment", "measured_segment"), self.pool.runs["segments"][scenarios] - 1)
+
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
         scenario = self.scenarios[int(state["scenario"])]
@@ -375,7 +387,7 @@ class PathFollowing(Task):
 
     def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing: the path, unless the policy knows its sensors alone."""
-        if knows == "sensors":
+        if knows in ("sensors", "bodies"):
             return {}
         return {"paths": self.pool, "path_index": states["scenario"].copy()}
 
@@ -449,7 +461,7 @@ class DiffDrivePathFollowing(SingleEnv):
     | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 % |
     | pose_source | "ground_truth" | or "odometry" |
     | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
-    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: `wayfield.envs.disturbances` |
+    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances` |
     | scale | 1.0 | multiplies the path's coordinates |
     | num_preview, preview_spacing | 10, 0.1 m | the preview; longer than a closed path it goes round again |
     | render_mode | None | "rgb_array" or "human" |

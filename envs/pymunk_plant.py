@@ -15,19 +15,21 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating, any_layout, compiled, machine_code
-from wayfield.envs.geometry import bearing, clearance_to, nearest_surface, sin_cos, wrap_angle
-from wayfield.envs.grids import FRAME, Grids, OccupancyGrid, grid_clearance, grid_normal
-from wayfield.envs.hulls import hull_clearance, swing, touched, way_out
-from wayfield.envs.kinematic_plant import body_twist, lagging_twist
-from wayfield.envs.kinematics import integrate_arc, sinc
-from wayfield.envs.linear import pseudo_inverse
-from wayfield.envs.patrols import patrol, patrol_at
-from wayfield.envs.records import MAX_WHEELS, ROBOT_PARAMS, ROBOT_STATE, lag_factors, part_of, record
 from wayfield.envs.robots import Robot
-from wayfield.envs.sensing import advance_odometry
-from wayfield.envs.stepping import Robots
-from wayfield.envs.task import Options, Task
+from wayfield.envs.robots.hulls import hull_clearance, swing, touched, way_out
+from wayfield.envs.robots.kinematic_plant import body_twist, lagging_twist
+from wayfield.envs.robots.kinematics import integrate_arc, sinc
+from wayfield.envs.robots.records import MAX_WHEELS, ROBOT_PARAMS, ROBOT_STATE, lag_factors, part_of, record
+from wayfield.envs.robots.response import respond
+from wayfield.envs.robots.sensing import advance_odometry
+from wayfield.envs.tasks.stepping import Robots
+from wayfield.envs.tasks.task import Options, Task
+from wayfield.envs.world.geometry import clearance_to, nearest_surface
+from wayfield.envs.world.grids import FRAME, Grids, OccupancyGrid, grid_clearance, grid_normal
+from wayfield.envs.world.patrols import patrol, patrol_at
+from wayfield.system.compiled import allocating, any_layout, compiled, machine_code
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
+from wayfield.system.linear import pseudo_inverse
 
 GRAVITY = 9.81  # m/s^2
 HULL_FRICTION = 0.5  # between the hull and what it touches
@@ -215,11 +217,73 @@ def slide(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate):
 
 
 @compiled
-def roll(p, b, s, robots, i, row):
+def free(p, s, vx, vy, yaw_rate):
+    """Returns whether nothing is in reach of a control period at a twist."""
+    return s.clearance > p.dt * (math.sqrt(vx * vx + vy * vy) + swing(p, yaw_rate))
+
+
+@compiled
+def rolled(p, s, robots, i, row, vx, vy, yaw_rate):
+    """Moves a robot along the arc of the mean twist that its wheels, which have turned, turned for."""
+    s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
+    mean_vx, mean_vy, mean_yaw_rate = body_twist(p, vx, vy, yaw_rate)
+    s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, mean_vx, mean_vy, mean_yaw_rate, p.dt)
+    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
+    if p.passive_encoders:
+        vx = mean_vx
+        vy = mean_vy
+        yaw_rate = mean_yaw_rate
+    if not p.perfect_pose:
+        advance_odometry(p, s, vx, vy, yaw_rate, robots.noise, i, row)
+
+
+@compiled
+def roll_on(p, b, s, robots, actions, i, row):
+    """Does what `roll` does for a base with a response of its own."""
+    command_vx = s.command_vx
+    command_vy = s.command_vy
+    command_yaw_rate = s.command_yaw_rate
+    wheel_vx = s.wheel_vx
+    wheel_vy = s.wheel_vy
+    wheel_yaw_rate = s.wheel_yaw_rate
+    vx, vy, yaw_rate = body_twist(p, wheel_vx, wheel_vy, wheel_yaw_rate)
+    holds = s.vx == vx and s.vy == vy and s.yaw_rate == yaw_rate
+    for k in range(SUBSTEPS):
+        if not holds:
+            break
+        part_vx, part_vy, part_yaw_rate = respond(p, s, actions, i, k * b.substep, (k + 1) * b.substep)
+        _, _, turn = body_twist(p, part_vx, part_vy, part_yaw_rate)
+        to_vx, to_vy, to_yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
+        holds = grips(b, vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, turn * b.substep)
+        vx = to_vx
+        vy = to_vy
+        yaw_rate = to_yaw_rate
+    for again in range(2):
+        s.command_vx = command_vx
+        s.command_vy = command_vy
+        s.command_yaw_rate = command_yaw_rate
+        s.wheel_vx = wheel_vx
+        s.wheel_vy = wheel_vy
+        s.wheel_yaw_rate = wheel_yaw_rate
+        if again or not holds:
+            break
+        # the whole period at once, as in the kinematic plant
+        vx, vy, yaw_rate = respond(p, s, actions, i, 0.0, p.dt)
+        mean_vx, mean_vy, mean_yaw_rate = body_twist(p, vx, vy, yaw_rate)
+        if free(p, s, mean_vx, mean_vy, mean_yaw_rate):
+            rolled(p, s, robots, i, row, vx, vy, yaw_rate)
+            return True
+    return False
+
+
+@compiled
+def roll(p, b, s, robots, actions, i, row):
     """Moves a robot as the kinematic plant does, if its wheels hold all the way and nothing is in reach.
 
     Returns whether it did.
     """
+    if p.responds:
+        return roll_on(p, b, s, robots, actions, i, row)
     vx, vy, yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
     if s.vx != vx or s.vy != vy or s.yaw_rate != yaw_rate:
         return False
@@ -228,7 +292,7 @@ def roll(p, b, s, robots, i, row):
     dyaw = s.wheel_yaw_rate - s.command_yaw_rate
     rolled_vx, rolled_vy, rolled_yaw_rate = lagging_twist(s, p.lag_mean)
     mean_vx, mean_vy, mean_yaw_rate = body_twist(p, rolled_vx, rolled_vy, rolled_yaw_rate)
-    if s.clearance <= p.dt * (math.sqrt(mean_vx * mean_vx + mean_vy * mean_vy) + swing(p, mean_yaw_rate)):
+    if not free(p, s, mean_vx, mean_vy, mean_yaw_rate):
         return False
     left = 1.0
     for _ in range(SUBSTEPS):
@@ -247,21 +311,28 @@ def roll(p, b, s, robots, i, row):
         vy = to_vy
         yaw_rate = to_yaw_rate
     s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate = lagging_twist(s, p.lag_decay)
-    s.vx, s.vy, s.yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
-    s.x, s.y, s.heading = integrate_arc(s.x, s.y, s.heading, mean_vx, mean_vy, mean_yaw_rate, p.dt)
-    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
-    if p.passive_encoders:
-        rolled_vx = mean_vx
-        rolled_vy = mean_vy
-        rolled_yaw_rate = mean_yaw_rate
-    if not p.perfect_pose:
-        advance_odometry(p, s, rolled_vx, rolled_vy, rolled_yaw_rate, robots.noise, i, row)
+    rolled(p, s, robots, i, row, rolled_vx, rolled_vy, rolled_yaw_rate)
     return True
 
 
 @compiled
-def turn_wheels(p, b, s, m):
+def turn_wheels(p, b, s, m, actions, i):
     """Turns the wheels on by a sub-step: the first-order lag, exactly."""
+    if p.responds:
+        # what has no lag has jumped to the reference before the sub-step
+        m.from_vx, m.from_vy, m.from_yaw_rate = body_twist(
+            p,
+            s.wheel_vx if p.lags[0] > 0.0 else s.command_vx,
+            s.wheel_vy if p.lags[1] > 0.0 else s.command_vy,
+            s.wheel_yaw_rate if p.lags[2] > 0.0 else s.command_yaw_rate,
+        )
+        vx, vy, yaw_rate = respond(p, s, actions, i, (m.substep - 1) * b.substep, m.substep * b.substep)
+        m.mean_vx, m.mean_vy, m.mean_yaw_rate = body_twist(p, vx, vy, yaw_rate)
+        m.to_vx, m.to_vy, m.to_yaw_rate = body_twist(p, s.wheel_vx, s.wheel_vy, s.wheel_yaw_rate)
+        m.rolled_vx += vx / SUBSTEPS
+        m.rolled_vy += vy / SUBSTEPS
+        m.rolled_yaw_rate += yaw_rate / SUBSTEPS
+        return
     vx, vy, yaw_rate = lagging_twist(s, b.lag_mean)
     m.mean_vx, m.mean_vy, m.mean_yaw_rate = body_twist(p, vx, vy, yaw_rate)
     # wheels without lag have jumped to the command before the sub-step
@@ -392,14 +463,14 @@ def aim(p, b, s, m, robots, i, bodies):
 
 
 @compiled
-def advance(p, b, s, m, robots, i, bodies, hull):
+def advance(p, b, s, m, robots, actions, i, bodies, hull):
     """Runs sub-steps until pymunk has to resolve one, put into `hull`; returns False at the period's end."""
     moving = robots.patrols.shape[1] > 0
     while m.substep < SUBSTEPS:
         m.substep += 1
         if moving:
             aim(p, b, s, m, robots, i, bodies)
-        turn_wheels(p, b, s, m)
+        turn_wheels(p, b, s, m, actions, i)
         x, y, heading = pull(b, s, m)
         dx = x - s.x
         dy = y - s.y
@@ -486,7 +557,7 @@ class Spaces(NamedTuple):
 
 @any_layout
 @compiled
-def drive_rows(params, base, states, obstacles, patrols, grids, noise, skip, spaces, asked):
+def drive_rows(params, base, states, obstacles, actions, patrols, grids, noise, skip, spaces, asked):
     """Begins a control period, or goes on with it after pymunk; returns how many robots wait for pymunk (again).
 
     One kernel for both: most of it is the same, and takes some seconds to compile.
@@ -507,7 +578,7 @@ def drive_rows(params, base, states, obstacles, patrols, grids, noise, skip, spa
         m = progress[i]
         row = s.noise_row if noise.shape[1] > 1 else 0
         if begins:
-            if skip[i] or (m.pushing == 0 and roll(p, b, s, robots, i, row)):
+            if skip[i] or (m.pushing == 0 and roll(p, b, s, robots, actions, i, row)):
                 continue
             m.substep = 0
             m.start_x = s.x
@@ -515,9 +586,13 @@ def drive_rows(params, base, states, obstacles, patrols, grids, noise, skip, spa
             m.start_heading = s.heading
             m.clearance = s.clearance
             m.rolled_vx, m.rolled_vy, m.rolled_yaw_rate = lagging_twist(s, p.lag_mean)
+            if p.responds:
+                m.rolled_vx = 0.0
+                m.rolled_vy = 0.0
+                m.rolled_yaw_rate = 0.0
         else:
             absorb(p, s, m, robots, i, bodies, hulls[i])
-        if advance(p, b, s, m, robots, i, bodies, hulls[i]):
+        if advance(p, b, s, m, robots, actions, i, bodies, hulls[i]):
             waiting[again] = i
             again += 1
         else:
@@ -707,6 +782,7 @@ class PymunkPlant:
         self,
         states: NDArray[np.void],
         obstacles: NDArray[np.void],
+        actions: NDArray[np.float64],
         noise: NDArray[np.float64],
         skip: NDArray[np.bool_],
         asked: int,
@@ -719,11 +795,24 @@ class PymunkPlant:
             robots, grids = part_of(states, ROBOT_STATE), Grids(frames, task.grids.cells)
             spaces = Spaces(self.progress, self.bodies, self.hulls, self.waiting)
             code = machine_code(
-                drive_rows, params, self.base, robots, obstacles, task.patrols, grids, noise, skip, spaces, asked
+                drive_rows,
+                params,
+                self.base,
+                robots,
+                obstacles,
+                actions,
+                task.patrols,
+                grids,
+                noise,
+                skip,
+                spaces,
+                asked,
             )
             self._parts = states, params, robots, grids, spaces, code
         _, params, robots, grids, spaces, code = self._parts
-        waiting: int = code(params, self.base, robots, obstacles, task.patrols, grids, noise, skip, spaces, asked)
+        waiting: int = code(
+            params, self.base, robots, obstacles, actions, task.patrols, grids, noise, skip, spaces, asked
+        )
         return waiting
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
@@ -738,12 +827,13 @@ class PymunkPlant:
         self,
         states: NDArray[np.void],
         obstacles: NDArray[np.void],
+        actions: NDArray[np.float64],
         noise: NDArray[np.float64],
         skip: NDArray[np.bool_],
     ) -> None:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
-        asked = self._drive_rows(states, obstacles, noise, skip, -1)
+        asked = self._drive_rows(states, obstacles, actions, noise, skip, -1)
         while asked:
             for i in self.waiting[:asked].tolist():
                 world = self.worlds[i]
@@ -757,7 +847,7 @@ class PymunkPlant:
                         getattr(self.task.scenarios[states[i]["scenario"]], "grid", None),
                     )
                 world.step(self.substep, i, self.hulls, self.bodies, obstacles)
-            asked = self._drive_rows(states, obstacles, noise, skip, asked)
+            asked = self._drive_rows(states, obstacles, actions, noise, skip, asked)
 
     def _moving(self, state: NDArray[np.void]) -> NDArray[np.bool_] | None:
         """Returns which obstacles around a robot a script moves; None where nothing does."""

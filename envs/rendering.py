@@ -11,14 +11,16 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from wayfield.envs.geometry import Bounds
-from wayfield.envs.grids import OccupancyGrid
 from wayfield.envs.robots import Robot
+from wayfield.envs.world.geometry import Bounds
+from wayfield.envs.world.grids import OccupancyGrid
 
 try:
     import pygame
 except ImportError as error:
-    raise DependencyNotInstalled('rendering needs pygame-ce: pip install "wayfield[render]"') from error
+    raise DependencyNotInstalled(
+        'rendering needs pygame-ce: pip install "wayfield[render]"; check_env does without, with skip_render_check=True'
+    ) from error
 
 Colour = tuple[int, int, int]
 
@@ -38,6 +40,11 @@ _HULL: Colour = (190, 218, 236)
 _FIXED: Colour = (96, 106, 117)
 _INK: Colour = (52, 58, 66)
 
+_YELLOW: Colour = (240, 228, 66)
+
+OF_TEAM = (_BLUE, _VERMILLION, _GREEN, _ORANGE, _SKY, _YELLOW, _INK)  # robots by their number, round and round
+_PEOPLE = _PURPLE
+
 _SUPERSAMPLING = 2  # shapes are drawn this much larger and smoothed down
 _MARGIN = 0.07  # of the view, on each side of the bounds
 _ASPECTS = (0.75, 2.2)  # width over height of the view, so that caption and legend always find room
@@ -48,6 +55,7 @@ _ROBOT_RADIUS_PX = 10.0  # the least: smaller robots are drawn larger than they 
 _WALL_PX = 3.0  # the least width of a wall
 _DRAWN_POINTS = 20_000  # of a polyline, at most
 _GHOST_ALPHA = 90  # of 255
+_MANY_BODIES = 100  # from which on they are drawn as small as they are
 _FAR_PX = 20_000.0  # pixel coordinates are clipped here, because pygame counts in 32-bit integers
 
 
@@ -72,6 +80,19 @@ class Ghost:
     trail: NDArray[np.float64] | None = None  # (t, 2) past positions
 
 
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """A robot of a team with its goal, or a person, at a moment."""
+
+    at: tuple[float, float, float]  # x, y (m), heading (rad)
+    radius: float  # m
+    colour: Colour
+    person: bool = False
+    goal: tuple[float, float] | None = None
+    trail: NDArray[np.float64] | None = None  # (t, 2) past positions
+    gone: bool = False  # whether it has left, so that only its goal and way are drawn
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
     """What one frame shows; metres and radians in the world frame."""
@@ -93,6 +114,7 @@ class Scene:
     lookahead: tuple[float, float] | None = None  # look-ahead point of the robot
     start: tuple[float, float] | None = None
     marks: tuple[Mark, ...] = ()  # drawn over the obstacles, below the robot
+    bodies: tuple[Body, ...] = ()  # the others, and of a team with `robot` of the first colour
     ghosts: tuple[Ghost, ...] = ()  # drawn below the robot
     caption: str = ""  # one line
     notes: tuple[str, ...] = ()  # lines in the upper left corner of the world
@@ -452,6 +474,33 @@ def _draw_ghost(canvas: Canvas, view: View, ghost: Ghost) -> None:
     canvas.translucent(_GHOST_ALPHA, centre, reach, lambda it: _draw_robot(it, view, ghost.robot, ghost.pose))
 
 
+def _draw_bodies(canvas: Canvas, view: View, bodies: tuple[Body, ...]) -> None:
+    """Draws the goals and ways of all, and over them robots as discs with a wedge ahead, people with a nose."""
+    least = _ROBOT_RADIUS_PX if len(bodies) < _MANY_BODIES else 2.0
+    for body in bodies:
+        if body.trail is not None and len(body.trail) > 1:
+            canvas.line(body.colour, _thinned(view.pixels_from_world(body.trail), 1.0), 1.5)
+        if body.goal is not None:
+            at = view.pixels_from_world(body.goal)
+            canvas.disc(body.colour, at, max(0.4 * body.radius * view.scale, 0.4 * least), 1.5)
+    for body in (each for each in bodies if not each.gone):
+        centre = view.pixels_from_world(body.at[:2])
+        radius = max(body.radius * view.scale, (0.5 if body.person else 1.0) * least)
+        wide = min(1.5, 0.2 * radius)
+        canvas.disc(_WHITE, centre, radius + wide)
+        canvas.disc(body.colour, centre, radius)
+        if radius < 3.0:
+            continue
+        x, y, heading = body.at
+        if body.person:
+            ahead = view.pixels_from_world((x + math.cos(heading), y + math.sin(heading))) - centre
+            nose = centre + 0.55 * radius * ahead / max(float(np.hypot(*ahead)), 1e-9)
+            canvas.disc(_WHITE, nose, max(0.22 * radius, 1.0))
+            continue
+        wedge = np.array([[0.75, 0.0], [-0.45, 0.5], [-0.15, 0.0], [-0.45, -0.5]]) * (radius / view.scale)
+        canvas.polygon(_WHITE, view.pixels_from_world(_placed(wedge, (x, y, heading))))
+
+
 def _draw_chase_line(canvas: Canvas, view: View, scene: Scene) -> None:
     """Draws the line from the robot by way of the look-ahead point to the point that is chased."""
     stops = [scene.pose[:2]]
@@ -476,10 +525,11 @@ def _draw_moment(canvas: Canvas, view: View, scene: Scene) -> None:
         _draw_mark(canvas, view, mark)
     if scene.goals is not None:
         _draw_goals(canvas, view, scene.goals, scene.goal_tolerance)
-    if scene.start is not None:
+    if scene.start is not None and not scene.bodies:
         _mark_start(canvas, view.pixels_from_world(scene.start))
     if scene.trail is not None:
         canvas.line(_BLUE, _thinned(view.pixels_from_world(scene.trail), 1.0), 1.5)
+    _draw_bodies(canvas, view, scene.bodies)
     for ghost in scene.ghosts:
         _draw_ghost(canvas, view, ghost)
     _draw_chase_line(canvas, view, scene)
@@ -509,6 +559,18 @@ def _block_symbol(colour: Colour) -> Symbol:
     return draw
 
 
+def _disc_symbol(colour: Colour) -> Symbol:
+    def draw(canvas: Canvas, at: NDArray[np.float64]) -> None:
+        canvas.disc(colour, at, 6.0)
+
+    return draw
+
+
+def person(x: float, y: float, heading: float, radius: float) -> Body:
+    """Returns a person to be drawn; m and rad."""
+    return Body((x, y, heading), radius, _PEOPLE, person=True)
+
+
 def _legend(scene: Scene) -> list[tuple[str, Symbol]]:
     """Returns a word and a symbol for each kind of thing in the scene."""
     masses = np.zeros(0) if scene.obstacles is None else scene.obstacles["mass"]
@@ -522,7 +584,9 @@ def _legend(scene: Scene) -> list[tuple[str, Symbol]]:
         (rays > 0, "rays", _stroke_symbol(_SKY, 1.0)),
         (bool(np.any(masses <= 0.0)) or scene.grid is not None, "fixed", _block_symbol(_FIXED)),
         (bool(np.any(masses > 0.0)), "movable", _block_symbol(_ORANGE)),
-        (scene.start is not None, "start", _mark_start),
+        (scene.start is not None and not scene.bodies, "start", _mark_start),
+        (any(not body.person for body in scene.bodies), "others", _disc_symbol(OF_TEAM[1])),
+        (any(body.person for body in scene.bodies), "people", _disc_symbol(_PEOPLE)),
         (goals > 1, "waypoint", _mark_waypoint),
         (goals > 0, "goal", _mark_goal),
         (scene.lookahead is not None, "look-ahead", _mark_lookahead),
@@ -685,7 +749,8 @@ def _check_display(driver: str) -> None:
         pygame.display.quit()
         raise NoDisplay(
             'render_mode="human" found no display to open a window on: run it on a desktop (DISPLAY or WAYLAND_DISPLAY '
-            'set), use render_mode="rgb_array", or ask for an unseen window with SDL_VIDEODRIVER=dummy'
+            'set), use render_mode="rgb_array", or draw to an unseen window with SDL_VIDEODRIVER=dummy; check_env does '
+            "without, with skip_render_check=True"
         )
 
 

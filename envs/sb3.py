@@ -10,6 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.envs.teams import TeamVectorEnv
 from wayfield.envs.vector import NativeVectorEnv
 
 try:
@@ -24,6 +25,14 @@ _NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; nobo
 def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
     """Returns the rows of all pieces: those of a single one as they are, since every step makes its own."""
     return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+
+
+def _taken(name: str, arrays: Mapping[str, NDArray[Any]], there: NDArray[Any]) -> NDArray[Any]:
+    """Returns an array of a name like one that is there, from its bytes; ValueError if they are too many or too few."""
+    content = arrays[name].tobytes()
+    if len(content) != there.nbytes:
+        raise ValueError(f"{name} has {len(content)} bytes; it must have {there.nbytes}")
+    return np.frombuffer(content, there.dtype).reshape(there.shape)
 
 
 class NativeVecEnv(VecEnv):
@@ -60,6 +69,10 @@ class NativeVecEnv(VecEnv):
                 **{**kwargs, **own},
             )
             assert isinstance(part, NativeVectorEnv)
+            if isinstance(part, TeamVectorEnv) and part.waits:
+                raise ValueError(
+                    f'{env_id} with ends="leave" has robots that wait; ends must be "respawn", so that all rows live'
+                )
             self.parts.append(part)
         first = self.parts[0]
         for part in self.parts[1:]:
@@ -188,6 +201,10 @@ class NativeVecEnv(VecEnv):
             f"world_{k}.{name}": np.frombuffer(getattr(part.batch, name).tobytes(), np.uint8)
             for k, part in enumerate(self.parts)
             for name in self.ARRAYS
+        } | {
+            f"world_{k}.own_{j}": np.frombuffer(each.tobytes(), np.uint8)
+            for k, part in enumerate(self.parts)
+            for j, each in enumerate(part.batch.own)
         }
 
     def generators(self) -> list[Any]:
@@ -195,12 +212,17 @@ class NativeVecEnv(VecEnv):
         return [generator.bit_generator.state for part in self.parts for generator in part.np_random]
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], generators: Iterable[Any]) -> None:
-        """Puts all robots back into the states that `arrays` and `generators` returned."""
+        """Puts all robots back into the states that `arrays` and `generators` returned.
+
+        Raises:
+            ValueError: naming the array or the field, if a state cannot be one of these robots.
+        """
         remaining = iter(generators)
         for k, part in enumerate(self.parts):
-            part.reset(seed=0)  # makes the generators
-            for name in self.ARRAYS:
-                target = getattr(part.batch, name)
-                target[...] = np.frombuffer(arrays[f"world_{k}.{name}"].tobytes(), target.dtype).reshape(target.shape)
+            kept = {name: _taken(f"world_{k}.{name}", arrays, getattr(part.batch, name)) for name in self.ARRAYS}
+            own = tuple(_taken(f"world_{k}.own_{j}", arrays, each) for j, each in enumerate(part.batch.own))
+            # makes the generators, and all that a scenario decides
+            part.reset(seed=0, options={"scenario": part.task.scenario_of(kept["states"])})
+            part.batch.put_back(kept, own)
             for generator in part.np_random:
                 generator.bit_generator.state = next(remaining)

@@ -1,5 +1,7 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
+import inspect
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import gymnasium
@@ -8,10 +10,10 @@ from numpy import empty, float32, ndarray
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import choose
-from wayfield.envs.checks import seed as check_seed
-from wayfield.envs.task import CONTROL_PERIOD, Task
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.task import CONTROL_PERIOD, Task
+from wayfield.system.checks import choose, shown, suggestion
+from wayfield.system.checks import seed as check_seed
 
 Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
@@ -24,6 +26,11 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         "render_modes": ["rgb_array", "human"],
         "render_fps": FPS,
     }
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> "SingleEnv":
+        """Returns a bare environment; TypeError if a keyword is none of the class."""
+        check_keywords(cls, kwargs)
+        return super().__new__(cls)
 
     def __init__(self, task: Task, render_mode: str | None) -> None:
         if render_mode is not None:
@@ -144,3 +151,20 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         if self._renderer is None:
             self._renderer = Renderer(str(self.render_mode), FPS)
         return self._renderer.draw(self.scene())
+
+
+def check_keywords(env: Callable[..., SingleEnv], keywords: Iterable[str], further: Iterable[str] = ()) -> None:
+    """Raises TypeError, naming the environment's class and the nearest keyword, at the first that it does not take.
+
+    Args:
+        env: the class.
+        further: keywords that are taken beside those of the class.
+    """
+    taken = inspect.signature(env).parameters
+    if any(each.kind is each.VAR_KEYWORD for each in taken.values()):  # a subclass of the user's, which will say so
+        return
+    known = (*taken, *further)
+    for word in keywords:
+        if word not in known:
+            near, name = suggestion(word, known), getattr(env, "__name__", "the environment")
+            raise TypeError(f"{name} has no keyword argument {shown(word)}.{near} Choose from {', '.join(known)}.")

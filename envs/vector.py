@@ -12,11 +12,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import MOST_ENVS, MOST_STEPS, MOST_THREADS, choose, shown, whole
-from wayfield.envs.checks import seed as check_seed
-from wayfield.envs.single import SingleEnv
+from wayfield.envs.single import SingleEnv, check_keywords
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.system.checks import MOST_ENVS, MOST_STEPS, MOST_THREADS, choose, shown, whole
+from wayfield.system.checks import seed as check_seed
 
+_BATCH_KEYWORDS = ("num_envs", "max_episode_steps", "autoreset_mode", "num_threads")
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
 
 
@@ -50,6 +51,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             autoreset_mode = autoreset_mode.value
         choose("autoreset_mode", autoreset_mode, AUTORESET_MODES)
         self.autoreset_mode = AUTORESET_MODES[autoreset_mode]
+        check_keywords(single, kwargs, _BATCH_KEYWORDS)
         env = single(**kwargs)
         self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = env.render_mode
@@ -59,10 +61,11 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         env.close()
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
-        self.single_observation_space = env.observation_space
-        self.single_action_space = env.action_space
-        self.observation_space = batch_space(env.observation_space, num_envs)
-        self.action_space = batch_space(env.action_space, num_envs)
+        most = env.task.options.max_action.astype(np.float32)
+        self.single_observation_space = env.task.layout.space
+        self.single_action_space = gymnasium.spaces.Box(-most, most, dtype=np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self.batch = Batch(env.task, num_envs, num_threads)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -70,6 +73,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._all = np.ones(num_envs, np.bool_)
         self._ended = np.zeros(num_envs, np.bool_)
         self._renderers: list[Any] = []
+        self._together = 1  # rows of one world, which are seeded together
+        self._beside = True  # whether ended robots may begin anew while others move
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns what pickle and copy take: the state, mid-episode too, and the generators."""
@@ -97,7 +102,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if isinstance(seed, int | np.integer):
             check_seed("seed", seed)
             check_seed(f"seed (of the last of {self.num_envs} robots)", int(seed) + self.num_envs - 1)
-            seeds: list[int | None] = [int(seed) + i for i in range(self.num_envs)]
+            seeds: list[int | None] = [int(seed) + i // self._together for i in range(self.num_envs)]
         elif seed is None or isinstance(seed, list | tuple):
             seeds = [None] * self.num_envs if seed is None else list(seed)
         else:
@@ -106,17 +111,20 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
         for i, each in enumerate(seeds):
             check_seed(f"seed[{i}]", each)
-        seeds = [None if each is None else int(each) for each in seeds]
-        if not self._generators:
-            self._generators, self._seeds = map(list, zip(*map(seeding.np_random, seeds), strict=True))
-        else:
-            for i, each in enumerate(seeds):
-                if each is not None:
-                    self._generators[i], self._seeds[i] = seeding.np_random(each)
+        self._seed([None if each is None else int(each) for each in seeds])
         results = Results(self.task, self.num_envs)
         self.batch.reset(np.arange(self.num_envs), self._generators, results, scenarios)
         self._ended = np.zeros(self.num_envs, np.bool_)
         return results.observations, self._info(results)
+
+    def _seed(self, seeds: list[int | None]) -> None:
+        """Seeds the rows; None leaves a generator as it is, or takes a fresh one where there is none."""
+        if not self._generators:
+            self._generators, self._seeds = map(list, zip(*map(seeding.np_random, seeds), strict=True))
+            return
+        for i, each in enumerate(seeds):
+            if each is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(each)
 
     def step(
         self, actions: NDArray[np.float32]
@@ -131,7 +139,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         batch.skip[:] = self._ended
         results = Results(self.task, self.num_envs)
         info: dict[str, Any] = {}
-        batch.step(self._generators, results, partial(self._meanwhile, self._ended, results, info))
+        meanwhile = partial(self._meanwhile, self._ended, results, info)
+        batch.step(self._generators, results, meanwhile if self._beside else None)
+        if not self._beside:
+            meanwhile()
         if self.max_episode_steps is None:
             truncated = np.zeros(self.num_envs, np.bool_)
         else:

@@ -7,7 +7,7 @@ Both autoreset modes, which differ in what the step after an end is:
   nothing. It is no transition and is left out of the loss.
 A cut by the clock (truncated) is no end of the task: the value of the last observation is bootstrapped.
 
-pip install "wayfield[train]"; python examples/cleanrl_ppo.py --steps 1000000 --autoreset SameStep
+pip install -c constraints.txt ".[train]"; python examples/cleanrl_ppo.py --steps 1000000 --autoreset SameStep
 """
 
 import argparse

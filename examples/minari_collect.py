@@ -1,6 +1,7 @@
 """A Minari data set of a controller's episodes, collected on the single environment.
 
-pip install wayfield "minari[create,hdf5]" pillow; python examples/minari_collect.py --steps 5000
+pip install -c constraints.txt . "minari[create,hdf5]"; python examples/minari_collect.py --steps 5000
+Its collector needs JAX, which `minari[create]` brings; `wayfield record` writes such sets without.
 Set MINARI_DATASETS_PATH to choose where it is written.
 """
 

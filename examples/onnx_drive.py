@@ -1,5 +1,7 @@
 """A trained agent without wayfield's code: its network in onnxruntime, its features and actions in plain NumPy.
 
+pip install -c constraints.txt ".[onnx]"; python examples/onnx_drive.py
+
     python -m wayfield.policies.learned.onnx FOLDER agent.onnx
     python onnx_drive.py agent.onnx
 

@@ -1,6 +1,6 @@
 """RLlib's PPO. Ray's workers import nothing of ours, so the id names the module that registers it: "wayfield:...".
 
-pip install wayfield "ray[rllib]" torch; python examples/rllib_ppo.py --steps 200000
+pip install . "ray[rllib]" torch; python examples/rllib_ppo.py --steps 200000
 """
 
 import argparse

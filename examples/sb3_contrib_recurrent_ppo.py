@@ -1,6 +1,6 @@
 """sb3-contrib's RecurrentPPO: an LSTM for a robot that sees little and noisily, on the native adapter.
 
-pip install "wayfield[train]" sb3-contrib; python examples/sb3_contrib_recurrent_ppo.py --steps 200000
+pip install -c constraints.txt ".[train]" sb3-contrib; python examples/sb3_contrib_recurrent_ppo.py --steps 200000
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Stable-Baselines3's PPO on wayfield's robots, all stepped by one compiled call.
 
-pip install "wayfield[train]"; python examples/sb3_ppo.py --steps 500000
+pip install -c constraints.txt ".[train]"; python examples/sb3_ppo.py --steps 500000
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """skrl's PPO on a native vector environment.
 
-pip install wayfield "skrl[torch]"; python examples/skrl_ppo.py --steps 500000
+pip install -c constraints.txt . "skrl[torch]"; python examples/skrl_ppo.py --steps 500000
 """
 
 import argparse

@@ -20,14 +20,23 @@ class _Command(NamedTuple):
 
 
 COMMANDS = {
-    "evaluate": _Command("wayfield.benchmarks.evaluate", "evaluate", "compare policies: tables and figures"),
+    "evaluate": _Command("wayfield.benchmarks.commands.evaluate", "evaluate", "compare policies: tables and figures"),
     "train": _Command("wayfield.policies.training.command", "train", "train agents by PPO"),
-    "tune": _Command("wayfield.benchmarks.tune", "tune", "search gains on training scenarios"),
-    "play": _Command("wayfield.benchmarks.play", "render", "drive by the keyboard, beside a policy's ghost"),
-    "render": _Command("wayfield.benchmarks.video", "render", "film a policy: .mp4, .gif or .png"),
-    "policies": _Command("wayfield.benchmarks.lists", "evaluate", "list them, and what they know", "policies"),
-    "scenarios": _Command("wayfield.benchmarks.lists", "evaluate", "list families, tiers, splits, banks", "scenarios"),
-    "robots": _Command("wayfield.benchmarks.lists", "evaluate", "list them, and what they can", "robots"),
+    "tune": _Command("wayfield.benchmarks.tuning.tune", "tune", "search gains on training scenarios"),
+    "record": _Command("wayfield.benchmarks.recordings.record", "record", "episodes as a Minari or MCAP data set"),
+    "play": _Command("wayfield.benchmarks.commands.play", "render", "drive by the keyboard, beside a policy's ghost"),
+    "render": _Command("wayfield.benchmarks.figures.video", "render", "film a policy: .mp4, .gif or .png"),
+    "policies": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list them, and what they know", "policies"),
+    "scenarios": _Command(
+        "wayfield.benchmarks.commands.lists", "evaluate", "list families, tiers, splits, banks", "scenarios"
+    ),
+    "compile": _Command(
+        "wayfield.benchmarks.commands.compile",
+        "",
+        "machine code before it is needed, for an image or a class",
+        "compile",
+    ),
+    "robots": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list them, and what they can", "robots"),
 }
 
 _HELP = "\n".join(

@@ -4,22 +4,30 @@ One file a law; `policy` (what a policy is), `pilot`, `registry` (all of them by
 In rooms of their own: `parts`, what laws share; `learned`, agents; `training`, how they are made.
 """
 
+from wayfield.policies.gain import Gains, gain, gains_of
 from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.parts.shield import Shield, Shielded
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
-from wayfield.policies.registry import ABOUT, POLICIES, About, NoCruisingSpeed, cruising, make
+from wayfield.policies.registry import ABOUT, POLICIES, Listed, NoCruisingSpeed, cruising, make, searched_gains
 from wayfield.policies.tuned import NotTuned, tuned_gains
 
 __all__ = [
     "ABOUT",
     "POLICIES",
-    "About",
+    "Gains",
+    "Listed",
     "NoCruisingSpeed",
     "NotTuned",
     "Pilot",
     "Policy",
+    "Shield",
+    "Shielded",
     "cruising",
+    "gain",
+    "gains_of",
     "load_agent",
     "make",
+    "searched_gains",
     "tuned_gains",
 ]

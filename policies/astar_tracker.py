@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import memory as check_memory
-from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
-from wayfield.envs.geometry import clearance_to
-from wayfield.envs.grids import grid_clearance
-from wayfield.envs.patrols import patrol_at
 from wayfield.envs.scenarios.ways import grid_over
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.geometry import clearance_to
+from wayfield.envs.world.grids import grid_clearance
+from wayfield.envs.world.patrols import patrol_at
+from wayfield.policies.gain import gain
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
     FINE_CELL,
@@ -29,7 +28,8 @@ from wayfield.policies.parts.polyline_tracker import (
     track,
 )
 from wayfield.policies.parts.steering import Map
-from wayfield.policies.policy import check_gain
+from wayfield.system.checks import memory as check_memory
+from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
 
 # Of a side of the grid: as few as hold the world in cells no wider than FINE_CELL. Where WIDE do not, cells are wider,
 # and more are taken only for WIDE_SHARE of a map's own cell: in that, a gap of one cell has room for a hull.
@@ -74,24 +74,17 @@ class AstarTracker(PolylineTracker):
     Source: Hart, Nilsson and Raphael 1968; Nash, Daniel, Koenig and Felner 2007; see `grid_search`.
     """
 
-    cell: float = 0.05  # m
-    margin: float = 0.12  # m, beside the hull, wanted of the plan
-    wanted_clearance: float = 0.2  # m, beside the hull, towards which the plan is bent
-    surroundings: float = 8.0  # m
-    astray: float = 0.5  # m
-    patrol_clearance: float = 0.15  # m
-    patrol_horizon: float = 3.0  # s
-    patience: float = 0.5  # s
+    cell: float = gain(0.05, "m", "side of a cell of the grid", above=0.0)
+    margin: float = gain(0.12, "m", "beside the hull, wanted of the plan", least=0.0, search=(0.03, 0.2))
+    wanted_clearance: float = gain(0.2, "m", "beside the hull, for the bent plan", least=0.0, search=(0.05, 0.5))
+    surroundings: float = gain(8.0, "m", "around robot and goal that the grid holds", above=0.0)
+    astray: float = gain(0.5, "m", "from the plan, beyond which it is made anew", above=0.0)
+    patrol_clearance: float = gain(0.15, "m", "kept from where patrols will be", least=0.0)
+    patrol_horizon: float = gain(3.0, "s", "for which patrols are foreseen", above=0.0)
+    patience: float = gain(0.5, "s", "before a patrol, until the plan is made anew", least=0.0)
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("cell", "surroundings", "astray", "patrol_horizon"):
-            check_gain(self, name, above=0.0)
-        for name in ("margin", "wanted_clearance", "patrol_clearance", "patience"):
-            check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns memory without plans, `memory_of` records (b,): a robot plans when it first acts.

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import integrate_arc, saturation_factor
+from wayfield.envs.robots.kinematics import integrate_arc, saturation_factor
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.detour import DETOUR, seek
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
@@ -34,7 +33,8 @@ from wayfield.policies.parts.stopping import (
     step_and_stop,
     turn_towards,
 )
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import allocating, any_layout, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 SPEEDS = 7  # of the grid of twists; for an omni base: of changes of velocity
 TURNS = 15  # of the grid of twists; for an omni base: of their directions
@@ -48,7 +48,7 @@ STATE = [
 
 
 @dataclasses.dataclass(frozen=True)
-class Dwa:
+class Dwa(Gains):
     """Drives the arc that heads best for the goal, of those that it can reach soon and stop on before any hit.
 
     The dynamic window holds the twists (v, w) within `window` seconds of acceleration of the last command (all of them
@@ -83,37 +83,29 @@ class Dwa:
     Source: Fox, Burgard and Thrun, IEEE Robotics and Automation Magazine 4(1), 1997.
     """
 
-    max_speed: float = 0.6  # m/s
-    max_yaw_rate: float = 1.5  # rad/s
-    window: float = 0.5  # s
-    horizon: float = 2.0  # s
-    margin: float = 0.03  # m
-    heading: float = 0.5
-    clearance: float = 0.3
-    velocity: float = 0.2
-    progress: float = 1.0
-    room: float = 1.0
-    room_range: float = 0.3  # m, beyond which more room is worth nothing
-    turn_gain: float = 2.0  # 1/s, to the goal heading
-    stop_radius: float = 0.08  # m, or less where the goal asks for it
-    patience: float = 2.0  # s, inf for no detours
-    reach: float = 0.5  # m, a detour takes directions that are free this far
-    first_leg: float = 3.0  # m, before a detour tries the other side
-    recall: float = 2.0  # s
-    foresight: float = 1.5  # s, 0 takes what moves for standing still
-    retreat: float = 0.3  # m/s, backwards, at most, where something comes nearer
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
+    window: float = gain(0.5, "s", "of acceleration, that spans the dynamic window", above=0.0)
+    horizon: float = gain(2.0, "s", "for which arcs are looked at", above=0.0)
+    margin: float = gain(0.03, "m", "beside the hull, kept clear of hits", least=0.0)
+    heading: float = gain(0.5, "1", "weight of the heading towards the goal", least=0.0, search=(0.1, 2.0))
+    clearance: float = gain(0.3, "1", "weight of the time until a hit", least=0.0, search=(0.05, 1.0))
+    velocity: float = gain(0.2, "1", "weight of the speed", least=0.0, search=(0.05, 1.0))
+    progress: float = gain(1.0, "1", "weight of the approach to the goal", least=0.0, search=(0.2, 4.0))
+    room: float = gain(1.0, "1", "weight of the gap a second ahead", least=0.0, search=(0.3, 3.0))
+    room_range: float = gain(0.3, "m", "beyond which more room is worth nothing", above=0.0)
+    turn_gain: float = gain(2.0, "1/s", "to the goal heading", least=0.0)
+    # past a goal beside an obstacle a detour leads away, perhaps for good: the range of the search begins at 0.05 m
+    stop_radius: float = gain(0.08, "m", "or less where the goal asks for it", least=0.0, search=(0.05, 0.18))
+    patience: float = gain(2.0, "s", "inf for no detours", least=0.0, finite=False)
+    reach: float = gain(0.5, "m", "a detour takes directions that are free this far", above=0.0)
+    first_leg: float = gain(3.0, "m", "before a detour tries the other side", above=0.0)
+    recall: float = gain(2.0, "s", "for which what is near stays known out of sight", least=0.0)
+    foresight: float = gain(1.5, "s", "0 takes what moves for standing still", least=0.0)
+    retreat: float = gain(0.3, "m/s", "backwards, at most, where something comes nearer", least=0.0)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("max_speed", "max_yaw_rate", "window", "horizon", "room_range", "reach", "first_leg"):
-            check_gain(self, name, above=0.0)
-        for name in ("margin", "heading", "clearance", "velocity", "progress", "room", "turn_gain", "stop_radius"):
-            check_gain(self, name, least=0.0)
-        check_gain(self, "patience", least=0.0, finite=False)
-        for name in ("recall", "foresight", "retreat"):
-            check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.

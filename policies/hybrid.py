@@ -8,22 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import any_layout, compiled
-from wayfield.envs.geometry import sin_cos
-from wayfield.policies.learned.agent import Agent
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
+from wayfield.policies.learned.agent import Agent, body_of
 from wayfield.policies.learned.ppo import shipped_agent
 from wayfield.policies.parts.polyline_tracker import point_at, project
-from wayfield.policies.policy import check_gain, check_whole
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.tuned import tuned_set
+from wayfield.system.checks import LAST_SEED
+from wayfield.system.compiled import any_layout, compiled
+from wayfield.system.elementary import sin_cos
 
 TASK, SUITE = "goal_reaching", "goal-obstacles"
 
 
 @dataclasses.dataclass(frozen=True)
-class Hybrid:
+class Hybrid(Gains):
     """Plans as `scan_planner` does and drives as the goal seeker of its seed that ships: each does what it is good at.
 
     In every step the planner enters the scan in its map and plans where it must. In place of the goal the agent is told
@@ -43,17 +43,12 @@ class Hybrid:
     own scans.
     """
 
-    seed: int = 0  # of the agent's training run
-    speed: float = 0.0  # m/s, the most that it drives; 0: the one that the agent was validated at
-    ahead: float = 1.2  # m
+    seed: int = gain(0, "1", "of the agent's training run", most=LAST_SEED)
+    speed: float = gain(0.0, "m/s", "the most that it drives; 0: the one that the agent was validated at", least=0.0)
+    ahead: float = gain(1.2, "m", "of the point on the plan that the agent drives to", above=0.0)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        check_whole(self, "seed", most=LAST_SEED)
-        check_gain(self, "speed", least=0.0)
-        check_gain(self, "ahead", above=0.0)
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent that drives.
@@ -61,7 +56,7 @@ class Hybrid:
         Raises:
             ValueError: if none ships for the robot, or none of this seed.
         """
-        return shipped_agent(TASK, briefing.robot.name, self.seed, self.speed)
+        return shipped_agent(TASK, body_of(briefing.robot).name, self.seed, self.speed)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the planner's empty memory beside the agent's, (b,).
@@ -70,7 +65,7 @@ class Hybrid:
             ValueError: if no agent ships for robot and seed, or its card asks for another scan or control period.
         """
         agent = self.agent(briefing)
-        planner = planner_of(briefing.robot.name, agent.speed)
+        planner = planner_of(body_of(briefing.robot).name, agent.speed)
         parts = {"planner": planner.reset(briefing), "agent": agent.reset(briefing)}
         fields: list[Any] = [(name, each.dtype, each.shape[1:]) for name, each in parts.items()]
         # whole words a robot, so that every map begins with one; by a field, as what only pads is not copied with a row
@@ -88,7 +83,7 @@ class Hybrid:
         agent = self.agent(briefing)
         # the planner's kernels take records that lie apart; the agent's are compiled for such as lie side by side
         planned, kept = memory["planner"], memory["agent"].copy()
-        planner_of(briefing.robot.name, agent.speed).act(observation, briefing, planned)
+        planner_of(body_of(briefing.robot).name, agent.speed).act(observation, briefing, planned)
         goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
         lead(planned["state"], observation.pose, self.ahead, goals, led)
         own = kept["network"] if "network" in (kept.dtype.names or ()) else kept

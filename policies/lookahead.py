@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import any_layout, compiled
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.envs.robots.kinematics import to_body_frame
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.paths import along_lap, nearest_ahead, segment_at, vertex
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import any_layout, compiled
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 
 @dataclasses.dataclass(frozen=True)
-class Lookahead:
+class Lookahead(Gains):
     """Steers at the path point nearest to a point ahead of the robot; aligns with the path when it is close to it.
 
     With p_LA the point `lookahead_distance` ahead of the robot, (x, y) the path point nearest to p_LA in the body frame
@@ -37,27 +37,17 @@ class Lookahead:
     Source: document A (Pioneer P3DX path tracking); the search window and the retuned gain are corrections.
     """
 
-    k_lin: float = 1.2  # 1/s
-    k_ang: float = 0.8  # 1/s
-    k_ori: float = 8.0  # 1/s
-    lookahead_distance: float = 0.5  # m
-    mode_distance: float = 0.05  # m
-    search: Literal["whole", "window"] = "whole"  # whole path as documented; or ahead of the robot's own projection
-    window: float = 1.5  # m, searched ahead of the projection when search = "window"
-    reference_heading: float | None = None  # rad, yaw of the disc object; None reads the local path tangent
+    lookahead_distance: float = gain(0.5, "m", "of the point ahead", above=0.0, search=(0.15, 0.8))
+    k_lin: float = gain(1.2, "1/s", "speed per metre to the point ahead")
+    k_ang: float = gain(0.8, "1/s", "yaw rate per radian to the point ahead", search=(1.0, 12.0))
+    k_ori: float = gain(8.0, "1/s", "yaw rate per radian from the heading, near the point")
+    mode_distance: float = gain(0.05, "m", "from the point ahead, within which the heading is held", above=0.0)
+    search: Literal["whole", "window"] = gain("whole", "", "whole path, as documented, or ahead of the projection")
+    window: float = gain(1.5, "m", "searched ahead of the projection when search = 'window'", above=0.0)
+    reference_heading: float | None = gain(None, "rad", "yaw of the disc object; None reads the local path tangent")
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("k_lin", "k_ang", "k_ori"):
-            check_gain(self, name)
-        for name in ("lookahead_distance", "mode_distance", "window"):
-            check_gain(self, name, above=0.0)
-        if self.reference_heading is not None:
-            check_gain(self, "reference_heading")
-        if self.search not in ("whole", "window"):
-            raise ValueError(f'search must be "whole" or "window", got {self.search!r}')
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory: the law remembers nothing."""

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import any_layout, compiled, inlined
-from wayfield.envs.geometry import sin_cos, wrap_angle
-from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.linear import product, riccati
+from wayfield.envs.robots.kinematics import to_body_frame
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.speed_profile import curvature_at, heading_at, limits, reference_at, speed_at
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import any_layout, compiled, inlined
+from wayfield.system.elementary import sin_cos, wrap_angle
+from wayfield.system.linear import product, riccati
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ NEWTON_STEPS = 3  # of the projection on the rounded path
 
 
 @dataclasses.dataclass(frozen=True)
-class Lqr:
+class Lqr(Gains):
     """Linear feedback of the path errors with the optimal gains, feed-forward of the curvature, and a speed profile.
 
     In path coordinates, with e the distance from the path, + left of it, th_e the heading error and kappa the path's
@@ -52,30 +52,21 @@ class Lqr:
     as a unicycle.
     """
 
-    speed: float = 0.6  # m/s, wanted on a straight line
-    q_e: float = 40.0  # 1/m^2, weight of the cross-track error; the yaw rate's is 1 s^2/rad^2
-    q_th: float = 4.0  # 1/rad^2, weight of the heading error
-    rounding: float = 0.1  # m, h: corners become bends of length 4h
-    acceleration: float = 1.0  # m/s^2, along the path
-    lateral_acceleration: float = 1.0  # m/s^2
-    share: float = 0.8  # of the actuators' limits that the speed profile uses
-    max_approach: float = 1.0  # rad, angle to the path at which a far robot comes back
+    speed: float = gain(0.6, "m/s", "wanted on a straight line", above=0.0)
+    q_e: float = gain(
+        40.0, "1/m^2", "weight of the cross-track error; the yaw rate's is 1", above=0.0, search=(5.0, 1000.0)
+    )
+    q_th: float = gain(4.0, "1/rad^2", "weight of the heading error", above=0.0, search=(0.5, 40.0))
+    rounding: float = gain(0.1, "m", "h: corners become bends of length 4h", above=0.0, search=(0.03, 0.3))
+    acceleration: float = gain(1.0, "m/s^2", "along the path", above=0.0)
+    lateral_acceleration: float = gain(1.0, "m/s^2", "in bends", above=0.0, search=(0.3, 2.0))
+    share: float = gain(0.8, "1", "of the limits, in the speed profile", above=0.0, search=(0.4, 1.0), linear=True)
+    max_approach: float = gain(
+        1.0, "rad", "angle to the path at which a far robot comes back", above=0.0, search=(0.4, 1.5)
+    )
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in (
-            "speed",
-            "q_e",
-            "q_th",
-            "rounding",
-            "acceleration",
-            "lateral_acceleration",
-            "share",
-            "max_approach",
-        ):
-            check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the speed commanded last, (b, 1) m/s: the robots are at rest."""
@@ -83,7 +74,7 @@ class Lqr:
 
     def gains(self, briefing: Briefing) -> tuple[Array, Array]:
         """Returns the table of speeds (n,) m/s and of the gains k1, k2, k3 at each, (n, 3)."""
-        return gain_table(self.speed, briefing.dt, briefing.actuators.lag, self.q_e, self.q_th)
+        return gain_table(self.speed, briefing.dt, briefing.actuators.reaction, self.q_e, self.q_th)
 
     def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s and rad/s."""
@@ -91,7 +82,7 @@ class Lqr:
         p = params(
             self,
             briefing,
-            preview=actuators.lag + 0.5 * briefing.dt,
+            preview=actuators.reaction + 0.5 * briefing.dt,
             most_change=actuators.acceleration * briefing.dt,
             **limits(briefing, self.acceleration, self.lateral_acceleration, self.share),
         )

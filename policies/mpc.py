@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import MOST_WHOLE
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
-from wayfield.envs.crew import one_a_thread
-from wayfield.envs.geometry import wrap_angle
-from wayfield.envs.kinematics import limit_acceleration, saturation_factor
-from wayfield.envs.paths import segment_at, vertex
-from wayfield.envs.records import aligned, lag_factors, record
+from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
+from wayfield.envs.robots.records import aligned, lag_factors, record
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.paths import segment_at, vertex
+from wayfield.policies.gain import Gains, gain
+from wayfield.policies.parts.quadratic import solution
 from wayfield.policies.parts.shooting import Slopes, drive_on
 from wayfield.policies.parts.steering import unicycle_twists
-from wayfield.policies.policy import check_gain, check_whole
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import wrap_angle
+from wayfield.system.threads import one_a_thread
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Program(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Mpc:
+class Mpc(Gains):
     """Drives the start of the best plan for the next `horizon` steps, planned anew in every control period.
 
     The path is a curve of poses P(sigma) = (position, heading). Where it turns sharper than a circle of radius
@@ -91,32 +91,22 @@ class Mpc:
     Optim. 43(5), 2005 (real-time iteration); Stellato et al., Math. Prog. Comp. 12, 2020 (OSQP).
     """
 
-    speed: float = 0.6  # m/s, the most that is driven
-    position: float = 1000.0  # 1/(m s), weight of the squared distance to the path
-    heading: float = 2.0  # m/s, weight of the squared heading error
-    acceleration: float = 0.01  # s^3/m, weight of the squared acceleration
-    yaw_acceleration: float = 0.001  # m s^3, weight of the squared yaw acceleration
-    eagerness: float = 0.2  # share of the pay that is for early progress, 0 to 1
-    turn_radius: float = 0.2  # m, length that a radian on the spot counts as
-    horizon: int = 20  # steps
-    step: float = 0.1  # s, rounded to whole control periods
-    iterations: int = 3  # Gauss-Newton steps in a control period, at most
-    tolerance: float = 0.01  # m/s and rad/s
-    solver_iterations: int = 2000  # about 3 microseconds each
-    patience: float = 0.5  # s
+    speed: float = gain(0.6, "m/s", "the most that is driven", above=0.0)
+    position: float = gain(1000.0, "1/(m s)", "weight of the squared distance", above=0.0, search=(100.0, 100_000.0))
+    heading: float = gain(2.0, "m/s", "weight of the squared heading error", above=0.0, search=(0.2, 20.0))
+    acceleration: float = gain(0.01, "s^3/m", "weight of the squared acceleration", above=0.0)
+    yaw_acceleration: float = gain(0.001, "m s^3", "weight of the squared yaw acceleration", above=0.0)
+    eagerness: float = gain(0.2, "1", "share of the pay that is for early progress", least=0.0, most=1.0)
+    turn_radius: float = gain(0.2, "m", "length that a radian on the spot counts as", above=0.0, search=(0.05, 0.5))
+    horizon: int = gain(20, "steps", "of the prediction", least=1, most=MOST_HORIZON)
+    step: float = gain(0.1, "s", "rounded to whole control periods", above=0.0)
+    iterations: int = gain(3, "1", "Gauss-Newton steps in a control period, at most", least=1)
+    tolerance: float = gain(0.01, "m/s", "and rad/s, of the change that ends the iteration", least=0.0)
+    solver_iterations: int = gain(2000, "1", "about 3 microseconds each", least=1, most=1_000_000)
+    patience: float = gain(0.5, "s", "without a plan, after which it stops", least=0.0)
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("speed", "position", "heading", "acceleration", "yaw_acceleration", "turn_radius", "step"):
-            check_gain(self, name, above=0.0)
-        for name in ("eagerness", "tolerance", "patience"):
-            check_gain(self, name, least=0.0)
-        if self.eagerness > 1.0:
-            raise ValueError(f"Mpc: eagerness must be a number from 0 to 1, got {self.eagerness!r}")
-        for name, most in (("horizon", MOST_HORIZON), ("iterations", MOST_WHOLE), ("solver_iterations", 1_000_000)):
-            check_whole(self, name, least=1, most=most)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""
@@ -201,7 +191,7 @@ class Mpc:
     def model(self, briefing: Briefing) -> NDArray[np.void]:
         """Returns one MODEL record, (1,): the robot, its actuators and the weights of the sum."""
         robot, actuators, step = briefing.robot, briefing.actuators, self.step_of(briefing)
-        lag_decay, lag_mean = lag_factors(actuators.lag, briefing.dt)
+        lag_decay, lag_mean = lag_factors(actuators.reaction, briefing.dt)
         return record(
             MODEL,
             {
@@ -275,8 +265,6 @@ class QuadraticProgram:
             upper=np.zeros(constraints.shape[0]),
         )
         self.multipliers = np.zeros(constraints.shape[0])
-        # the second: to ten times the tolerance, which a plan that is made anew in every control period can do with
-        self._solved = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
         self._solver = osqp.OSQP()
         self._solver.setup(
             scipy.sparse.csc_matrix(pattern + 3 * n * np.eye(3 * n)),
@@ -311,12 +299,11 @@ class QuadraticProgram:
             u=self.scale * self.arrays.upper,
             Px=share * self.arrays.hessian[self.rows, self.columns],
         )
-        self._solver.warm_start(self.arrays.plan, share * multipliers)
-        solution = self._solver.solve(raise_error=False)
-        if solution.info.status_val not in self._solved or not np.isfinite(solution.x).all():
+        found = solution(self._solver, self.arrays.plan, share * multipliers)
+        if found is None:
             return False
-        self.arrays.plan[:] = solution.x
-        self.multipliers[:] = solution.y / share
+        self.arrays.plan[:] = found.x
+        self.multipliers[:] = found.y / share
         return True
 
 

@@ -2,25 +2,25 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
-from wayfield.envs.crew import one_a_thread
-from wayfield.envs.geometry import bearing, sin_cos
-from wayfield.envs.kinematics import limit_acceleration, saturation_factor
-from wayfield.envs.records import lag_factors
+from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
+from wayfield.envs.robots.records import lag_factors
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
+from wayfield.policies.parts.quadratic import solution
 from wayfield.policies.parts.shooting import Slopes, drive_on, lagged_period
 from wayfield.policies.parts.steering import unicycle_twists
-from wayfield.policies.policy import check_gain, check_whole
+from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
+from wayfield.system.elementary import bearing, sin_cos
+from wayfield.system.threads import one_a_thread
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Program(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class MpcPose:
+class MpcPose(Gains):
     """Drives the start of the best plan for the next `horizon` steps, planned anew in every control period.
 
     In the frame of the pose to be reached, x along its heading, it minimises over the commands (v_k, w_k), with
@@ -66,35 +66,27 @@ class MpcPose:
     (OSQP). The plans to choose from and the turn at the end are ours.
     """
 
-    speed: float = 0.6  # m/s
-    along: float = 1.0  # 1/(m^4 s), weight of the fourth power of x
-    across: float = 5.0  # 1/(m^2 s), weight of the square of y
-    heading: float = 0.1  # 1/(rad^4 s), weight of the fourth power of th
-    effort: float = 0.1  # s^3/m^4, weight of the fourth powers of the commands; w counts as a quarter, in rad/s
-    horizon: int = 20  # steps
-    step: float = 0.15  # s, rounded to whole control periods
-    solver_iterations: int = 400
-    arrival_radius: float = 0.02  # m
-    turn_gain: float = 2.0  # 1/s, of the turn at the goal
-    yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
-    max_yaw_rate: float = 1.5  # rad/s
+    along: float = gain(1.0, "1/(m^4 s)", "weight of the fourth power of x", above=0.0)
+    across: float = gain(5.0, "1/(m^2 s)", "weight of the square of y", above=0.0, search=(1.0, 20.0))
+    heading: float = gain(0.1, "1/(rad^4 s)", "weight of the fourth power of th", above=0.0, search=(0.02, 0.5))
+    effort: float = gain(
+        0.1,
+        "s^3/m^4",
+        "weight of the fourth power of v; of w a quarter",
+        above=0.0,
+        search=(0.01, 0.5),
+    )
+    speed: float = gain(0.6, "m/s", "at most", above=0.0, search=(0.2, 0.6))
+    horizon: int = gain(20, "steps", "of the prediction", least=1, most=MOST_HORIZON)
+    step: float = gain(0.15, "s", "rounded to whole control periods", above=0.0, search=(0.1, 0.25))
+    solver_iterations: int = gain(400, "1", "of OSQP, at most", least=1, most=1_000_000)
+    arrival_radius: float = gain(0.02, "m", "from the goal, within which it turns to the heading", above=0.0)
+    turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
+    yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    searched: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "across": (1.0, 20.0),
-        "heading": (0.02, 0.5),
-        "effort": (0.01, 0.5),
-        "speed": (0.2, 0.6),
-        "step": (0.1, 0.25),
-    }
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if field.name not in ("horizon", "solver_iterations"):
-                check_gain(self, field.name, above=0.0)
-        check_whole(self, "horizon", least=1, most=MOST_HORIZON)
-        check_whole(self, "solver_iterations", least=1, most=1_000_000)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""
@@ -111,7 +103,7 @@ class MpcPose:
     def act(self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
         actuators, robot = briefing.actuators, briefing.robot
-        decay, mean = lag_factors(actuators.lag, briefing.dt)
+        decay, mean = lag_factors(actuators.reaction, briefing.dt)
         p = params(
             self,
             briefing,
@@ -184,7 +176,6 @@ class PoseProgram:
         self.arrays = Program(np.zeros((2 * n, 2 * n)), np.zeros(2 * n), np.zeros(size), np.zeros(size))
         self._none = np.zeros(2 * n), np.zeros(size)
         self._speed = speed
-        self._solved = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
         self._solver = osqp.OSQP()
         self._solver.setup(
             scipy.sparse.csc_matrix(pattern + 2 * n * np.eye(2 * n)),
@@ -218,11 +209,8 @@ class PoseProgram:
             u=self.arrays.upper,
             Px=share * self.arrays.hessian[self.rows, self.columns],
         )
-        self._solver.warm_start(*self._none)
-        solution = self._solver.solve(raise_error=False)
-        if solution.info.status_val not in self._solved or not np.isfinite(solution.x).all():
-            return None
-        return np.asarray(solution.x)
+        found = solution(self._solver, *self._none)
+        return None if found is None else np.asarray(found.x)
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.

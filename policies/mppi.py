@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
-from wayfield.envs.elementary import exponential, logarithm
-from wayfield.envs.geometry import sin_cos, wrap_angle
-from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor
-from wayfield.envs.records import lag_factors
+from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor
+from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios.ways import reached
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
     RECALL_RANGE,
@@ -29,11 +26,14 @@ from wayfield.policies.parts.stopping import (
     sees_all_round,
     set_command,
 )
-from wayfield.policies.policy import check_gain, check_scan, check_switch, check_whole
+from wayfield.policies.policy import check_scan
+from wayfield.system.checks import LAST_SEED
+from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
+from wayfield.system.elementary import exponential, logarithm, sin_cos, wrap_angle
 
 
 @dataclasses.dataclass(frozen=True)
-class Mppi:
+class Mppi(Gains):
     """Samples plans around the last one, drives each through the model of motion, and takes their weighted mean.
 
     A plan is a twist for each of `steps` steps of `step_time`. With m the last plan, moved on by a control period, and
@@ -73,55 +73,41 @@ class Mppi:
     distribution at the last plan (alpha = 1: no control cost but that in S); Zhao, Math. Comp. 74, 2005 (sweeping).
     """
 
-    samples: int = 256
-    steps: int = 30
-    step_time: float = 0.1  # s
-    temperature: float = 0.05  # m, as the costs
-    speed_noise: float = 0.25  # m/s
-    yaw_noise: float = 0.7  # rad/s
-    noise_correlation: float = 0.8  # from a step to the next
-    max_speed: float = 0.6  # m/s
-    max_reverse: float = 0.2  # m/s
-    max_yaw_rate: float = 1.5  # rad/s
-    goal_weight: float = 1.0
-    terminal_weight: float = 2.0
-    obstacle_weight: float = 1.0  # m
-    influence: float = 0.3  # m, range of the obstacles' cost, from the hull
-    margin: float = 0.03  # m, gap at which a rollout has collided
-    collision_cost: float = 20.0  # m
-    turn_weight: float = 0.02  # m s^2/rad^2
-    reverse_weight: float = 0.5  # s
-    sway_weight: float = 0.0  # s
-    heading_weight: float = 0.1  # m/rad
-    recall: float = 2.0  # s
-    detour: bool = True
-    reach: float = 4.0  # m, half side of the grid
-    cell: float = 0.1  # m
-    arrival_radius: float = 0.07  # m
-    turn_gain: float = 2.0  # 1/s, of the turn to the goal heading
-    seed: int = 0
+    samples: int = gain(256, "1", "rollouts", least=2)
+    steps: int = gain(30, "1", "of a rollout", least=2)
+    step_time: float = gain(0.1, "s", "of a rollout's steps", above=0.0)
+    temperature: float = gain(0.05, "m", "as the costs", above=0.0, search=(0.01, 0.3))
+    speed_noise: float = gain(0.25, "m/s", "standard deviation of the sampled speeds", least=0.0)
+    yaw_noise: float = gain(0.7, "rad/s", "standard deviation of the sampled yaw rates", least=0.0, search=(0.3, 1.5))
+    noise_correlation: float = gain(0.8, "1", "from a step to the next", least=0.0, below=1.0)
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
+    max_reverse: float = gain(0.2, "m/s", "backwards, at most", least=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
+    influence: float = gain(0.3, "m", "range of the obstacles' cost, from the hull", above=0.0, search=(0.1, 0.6))
+    goal_weight: float = gain(1.0, "1", "of the way to the goal, along a rollout", least=0.0)
+    terminal_weight: float = gain(2.0, "1", "of the way to the goal, at its end", least=0.0)
+    obstacle_weight: float = gain(1.0, "m", "of nearness to obstacles", least=0.0, search=(0.2, 5.0))
+    margin: float = gain(0.03, "m", "gap at which a rollout has collided", least=0.0)
+    collision_cost: float = gain(20.0, "m", "of a collision", least=0.0)
+    turn_weight: float = gain(0.02, "m s^2/rad^2", "of the squared yaw rate", least=0.0)
+    reverse_weight: float = gain(0.5, "s", "of driving backwards", least=0.0)
+    sway_weight: float = gain(0.0, "s", "of driving aside", least=0.0)
+    heading_weight: float = gain(0.1, "m/rad", "of not heading for the goal", least=0.0)
+    recall: float = gain(2.0, "s", "for which what is near stays known out of sight", least=0.0)
+    detour: bool = gain(True, "", "whether the way to the goal leads around what is seen")
+    reach: float = gain(4.0, "m", "half side of the grid", above=0.0)
+    cell: float = gain(0.1, "m", "side of a cell of the grid", above=0.0)
+    arrival_radius: float = gain(0.07, "m", "from the goal, within which it turns to the heading", least=0.0)
+    turn_gain: float = gain(2.0, "1/s", "of the turn to the goal heading", least=0.0)
+    seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
 
     def __post_init__(self) -> None:
-        for name in ("samples", "steps"):
-            check_whole(self, name, least=2)
-        check_whole(self, "seed", most=LAST_SEED)
-        for name in ("step_time", "temperature", "max_speed", "max_yaw_rate", "influence", "cell", "reach"):
-            check_gain(self, name, above=0.0)
-        for field in dataclasses.fields(self):
-            if field.type is float:
-                check_gain(self, field.name, least=0.0)
-        check_switch(self, "detour")
+        super().__post_init__()
         if not self.reach / self.cell <= MOST_CELLS:
-            raise ValueError(
-                f"{type(self).__name__}: reach must be at most {MOST_CELLS} cells ({self.cell:g} m), got {self.reach!r}"
-            )
-        if not self.noise_correlation < 1.0:
-            raise ValueError(
-                f"{type(self).__name__}: noise_correlation must be a number < 1, got {self.noise_correlation!r}"
-            )
+            raise ValueError(f"Mppi: reach must be at most {MOST_CELLS} cells ({self.cell:g} m), got {self.reach!r}")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): its number of decisions, last command, last plan and what was near.
@@ -165,7 +151,7 @@ class Mppi:
         """Returns what the law reads, see `params.params`."""
         all_round = sees_all_round(briefing)
         step_time = max(self.step_time, briefing.dt)
-        decay, mean = lag_factors(briefing.actuators.lag, step_time)
+        decay, mean = lag_factors(briefing.actuators.reaction, step_time)
         return params(
             self,
             briefing,
@@ -509,6 +495,41 @@ def average(plans, weights, row):
                     plans[row, t, c] += weights[k] * plans[k, t, c]
 
 
+@inlined
+def begun(command, wheels):
+    """Returns the state that a rollout begins with: the pose at the origin, the measured twist, the last command."""
+    return 0.0, 0.0, 0.0, wheels[0], wheels[1], wheels[2], command[0], command[1], command[2]
+
+
+@inlined
+def moved(p, state, to_vx, to_vy, to_yaw_rate):
+    """Returns a rollout's state after a step with a requested twist: saturation, acceleration limits, lag, motion."""
+    plant = p.plant
+    x, y, heading, wheel_vx, wheel_vy, wheel_yaw_rate, vx, vy, yaw_rate = state
+    factor = saturation_factor(
+        plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, to_vx, to_vy, to_yaw_rate
+    )
+    vx, vy, yaw_rate = limit_acceleration(
+        vx,
+        vy,
+        yaw_rate,
+        factor * to_vx,
+        factor * to_vy,
+        factor * to_yaw_rate,
+        plant.acceleration,
+        plant.yaw_acceleration,
+        p.step_time,
+    )
+    mean_vx = vx + p.step_mean * (wheel_vx - vx)
+    mean_vy = vy + p.step_mean * (wheel_vy - vy)
+    mean_yaw_rate = yaw_rate + p.step_mean * (wheel_yaw_rate - yaw_rate)
+    wheel_vx = vx + p.step_decay * (wheel_vx - vx)
+    wheel_vy = vy + p.step_decay * (wheel_vy - vy)
+    wheel_yaw_rate = yaw_rate + p.step_decay * (wheel_yaw_rate - yaw_rate)
+    x, y, heading = integrate_arc(x, y, heading, mean_vx, mean_vy, mean_yaw_rate, p.step_time)
+    return x, y, heading, wheel_vx, wheel_vy, wheel_yaw_rate, vx, vy, yaw_rate
+
+
 @compiled
 def roll_out(p, plan, command, wheels, goal, clearances, ways):
     """Returns the cost (m) of a plan (steps, 3), from the pose at the origin.
@@ -519,17 +540,9 @@ def roll_out(p, plan, command, wheels, goal, clearances, ways):
     """
     plant = p.plant
     goal_x, goal_y, heading_error, last_leg = goal
-    x = 0.0
-    y = 0.0
-    heading = 0.0
-    wheel_vx = wheels[0]
-    wheel_vy = wheels[1]
-    wheel_yaw_rate = wheels[2]
-    vx = command[0]
-    vy = command[1]
-    yaw_rate = command[2]
+    state = begun(command, wheels)
     # a hull that is inside the margin already may come out, and not go much nearer
-    least = min(p.margin, 0.5 * look_up(p, clearances, x, y))
+    least = min(p.margin, 0.5 * look_up(p, clearances, 0.0, 0.0))
     inverse_influence = 1.0 / p.influence
     inverse_steps = 1.0 / p.steps
     running = 0.0
@@ -538,27 +551,8 @@ def roll_out(p, plan, command, wheels, goal, clearances, ways):
         to_vx = plan[t, 0]
         to_vy = plan[t, 1]
         to_yaw_rate = plan[t, 2]
-        factor = saturation_factor(
-            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, to_vx, to_vy, to_yaw_rate
-        )
-        vx, vy, yaw_rate = limit_acceleration(
-            vx,
-            vy,
-            yaw_rate,
-            factor * to_vx,
-            factor * to_vy,
-            factor * to_yaw_rate,
-            plant.acceleration,
-            plant.yaw_acceleration,
-            p.step_time,
-        )
-        mean_vx = vx + p.step_mean * (wheel_vx - vx)
-        mean_vy = vy + p.step_mean * (wheel_vy - vy)
-        mean_yaw_rate = yaw_rate + p.step_mean * (wheel_yaw_rate - yaw_rate)
-        wheel_vx = vx + p.step_decay * (wheel_vx - vx)
-        wheel_vy = vy + p.step_decay * (wheel_vy - vy)
-        wheel_yaw_rate = yaw_rate + p.step_decay * (wheel_yaw_rate - yaw_rate)
-        x, y, heading = integrate_arc(x, y, heading, mean_vx, mean_vy, mean_yaw_rate, p.step_time)
+        state = moved(p, state, to_vx, to_vy, to_yaw_rate)
+        x, y, heading = state[0], state[1], state[2]
         gap = look_up(p, clearances, x, y)
         dx = goal_x - x
         dy = goal_y - y

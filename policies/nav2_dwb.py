@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
+from wayfield.policies.gain import gain
 from wayfield.policies.parts.costmap import (
     INSCRIBED,
     MOST_POINTS,
@@ -21,7 +20,8 @@ from wayfield.policies.parts.costmap import (
     slow_down,
 )
 from wayfield.policies.parts.stopping import Scan, Seen
-from wayfield.policies.policy import check_gain, check_whole
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 ILLEGAL = math.inf  # score of a trajectory that a critic forbids
 
@@ -62,37 +62,30 @@ class Nav2Dwb(CostmapController):
     Burgard and Thrun, IEEE Robotics and Automation Magazine 4(1), 1997.
     """
 
-    max_yaw_rate: float = 1.0
-    acceleration: float = 2.5
-    yaw_acceleration: float = 3.2
-    speeds: int = 20
-    sideways: int = 5
-    turns: int = 20
-    horizon: float = 1.7  # s
-    linear_step: float = 0.05  # m
-    angular_step: float = 0.025  # rad
-    window: float = 3.0  # m
-    local_cell: float = 0.05  # m, in which distances from the plan are counted
-    obstacle: float = 0.02
-    path_distance: float = 32.0
-    goal_distance: float = 24.0
-    path_align: float = 32.0
-    goal_align: float = 24.0
-    forward_point: float = 0.1  # m
-    rotate_to_goal: float = 32.0
-    slowing: float = 5.0
-    tolerance: float = 0.1  # m
-    stopped_speed: float = 0.25  # m/s
-    still_speed: float = 0.05  # m/s, up to which flips of other components count
-    reset_distance: float = 0.05  # m
-    reset_angle: float = 0.2  # rad
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("speeds", "sideways", "turns"):
-            check_whole(self, name, least=2, most=1000)
-        for name in ("horizon", "linear_step", "angular_step", "window", "local_cell"):
-            check_gain(self, name, above=0.0)
+    max_yaw_rate: float = gain(1.0, "rad/s", "at most", above=0.0)
+    acceleration: float = gain(2.5, "m/s^2", "at most, and at most what the base can do", above=0.0)
+    yaw_acceleration: float = gain(3.2, "rad/s^2", "likewise", above=0.0)
+    speeds: int = gain(20, "1", "sampled", least=2, most=1000)
+    sideways: int = gain(5, "1", "speeds aside, sampled", least=2, most=1000)
+    turns: int = gain(20, "1", "yaw rates, sampled", least=2, most=1000)
+    horizon: float = gain(1.7, "s", "sim_time, for which twists are driven", above=0.0)
+    linear_step: float = gain(0.05, "m", "linear_granularity of that", above=0.0)
+    angular_step: float = gain(0.025, "rad", "angular_granularity of that", above=0.0)
+    window: float = gain(3.0, "m", "side of the local costmap", above=0.0)
+    local_cell: float = gain(0.05, "m", "in which distances from the plan are counted", above=0.0)
+    obstacle: float = gain(0.02, "1", "weight of BaseObstacle", least=0.0)
+    path_distance: float = gain(32.0, "1", "weight of PathDist", least=0.0)
+    goal_distance: float = gain(24.0, "1", "weight of GoalDist", least=0.0)
+    path_align: float = gain(32.0, "1", "weight of PathAlign", least=0.0)
+    goal_align: float = gain(24.0, "1", "weight of GoalAlign", least=0.0)
+    forward_point: float = gain(0.1, "m", "of the nose that PathAlign and GoalAlign look at", least=0.0)
+    rotate_to_goal: float = gain(32.0, "1", "weight of RotateToGoal", least=0.0)
+    slowing: float = gain(5.0, "1", "slowing_factor of RotateToGoal", least=0.0)
+    tolerance: float = gain(0.1, "m", "from the goal, within which it rotates", least=0.0)
+    stopped_speed: float = gain(0.25, "m/s", "under which it counts as stopped", least=0.0)
+    still_speed: float = gain(0.05, "m/s", "up to which flips of other components count", least=0.0)
+    reset_distance: float = gain(0.05, "m", "driven, after which flips are forgotten", least=0.0)
+    reset_angle: float = gain(0.2, "rad", "turned, after which flips are forgotten", least=0.0)
 
     @property
     def remembers(self) -> list[Any]:

@@ -9,13 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
-from wayfield.envs.elementary import exponential
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import integrate_arc
+from wayfield.envs.robots.kinematics import integrate_arc
+from wayfield.policies.gain import gain
 from wayfield.policies.mppi import scramble, two_normals
 from wayfield.policies.parts.costmap import (
+    FARTHEST_PRUNED,
     INSCRIBED,
     LETHAL,
     MOST_POINTS,
@@ -29,7 +27,9 @@ from wayfield.policies.parts.costmap import (
     slow_down,
 )
 from wayfield.policies.parts.stopping import Scan, Seen
-from wayfield.policies.policy import check_gain, check_switch, check_whole
+from wayfield.system.checks import LAST_SEED
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import bearing, exponential, sin_cos, wrap_angle
 
 HISTORY = 4  # commands before the plan, which its filter reads
 FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0  # quadratic, of nine points
@@ -72,52 +72,40 @@ class Nav2Mppi(CostmapController):
     Drews, Goldfain, Rehg and Theodorou, IEEE T-RO 34(6), 2018.
     """
 
-    samples: int = 2000
-    steps: int = 56
-    step_time: float = 0.05  # s
-    temperature: float = 0.3  # of the weights: the lower, the more the best samples count
-    gamma: float = 0.015
-    speed_noise: float = 0.2  # m/s
-    yaw_noise: float = 0.4  # rad/s
-    max_reverse: float = 0.35  # m/s
-    open_loop: bool = False  # whether the robot is thought to do what it was last told, rather than what it measures
-    prune_distance: float = 1.7
-    constraint: float = 4.0
-    cost: float = 3.81
-    collision_cost: float = 1e6
-    near_goal: float = 1.0  # m, within which the cost critic only counts collisions
-    goal: float = 5.0
-    goal_within: float = 1.4  # m
-    goal_angle: float = 3.0
-    goal_angle_within: float = 0.5  # m
-    path_align: float = 14.0
-    path_align_from: float = 0.5  # m
-    path_align_offset: int = 20  # points
-    most_occupied: float = 0.05  # share of the plan ahead
-    path_follow: float = 5.0
-    path_follow_from: float = 1.4  # m
-    path_follow_offset: int = 5  # points
-    path_angle: float = 2.0
-    path_angle_from: float = 0.5  # m
-    path_angle_offset: int = 4  # points
-    path_angle_beyond: float = 1.0  # rad
-    prefer_forward: float = 5.0
-    prefer_forward_from: float = 0.5  # m
-    cost_stride: int = 2  # points
-    align_stride: int = 4  # points
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("samples", "cost_stride", "align_stride"):
-            check_whole(self, name, least=1)
-        check_whole(self, "steps", least=2)
-        for name in ("path_align_offset", "path_follow_offset", "path_angle_offset"):
-            check_whole(self, name)
-        check_whole(self, "seed", most=LAST_SEED)
-        check_switch(self, "open_loop")
-        for name in ("step_time", "temperature", "speed_noise", "yaw_noise"):
-            check_gain(self, name, above=0.0)
+    samples: int = gain(2000, "1", "batch_size", least=1)
+    steps: int = gain(56, "1", "time_steps of a sample", least=2)
+    step_time: float = gain(0.05, "s", "model_dt", above=0.0)
+    temperature: float = gain(0.3, "1", "of the weights: the lower, the more the best samples count", above=0.0)
+    gamma: float = gain(0.015, "1", "weight of what the noise costs beside the plan", least=0.0)
+    speed_noise: float = gain(0.2, "m/s", "standard deviation of the sampled speeds", above=0.0)
+    yaw_noise: float = gain(0.4, "rad/s", "standard deviation of the sampled yaw rates", above=0.0)
+    max_reverse: float = gain(0.35, "m/s", "backwards, at most", least=0.0)
+    open_loop: bool = gain(False, "", "whether samples start from the last command, not from what is measured")
+    prune_distance: float = gain(1.7, "m", "of the plan that is looked at", above=0.0, most=FARTHEST_PRUNED)
+    constraint: float = gain(4.0, "1", "weight of ConstraintCritic", least=0.0)
+    cost: float = gain(3.81, "1", "weight of CostCritic", least=0.0)
+    collision_cost: float = gain(1e6, "1", "of a sample that collides", least=0.0)
+    near_goal: float = gain(1.0, "m", "within which the cost critic only counts collisions", least=0.0)
+    goal: float = gain(5.0, "1", "weight of GoalCritic", least=0.0)
+    goal_within: float = gain(1.4, "m", "of the goal, where GoalCritic counts", least=0.0)
+    goal_angle: float = gain(3.0, "1", "weight of GoalAngleCritic", least=0.0)
+    goal_angle_within: float = gain(0.5, "m", "of the goal, where GoalAngleCritic counts", least=0.0)
+    path_align: float = gain(14.0, "1", "weight of PathAlignCritic", least=0.0)
+    path_align_from: float = gain(0.5, "m", "from the goal, beyond which it counts", least=0.0)
+    path_align_offset: int = gain(20, "points", "of the plan ahead, at least, for it to count")
+    most_occupied: float = gain(0.05, "1", "share of the plan ahead", least=0.0)
+    path_follow: float = gain(5.0, "1", "weight of PathFollowCritic", least=0.0)
+    path_follow_from: float = gain(1.4, "m", "from the goal, beyond which it counts", least=0.0)
+    path_follow_offset: int = gain(5, "points", "of the plan ahead, that it aims at")
+    path_angle: float = gain(2.0, "1", "weight of PathAngleCritic", least=0.0)
+    path_angle_from: float = gain(0.5, "m", "from the goal, beyond which it counts", least=0.0)
+    path_angle_offset: int = gain(4, "points", "of the plan ahead, that it aims at")
+    path_angle_beyond: float = gain(1.0, "rad", "aside, beyond which it counts", least=0.0)
+    prefer_forward: float = gain(5.0, "1", "weight of PreferForwardCritic", least=0.0)
+    prefer_forward_from: float = gain(0.5, "m", "from the goal, beyond which it counts", least=0.0)
+    cost_stride: int = gain(2, "points", "from one that CostCritic looks at to the next", least=1)
+    align_stride: int = gain(4, "points", "from one that PathAlignCritic looks at to the next", least=1)
+    seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
 
     @property
     def remembers(self) -> list[Any]:

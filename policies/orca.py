@@ -8,17 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import LAST_SEED
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
-from wayfield.envs.geometry import nearest_surface, sin_cos
-from wayfield.envs.grids import grid_clearance, grid_normal, grid_place, grid_ray
-from wayfield.envs.patrols import patrol_at
+from wayfield.envs.crowds.half_planes import best_velocity, disc_half_plane
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.geometry import nearest_surface
+from wayfield.envs.world.grids import grid_clearance, grid_normal, grid_place, grid_ray
+from wayfield.envs.world.patrols import patrol_at
 from wayfield.policies.astar_tracker import MARGIN_SHARES, lay_grid, memory_of, plan_with_room
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polyline_tracker import clearance_at, clearance_prices, point_at, project
 from wayfield.policies.parts.steering import Map, velocity_twists
-from wayfield.policies.policy import check_gain, check_switch, check_whole
+from wayfield.system.checks import LAST_SEED
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import sin_cos
 
 LOOKS = (3.0, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35)  # m along the way, tried as the point to drive at, the farthest first
 LOOKS_AROUND = 24  # directions in which a grid is looked at
@@ -27,7 +29,7 @@ ASTRAY = 0.5  # m, off the way, from which on it is planned anew
 
 
 @dataclasses.dataclass(frozen=True)
-class Orca:
+class Orca(Gains):
     """Drives the velocity nearest to the wanted one that keeps clear of every obstacle for a time ahead.
 
     With p the way to a disc's centre, R the sum of the radii, v_o its velocity, and the velocity obstacle
@@ -75,45 +77,26 @@ class Orca:
     Alonso-Mora, Breitenmoser, Rufli, Beardsley and Siegwart, DARS 2010 (STAR 83, 2013).
     """
 
-    horizon: float = 2.0  # s, in which no disc is met
-    wall_horizon: float = 0.5  # s, in which no wall or box is met
-    recovery: float = 0.5  # s, in which what moves and is too near is left
-    sensing_radius: float = 5.0  # m
-    margin: float = 0.05  # m, kept between hull and obstacles
-    max_speed: float = 0.6  # m/s
-    k: float = 1.0  # 1/s, speed per metre from the goal
-    perturbation: float = 0.1  # rad, of the wanted velocity
-    tracking_error: float = 0.05  # m, of a differential drive
-    turn_gain: float = 3.0  # 1/s
-    max_yaw_rate: float = 0.5  # rad/s, of an omni base's turn to the goal heading, which bends its velocity by the lag
-    arrival_radius: float = 0.05  # m
-    roadmap: bool = True  # whether the wanted velocity points along a way around what stands
-    cell: float = 0.05  # m, of the grid of that way
-    wanted_clearance: float = 0.2  # m, beside the hull, towards which the way is bent
-    surroundings: float = 8.0  # m, around start, goals and robot, of obstacles that the grid holds
-    seed: int = 0
+    horizon: float = gain(2.0, "s", "in which no disc is met", above=0.0, search=(0.5, 4.0))
+    wall_horizon: float = gain(0.5, "s", "in which no wall or box is met", above=0.0, search=(0.1, 2.0))
+    recovery: float = gain(0.5, "s", "in which what moves and is too near is left", above=0.0)
+    sensing_radius: float = gain(5.0, "m", "within which obstacles count", above=0.0)
+    margin: float = gain(0.05, "m", "kept between hull and obstacles", least=0.0, search=(0.01, 0.1))
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
+    k: float = gain(1.0, "1/s", "speed per metre from the goal", above=0.0)
+    perturbation: float = gain(0.1, "rad", "of the wanted velocity", least=0.0)
+    tracking_error: float = gain(0.05, "m", "of a differential drive", least=0.0, search=(0.01, 0.1))
+    turn_gain: float = gain(3.0, "1/s", "yaw rate per radian", above=0.0)
+    max_yaw_rate: float = gain(0.5, "rad/s", "of an omni base's turn, which bends its velocity by the lag", above=0.0)
+    arrival_radius: float = gain(0.05, "m", "from the goal, within which it turns to the heading", least=0.0)
+    roadmap: bool = gain(True, "", "whether the wanted velocity points along a way around what stands")
+    cell: float = gain(0.05, "m", "of the grid of that way", above=0.0)
+    wanted_clearance: float = gain(0.2, "m", "beside the hull, towards which the way is bent", least=0.0)
+    surroundings: float = gain(8.0, "m", "around start, goals and robot, of obstacles that the grid holds", above=0.0)
+    seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in (
-            "horizon",
-            "wall_horizon",
-            "recovery",
-            "sensing_radius",
-            "max_speed",
-            "k",
-            "turn_gain",
-            "max_yaw_rate",
-            "cell",
-            "surroundings",
-        ):
-            check_gain(self, name, above=0.0)
-        for name in ("margin", "perturbation", "tracking_error", "arrival_radius", "wanted_clearance"):
-            check_gain(self, name, least=0.0)
-        check_switch(self, "roadmap")
-        check_whole(self, "seed", most=LAST_SEED)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns `memory_of` records (b,): the number of decisions, which tells where things move to, and its way."""
@@ -367,154 +350,3 @@ def fill_grid_lines(p, told, at, velocity, i, lines, total, forward):
         if ahead > 0.0:
             forward[i] = min(forward[i], max(away - room, 0.0) / (p.wall_horizon * ahead))
     return total
-
-
-@compiled
-def disc_half_plane(px, py, reach, vx, vy, horizon, recovery):
-    """Returns (nx, ny, b): the relative velocities n . v >= b that a disc leaves, its centre at p = (px, py).
-
-    The velocity obstacle is the cone from the origin that touches the disc of radius `reach`, cut off by the disc at
-    p / horizon of radius reach / horizon. Its boundary nearest to (vx, vy) is on that disc while the velocity, seen
-    from there, points backwards to between the points where the cone touches it; else on the leg of its side.
-    """
-    squared = px * px + py * py
-    distance = math.sqrt(squared)
-    if distance <= reach:
-        if distance < 1e-9:
-            return 1.0, 0.0, reach / recovery
-        return -px / distance, -py / distance, (reach - distance) / recovery
-    wx = vx - px / horizon
-    wy = vy - py / horizon
-    size = math.sqrt(wx * wx + wy * wy)
-    if -(wx * px + wy * py) >= reach * size and size > 1e-9:
-        nx = wx / size
-        ny = wy / size
-        return nx, ny, (nx * px + ny * py + reach) / horizon
-    # outward normal of a leg: the direction to the centre, turned by a right angle and the cone's half angle
-    sine = reach / distance
-    cosine = math.sqrt(max(squared - reach * reach, 0.0)) / distance
-    side = 1.0 if px * vy - py * vx >= 0.0 else -1.0
-    nx = (-sine * px - side * cosine * py) / distance
-    ny = (side * cosine * px - sine * py) / distance
-    return nx, ny, 0.0
-
-
-# Linear programs over half-planes nx vx + ny vy >= b, rows of `lines`, within the disc |v| <= limit.
-
-
-@compiled
-def best_velocity(lines, count, hard, limit, ux, uy, scratch):
-    """Returns the velocity nearest to (ux, uy) that keeps the lines, or violates those from `hard` on the least.
-
-    Standstill has to keep the lines before `hard`.
-    """
-    vx, vy, failed = nearest_velocity(lines, count, limit, ux, uy)
-    if failed < count:
-        if failed < hard:
-            # nothing but standstill is left, and rounding hid that
-            vx = 0.0
-            vy = 0.0
-        vx, vy = least_violation(lines, count, hard, limit, failed, vx, vy, scratch)
-    return vx, vy
-
-
-@compiled
-def nearest_velocity(lines, count, limit, ux, uy):
-    """Returns (vx, vy, failed): the velocity nearest to (ux, uy), and the first line that cannot be kept, or count."""
-    size = math.sqrt(ux * ux + uy * uy)
-    shorten = limit / size if size > limit else 1.0
-    vx = shorten * ux
-    vy = shorten * uy
-    for j in range(count):
-        if lines[j, 0] * vx + lines[j, 1] * vy >= lines[j, 2] - 1e-12:
-            continue
-        low, high = free_stretch(lines, j, limit)
-        if low > high:
-            return vx, vy, j
-        along = min(max(lines[j, 0] * uy - lines[j, 1] * ux, low), high)
-        vx, vy = on_line(lines, j, along)
-    return vx, vy, count
-
-
-@compiled
-def farthest_velocity(lines, count, limit, dx, dy):
-    """Returns (vx, vy, failed) as `nearest_velocity` does, for the velocity farthest along the unit vector (dx, dy)."""
-    vx = limit * dx
-    vy = limit * dy
-    for j in range(count):
-        if lines[j, 0] * vx + lines[j, 1] * vy >= lines[j, 2] - 1e-12:
-            continue
-        low, high = free_stretch(lines, j, limit)
-        if low > high:
-            return vx, vy, j
-        vx, vy = on_line(lines, j, high if lines[j, 0] * dy - lines[j, 1] * dx > 0.0 else low)
-    return vx, vy, count
-
-
-@inlined
-def on_line(lines, j, along):
-    """Returns the velocity on the border of line j, `along` to the left of its foot as seen along the normal."""
-    return (
-        lines[j, 2] * lines[j, 0] - along * lines[j, 1],
-        lines[j, 2] * lines[j, 1] + along * lines[j, 0],
-    )
-
-
-@compiled
-def free_stretch(lines, j, limit):
-    """Returns (low, high) along line j within which the lines before it are kept and |v| <= limit; low > high if none.
-
-    The normals have unit length.
-    """
-    squared = limit * limit - lines[j, 2] * lines[j, 2]
-    if squared < 0.0:
-        return 1.0, -1.0
-    high = math.sqrt(squared)
-    low = -high
-    for i in range(j):
-        # n_i . (foot + along * left) >= b_i
-        slope = lines[j, 0] * lines[i, 1] - lines[j, 1] * lines[i, 0]
-        lacking = lines[i, 2] - lines[j, 2] * (lines[i, 0] * lines[j, 0] + lines[i, 1] * lines[j, 1])
-        if abs(slope) < 1e-10:
-            if lacking > 1e-10:
-                return 1.0, -1.0
-        elif slope > 0.0:
-            low = max(low, lacking / slope)
-        else:
-            high = min(high, lacking / slope)
-    return low, high
-
-
-@compiled
-def least_violation(lines, count, hard, limit, failed, vx, vy, scratch):
-    """Returns the velocity that keeps the lines before `hard` and has the least largest violation of the others.
-
-    Wherever line j is the one violated most, violation d = b_j - n_j . v, no other is while n_i . v >= b_i - d: a
-    half-plane again. Among those the least d is the farthest velocity along n_j.
-    """
-    worst = 0.0
-    for j in range(max(failed, hard), count):
-        if lines[j, 2] - lines[j, 0] * vx - lines[j, 1] * vy <= worst:
-            continue
-        for i in range(hard):
-            scratch[i, 0] = lines[i, 0]
-            scratch[i, 1] = lines[i, 1]
-            scratch[i, 2] = lines[i, 2]
-        kept = hard
-        for i in range(hard, j):
-            nx = lines[i, 0] - lines[j, 0]
-            ny = lines[i, 1] - lines[j, 1]
-            size = math.sqrt(nx * nx + ny * ny)
-            # lines with one direction: the farther one has the greater violation everywhere
-            if size < 1e-9:
-                continue
-            scratch[kept, 0] = nx / size
-            scratch[kept, 1] = ny / size
-            scratch[kept, 2] = (lines[i, 2] - lines[j, 2]) / size
-            kept += 1
-        to_vx, to_vy, unkept = farthest_velocity(scratch, kept, limit, lines[j, 0], lines[j, 1])
-        if unkept == kept:
-            vx = to_vx
-            vy = to_vy
-        worst = max(worst, lines[j, 2] - lines[j, 0] * vx - lines[j, 1] * vy)
-    return vx, vy

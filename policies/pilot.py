@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import MOST_THREADS, whole
-from wayfield.envs.crew import bounds, crew
 from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
 from wayfield.policies.policy import Policy, check_robot
+from wayfield.system.checks import MOST_THREADS, whole
+from wayfield.system.threads import bounds, crew
 
 Array = NDArray[np.float64]
 
@@ -38,14 +40,22 @@ class Pilot:
                 f"Pilot drives environments of wayfield, single or native vector, not {type(base).__name__}"
             )
         kind = base.task.layout.kind
-        if kind not in policy.observes:
+        # who has no access to bodies is shown the observation without them
+        self._less = kind not in policy.observes and getattr(kind, "less", lambda: None)() in policy.observes
+        if kind not in policy.observes and not self._less:
             reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
             gives = f"{kind.__module__}.{kind.__name__}"
             name = getattr(policy, "name", type(policy).__name__)
+            if policy.knows == "bodies" and base.task.spec in CROWDS.values():
+                raise TypeError(f'{name} needs bodies; make the environment with sees="bodies", it has sees="scan"')
             raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}")
         check_robot(policy, base.task.robot)
         self.policy = policy
         self._env = base
+        # a base that answers late is driven from its predicted state, unless the policy was trained on it as it is
+        late = base.task.options.actuators.response is not None
+        self._predicts = late and not getattr(policy, "trained_with", lambda robot: False)(base.task.robot)
+        self._ahead: ForwardPrediction | None = None
         self._shape = base.action_space.shape
         self._most = base.task.options.max_action.astype(np.float32)  # as the space has it
         self._started = False
@@ -64,6 +74,8 @@ class Pilot:
             RuntimeError: if only some rows are named before all have been.
         """
         briefing = self._env.briefing(self.policy.knows)
+        if self._predicts:
+            briefing = self._compensated(briefing, rows)
         if rows is None:
             self.briefing = briefing
             self.memory = self.policy.reset(briefing)
@@ -87,7 +99,9 @@ class Pilot:
         Raises:
             RuntimeError: before the first `reset`.
         """
-        return _contained(self.command(observation), self._most)
+        actions = _contained(self._asked(observation), self._most)
+        self._note(actions)
+        return actions
 
     def command(self, observation: NDArray[Any]) -> Array:
         """Returns what the law asks for, unrounded: the action in float64, beyond the bounds of the action space too.
@@ -99,27 +113,63 @@ class Pilot:
         Raises:
             RuntimeError: before the first `reset`.
         """
+        actions = self._asked(observation)
+        self._note(actions)
+        return actions
+
+    def _asked(self, observation: NDArray[Any]) -> Array:
         if not self._started:
             raise RuntimeError("call the pilot's reset after the environment's, before it acts")
-        twists = self._decided(np.atleast_2d(observation))
+        observation = np.atleast_2d(observation)
+        if self._ahead is not None:
+            observation = self._ahead.observed(observation)
+        twists = self._decided(observation)
+        if self._ahead is not None:
+            twists = self._ahead.asked(twists)
         if self.briefing.action_mode == "wheel_speeds":
             twists = self.briefing.robot.wheel_speeds_from_twist(twists)
         return twists.reshape(self._shape)
 
+    def _note(self, actions: NDArray[Any]) -> None:
+        """Takes note of what is sent to a base that answers late."""
+        if self._ahead is None:
+            return
+        twists = np.atleast_2d(actions).astype(np.float64)
+        if self.briefing.action_mode == "wheel_speeds":
+            robot = self.briefing.robot
+            twists = (twists @ robot.forward_matrix.T)[:, list(robot.twist_axes)]
+        self._ahead.sent(twists)
+
+    def _compensated(self, briefing: Briefing, rows: NDArray[Any] | None) -> Briefing:
+        """Returns the briefing of a base without its delay; what was sent in the rows is forgotten."""
+        told = briefing if briefing.position_tolerance is not None else self._env.briefing("path")
+        if self._ahead is None:
+            spacing = getattr(getattr(self._env.task, "task_params", None), "preview_spacing", 0.0)
+            self._ahead = ForwardPrediction(told, spacing)
+        else:
+            self._ahead.episodes = told if rows is None else _briefed(self._ahead.episodes, told, rows)
+        self._ahead.reset(slice(None) if rows is None else rows)
+        return dataclasses.replace(briefing, actuators=undelayed(briefing.actuators))
+
     def _decided(self, observation: NDArray[Any]) -> Array:
         """Returns the policy's twists (b, t), decided by several threads where there are parts."""
         if len(self._parts) < 2:
-            fields = self.briefing.layout.unpack(observation.astype(np.float64))
+            fields = self._shown(observation, self.briefing)
             return self.policy.act(fields, self.briefing, self.memory)
         twists: list[Array] = [np.empty(0)] * len(self._parts)
 
         def work(k: int) -> None:
             first, last, briefing = self._parts[k]
-            fields = briefing.layout.unpack(observation[first:last].astype(np.float64))
+            fields = self._shown(observation[first:last], briefing)
             twists[k] = self.policy.act(fields, briefing, self.memory[first:last])
 
         crew(self._threads).run(work, len(self._parts))
         return np.concatenate(twists)
+
+    def _shown(self, observation: NDArray[Any], briefing: Briefing) -> Any:
+        """Returns the named fields that the policy has access to."""
+        fields = briefing.layout.unpack(observation.astype(np.float64))
+        return fields.without_bodies() if self._less else fields
 
     def _shared_out(self) -> list[tuple[int, int, Briefing]]:
         """Returns the rows of each part, and the briefing of its robots; nothing for one thread."""

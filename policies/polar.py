@@ -2,21 +2,20 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import bearing
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.steering import unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import compiled
+from wayfield.system.elementary import bearing
 
 MEMORY = np.dtype([("arrived", np.float64), ("way", np.float64)])  # 1: there; 1 forward, -1 backward, 0: not chosen
 
@@ -24,7 +23,7 @@ _TURN_BACK = 0.75 * math.pi  # rad, of alpha, beyond which the way is chosen ane
 
 
 @dataclasses.dataclass(frozen=True)
-class Polar:
+class Polar(Gains):
     """Lets distance and bearings decay together. In polar coordinates about the pose the law is smooth and static.
 
     With rho the distance to the pose, alpha its bearing from the robot and beta the turn from the line of sight to the
@@ -49,35 +48,18 @@ class Polar:
     one factor, the braking and the turn at the end are ours.
     """
 
-    k_rho: float = 3.0  # 1/s
-    k_alpha: float = 8.0  # 1/s
-    k_beta: float = -1.5  # 1/s
-    max_speed: float = 0.6  # m/s
-    deceleration: float = 0.4  # m/s^2; no more than half of what the base can
-    arrival_radius: float = 0.02  # m
-    turn_gain: float = 2.0  # 1/s, of the turn at the goal
-    yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
-    max_yaw_rate: float = 1.5  # rad/s
+    k_rho: float = gain(3.0, "1/s", "speed per metre from the goal", above=0.0, search=(1.0, 5.0))
+    k_alpha: float = gain(8.0, "1/s", "yaw rate per radian from the goal", above="k_rho", search=(5.5, 20.0))
+    k_beta: float = gain(-1.5, "1/s", "yaw rate per radian from the goal heading", below=0.0, search=(-4.0, -0.5))
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0, search=(0.2, 0.6))
+    deceleration: float = gain(0.4, "m/s^2", "no more than half of what the base can", above=0.0, search=(0.2, 0.8))
+    arrival_radius: float = gain(0.02, "m", "from the goal, within which it turns to the heading", above=0.0)
+    turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
+    yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    searched: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "k_rho": (1.0, 5.0),
-        "k_alpha": (5.5, 20.0),
-        "k_beta": (-4.0, -0.5),
-        "max_speed": (0.2, 0.6),
-        "deceleration": (0.2, 0.8),
-    }
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if field.name != "k_beta":
-                check_gain(self, field.name, above=0.0)
-        check_gain(self, "k_beta")
-        if not self.k_beta < 0.0:
-            raise ValueError(f"Polar: k_beta must be a number < 0, got {self.k_beta!r}")
-        if not self.k_alpha > self.k_rho:
-            raise ValueError(f"Polar: k_alpha must be a number > k_rho = {self.k_rho:g}, got {self.k_alpha!r}")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns whether each robot is there and which way it drives, MEMORY records (b,)."""

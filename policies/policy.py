@@ -1,16 +1,14 @@
-"""The one door that every policy stands behind, and the checks of gains and scans that policies share."""
+"""The one door that every policy stands behind, and the checks of robots and scans that policies share."""
 
-import math
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import MOST_GAIN, MOST_WHOLE, real, refuse, truth, whole
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import TaskSpec
+from wayfield.envs.tasks.briefing import Briefing
 
 Array = NDArray[np.float64]
 
@@ -40,45 +38,6 @@ class Policy(Protocol):
 def observation_of(task: TaskSpec) -> type:
     """Returns what a task gives its policies to observe."""
     return path_following.Observation if task.on_path else goal_reaching.Observation
-
-
-def check_gain(
-    policy: object,
-    name: str,
-    *,
-    above: float = -math.inf,
-    least: float = -math.inf,
-    most: float = MOST_GAIN,
-    finite: bool = True,
-) -> None:
-    """Raises ValueError, naming the gain, its value and its range, unless it is a number in that range.
-
-    Infinity is in the range where it need not be `finite`.
-    """
-    value = getattr(policy, name)
-    found = real(value)
-    if math.isinf(found) and not isinstance(value, float | np.floating):
-        found = math.nan  # a whole number too large for a float is not infinity
-    field = f"{type(policy).__name__}: {name}"
-    if not (found > above and found >= least and (math.isfinite(found) or not finite)):
-        wanted = "a finite number" if finite else "a number"
-        if above > -math.inf:
-            wanted += f" > {above:g}"
-        elif least > -math.inf:
-            wanted += f" >= {least:g}"
-        refuse(field, value, wanted)
-    if math.isfinite(found) and not -most <= found <= most:
-        refuse(field, value, f"at most {most:g} in size")
-
-
-def check_whole(policy: object, name: str, *, least: int = 0, most: int = MOST_WHOLE) -> None:
-    """Raises ValueError, naming the gain, its value and its range, unless it is a whole number in that range."""
-    whole(f"{type(policy).__name__}: {name}", getattr(policy, name), least, most)
-
-
-def check_switch(policy: object, name: str) -> None:
-    """Raises ValueError, naming the gain and its value, unless it is True or False."""
-    truth(f"{type(policy).__name__}: {name}", getattr(policy, name))
 
 
 def lacks(policy: object, robot: Robot) -> list[str]:

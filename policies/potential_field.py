@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
-from wayfield.envs.geometry import bearing, lengths, nearest_surface, sin_cos, sines
-from wayfield.envs.grids import grid_clearance, grid_normal
-from wayfield.envs.patrols import patrol
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.geometry import lengths, nearest_surface
+from wayfield.envs.world.grids import grid_clearance, grid_normal
+from wayfield.envs.world.patrols import patrol
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, velocity_twists
 from wayfield.policies.parts.stopping import REST, arrived, rest_radius
-from wayfield.policies.policy import check_gain, check_switch
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import bearing, sin_cos, sines
 
 MEMORY = np.dtype(
     [
@@ -28,7 +29,7 @@ MEMORY = np.dtype(
 
 
 @dataclasses.dataclass(frozen=True)
-class PotentialField:
+class PotentialField(Gains):
     """Drives with the sum of an attracting and a repelling force as its velocity.
 
     With x the position, x* the goal, x_o the centres of the obstacles and d their distances:
@@ -49,25 +50,17 @@ class PotentialField:
     Source: document C (four-omni-wheel robot).
     """
 
-    k_att: float = 0.2  # 1/s
-    k_rep: float = 0.52  # m^4/s
-    tau: float = 0.5  # m, range of the repulsion
-    tau_l: float = 1.05  # l_c is 1 at any equilibrium
-    escape: bool = False
-    max_speed: float = math.inf  # m/s
-    stop_radius: float = 0.0  # m, from the goal
-    turn_gain: float = 2.0  # 1/s, with which a differential drive turns towards the force
+    k_att: float = gain(0.2, "1/s", "of the attraction", above=0.0)
+    k_rep: float = gain(0.52, "m^4/s", "of the repulsion", above=0.0)
+    tau: float = gain(0.5, "m", "range of the repulsion", above=0.0)
+    tau_l: float = gain(1.05, "1", "l_c is 1 at any equilibrium", above=0.0)
+    escape: bool = gain(False, "", "whether an avoiding force leads out of local minima")
+    max_speed: float = gain(math.inf, "m/s", "at most", above=0.0, finite=False)
+    stop_radius: float = gain(0.0, "m", "from the goal", least=0.0)
+    turn_gain: float = gain(2.0, "1/s", "with which a differential drive turns towards the force", above=0.0)
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("k_att", "k_rep", "tau", "tau_l"):
-            check_gain(self, name, above=0.0)
-        check_gain(self, "max_speed", above=0.0, finite=False)
-        check_gain(self, "turn_gain", above=0.0)
-        check_gain(self, "stop_radius", least=0.0)
-        check_switch(self, "escape")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, MEMORY records (b,)."""
@@ -107,7 +100,7 @@ class PotentialField:
 
 
 @dataclasses.dataclass(frozen=True)
-class CorrectedField:
+class CorrectedField(Gains):
     """A potential field without the faults of the printed one.
 
     With e the vector to the goal, d = |e|, rho the gap between hull and surface of an obstacle and n the direction away
@@ -127,20 +120,15 @@ class CorrectedField:
     Source: Khatib, IJRR 5(1), 1986, eq. 18; Ge and Cui, IEEE T-RA 16(5), 2000, eqs. 7-10.
     """
 
-    k: float = 0.6  # 1/s
-    eta: float = 0.02  # m^2/s
-    rho_0: float = 0.6  # m, range of the repulsion
-    max_speed: float = 0.3  # m/s
-    turn_gain: float = 2.0  # 1/s, with which a differential drive turns towards the force
-    stop_radius: float = 0.05  # m, within which a differential drive turns to the goal heading
+    k: float = gain(0.6, "1/s", "of the attraction", above=0.0, search=(0.3, 2.0))
+    eta: float = gain(0.02, "m^2/s", "of the repulsion", above=0.0, search=(0.003, 0.1))
+    rho_0: float = gain(0.6, "m", "range of the repulsion", above=0.0, search=(0.2, 1.0))
+    max_speed: float = gain(0.3, "m/s", "at most", above=0.0, search=(0.3, 0.6))
+    turn_gain: float = gain(2.0, "1/s", "with which a differential drive turns towards the force", above=0.0)
+    stop_radius: float = gain(0.05, "m", "within which a differential drive turns to the goal heading", least=0.0)
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("k", "eta", "rho_0", "max_speed", "turn_gain"):
-            check_gain(self, name, above=0.0)
-        check_gain(self, "stop_radius", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, and where it rests, MEMORY records (b,)."""

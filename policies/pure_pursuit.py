@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import sin_cos
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import (
     distance_left,
     place_on_lap,
@@ -19,11 +18,12 @@ from wayfield.policies.parts.carrot import (
 )
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import compiled
+from wayfield.system.elementary import sin_cos
 
 
 @dataclasses.dataclass(frozen=True)
-class PurePursuit:
+class PurePursuit(Gains):
     """Drives the arc that leaves along the heading and meets the path `lookahead_distance` away, at constant speed.
 
     With (x, y) that point in the body frame, d = hypot(x, y), and s the arc length left to the end of an open path:
@@ -43,17 +43,15 @@ class PurePursuit:
     Source: Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU-RI-TR-92-01, 1992.
     """
 
-    lookahead_distance: float = 0.5  # m, distance of the pursued point from the robot
-    speed: float = 0.6  # m/s
-    deceleration: float = 1.0  # m/s^2, towards the end of an open path; no more than the base can
-    window: float = 1.5  # m, arc length searched ahead of the projection
+    lookahead_distance: float = gain(0.5, "m", "of the pursued point", above=0.0, search=(0.15, 1.0))
+    speed: float = gain(0.6, "m/s", "of cruising", above=0.0)
+    deceleration: float = gain(
+        1.0, "m/s^2", "towards the end of an open path; no more than the base can", above=0.0, search=(0.3, 1.0)
+    )
+    window: float = gain(1.5, "m", "arc length searched ahead of the projection", above=0.0)
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("lookahead_distance", "speed", "deceleration", "window"):
-            check_gain(self, name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory: the law remembers nothing."""

@@ -7,25 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import LAST_SEED
-from wayfield.policies.policy import check_whole
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
+from wayfield.system.checks import LAST_SEED
 
 
 @dataclasses.dataclass(frozen=True)
-class Random:
+class Random(Gains):
     """Draws each twist component uniformly from what the robot can do, anew at every step.
 
     `seed` and the robot's row fix the draws: every episode has the same ones unless the seed is another.
     """
 
-    seed: int = 0
+    seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
-
-    def __post_init__(self) -> None:
-        check_whole(self, "seed", most=LAST_SEED)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns a generator for each robot, so that robot i acts alike in every batch that holds it."""

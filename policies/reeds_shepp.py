@@ -2,23 +2,23 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, assign, compiled, inlined
-from wayfield.envs.geometry import clearance, sin_cos, wrap_angle
-from wayfield.envs.grids import grid_clearance
-from wayfield.envs.patrols import patrol_at
-from wayfield.envs.reeds_shepp import PLAN, is_free, plan_to, pose_along
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.geometry import clearance
+from wayfield.envs.world.grids import grid_clearance
+from wayfield.envs.world.patrols import patrol_at
+from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
+from wayfield.system.elementary import sin_cos, wrap_angle
 
 MEMORY = np.dtype(
     [
@@ -47,7 +47,7 @@ _STRIDE = 0.04  # m, between the places at which it looks for what moves
 
 
 @dataclasses.dataclass(frozen=True)
-class ReedsShepp:
+class ReedsShepp(Gains):
     """Drives along the shortest way to the goal of a car that can only turn on circles of `radius`, either way.
 
     Of the ways that end with a straight piece of -1.5 to 1.5 m it takes the shortest on which the hull has `margin` to
@@ -68,32 +68,18 @@ class ReedsShepp:
     1990. The straight end, the waiting and the tracking law are ours.
     """
 
-    radius: float = 0.4  # m
-    margin: float = 0.02  # m
-    speed: float = 0.4  # m/s
-    deceleration: float = 0.4  # m/s^2; no more than half of what the base can
-    settling: float = 0.15  # m
-    arrival_radius: float = 0.02  # m
-    turn_gain: float = 2.0  # 1/s, of the turn at the goal
-    yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
-    max_yaw_rate: float = 1.2  # rad/s
+    radius: float = gain(0.4, "m", "of the plan's arcs", above=0.0, search=(0.15, 0.8))
+    margin: float = gain(0.02, "m", "beside the hull, that the plan keeps", least=0.0, search=(0.005, 0.04))
+    settling: float = gain(0.15, "m", "of way in which errors of the tracker decay", above=0.0, search=(0.08, 0.4))
+    speed: float = gain(0.4, "m/s", "at most", above=0.0, search=(0.2, 0.6))
+    deceleration: float = gain(0.4, "m/s^2", "no more than half of what the base can", above=0.0, search=(0.2, 0.8))
+    arrival_radius: float = gain(0.02, "m", "from the goal, within which it turns to the heading", above=0.0)
+    turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
+    yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
+    max_yaw_rate: float = gain(1.2, "rad/s", "at most", above=0.0)
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    searched: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "radius": (0.15, 0.8),
-        "margin": (0.005, 0.04),
-        "settling": (0.08, 0.4),
-        "speed": (0.2, 0.6),
-        "deceleration": (0.2, 0.8),
-    }
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if field.name == "margin":
-                check_gain(self, field.name, least=0.0)
-            else:
-                check_gain(self, field.name, above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the plans of each robot, MEMORY records (b,), none yet."""
@@ -108,7 +94,7 @@ class ReedsShepp:
             briefing,
             deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
             yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
-            preview=briefing.actuators.lag + briefing.dt,
+            preview=briefing.actuators.reaction + briefing.dt,
         )
         twists = np.empty((len(observation.pose), 2))
         told = Map.of(briefing)

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from wayfield.envs.checks import choose
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.dwa import Dwa
+from wayfield.policies.gain import Range, gains_of
 from wayfield.policies.hybrid import Hybrid
 from wayfield.policies.learned.ppo import Ppo
 from wayfield.policies.lookahead import Lookahead
@@ -17,6 +17,8 @@ from wayfield.policies.mppi import Mppi
 from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.orca import Orca
+from wayfield.policies.orca_team import OrcaTeam
+from wayfield.policies.orca_team_map import OrcaTeamMap
 from wayfield.policies.polar import Polar
 from wayfield.policies.policy import Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
@@ -26,82 +28,207 @@ from wayfield.policies.reeds_shepp import ReedsShepp
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.smooth_pose import SmoothPose
+from wayfield.policies.social_force import SocialForce
 from wayfield.policies.stanley import Stanley
+from wayfield.policies.team_guided import TeamGuided
 from wayfield.policies.vfh_plus import VfhPlus
 from wayfield.policies.waypoint import Waypoint
 from wayfield.policies.zero import Zero
+from wayfield.system.checks import choose
 
-POLICIES: dict[str, Callable[..., Policy]] = {
-    "zero": Zero,
-    "random": Random,
-    "lookahead_documented": Lookahead,
-    "lookahead_retuned": partial(Lookahead, k_ang=2.4, search="window"),
-    "waypoint": Waypoint,
-    "apf_documented": PotentialField,
-    "apf_escape": partial(PotentialField, escape=True),
-    "apf_corrected": CorrectedField,
-    "pure_pursuit": PurePursuit,
-    "regulated_pure_pursuit": RegulatedPurePursuit,
-    "stanley": Stanley,
-    "lqr": Lqr,
-    "mpc": Mpc,
-    "smooth_pose": SmoothPose,
-    "smooth_pose_backward": partial(SmoothPose, backward=True, arrival_radius=0.02),
-    "polar": Polar,
-    "mpc_pose": MpcPose,
-    "reeds_shepp": ReedsShepp,
-    "dwa": Dwa,
-    "vfh_plus": VfhPlus,
-    "mppi": Mppi,
-    "nav2_dwb": Nav2Dwb,
-    "nav2_mppi": Nav2Mppi,
-    "orca": Orca,
-    "scan_planner": ScanPlanner,
-    "astar_tracker": AstarTracker,
-    "ppo": Ppo,
-    "hybrid": Hybrid,
-}
+PATHS, GOALS, DOCKS = "path-following", "goal-obstacles", "docking"  # contests
+CROWDS = ("teams", "people")
 
 
-class About(NamedTuple):
-    """What a policy is, in a line, and whose law it is; its class has the whole source."""
+class Listed(NamedTuple):
+    """A policy in the registry: what makes it, what it is, whose law it is, and the contests that it enters."""
 
+    make: Callable[..., Policy]
     what: str
-    source: str
+    source: str  # its class has the whole of it
+    contests: tuple[str, ...] = ()
+    searched: tuple[str, ...] | None = None  # gains; None: all that say where
+    protected: str = ""  # what it remembers beside its last command, and what keeps it from harm, in words
 
 
-ABOUT: dict[str, About] = {
-    "zero": About("stands still: the floor", ""),
-    "random": About("random twists: the floor", ""),
-    "lookahead_documented": About("look-ahead P controller as printed: whole-path search", "document A"),
-    "lookahead_retuned": About(
-        "the same with pure pursuit's equivalent gain, and a search that does not jump at crossings", "document A"
+_SCANS = "remembers what it has seen, leaves traps by a way around, foresees what moves"
+_NAV2 = "a map of all its scans and the scan planner's plan, slows before what it sees, recovers where it is stuck"
+
+# in the order of the tables
+ABOUT: dict[str, Listed] = {
+    "lookahead_documented": Listed(
+        Lookahead, "look-ahead P controller as printed: whole-path search", "document A", (PATHS,), searched=()
     ),
-    "waypoint": About("exponential decay of the pose error, waypoint after waypoint", "document B"),
-    "apf_documented": About("potential field of points as printed", "document C"),
-    "apf_escape": About("the same with the avoiding force at local minima", "document C"),
-    "apf_corrected": About("potential field of surfaces, capped attraction", "Khatib 1986; Ge and Cui 2000"),
-    "pure_pursuit": About("the arc to a point of the path ahead", "Coulter 1992"),
-    "regulated_pure_pursuit": About("slows down for bends and for what the base can reach", "Macenski et al. 2023"),
-    "stanley": About("steering on a virtual front axle", "Hoffmann et al. 2007"),
-    "lqr": About("linear-quadratic regulator in path coordinates, feed-forward, speed profile", "Rajamani"),
-    "mpc": About("model predictive control, real-time iteration on OSQP", "Lam et al. 2010; Diehl et al. 2005"),
-    "smooth_pose": About("the smooth pose law: to a pose, or along a path", "Park and Kuipers 2011"),
-    "smooth_pose_backward": About("the same, forward or backward to a pose, and nearer to it", "Park and Kuipers 2011"),
-    "polar": About("feedback of polar coordinates to a pose, forward or backward", "Aicardi et al. 1995; Astolfi 1999"),
-    "mpc_pose": About("model predictive control to a pose, forward or backward, on OSQP", "Worthmann et al. 2016"),
-    "reeds_shepp": About("the shortest way of a car that goes both ways, and a tracker", "Reeds and Shepp 1990"),
-    "dwa": About("dynamic window approach on the scan", "Fox et al. 1997"),
-    "vfh_plus": About("vector field histogram + on the scan", "Ulrich and Borenstein 1998"),
-    "mppi": About("model predictive path integral control on the scan", "Williams et al. 2018"),
-    "nav2_dwb": About("Nav2's DWB as Nav2 configures it, on the scan planner's map and plan", "Nav2; Fox et al. 1997"),
-    "nav2_mppi": About("Nav2's MPPI as Nav2 configures it, on the same", "Nav2; Williams et al. 2018"),
-    "orca": About("reciprocal velocity obstacles, with all of the responsibility", "van den Berg et al. 2011"),
-    "scan_planner": About("plans on a map of its own scans, as if the unseen were free", "Koenig and Likhachev 2005"),
-    "astar_tracker": About("Theta* on the whole map, then a tracker: the privileged reference", "Nash et al. 2007"),
-    "ppo": About("the agents that ship, trained by proximal policy optimisation", "Schulman et al. 2017"),
-    "hybrid": About("the scan planner plans, the agent that ships drives along its way", "Faust et al. 2018"),
+    "lookahead_retuned": Listed(
+        partial(Lookahead, k_ang=2.4, search="window"),
+        "the same with pure pursuit's equivalent gain, and a search that does not jump at crossings",
+        "document A",
+        (PATHS,),
+    ),
+    "pure_pursuit": Listed(PurePursuit, "the arc to a point of the path ahead", "Coulter 1992", (PATHS,)),
+    "regulated_pure_pursuit": Listed(
+        RegulatedPurePursuit, "slows down for bends and for what the base can reach", "Macenski et al. 2023", (PATHS,)
+    ),
+    "polar": Listed(
+        Polar,
+        "feedback of polar coordinates to a pose, forward or backward",
+        "Aicardi et al. 1995; Astolfi 1999",
+        (DOCKS, *CROWDS),
+    ),
+    "smooth_pose": Listed(
+        SmoothPose,
+        "the smooth pose law: to a pose, or along a path",
+        "Park and Kuipers 2011",
+        (PATHS, DOCKS),
+        searched=("k1", "k2", "beta", "lookahead_distance"),
+    ),
+    "smooth_pose_backward": Listed(
+        partial(SmoothPose, backward=True, arrival_radius=0.02),
+        "the same, forward or backward to a pose, and nearer to it",
+        "Park and Kuipers 2011",
+        (DOCKS,),
+        searched=("k1", "k2", "beta", "speed", "deceleration", "arrival_radius"),
+    ),
+    "stanley": Listed(Stanley, "steering on a virtual front axle", "Hoffmann et al. 2007", (PATHS,)),
+    "lqr": Listed(
+        Lqr, "linear-quadratic regulator in path coordinates, feed-forward, speed profile", "Rajamani", (PATHS,)
+    ),
+    "mpc": Listed(
+        Mpc,
+        "model predictive control, real-time iteration on OSQP",
+        "Lam et al. 2010; Diehl et al. 2005",
+        (PATHS,),
+        protected="its plan; stops where no plan is found",
+    ),
+    "mpc_pose": Listed(
+        MpcPose,
+        "model predictive control to a pose, forward or backward, on OSQP",
+        "Worthmann et al. 2016",
+        (DOCKS,),
+        protected="its plan",
+    ),
+    "reeds_shepp": Listed(
+        ReedsShepp,
+        "the shortest way of a car that goes both ways, and a tracker",
+        "Reeds and Shepp 1990",
+        (DOCKS,),
+        protected="its plan, made anew where the map moves into it",
+    ),
+    "waypoint": Listed(
+        Waypoint, "exponential decay of the pose error, waypoint after waypoint", "document B", (DOCKS,)
+    ),
+    "apf_documented": Listed(PotentialField, "potential field of points as printed", "document C", (GOALS,)),
+    "apf_escape": Listed(
+        partial(PotentialField, escape=True), "the same with the avoiding force at local minima", "document C"
+    ),
+    "apf_corrected": Listed(
+        CorrectedField, "potential field of surfaces, capped attraction", "Khatib 1986; Ge and Cui 2000", (GOALS, DOCKS)
+    ),
+    "vfh_plus": Listed(
+        VfhPlus,
+        "vector field histogram + on the scan",
+        "Ulrich and Borenstein 1998",
+        (GOALS, *CROWDS),
+        protected=_SCANS,
+    ),
+    "dwa": Listed(Dwa, "dynamic window approach on the scan", "Fox et al. 1997", (GOALS, *CROWDS), protected=_SCANS),
+    "mppi": Listed(
+        Mppi,
+        "model predictive path integral control on the scan",
+        "Williams et al. 2018",
+        (GOALS, *CROWDS),
+        protected="its plan and how long the way is around what it sees",
+    ),
+    "nav2_dwb": Listed(
+        Nav2Dwb,
+        "Nav2's DWB as Nav2 configures it, on the scan planner's map and plan",
+        "Nav2; Fox et al. 1997",
+        (GOALS, *CROWDS),
+        protected=_NAV2,
+    ),
+    "nav2_mppi": Listed(
+        Nav2Mppi,
+        "Nav2's MPPI as Nav2 configures it, on the same",
+        "Nav2; Williams et al. 2018",
+        (GOALS, *CROWDS),
+        protected=_NAV2,
+    ),
+    "orca": Listed(
+        Orca,
+        "reciprocal velocity obstacles, with all of the responsibility",
+        "van den Berg et al. 2011",
+        (GOALS,),
+        protected="gives up no half-plane of what stands",
+    ),
+    "orca_team": Listed(
+        OrcaTeam,
+        "reciprocal velocity obstacles among tracked bodies",
+        "van den Berg et al. 2011; Snape et al. 2010",
+        CROWDS,
+        protected="where it last got on; gives up no half-plane of what stands",
+    ),
+    "orca_team_map": Listed(
+        OrcaTeamMap,
+        "the same along a shortest way on the map",
+        "van den Berg et al. 2011",
+        CROWDS,
+        protected="a way on the whole map, where it last got on; gives up no half-plane of what stands",
+    ),
+    "social_force": Listed(
+        SocialForce,
+        "the social force of people, among tracked bodies",
+        "Moussaïd et al. 2009",
+        CROWDS,
+        protected="the velocity that it asks for",
+    ),
+    "team_guided": Listed(
+        TeamGuided,
+        "the agents that ship for teams and people: a network wants a velocity, orca_team keeps it clear",
+        "Schulman et al. 2017; van den Berg et al. 2011",
+    ),
+    "scan_planner": Listed(
+        ScanPlanner,
+        "plans on a map of its own scans, as if the unseen were free",
+        "Koenig and Likhachev 2005",
+        (GOALS, *CROWDS),
+        protected="a map of all its scans, foresees what moves, brakes before what it cannot see past",
+    ),
+    "astar_tracker": Listed(
+        AstarTracker,
+        "Theta* on the whole map, then a tracker: the privileged reference",
+        "Nash et al. 2007",
+        (GOALS,),
+        protected="plans on the whole map, waits for what moves",
+    ),
+    "ppo": Listed(
+        Ppo,
+        "the agents that ship, trained by proximal policy optimisation",
+        "Schulman et al. 2017",
+        (PATHS, GOALS, DOCKS),
+    ),
+    "hybrid": Listed(
+        Hybrid, "the scan planner plans, the agent that ships drives along its way", "Faust et al. 2018", (GOALS,)
+    ),
+    "zero": Listed(Zero, "stands still: the floor", "", (DOCKS,)),
+    "random": Listed(Random, "random twists: the floor", "", (DOCKS,)),
 }
+
+POLICIES: dict[str, Callable[..., Policy]] = {name: listed.make for name, listed in ABOUT.items()}
+
+# The name of a trained agent's policy that a new release will have, and the one under which results are stored.
+RENAMED = {"agent": "ppo"}
+
+
+def entering(contest: str) -> tuple[str, ...]:
+    """Returns the names of the policies that enter a contest."""
+    return tuple(name for name, listed in ABOUT.items() if contest in listed.contests)
+
+
+def searched_gains(name: str) -> dict[str, Range]:
+    """Returns which gains of a policy a search looks for, and where."""
+    ranges = {gain: each.search for gain, each in gains_of(POLICIES[name]()).items() if each.search}
+    chosen = ABOUT[name].searched
+    return ranges if chosen is None else {gain: ranges[gain] for gain in chosen}
 
 
 def make(name: str, **gains: Any) -> Policy:
@@ -111,6 +238,7 @@ def make(name: str, **gains: Any) -> Policy:
         ValueError: if there is no policy of that name, or a gain is out of range.
         TypeError: if the policy has no such gain.
     """
+    name = RENAMED.get(name, name)
     choose("policy", name, POLICIES)
     return POLICIES[name](**gains)
 

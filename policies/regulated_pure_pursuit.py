@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import saturation_factor
+from wayfield.envs.robots.kinematics import saturation_factor
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import compiled, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 MOST_SAMPLES = 10_000.0  # of the way ahead
 SAMPLING = 0.05  # m, between the places ahead whose bend limits the speed
 
 
 @dataclasses.dataclass(frozen=True)
-class RegulatedPurePursuit:
+class RegulatedPurePursuit(Gains):
     """Pursues a point of the path ahead, no faster than the path's bends, its end and the base permit.
 
     With v_0, w_0 the last command, L = clip(lookahead_time v_0, min_lookahead, max_lookahead), (x, y) the path point L
@@ -48,29 +48,26 @@ class RegulatedPurePursuit:
     is ours.
     """
 
-    speed: float = 0.6  # m/s
-    min_speed: float = 0.05  # m/s, in bends
-    min_radius: float = 0.4  # m, bends tighter than this are driven slower
-    bend_span: float = 0.2  # m, of path over which a turn counts as a bend
-    min_lookahead: float = 0.3  # m
-    max_lookahead: float = 0.4  # m
-    lookahead_time: float = 0.66  # s
-    rotate_angle: float = 0.785  # rad, between heading and the point ahead, beyond which the robot turns on the spot
-    max_yaw_rate: float = 2.0  # rad/s, of turns on the spot
-    deceleration: float = 0.8  # m/s^2, before bends and the end; no more than the base can
-    yaw_acceleration: float = 2.5  # rad/s^2, of turns on the spot; no more than the base can
+    speed: float = gain(0.6, "m/s", "of cruising", above=0.0)
+    min_speed: float = gain(0.05, "m/s", "in bends", above=0.0, search=(0.02, 0.3))
+    min_lookahead: float = gain(0.3, "m", "least", above=0.0, search=(0.03, 0.5))
+    max_lookahead: float = gain(0.4, "m", "most", above=0.0, least="min_lookahead", search=(0.06, 0.8))
+    lookahead_time: float = gain(
+        0.66, "s", "in which the point ahead is reached, between the two", above=0.0, search=(0.05, 1.5)
+    )
+    min_radius: float = gain(0.4, "m", "bends tighter than this are driven slower", above=0.0, search=(0.1, 1.0))
+    bend_span: float = gain(0.2, "m", "of path over which a turn counts as a bend", above=0.0, search=(0.05, 0.6))
+    rotate_angle: float = gain(
+        0.785, "rad", "to the point ahead, beyond which the robot turns on the spot", above=0.0, search=(0.15, 3.0)
+    )
+    max_yaw_rate: float = gain(2.0, "rad/s", "of turns on the spot", above=0.0, search=(0.5, 4.0))
+    deceleration: float = gain(0.8, "m/s^2", "before bends and the end, at most", above=0.0, search=(0.3, 1.0))
+    yaw_acceleration: float = gain(
+        2.5, "rad/s^2", "of turns on the spot; no more than the base can", above=0.0, search=(0.5, 3.0)
+    )
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            check_gain(self, field.name, above=0.0)
-        if self.max_lookahead < self.min_lookahead:
-            raise ValueError(
-                f"RegulatedPurePursuit: max_lookahead must be >= min_lookahead = {self.min_lookahead:g}, "
-                f"got {self.max_lookahead!r}"
-            )
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the last command of each robot, (b, 2): forward speed and yaw rate, at rest."""

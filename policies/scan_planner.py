@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, any_layout, compiled, inlined
-from wayfield.envs.geometry import sin_cos
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import gain
 from wayfield.policies.parts.polyline_tracker import (
     PLAN,
     PolylineTracker,
@@ -47,7 +46,8 @@ from wayfield.policies.parts.stopping import (
     sees_all_round,
     step_and_stop,
 )
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import sin_cos
 
 STATE = [
     *PLAN,
@@ -93,28 +93,21 @@ class ScanPlanner(PolylineTracker):
     evidence as in Elfes 1989; elastic band as in Quinlan and Khatib 1993.
     """
 
-    cell: float = 0.08  # m
-    margin: float = 0.02  # m, beside the hull, least
-    give: float = 0.03  # m, of the hull, where there is no other way
-    wanted_clearance: float = 0.2  # m, beside the hull
-    weight: float = 3.0
-    period: float = 4.0  # s
-    pause: float = 0.3  # s, between searches at least, unless the block is near
-    astray: float = 0.5  # m
-    creep: float = 0.15  # m/s, into what has not been seen
-    foresight: float = 1.2  # s, for which what comes nearer by itself is put forward
-    evade_within: float = 0.2  # m, beside the hull, of what comes nearer by itself
-    evade_time: float = 1.0  # s, until it would be that near
+    cell: float = gain(0.08, "m", "side of a cell of the grid", above=0.0)
+    margin: float = gain(0.02, "m", "beside the hull, least", least=0.0, search=(0.005, 0.06))
+    give: float = gain(0.03, "m", "of the hull, where there is no other way", least=0.0)
+    wanted_clearance: float = gain(0.2, "m", "beside the hull", above=0.0, search=(0.05, 0.4))
+    weight: float = gain(3.0, "1", "of lacking clearance, in the price of a metre", least=0.0, search=(0.5, 10.0))
+    period: float = gain(4.0, "s", "between plans, at most", above=0.0)
+    pause: float = gain(0.3, "s", "between searches at least, unless the block is near", least=0.0)
+    astray: float = gain(0.5, "m", "from the plan, beyond which it is made anew", above=0.0)
+    creep: float = gain(0.15, "m/s", "into what has not been seen", above=0.0)
+    foresight: float = gain(1.2, "s", "for which what comes nearer is put forward", least=0.0, search=(0.5, 3.0))
+    evade_within: float = gain(0.2, "m", "beside the hull, of what comes nearer by itself", least=0.0)
+    evade_time: float = gain(1.0, "s", "until it would be that near", least=0.0)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("cell", "wanted_clearance", "period", "astray", "creep"):
-            check_gain(self, name, above=0.0)
-        for name in ("margin", "give", "weight", "pause", "foresight", "evade_within", "evade_time"):
-            check_gain(self, name, least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty map and no plan for each robot, (b,): a record of STATE and the scans of `remembering`.

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.elementary import power
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import to_body_frame
+from wayfield.envs.robots.kinematics import to_body_frame
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
-from wayfield.policies.policy import check_gain, check_switch
+from wayfield.system.compiled import compiled, inlined
+from wayfield.system.elementary import bearing, power, sin_cos, wrap_angle
 
 _KEPT = 0.5 * math.pi  # rad, by which the other way must be better to be taken instead
 
@@ -26,7 +25,7 @@ MEMORY = np.dtype([("arrived", np.float64), ("way", np.float64)])
 
 
 @dataclasses.dataclass(frozen=True)
-class SmoothPose:
+class SmoothPose(Gains):
     """Drives to a pose along a curve that ends in its heading; follows a path by chasing a pose on it.
 
     With r the distance to the pose, delta the robot's heading and phi the pose's, both relative to the line of sight
@@ -56,26 +55,27 @@ class SmoothPose:
     Environment, ICRA 2011. The held yaw rate, the braking and the turn at the end are ours.
     """
 
-    k1: float = 1.0  # steepness of the approach
-    k2: float = 3.0  # how much faster the heading is corrected than the approach
-    speed: float = 0.6  # m/s
-    beta: float = 0.1  # m^lam, how much bends slow down
-    lam: float = 2.0  # above 1
-    lookahead_distance: float = 0.6  # m, along a path
-    deceleration: float = 0.5  # m/s^2, towards the goal or the end of an open path; no more than the base can
-    arrival_radius: float = 0.05  # m
-    turn_gain: float = 2.0  # 1/s, of the turn at the goal
-    yaw_acceleration: float = 1.0  # rad/s^2, of the turn at the goal; no more than the base can
-    max_yaw_rate: float = 1.5  # rad/s, of the turn at the goal
-    backward: bool = False  # whether it may drive to a goal in reverse
+    k1: float = gain(1.0, "1", "steepness of the approach", above=0.0, search=(0.3, 3.0))
+    k2: float = gain(3.0, "1", "of the heading, relative to the approach", above=0.0, search=(1.0, 10.0))
+    speed: float = gain(0.6, "m/s", "of cruising", above=0.0, search=(0.2, 0.6))
+    beta: float = gain(0.1, "m^lam", "how much bends slow down", above=0.0, search=(0.01, 1.0))
+    lam: float = gain(2.0, "1", "power with which sharper bends slow down more", above=1.0)
+    lookahead_distance: float = gain(0.6, "m", "along a path", above=0.0, search=(0.25, 1.0))
+    deceleration: float = gain(
+        0.5,
+        "m/s^2",
+        "towards the goal or an open end, at most",
+        above=0.0,
+        search=(0.2, 0.8),
+    )
+    arrival_radius: float = gain(0.05, "m", "within which it turns to the heading", above=0.0, search=(0.01, 0.05))
+    turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
+    yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "of the turn at the goal", above=0.0)
+    backward: bool = gain(False, "", "whether it may drive to a goal in reverse")
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
-
-    def __post_init__(self) -> None:
-        check_switch(self, "backward")
-        for field in dataclasses.fields(self)[:-1]:
-            check_gain(self, field.name, above=1.0 if field.name == "lam" else 0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns whether each robot has arrived at its goal and which way it drives, MEMORY records (b,)."""

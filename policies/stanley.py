@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.paths import nearest_ahead, segment_at, vertex
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.paths import nearest_ahead, segment_at, vertex
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import compiled, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class Stanley:
+class Stanley(Gains):
     """Turns a virtual front wheel along the path and towards it, by an angle that grows with the distance from it.
 
     Stanley (virtual front axle): the wheel lies d = `axle_distance` ahead of the robot's centre and rolls at the speed
@@ -46,23 +46,17 @@ class Stanley:
     differential drive, and omni drive as a unicycle.
     """
 
-    k: float = 1.5  # 1/s
-    k_s: float = 0.1  # m/s, keeps the law from flipping over at rest
-    speed: float = 0.6  # m/s, of the wheel
-    axle_distance: float = 0.22  # m, d
-    max_steering: float = 0.5 * math.pi  # rad, at most pi/2
-    max_steering_rate: float = 10.0  # rad/s
-    share: float = 0.5  # of the yaw acceleration
-    window: float = 1.0  # m, of path that is searched for the wheel, ahead of the robot's own projection
+    k: float = gain(1.5, "1/s", "of the cross-track error at the front axle", above=0.0, search=(0.5, 5.0))
+    k_s: float = gain(0.1, "m/s", "keeps the law from flipping over at rest", above=0.0, search=(0.01, 0.5))
+    speed: float = gain(0.6, "m/s", "of the wheel", above=0.0)
+    axle_distance: float = gain(0.22, "m", "d, of the virtual axle", above=0.0, search=(0.05, 0.4))
+    max_steering: float = gain(0.5 * math.pi, "rad", "of the virtual wheel", above=0.0, most=0.5 * math.pi)
+    max_steering_rate: float = gain(10.0, "rad/s", "of the virtual wheel", above=0.0, search=(2.0, 20.0))
+    share: float = gain(0.5, "1", "of the yaw acceleration", above=0.0, search=(0.2, 1.0))
+    window: float = gain(1.0, "m", "of path that is searched for the wheel, ahead of the projection", above=0.0)
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("k", "k_s", "speed", "axle_distance", "max_steering", "max_steering_rate", "share", "window"):
-            check_gain(self, name, above=0.0)
-        if self.max_steering > 0.5 * math.pi:
-            raise ValueError(f"Stanley: max_steering must be at most pi/2 rad, got {self.max_steering!r}")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the steering angles, (b, 1) rad: straight ahead."""

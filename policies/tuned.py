@@ -1,7 +1,9 @@
-"""Gains that were found by search, for the condition that they were found in, as they ship with the package.
+"""Gains that were found for a condition, by search or by hand, as they ship with the package.
 
-A set belongs to a robot, an asked speed and a level of disturbance. Nothing here hands out a set for another condition:
-whoever asks for one that was not tuned for is told so.
+A set of a search has its record in its file: the command, the frames, and what its finalists came to on the whole
+validation split. A set that was compared without such a record says "hand". A set belongs to a robot, an asked speed
+and a level of disturbance. Nothing here hands out a set for another condition: whoever asks for one that was not tuned
+for is told so.
 """
 
 import dataclasses
@@ -12,9 +14,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
-from wayfield.envs.checks import shown
-from wayfield.envs.readers import reader
 from wayfield.policies.learned.reading import is_number, is_whole, parsed_object
+from wayfield.system.checks import shown
+from wayfield.system.readers import reader
 
 PACE = 0.6  # m/s, the speed that is asked for unless another is
 MOST_FRAMES = 10**12  # of a search
@@ -26,13 +28,14 @@ class NotTuned(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class TunedSet:
-    """The gains that came out of a search, the condition it was made in, and what it cost."""
+    """Gains that were found for a condition, and what that cost."""
 
     gains: Mapping[str, Any]  # complete: the cruising speed that holds the asked one is among them
     robot: str
     speed: float  # m/s, asked for
     level: str  # of disturbance
-    chosen: Literal["search", "default"]  # what was best on validation: a set that was found, or the policy's own gains
+    # what was best on validation: a set that a search found, one that was compared by hand, or the policy's own gains
+    chosen: Literal["search", "hand", "default"]
     frames: int  # driven to find it
     split: str = ""  # of the scenarios that they were driven on; "" where its file does not say
 
@@ -45,7 +48,7 @@ def tuned_gains(name: str, suite: str, robot: str = "p3dx", speed: float = PACE,
         suite: of the contest, "path-following", "goal-obstacles" or "docking".
         robot: its name.
         speed: m/s, that is asked for.
-        level: of disturbance, "none" or another of `wayfield.envs.disturbances.LEVELS`.
+        level: of disturbance, "none" or another of `wayfield.envs.robots.disturbances.LEVELS`.
 
     Raises:
         NotTuned: if none ship for that condition; the message names the conditions that they ship for.
@@ -133,8 +136,8 @@ def read_gains(text: bytes | str, source: str, name: str) -> dict[str, Any]:
     speed = content.get("speed")
     if not is_number(speed) or not isinstance(speed, int | float) or not speed > 0.0:
         raise ValueError(f"{source}: speed must be a number above 0, got {shown(speed)}")
-    if content.get("chosen") not in ("search", "default"):
-        raise ValueError(f'{source}: chosen must be "search" or "default", got {shown(content.get("chosen"))}')
+    if content.get("chosen") not in ("search", "hand", "default"):
+        raise ValueError(f'{source}: chosen must be "search", "hand" or "default", got {shown(content.get("chosen"))}')
     if not is_whole(content.get("frames"), 0, MOST_FRAMES):
         raise ValueError(
             f"{source}: frames must be a whole number from 0 to {MOST_FRAMES}, got {shown(content.get('frames'))}"

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import choose
-from wayfield.envs.compiled import allocating, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import saturation_factor, to_body_frame
+from wayfield.envs.robots.kinematics import saturation_factor, to_body_frame
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.detour import DETOUR, LOOK, seek
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
@@ -35,7 +33,8 @@ from wayfield.policies.parts.stopping import (
     step_and_stop,
     turn_towards,
 )
-from wayfield.policies.policy import check_gain, check_switch
+from wayfield.system.compiled import allocating, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 DIRECTIONS = 144  # sectors of the histograms, in the world frame, from -pi on
 WIDTH = 2.0 * math.pi / DIRECTIONS
@@ -55,7 +54,7 @@ STATE = [
 
 
 @dataclasses.dataclass(frozen=True)
-class VfhPlus:
+class VfhPlus(Gains):
     """Steers for the cheapest of the directions that no obstacle, grown by the robot's radius, stands in.
 
     1. Primary histogram. A hit at the distance d < window fills the sectors within asin(min(1, r / d)) of its own, r
@@ -91,54 +90,32 @@ class VfhPlus:
     Source: Ulrich and Borenstein, VFH+: Reliable Obstacle Avoidance for Fast Mobile Robots, ICRA 1998.
     """
 
-    max_speed: float = 0.6  # m/s
-    max_yaw_rate: float = 1.5  # rad/s
-    turn_gain: float = 2.5  # 1/s
-    safety: float = 0.05  # m, that obstacles are grown by besides the hull
-    margin: float = 0.03  # m, that no stop may use up
-    window: float = 1.5  # m
-    low: float = 0.3
-    high: float = 0.5
-    wide: float = 1.0  # rad
-    mu_goal: float = 5.0
-    mu_heading: float = 2.0
-    mu_previous: float = 2.0
-    slowing: float = 0.5
-    stop_radius: float = 0.08  # m, or less where the goal asks for it
-    patience: float = 2.0  # s, inf for no detours
-    reach: float = 0.5  # m, a detour takes directions that are free this far
-    first_leg: float = 3.0  # m, before a detour tries the other side
-    recall: float = 2.0  # s
-    foresight: float = 1.5  # s, 0 takes what moves for standing still
-    magnitudes: Literal["largest", "sum"] = "largest"  # what a sector keeps of those of its hits
-    sideways: bool = True  # whether an omni base drives in any direction; if not, as a differential drive does
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
+    turn_gain: float = gain(2.5, "1/s", "yaw rate per radian to the chosen direction", above=0.0)
+    safety: float = gain(0.05, "m", "that obstacles are grown by besides the hull", least=0.0, search=(0.01, 0.15))
+    margin: float = gain(0.03, "m", "that no stop may use up", least=0.0)
+    window: float = gain(1.5, "m", "around the robot, whose hits count", above=0.0)
+    low: float = gain(0.3, "1", "threshold under which a sector is free", above=0.0, search=(0.1, 0.6))
+    high: float = gain(0.5, "1", "threshold over which a sector is blocked", least="low", below=1.0)
+    wide: float = gain(1.0, "rad", "of an opening, beyond which it has two candidates", above=0.0)
+    slowing: float = gain(
+        0.5, "1", "share of the speed that full density takes", least=0.0, most=1.0, search=(0.1, 1.0)
+    )
+    mu_goal: float = gain(5.0, "1", "weight of the direction of the goal", least=0.0)
+    mu_heading: float = gain(2.0, "1", "weight of the robot's heading", least=0.0)
+    mu_previous: float = gain(2.0, "1", "weight of the last choice", least=0.0, search=(0.5, 5.0))
+    stop_radius: float = gain(0.08, "m", "or less where the goal asks for it", least=0.0)
+    patience: float = gain(2.0, "s", "inf for no detours", least=0.0, finite=False, search=(2.0, 30.0))
+    reach: float = gain(0.5, "m", "a detour takes directions that are free this far", above=0.0)
+    first_leg: float = gain(3.0, "m", "before a detour tries the other side", above=0.0)
+    recall: float = gain(2.0, "s", "for which what is near stays known out of sight", least=0.0)
+    foresight: float = gain(1.5, "s", "0 takes what moves for standing still", least=0.0)
+    magnitudes: Literal["largest", "sum"] = gain("largest", "", "what a sector keeps of those of its hits")
+    sideways: bool = gain(True, "", "whether an omni base drives in any direction, not as a unicycle")
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        for name in ("max_speed", "max_yaw_rate", "turn_gain", "window", "low", "wide", "reach", "first_leg"):
-            check_gain(self, name, above=0.0)
-        for name in (
-            "safety",
-            "margin",
-            "mu_goal",
-            "mu_heading",
-            "mu_previous",
-            "slowing",
-            "stop_radius",
-            "recall",
-            "foresight",
-        ):
-            check_gain(self, name, least=0.0)
-        check_gain(self, "high", least=self.low)
-        check_gain(self, "patience", least=0.0, finite=False)
-        check_switch(self, "sideways")
-        choose("VfhPlus: magnitudes", self.magnitudes, ("largest", "sum"))
-        if self.high >= 1.0 or self.slowing > 1.0:
-            raise ValueError(
-                f"VfhPlus: high must be below 1 and slowing at most 1, got {self.high!r} and {self.slowing!r}"
-            )
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled
-from wayfield.envs.geometry import sin_cos
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Goals
-from wayfield.policies.policy import check_gain
+from wayfield.system.compiled import compiled
+from wayfield.system.elementary import sin_cos
 
 
 @dataclasses.dataclass(frozen=True)
-class Waypoint:
+class Waypoint(Gains):
     """Lets the pose error decay exponentially: x' = lam (x* - x), one waypoint after the other.
 
     The next waypoint is taken once the position error is under `switching_radius` (0.25 m is the accuracy the document
@@ -31,18 +31,13 @@ class Waypoint:
     Source: document B (three-omni-wheel robot, kinematic control).
     """
 
-    lam: float = 1.0  # 1/s
-    switching_radius: float = 0.35  # m
-    final_tolerance: float = 0.01  # m, and rad for the heading
+    lam: float = gain(1.0, "1/s", "rate of the decay of the pose error", above=0.0)
+    switching_radius: float = gain(0.35, "m", "from a waypoint, within which the next one is headed for", above=0.0)
+    final_tolerance: float = gain(0.01, "m", "and rad for the heading", least=0.0)
 
     knows: ClassVar[str] = "goal"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("holonomic",)
-
-    def __post_init__(self) -> None:
-        check_gain(self, "lam", above=0.0)
-        check_gain(self, "switching_radius", above=0.0)
-        check_gain(self, "final_tolerance", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the index of the waypoint that each robot drives to, (b,)."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.briefing import Briefing
+from wayfield.envs.tasks.briefing import Briefing
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,6 +6,7 @@ file, or by taking the places away in which numba looks.
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,12 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from wayfield.envs.compiled import _sources
-from wayfield.envs.geometry import sin_cos
-from wayfield.policies.parts.stopping import free_time
+import wayfield
 
 KERNEL = """
-from wayfield.envs.compiled import compiled, inlined
+from wayfield.system.compiled import compiled, inlined
 
 @inlined
 def twice(x):
@@ -44,7 +43,7 @@ with warnings.catch_warnings(record=True) as caught:
 # has loaded them, and has compiled no kernel.
 LOADED = """
 import json, os, sys, traceback
-import numba, wayfield.envs.compiled
+import numba, wayfield.system.compiled
 numba.njit(lambda x: 2 * x)(1.5)
 for line in sys.stdin:
     folder, cache, code = json.loads(line)
@@ -122,22 +121,175 @@ def test_of_processes_that_lack_a_kernel_one_compiles_it(tmp_path: Path) -> None
     assert found == [[b"0", b"1"], [b"0", b"1"], [b"1", b"0"]]
 
 
-def test_what_is_compiled_elsewhere_is_void_once_any_kernel_that_it_may_call_has_changed() -> None:
-    stamped = [
-        Path(name) for files in _sources(test_what_was_compiled_is_kept) for name, *_ in files
-    ]  # of a function outside the package
-    for file in (sin_cos.py_func.__code__.co_filename, free_time.py_func.__code__.co_filename, __file__):
-        assert any(each.samefile(file) for each in stamped), file
+# a kernel that refers to all that it may: functions and numbers of its module and of others, by name and by attribute
+CALLER = """
+import numpy as np
+import other
+from other import Pair, half
+from wayfield.system.compiled import compiled
+
+FIRST = 1.0  # {comment}
+TABLE = np.array([2.0, 3.0])
+
+def closed(number):
+    @compiled
+    def plus(x):
+        return x + number
+    return plus
+
+plus = closed({cell})
+
+@compiled
+def kernel(x):
+    \"\"\"{comment}\"\"\"
+    return half(x) + other.third(x) + FIRST + TABLE[1] + Pair(1.0, 2.0).first + plus(x) + later(x)
+
+@compiled
+def later(x):
+    return {later} * x
+"""
+CALLED = """
+from typing import NamedTuple
+from wayfield.system.compiled import inlined
+
+class Pair(NamedTuple):
+    {fields}: float
+
+WEIGHT = {weight}
+
+@inlined
+def deep(x):
+    return WEIGHT * x
+
+@inlined
+def half(x):
+    return deep(x)
+
+@inlined
+def third(x):
+    # {comment}
+    return x / {third}
+
+@inlined
+def unused(x):
+    return {unused} * x
+"""
+WRITTEN = {
+    "comment": "as it was",
+    "cell": "5.0",
+    "later": "2.0",
+    "fields": "first: float; second",
+    "weight": "0.5",
+    "third": "3.0",
+    "unused": "1.0",
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "misses"),
+    [
+        ({}, 0),
+        ({"comment": "another\n    # comment, of more lines"}, 0),
+        ({"unused": "7.0"}, 0),
+        ({"weight": "0.25"}, 1),
+        ({"weight": "'half'[0] == 'h'"}, 1),
+        ({"third": "4.0"}, 1),
+        ({"cell": "6.0"}, 1),
+        ({"later": "3.0"}, 1),
+        ({"fields": "second: float; first"}, 1),
+    ],
+)
+def test_a_kernel_is_compiled_anew_where_what_it_calls_has_changed_and_only_there(
+    run: Run, tmp_path: Path, changes: dict[str, str], misses: int
+) -> None:
+    code = "import caller; value = caller.kernel(6.0); print(sum(caller.kernel.stats.cache_misses.values())); "
+    code += "print(value, caller.kernel.py_func(6.0))"
+    for told, wanted in ((WRITTEN, 1), (WRITTEN | changes, misses), (WRITTEN, 0), (WRITTEN | changes, 0)):
+        comment = told["comment"]
+        (tmp_path / "caller.py").write_text(CALLER.format(**told | {"comment": comment.replace("\n    #", "")}))
+        (tmp_path / "other.py").write_text(CALLED.format(**told))
+        found, values = run(tmp_path, tmp_path / "cache", "import sys; sys.dont_write_bytecode = True\n" + code)
+        assert int(found) == wanted, told
+        assert len({float(value) for value in values.split()}) == 1
+
+
+FIELDS = """
+import sys; sys.dont_write_bytecode = True
+import {module}, law
+print(law.kernel({module}.Pair(1.0, 2.0)), sum(law.kernel.stats.cache_misses.values()))
+"""
+
+
+def test_the_fields_of_an_argument_belong_to_what_is_kept(run: Run, tmp_path: Path) -> None:
+    law = "from wayfield.system.compiled import compiled\n\n@compiled\ndef kernel(pair):\n    return pair.a - pair.b\n"
+    (tmp_path / "law.py").write_text(law)
+    for module, fields, told in (("one", "ab", "-1.0 1"), ("one", "ba", "1.0 1"), ("two", "ab", "-1.0 1")):
+        pair = "from typing import NamedTuple\n\nclass Pair(NamedTuple):\n"
+        pair += f"    {fields[0]}: float\n    {fields[1]}: float\n"
+        (tmp_path / f"{module}.py").write_text(pair)
+        assert run(tmp_path, tmp_path / "cache", FIELDS.format(module=module)) == [told]
+
+
+OVERLOADED = """
+import numba.extending
+from wayfield.system.compiled import compiled
+
+def positive(x):
+    return x > 0
+
+@numba.extending.overload(positive)
+def positive_compiled(x):
+    return lambda x: x > {bound}
+
+@compiled
+def kernel(x):
+    return positive(x)
+"""
+
+
+def test_a_kernel_that_calls_what_cannot_be_followed_depends_on_all_sources(run: Run, tmp_path: Path) -> None:
+    code = "import sys; sys.dont_write_bytecode = True; import caller; "
+    code += "print(caller.kernel(1.5), sum(caller.kernel.stats.cache_misses.values()))"
+    for bound, told in ((0, "True 1"), (0, "True 0"), (2, "False 1")):
+        (tmp_path / "caller.py").write_text(OVERLOADED.format(bound=bound))
+        assert run(tmp_path, tmp_path / "cache", code) == [told]
+
+
+def test_another_copy_of_the_package_compiles_nothing_again(tmp_path: Path) -> None:
+    code = "import wayfield.system.elementary as e; e.sin_cos(0.5); "
+    code += "print(e.__file__, *e.sin_cos.stats.cache_hits.values())"
+    found = []
+    for k in range(2):
+        copy = tmp_path / str(k) / "wayfield"
+        home = Path(wayfield.__file__).parent
+        shutil.copytree(home, copy, ignore=lambda folder, names: {"__pycache__", "policies", "benchmarks", "splits"})
+        settings = os.environ | {"PYTHONPATH": str(copy.parent), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        words = [sys.executable, "-c", code]
+        found.append(subprocess.run(words, env=settings, capture_output=True, text=True, check=True).stdout.split())
+    assert found == [
+        [str(tmp_path / "0/wayfield/system/elementary.py")],
+        [str(tmp_path / "1/wayfield/system/elementary.py"), "1"],
+    ]
+
+
+def test_older_versions_are_removed_where_a_kernel_is_kept_beside_its_source(run: Run, tmp_path: Path) -> None:
+    code = "import sys; sys.dont_write_bytecode = True; import numba, os; numba.config.CACHE_DIR = ''; "
+    code += "del os.environ['NUMBA_CACHE_DIR']; "
+    code += "import kernel; print(kernel.four_times(1.5))"
+    kept = []
+    for factor in ("2.0", "2.0", "3.0"):
+        (tmp_path / "kernel.py").write_text(KERNEL.replace("2.0 * twice", f"{factor} * twice"))
+        assert run(tmp_path, tmp_path, code) == [str(3.0 * float(factor))]
+        kept.append({file.name for file in (tmp_path / "__pycache__").glob("kernel.four_times*.nb?")})
+    assert kept[0] == kept[1]
+    assert kept[0].isdisjoint(kept[2])
+    assert len(kept[2]) == 2
 
 
 def test_without_any_folder_it_is_compiled_anew_and_said_once(called: Called, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    # the folders beside the module and in the user's home are taken away as well
-    before = (
-        "from numba.core import caching as c; own = [getattr(c, 'UserProvidedCacheLocator', None) or "
-        "c._UserProvidedCacheLocator]; "  # as older releases call it
-        "c.CacheImpl._locator_classes = c.CompileResultCacheImpl._locator_classes = own"
-    )
+    (tmp_path / "__pycache__").touch()  # beside the module
+    before = f"import os; os.environ['HOME'] = os.environ['XDG_CACHE_HOME'] = '{tmp_path}/file/home'"
     result, *said = called(before, cache="file/cache")
     assert result == "6.0 8.0"
     assert len(said) == 1
@@ -148,8 +300,8 @@ def test_without_any_folder_it_is_compiled_anew_and_said_once(called: Called, tm
     ("method", "error"),
     [
         ("_save_index", "errno.ENOSPC, 'No space left on device'"),
-        ("_save_data", "errno.ENOSPC, 'No space left on device'"),
-        ("_save_data", "errno.EACCES, 'Permission denied'"),
+        ("_open_for_write", "errno.ENOSPC, 'No space left on device'"),
+        ("_open_for_write", "errno.EACCES, 'Permission denied'"),
         ("_load_index", "errno.EACCES, 'Permission denied'"),
     ],
 )
@@ -253,7 +405,7 @@ def test_an_error_in_a_part_comes_out_of_it(called: Called, tmp_path: Path) -> N
 def test_what_counts_no_references_may_not_hand_arrays_on(called: Called, tmp_path: Path, decorator: str) -> None:
     (tmp_path / "kernel.py").write_text(f"""
 import numpy as np
-from wayfield.envs.compiled import allocating, compiled, inlined
+from wayfield.system.compiled import allocating, compiled, inlined
 
 @{decorator}
 def same(x):
@@ -313,7 +465,7 @@ def test_a_kernel_without_machine_code_to_keep_runs(called: Called) -> None:
 WEIGHTED = """
 import numba
 from typing import Any, NamedTuple
-from wayfield.envs.compiled import any_layout, compiled
+from wayfield.system.compiled import any_layout, compiled
 
 class Cloud(NamedTuple):
     points: Any
@@ -340,7 +492,7 @@ def last_weighted(points, weights, out):
 ARRAYS = """
 import numpy as np
 from kernel import Cloud, first_weighted, last_weighted, weighted
-from wayfield.envs.compiled import machine_code
+from wayfield.system.compiled import machine_code
 
 wide, w, out = np.random.default_rng(0).normal(size=(12, 14)), np.linspace(0.1, 0.9, 5), np.empty(12)
 given = [wide[:, :5].copy(), wide[:, :5].copy(order="F"), wide[:, :5], wide[:, ::3], wide[::-1, 5:10], wide[:1, :5]]

@@ -2,14 +2,16 @@
 
 One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`, and those of public
 benchmarks, whose files the user has: `barn`, `mrpb`, `movingai`,
-`racetracks`. `contest` says what one is.
+`racetracks`; `crowds` are those of several bodies. `contest` says what one is.
 """
 
 from collections.abc import Mapping
 
 from wayfield.benchmarks.contests.barn import CHALLENGE, OWN_SPEED
 from wayfield.benchmarks.contests.contest import (
+    BY_HAND,
     COST,
+    FOUND,
     GAINS_NAMES,
     OWN_SPLIT,
     PACE_TOLERANCE,
@@ -27,6 +29,7 @@ from wayfield.benchmarks.contests.contest import (
     Published,
     Score,
 )
+from wayfield.benchmarks.contests.crowds import CROSS, CROWDNAV, PEOPLE, TEAMS
 from wayfield.benchmarks.contests.docking import DOCKING
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
 from wayfield.benchmarks.contests.movingai import MOVINGAI
@@ -36,9 +39,13 @@ from wayfield.benchmarks.contests.racetracks import RACETRACKS
 
 __all__ = [
     "ALL_CONTESTS",
+    "BY_HAND",
     "CONTESTS",
     "COST",
+    "CROSS",
+    "CROWD_SUITES",
     "DISTURBANCES",
+    "FOUND",
     "FRONT_SCENARIOS",
     "GAINS",
     "GAINS_NAMES",
@@ -53,6 +60,7 @@ __all__ = [
     "PAPER",
     "PUBLIC_SPLIT",
     "ROBUST_LEVEL",
+    "TEAMS",
     "TRAINED",
     "TRANSFER_SCENARIOS",
     "TRANSFER_SPLIT",
@@ -71,6 +79,13 @@ OF_KIND: Mapping[str, Contest] = {contest.spec.kind: contest for contest in CONT
 ALL_CONTESTS: Mapping[str, Contest] = {  # and those of public benchmarks
     **CONTESTS,
     **{contest.name: contest for contest in (CHALLENGE, OWN_SPEED, MRPB, MOVINGAI, RACETRACKS)},
+    **{contest.name: contest for contest in (TEAMS, CROSS, *PEOPLE.values(), *CROWDNAV.values())},
+}
+# Of several bodies: what may be run, and the contests that it stands for.
+CROWD_SUITES: Mapping[str, tuple[str, ...]] = {
+    "teams": (TEAMS.name,),
+    "people": ("people-unseen", "people-seen"),
+    "crowdnav": tuple(CROWDNAV),
 }
 
 # What may be asked for, and the sets of gains that it stands for.

@@ -7,9 +7,9 @@ Nothing is trained or tuned on these worlds.
 import dataclasses
 import math
 
-from wayfield.benchmarks.cases import Rules
 from wayfield.benchmarks.contests.contest import COST, Column, Published
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
+from wayfield.benchmarks.records.cases import Rules
 from wayfield.policies.tuned import PACE
 
 SPEED = 2.0  # m/s, the most of the challenge's Jackal, behind its optimal times

@@ -3,24 +3,29 @@
 Every policy meets the same scenarios, starts and disturbances. Gains called "default" are those of the policy's file,
 "tuned" those that were found by search (see `tune`) for the robot and the asked speed that they are shown with,
 "robust" those that were found under the disturbances ROBUST_LEVEL, and "paper" those that leave a controller what its
-paper gives it: its objective alone, no memory of what is out of sight, no way around traps, nothing foreseen. Where no
-set was tuned for a robot and a speed, or the default gains came out best, the default gains are shown, and called so.
+paper gives it: its objective alone, no memory of what is out of sight, no way around traps, nothing foreseen. Sets that
+have no record of a search stand in the place of tuned and robust ones under the names of BY_HAND. Where no set was
+found for a robot and a speed, or the default gains came out best, the default gains are shown, and called so.
 """
 
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wayfield import policies
-from wayfield.benchmarks.cases import Case, Entrant, Rules
-from wayfield.benchmarks.results import Row, number
-from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.benchmarks.records import episode
+from wayfield.benchmarks.records.cases import Case, Entrant, Rules
+from wayfield.benchmarks.records.episode import Episodes
+from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
-from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.envs.tasks.specs import Cost
+from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.policy import lacks
@@ -29,7 +34,9 @@ from wayfield.policies.tuned import PACE, tuned_set
 TRAINED = ("ppo", "hybrid")  # with a set for each seed
 DEGREES = 180.0 / math.pi
 FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
-GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own")
+BY_HAND: Mapping[str, str] = {"tuned": "by hand", "robust": "by hand, disturbed"}  # what such a set is called
+FOUND = (*BY_HAND, *BY_HAND.values())  # sets that are complete, with the speed that was asked for
+GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own", *BY_HAND.values())
 _REACTIVE = {
     "patience": math.inf,
     "recall": 0.0,
@@ -39,6 +46,7 @@ PAPER: Mapping[str, Mapping[str, Any]] = {
     "vfh_plus": {**_REACTIVE, "magnitudes": "sum"},
     "dwa": {**_REACTIVE, "progress": 0.0, "room": 0.0},  # Fox's three terms alone
     "orca": {"roadmap": False},  # straight at the goal
+    "orca_team": {"turn": 0.0, "stuck_turn": 0.0},  # nothing against deadlocks
 }
 ROBUST_LEVEL = "moderate"  # of disturbance, under which robust gains are tuned
 TRANSFER_SPLIT = "validation"  # by which gains are chosen: the generalisation gap is the score here minus that on test
@@ -89,7 +97,7 @@ class Bar:
     """What a training seed must reach on the validation split, or has failed: that of the presets that ship."""
 
     words: str
-    reached: Callable[[Sequence[Row]], bool | None]  # of its rows there; None: they do not tell
+    reached: Callable[[Episodes], bool | None]  # of its rows there; None: they do not tell
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,9 +158,9 @@ class Published:
 PACE_TOLERANCE = 0.03
 
 
-def driven(rows: Sequence[Row]) -> tuple[int, int]:
+def driven(rows: Episodes) -> tuple[int, int]:
     """Returns the number of episodes and of their frames."""
-    return len(rows), sum(round(number(row, "time") / CONTROL_PERIOD) for row in rows)
+    return len(rows), int(np.round(rows["time"] / CONTROL_PERIOD).sum())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,7 +172,8 @@ class Contest:
     overview: tuple[str, ...]  # those of them that matter, for the run that is made first and awaited
     env_kwargs: Mapping[str, Any]
     columns: tuple[Column, ...]
-    gap: Column  # what is compared between the splits: positive where the entry does better on TRANSFER_SPLIT
+    # what is compared between the splits: positive where the entry does better on TRANSFER_SPLIT; None: nothing is
+    gap: Column | None
     bar: Bar | None  # None: no agents are trained for it
     heat: Heat
     log_cost: bool  # whether figures show the cost on a logarithmic scale
@@ -174,24 +183,26 @@ class Contest:
     counted: str  # what a failure counts as, in the words of the note
     notes: str  # what a reader of the main table must know
     timed_on: str  # the family on which decisions are timed
-    score: Callable[
-        [Sequence[Row], Sequence[Any], float, float], Score
-    ]  # of rows, scenarios, asked and least speed, m/s
+    score: Callable[[Episodes, Sequence[Any], float, float], Score]  # of rows, scenarios, asked and least speed, m/s
     own_columns: tuple[Column, ...]  # of the table of one scenario of the user's own
     own_note: str  # what a reader of that table must know
     films: Mapping[bool, Film]  # of the environment for robots that are holonomic, and that are not
-    # what only this task's drives are measured by, besides `wayfield.benchmarks.metrics`
-    metrics: Mapping[str, Callable[[Trajectory], float]] = dataclasses.field(default_factory=dict)
+    # what only this task's drives are measured by, besides `wayfield.benchmarks.episodes.metrics`
+    metrics: Mapping[episode.Column, Callable[[Trajectory], float]] = dataclasses.field(default_factory=dict)
     # policies whose gains are searched here as those of another, since elsewhere they do something else
     searched_as: Mapping[str, str] = dataclasses.field(default_factory=dict)
     in_rooms: bool = False  # whether gains are searched and chosen in drawn rooms, too
     claims: tuple[str, ...] = ()  # of the policies, those whose differences are published on the split of that name
+    # kinds of scenes that verdicts are given for apart, each with its families; none: all together
+    scenes: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    compared_by: Cost | None = None  # what verdicts and leaderboards compare successes by; None: the task's cost
     # of a public benchmark
     label: str = ""  # the name of the suite; "": the task's
     heading: str = ""  # of its tables; "": the task's
     rules: Rules | None = None
     on_request: tuple[str, ...] = ()  # of the policies, those that drive only where they are named: they take too long
     published: tuple[Published, ...] = ()
+    cross: bool = False  # whether every entry shares its teams, half and half, with every other policy
 
     @property
     def name(self) -> str:
@@ -207,6 +218,21 @@ class Contest:
     def stem(self) -> str:
         """Returns what the names of the contest's files begin with."""
         return self.name.replace("-", "_")
+
+    @property
+    def cost(self) -> Cost:
+        """Returns what verdicts and leaderboards compare successes by."""
+        return self.compared_by or self.spec.cost
+
+    def of_rows(self, rows: Episodes) -> "Contest":
+        """Returns the contest as it compares some rows: by the task's cost, where a success among them lacks the own.
+
+        Rows of earlier versions do.
+        """
+        by = self.compared_by
+        if by is None or (by.metric in rows.names and not np.isnan(rows.where(success=1.0).numbers(by.metric)).any()):
+            return self
+        return dataclasses.replace(self, compared_by=None)
 
     @property
     def cost_header(self) -> str:
@@ -245,8 +271,8 @@ class Contest:
         disturbed = {} if disturbance == "none" else {"disturbance": disturbance}
         conditions = {"robot": shipped_name(robot), **disturbed}
         asked = self.rules.speed if speed is None and self.rules else speed
-        for name, gains_name, gains, entrant in self._sets(robot, entrants, asked):
-            if asked is not None and gains_name not in ("tuned", "robust"):
+        for name, gains_name, gains, entrant, beside in self._crossed(robot, entrants, asked):
+            if asked is not None and gains_name not in FOUND:
                 at_speed = _cruising(name, gains, entrant, asked)
                 if at_speed is None and speed is not None:
                     continue
@@ -266,7 +292,26 @@ class Contest:
                 split=course.split,
                 entrant=entrant,
                 rules=self.rules,
+                beside=beside,
             )
+
+    def _crossed(
+        self, robot: Robot, entrants: Entrants, speed: float | None
+    ) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None, str]]:
+        """Yields what `_sets` does, and who drives the other half of a team; in a cross-play every pair, once each way.
+
+        In a cross-play a policy has one set of gains, the first.
+        """
+        sets = list(self._sets(robot, entrants, speed))
+        if not self.cross:
+            yield from ((*each, "") for each in sets)
+            return
+        firsts = {each[0]: each for each in reversed(sets)}
+        for name in dict.fromkeys(each[0] for each in sets):
+            _, _, gains, entrant = firsts[name]
+            for beside in entrants.policies:
+                if beside != name and beside in firsts:
+                    yield name, f"beside {beside}", gains, entrant, beside
 
     def _sets(
         self, robot: Robot, entrants: Entrants, speed: float | None
@@ -288,9 +333,9 @@ class Contest:
     ) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields the sets of a policy's gains for a robot and an asked speed (m/s), each with its name.
 
-        Sets that were tuned are complete; to others the asked speed is still to be told. The default gains stand in
-        for a set that was not tuned for robot and speed, and for one in whose search they came out best. Nothing was
-        trained or tuned for a robot that does not ship.
+        Sets that were found are complete; to others the asked speed is still to be told. The default gains stand in
+        for a set that was not tuned for robot and speed, and for one in whose search they came out best. A robust set
+        that is the tuned one is yielded once. Nothing was trained or tuned for a robot that does not ship.
         """
         robot = robot_of(robot)
         ships = ROBOTS.get(robot.name) == robot
@@ -302,13 +347,27 @@ class Contest:
         for gains_name, level in (("tuned", "none"), ("robust", ROBUST_LEVEL)):
             if gains_name in gains_names or (gains_name == "tuned" and "best" in gains_names):
                 found[gains_name] = tuned_set(name, self.spec.suite, robot.name, pace, level) if ships else None
-        better = {gains_name: each for gains_name, each in found.items() if each and each.chosen == "search"}
+        better = {gains_name: each for gains_name, each in found.items() if each and each.chosen != "default"}
         if "default" in gains_names or ("tuned" in found and "tuned" not in better):
             yield "default", {}
+        given: list[Mapping[str, Any]] = []
         for gains_name, each in better.items():
-            yield gains_name, dict(each.gains)
+            if each.gains not in given:
+                yield gains_name if each.chosen == "search" else BY_HAND[gains_name], dict(each.gains)
+            given.append(each.gains)
         if name in PAPER and "paper" in gains_names:
             yield "paper", dict(PAPER[name])
+
+    def without_agents(self, names: Iterable[str], robot: AnyRobot) -> dict[str, str]:
+        """Returns the trained policies among names of which no agent ships for the robot, each with a line about it."""
+        robot = robot_of(robot)
+        given = robot.name if isinstance(shipped_name(robot), str) else f"{robot.name}.json"
+        return {
+            name: f"policies {name!r}: no agent ships for {self.spec.name} with {robot}; "
+            f"wayfield train {self.env_id(robot)} --robot {given} trains one"
+            for name in names
+            if name in TRAINED and not any(self.gain_sets(name, robot, ()))
+        }
 
     def own_sets(self, home: str, robot: AnyRobot) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields the agents in a folder of training runs, if they are for the task and the robot.
@@ -323,6 +382,20 @@ class Contest:
             card = read_card(folder / CARD)
             if card["task"] == self.spec.name and drives(card, robot):
                 yield Path(home).resolve().name, {"seed": seed, "home": home}
+
+
+def with_agents(
+    contests: Iterable[Contest], names: tuple[str, ...], robot: AnyRobot, others: bool = False
+) -> tuple[tuple[str, ...], list[str]]:
+    """Returns the policies of which agents are there, and a line about each trained one that is left out.
+
+    Args:
+        others: whether others take part as well; where nobody does, all names are returned, and the error will tell.
+    """
+    lines = [each.without_agents(names, robot) for each in contests]
+    untrained = {name: line for name, line in lines[0].items() if all(name in each for each in lines)}
+    kept = tuple(name for name in names if name not in untrained)
+    return (kept, [f"{line}; it is left out" for line in untrained.values()]) if kept or others else (names, [])
 
 
 def _cruising(name: str, gains: Mapping[str, Any], entrant: Entrant | None, speed: float) -> dict[str, Any] | None:

@@ -19,9 +19,11 @@ from wayfield.benchmarks.contests.contest import (
     Score,
     driven,
 )
-from wayfield.benchmarks.results import Row, number
-from wayfield.benchmarks.trajectory import Trajectory
+from wayfield.benchmarks.records import episode
+from wayfield.benchmarks.records.episode import Episodes
+from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.scenarios import TASKS
+from wayfield.policies.registry import entering
 
 _SPEC = TASKS["docking"]
 BAR_SUCCESS = 0.8  # of the preset
@@ -38,26 +40,23 @@ def direction_changes(trajectory: Trajectory) -> float:
     return float((np.diff(signs) != 0.0).sum())
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
+def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
     """Returns the failures, and the mean time of the successes over the clock as the quality; no speed is asked for."""
     del scenarios, speed, least
-    won = [row for row in rows if number(row, "success") == 1.0]
-    quality = statistics.fmean(number(row, "time") / _SPEC.cost.failure for row in won) if won else 1.0
-    mean_speed = statistics.fmean(number(row, "mean_speed") for row in won) if won else math.nan
+    won = rows.where(success=1.0)
+    quality = statistics.fmean(won["time"] / _SPEC.cost.failure) if won else 1.0
+    mean_speed = statistics.fmean(won["mean_speed"]) if won else math.nan
     return Score(len(rows) - len(won), 0, quality, mean_speed, *driven(rows))
 
 
-def reached(rows: Sequence[Row]) -> bool | None:
+def reached(rows: Episodes) -> bool | None:
     """Returns whether a seed reaches the bar of its preset."""
-    return statistics.fmean(number(row, "success") for row in rows) >= BAR_SUCCESS if rows else None
+    return statistics.fmean(rows["success"]) >= BAR_SUCCESS if rows else None
 
 
 DOCKING = Contest(
     spec=_SPEC,
-    policies=(
-        *("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "waypoint", "apf_corrected"),
-        *("ppo", "zero", "random"),
-    ),
+    policies=entering(_SPEC.suite),
     overview=("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "ppo"),
     claims=("smooth_pose_backward", "mpc_pose", "reeds_shepp", "ppo"),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
@@ -88,6 +87,7 @@ DOCKING = Contest(
         "do not see what stands around, so that wall, berth and moving show what that costs. waypoint drives omni "
         "bases only. Simulation only."
     ),
+    scenes={"nothing around": ("open", "behind"), "at a wall or in a berth": ("wall", "berth"), "moving": ("moving",)},
     timed_on="open",
     score=score,
     own_columns=(
@@ -104,6 +104,8 @@ DOCKING = Contest(
         False: Film("reeds_shepp", "berth/train", 3, "p3dx"),
         True: Film("apf_corrected", "wall/train", 2, "omni3"),
     },
-    metrics={"direction_changes": direction_changes},
+    metrics={
+        episode.Column("direction_changes", float, "", "changes between forward and backward"): direction_changes,
+    },
     searched_as={"smooth_pose": "smooth_pose_backward"},
 )

@@ -17,39 +17,38 @@ from wayfield.benchmarks.contests.contest import (
     Score,
     driven,
 )
-from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.scenarios import TASKS
+from wayfield.policies.registry import entering
 
 # Of the public benchmarks, where a way is long or a scan dense: 8 ms a decision and more.
 ON_REQUEST = ("mppi", "nav2_mppi")
 ON_REQUEST_NOTE = "mppi and nav2_mppi take minutes a run: they drive where --policies names them, or says all."
+_SPEC = TASKS["goal_reaching"]
 BAR_FAMILY, BAR_SUCCESS, BAR_COLLISION = "clutter_10", 0.9, 0.03  # of the presets
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
+def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
     """Returns the failures, and 1 minus the mean SCT as the quality; the asked speed is the most that is driven."""
     del scenarios, speed, least
-    won = [row for row in rows if number(row, "success") == 1.0]
-    mean_speed = statistics.fmean(number(row, "mean_speed") for row in won) if won else math.nan
-    quality = 1.0 - statistics.fmean(number(row, "sct") for row in rows)
+    won = rows.where(success=1.0)
+    mean_speed = statistics.fmean(won["mean_speed"]) if won else math.nan
+    quality = 1.0 - statistics.fmean(rows["sct"])
     return Score(len(rows) - len(won), 0, quality, mean_speed, *driven(rows))
 
 
-def reached(rows: Sequence[Row]) -> bool | None:
+def reached(rows: Episodes) -> bool | None:
     """Returns whether a seed reaches the bar of its preset; None without scenes of that family."""
-    there = [row for row in rows if row["family"] == BAR_FAMILY]
+    there = rows.where(family=BAR_FAMILY)
     if not there:
         return None
-    won, hit = (statistics.fmean(number(row, name) for row in there) for name in ("success", "collision"))
+    won, hit = (statistics.fmean(there[name]) for name in ("success", "collision"))
     return won >= BAR_SUCCESS and hit <= BAR_COLLISION
 
 
 GOAL_OBSTACLES = Contest(
-    spec=TASKS["goal_reaching"],
-    policies=(
-        *("apf_documented", "apf_corrected", "vfh_plus", "dwa", "mppi", "nav2_dwb", "nav2_mppi", "orca"),
-        *("scan_planner", "astar_tracker", "ppo", "hybrid"),
-    ),
+    spec=_SPEC,
+    policies=entering(_SPEC.suite),
     in_rooms=True,
     overview=("apf_corrected", "vfh_plus", "dwa", "scan_planner", "astar_tracker", "ppo", "hybrid"),
     claims=("vfh_plus", "scan_planner", "astar_tracker", "ppo", "hybrid"),
@@ -83,6 +82,10 @@ GOAL_OBSTACLES = Contest(
     notes=(
         "Policies that know the map are told what others must find out: they are an upper reference. Simulation only."
     ),
+    scenes={
+        "still": tuple(family for family in _SPEC.families if not family.startswith("moving")),
+        "moving": tuple(family for family in _SPEC.families if family.startswith("moving")),
+    },
     timed_on="clutter_10",
     score=score,
     own_columns=(

@@ -6,9 +6,9 @@ Source: Wen et al., MRPB 1.0: a unified benchmark for the evaluation of mobile r
 
 import dataclasses
 
-from wayfield.benchmarks.cases import Rules
 from wayfield.benchmarks.contests.contest import COST, Column
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
+from wayfield.benchmarks.records.cases import Rules
 
 ASKED = 0.55  # m/s, the benchmark's bound for the P3DX
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.benchmarks.aggregates import iqm
 from wayfield.benchmarks.contests.contest import (
     COST,
     DEGREES,
@@ -20,32 +19,39 @@ from wayfield.benchmarks.contests.contest import (
     Score,
     driven,
 )
-from wayfield.benchmarks.results import Row, number
+from wayfield.benchmarks.records.episode import Episodes
+from wayfield.benchmarks.statistics.aggregates import iqm
 from wayfield.envs.scenarios import TASKS
+from wayfield.envs.tasks.specs import Cost
+from wayfield.policies.registry import entering
 from wayfield.policies.tuned import PACE
 
 _SPEC = TASKS["path_following"]
 
-LEAST_ERROR = 1e-3  # m, below which errors are alike
+TRACKING = Cost("tracking_rms", "tracking error", "m", 5, _SPEC.cost.failure)  # after the path is held
+LEAST_TRACKING, LEAST_AREA = 1e-4, 1e-2  # m and m s, below which sets of gains are alike
 BAR = 0.0148  # m, of the presets: tuned pure pursuit's when they were made
 
 
-def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: float) -> Score:
+def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
     """Returns the failures, whether the asked speed (m/s) is held, and the quality of the successes.
 
-    That is the mean of ln(RMS error / 1 mm) where the speed is held. Where it is not, ln(time / time at the asked
-    speed) is added: a policy that halves its error by taking twice the time gains nothing; and one that is slower than
-    `least` (m/s) comes after all that are not. A run that fails counts with the task's cost of a failure.
+    That is the mean of the logarithms of the area of acquisition and of the tracking error, each over the least that
+    matters, where the speed is held. Where it is not, ln(time / time at the asked speed) is added: a policy that halves
+    its error by taking twice the time gains nothing; and one that is slower than `least` (m/s) comes after all that are
+    not. A run that fails counts with the task's cost of a failure.
     """
     speeds, terms = [], []
     for row, scenario in zip(rows, scenarios, strict=True):
-        if number(row, "success") != 1.0:
-            terms.append((math.log(_SPEC.cost.failure / LEAST_ERROR), 0.0))
+        if row["success"] != 1.0:
+            terms.append((0.5 * math.log(TRACKING.failure**2 / (LEAST_AREA * LEAST_TRACKING)), 0.0))
             continue
         length = max(scenario.laps, 1) * scenario.path.length
-        late = math.log(max(number(row, "time") * speed / length, 1e-3))
-        terms.append((math.log(max(number(row, _SPEC.cost.metric), LEAST_ERROR) / LEAST_ERROR), late))
-        speeds.append(number(row, "mean_speed"))
+        late = math.log(max(row["time"] * speed / length, 1e-3))
+        area, tracking = (row[name] for name in ("acquisition_area", TRACKING.metric))
+        measured = max(area, LEAST_AREA) * max(tracking, LEAST_TRACKING)
+        terms.append((0.5 * math.log(measured / (LEAST_AREA * LEAST_TRACKING)), late))
+        speeds.append(row["mean_speed"])
     mean_speed = statistics.fmean(speeds) if speeds else math.nan
     held = abs(mean_speed - speed) <= PACE_TOLERANCE * speed
     off_pace = 0 if held else 2 if mean_speed < least - 1e-9 else 1
@@ -55,26 +61,23 @@ def score(rows: Sequence[Row], scenarios: Sequence[Any], speed: float, least: fl
     )
 
 
-def reached(rows: Sequence[Row]) -> bool:
+def reached(rows: Episodes) -> bool:
     """Returns whether a seed's RMS error on the validation split, failures counted, is under the bar."""
-    errors = [
-        number(row, _SPEC.cost.metric) if number(row, "success") == 1.0 else number(row, "failure_cost") for row in rows
-    ]
-    return bool(iqm(np.array(errors)) < BAR)
+    errors = np.where(rows["success"] == 1.0, rows[_SPEC.cost.metric], rows["failure_cost"])
+    return bool(iqm(errors) < BAR)
 
 
 PATH_FOLLOWING = Contest(
     spec=_SPEC,
-    policies=(
-        *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "smooth_pose"),
-        *("stanley", "lqr", "mpc", "ppo"),
-    ),
+    policies=entering(_SPEC.suite),
     overview=("pure_pursuit", "regulated_pure_pursuit", "stanley", "mpc", "ppo"),
     env_kwargs={},
     columns=(
         Column("RMS error (m)", COST, 4, reduction="mean"),
         Column("typical (m)", COST, 4, with_interval=True),
-        Column("after 1 m (m)", "settled_rms", 4, with_interval=True, imputed=True),
+        Column("acquisition (s)", "acquisition_time", 2, successes_only=True),
+        Column("area (mm s)", "acquisition_area", 1, 1e3, successes_only=True),
+        Column("tracking (m)", "tracking_rms", 4, with_interval=True, imputed=True),
         Column("worst (m)", "cross_track_max", 3, reduction="max", imputed=True),
         Column("p95 (m)", "cross_track_p95", 4, imputed=True),
         Column("RMS over time (m)", "cross_track_rms_time", 4, imputed=True),
@@ -91,12 +94,14 @@ PATH_FOLLOWING = Contest(
     log_cost=True,
     speeds=(0.3, 0.45, 0.6, 0.75, 0.9, 1.05),
     pace=PACE,
-    ranked=((COST, 1.0),),
-    counted="an RMS error of 1 m",
+    ranked=(("success", -1.0), (COST, 1.0)),
+    compared_by=TRACKING,
+    counted="an error of 1 m",
     notes=(
-        "RMS error is the mean over all runs, in which every failure counts; 'typical' is the interquartile mean, "
-        "which a few failures leave as it is, and so is 'after 1 m', where the start beside the path is left out. "
-        "'worst' is the greatest error of any run. Simulation only."
+        "RMS error is the mean over all runs and the driven arc length, in which every failure counts; 'typical' is "
+        "its interquartile mean, which a few failures leave as it is. Acquisition and area last until the path is "
+        "held, tracking is the RMS error over time after that. 'worst' is the greatest error of any run. Simulation "
+        "only."
     ),
     timed_on="splines",
     score=score,

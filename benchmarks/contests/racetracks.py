@@ -5,8 +5,8 @@ Source: TUMFTM/racetrack-database (LGPL-3.0). Nothing is trained or tuned on the
 
 import dataclasses
 
-from wayfield.benchmarks.cases import Rules
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
+from wayfield.benchmarks.records.cases import Rules
 from wayfield.policies.tuned import PACE
 
 SCALE = 1.0 / 50.0

@@ -5,15 +5,14 @@ from pathlib import Path
 import click
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, OVERVIEW
-from wayfield.benchmarks.decisions import DECISIONS, read_decisions
-from wayfield.benchmarks.document_tables import document_tables, ranked, reproduced
-from wayfield.benchmarks.documents import documents
-from wayfield.benchmarks.page import read_object
+from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
+from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
+from wayfield.benchmarks.records.results import EPISODES, read_rows
+from wayfield.benchmarks.records.run_folder import REPORT, read_manifest
 from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET, Section, write_page
-from wayfield.benchmarks.results import EPISODES, read_rows
-from wayfield.benchmarks.run_folder import MANIFEST, REPORT
-from wayfield.benchmarks.standings import contest_tables
-from wayfield.envs.command_line import OneLineErrors
+from wayfield.benchmarks.runs.decisions import DECISIONS, read_decisions
+from wayfield.system.command_line import OneLineErrors
 
 
 def section_of(folder: Path, command: str) -> Section:
@@ -48,7 +47,7 @@ def main(folder: Path, out: Path | None) -> None:
     if not parts:
         raise click.UsageError(f"FOLDER {str(folder)!r} holds no run: there is no {EPISODES}")
     try:
-        command = read_object(parts[0] / MANIFEST)["command"]
+        command = read_manifest(parts[0])["command"]
     except (OSError, ValueError, LookupError):
         command = "not known"
     target = out or folder / REPORT

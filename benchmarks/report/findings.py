@@ -5,35 +5,50 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayfield.benchmarks.aggregates import iqm, mean
 from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Column, Contest
-from wayfield.benchmarks.entries import (
+from wayfield.benchmarks.leaderboards.entries import (
+    COMPARED,
+    MAP,
     OFF_PACE,
     Entry,
     by_entry,
-    by_slowness,
-    costs,
-    failing,
     label,
     mean_interval,
     mean_speed,
     off_pace,
+    scenarios,
     seeds_told,
     shown_speed,
     success_interval,
-    values,
+    successes,
+    typical_cell,
 )
-from wayfield.benchmarks.matrix import Runs, how_often_better, success_difference
-from wayfield.benchmarks.paired import SIGNIFICANT, Difference, holm
-from wayfield.benchmarks.results import Row
-from wayfield.benchmarks.standings import Standings, front_points
-from wayfield.benchmarks.standings import ranked as in_order
-from wayfield.benchmarks.table import Table
-from wayfield.envs.disturbances import LEVELS
+from wayfield.benchmarks.leaderboards.leaderboard import Standings, front_points
+from wayfield.benchmarks.leaderboards.leaderboard import ranked as in_order
+from wayfield.benchmarks.leaderboards.matrix import Runs, how_often_better
+from wayfield.benchmarks.leaderboards.verdicts import (
+    ALIKE,
+    FEW,
+    FIRST,
+    LOSES,
+    OTHER,
+    SCENES,
+    SLOWER,
+    WINS,
+    Verdict,
+    by_scenes,
+    judged,
+    pairs_table,
+)
+from wayfield.benchmarks.records.episode import Episodes, text
+from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.statistics.aggregates import iqm, mean
+from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import TIERS
 
-MAP = "map"  # what an upper reference is told
 MOST_SMALL = 3  # rivals in the small table
+
+TOO_FEW = "too few scenarios to tell policies apart"
 
 Chart = dict[str, Any]
 
@@ -49,63 +64,71 @@ class Finding:
 
 @dataclasses.dataclass(frozen=True)
 class _Standing:
-    """One entry's share of successes and its cost, each with its 95 % interval where there are enough scenarios."""
+    """One entry's share of successes, and what a success comes to."""
 
     entry: Entry
     told: str
     success: tuple[float, ...]  # value, low and high; the value alone of too few scenarios
-    cost: tuple[float, ...]  # the mean over all runs, by which the full table ranks
+    cost: str  # of the successes, with its interval, as tables show it; "" without one
     speed: float  # m/s, mean of the successes
-    away: bool  # whether that is off the speed that was asked for: such entries stand below the others
+    away: bool  # whether that is off the speed that was asked for
     score: tuple[float, ...]  # the mean of what it is ranked by, where that is neither success nor cost; else nothing
 
 
-def found(contest: Contest, robot: str, rows: Sequence[Row]) -> Finding:
-    """Returns the finding of the episodes of one contest and robot, those that entries are ranked on."""
+def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
+    """Returns the finding of the episodes of one contest and robot: who comes first, on the splits that are ranked.
+
+    The verdicts are those of the table of pairs of the same rows, corrected for all of its lines.
+    """
+    table = pairs_table(rows, "")
+    lines = [dict(zip(table.header, line, strict=True)) for line in table.rows]
+    verdicts = {(line[SCENES], line[FIRST], line[OTHER]): each for line, each in zip(lines, judged(lines), strict=True)}
+    rows = rows.where(split=COMPARED)
+    contest = contest.of_rows(rows)
     entries = by_entry(rows)
-    standings = {entry: _standing(entry, mine, contest) for entry, mine in entries.items()}
-    by_cost = contest.heat.metric == COST
-    ranked = [standings[entry] for entry in in_order(Standings(contest, "", entries, ""))]
-    rivals = [each for each in ranked if MAP not in each.told] or ranked
-    best = rivals[0]
-    # of what they are ranked by: who fails more often and is quicker where it succeeds has not drawn
-    first, *others = (Runs.of(entries[each.entry], contest) for each in rivals)
-    compared = how_often_better if by_cost else success_difference
-    ps = holm([compared(first, each).p for each in others])
-    # who errs as little by driving slower has not drawn
-    level = [each for each, p in zip(rivals[1:], ps, strict=True) if p >= SIGNIFICANT and each.away == best.away]
-    told = not any(math.isnan(p) for p in ps)  # of too few scenarios nothing is said
-    count = len({(row["scenario"], row["episode"]) for row in rows})
-    families = len({row["family"] for row in rows})
-    if len(rivals) == 1:
-        verdict = f"{label(best.entry)} has no rival: {_achieved(best, contest, by_cost)}."
-    else:
-        verdict = _who(best, level, contest, by_cost) if told else _first(best, contest, by_cost)
+    told = []
+    for scenes, mine in by_scenes(contest, rows).items():
+        standings = _standings(contest, mine)
+        words = _who(standings, {pair[1:]: each for pair, each in verdicts.items() if pair[0] == scenes}, contest)
+        told.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
+    ranked = _standings(contest, rows)
+    rivals = _rivals(ranked)
+    if len(told) > 1 and all(each.endswith(f"{TOO_FEW}.") for each in told):  # said once
+        told = [f"{label(rivals[0].entry)} comes first ({_achieved(rivals[0], contest)}); {TOO_FEW}."]
     sentence = (
         f"{contest.title} with {robot}: {_count(len(entries), 'policy', 'policies')} on the same "
-        f"{_count(count, 'scenario', 'scenarios')} of {_count(families, 'family', 'families')}. {verdict}"
+        f"{_count(scenarios(rows), 'scenario', 'scenarios')} of "
+        f"{_count(len(rows.unique('family')), 'family', 'families')}. {' '.join(told)}"
     )
     if len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.told)
-        reference = _achieved(above, contest, by_cost)
-        sentence += f" {label(above.entry)}, told the map, is the upper reference: {reference}."
-    small, seeds = _small(contest, robot, rivals, level, ranked, by_cost), seeds_told(rows, contest)
+        sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
+    small, seeds = _small(contest, robot, rivals, ranked), seeds_told([rows], contest)
     if "alone" in seeds:
         small = dataclasses.replace(small, note=f"{small.note} Trained agents: {seeds}.")
-    charts = [_bars(contest, robot, list(standings.values()), by_cost), _duels(contest, robot, entries)]
-    charts.append(_heat(contest, robot, entries))
-    return Finding(sentence, small, tuple(charts))
+    charts = (_bars(contest, robot, ranked), _duels(contest, robot, entries), _heat(contest, robot, entries))
+    return Finding(sentence, small, charts)
 
 
-def _standing(entry: Entry, rows: Sequence[Row], contest: Contest) -> _Standing:
-    cost = costs(rows, contest)
+def _standings(contest: Contest, rows: Episodes) -> list[_Standing]:
+    """Returns the entries as they are ranked."""
+    entries = in_order(Standings(contest, "", by_entry(rows), ""))
+    return [_standing(entry, mine, contest) for entry, mine in entries.items()]
+
+
+def _rivals(ranked: Sequence[_Standing]) -> list[_Standing]:
+    """Returns the entries without those that have access to the map, unless there are no others."""
+    return [each for each in ranked if MAP not in each.told] or list(ranked)
+
+
+def _standing(entry: Entry, rows: Episodes, contest: Contest) -> _Standing:
     column = _scored(contest)
-    scores = values(rows, column.metric) if column else None
+    scores = rows.numbers(column.metric) if column else None
     return _Standing(
         entry,
         rows[0]["knows"],
-        (float(values(rows, "success").mean()), *(success_interval(rows) or ())),
-        (float(mean(cost)), *(mean_interval(rows, cost, float(values(rows, "failure_cost").mean())) or ())),
+        (float(rows["success"].mean()), *(success_interval(rows) or ())),
+        typical_cell(rows, contest.cost.metric, contest),
         mean_speed(rows),
         off_pace(rows, contest.pace),
         () if scores is None else (float(mean(scores)), *(mean_interval(rows, scores, 0.0) or ())),
@@ -128,104 +151,100 @@ def _with_ends(found: tuple[float, ...], factor: float, decimals: int) -> str:
     return f"{value} [{ends[0]}, {ends[1]}]" if ends else value
 
 
-def _achieved(each: _Standing, contest: Contest, by_cost: bool) -> str:
-    if not by_cost:
-        return f"success {_with_ends(each.success, 100.0, 1)} %"
-    cost = contest.spec.cost
-    return f"{cost.name} {_with_ends(each.cost, 1.0, cost.decimals)} {cost.unit}"
+def _achieved(each: _Standing, contest: Contest) -> str:
+    success = f"success {_with_ends(each.success, 100.0, 1)} %"
+    if not each.cost:
+        return success
+    unit = "mm" if contest.cost.unit == "m" else contest.cost.unit
+    pace = "" if contest.pace is None else f" at {shown_speed(each.speed, 2)} m/s"
+    return f"{success}, {contest.cost.name} {each.cost} {unit}{pace}"
 
 
-def _who(best: _Standing, level: Sequence[_Standing], contest: Contest, by_cost: bool) -> str:
-    won = _achieved(best, contest, by_cost)
-    if not level:
-        return f"{label(best.entry)} wins: {won}."
-    names = [label(each.entry) for each in level]
-    with_whom = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    by = "in pairs" if by_cost else "by their success"
-    return f"A draw: {label(best.entry)} ({won}) and {with_whom} cannot be told apart {by}."
+def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict], contest: Contest) -> str:
+    """Returns who comes first of those without the map, and beside whom that is open."""
+    rivals = _rivals(ranked)
+    best = rivals[0]
+    name, won = label(best.entry), _achieved(best, contest)
+    if len(rivals) == 1:
+        return f"{name} has no rival: {won}."
+    found = {}
+    for each in rivals[1:]:
+        pair = name, label(each.entry)
+        found[pair[1]] = verdicts[pair].outcome if pair in verdicts else _FLIPPED[verdicts[pair[::-1]].outcome]
+    if FEW in found.values():
+        return f"{name} comes first ({won}); {TOO_FEW}."
+    open_with = [other for other, outcome in found.items() if outcome == ALIKE]
+    at_cost = [other for other, outcome in found.items() if outcome == SLOWER]
+    # success is ranked by its mean: of those that it does not tell apart one may be quicker, or err less
+    behind = [other for other, outcome in found.items() if outcome == LOSES]
+    told = f"{name} comes first: {won}."
+    if behind:
+        better = "quicker" if contest.cost.unit == "s" else "closer"
+        told += f" Without a significant difference in success {_named(behind)} {_is(behind)} {better}."
+    if open_with:
+        told += f" Not significantly different: {_named(open_with)}."
+    if at_cost:
+        told += f" At another speed: {_named(at_cost)}."
+    return told
 
 
-def _first(best: _Standing, contest: Contest, by_cost: bool) -> str:
-    """Returns who comes first where there are too few scenarios to say more."""
-    won = _achieved(best, contest, by_cost)
-    return f"{label(best.entry)} comes first ({won}); too few scenarios to tell policies apart."
+_FLIPPED = {WINS: LOSES, LOSES: WINS, ALIKE: ALIKE, SLOWER: SLOWER, FEW: FEW}
 
 
-def _small(
-    contest: Contest,
-    robot: str,
-    rivals: Sequence[_Standing],
-    level: Sequence[_Standing],
-    ranked: Sequence[_Standing],
-    by_cost: bool,
-) -> Table:
+def _named(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _is(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"
+
+
+def _small(contest: Contest, robot: str, rivals: Sequence[_Standing], ranked: Sequence[_Standing]) -> Table:
     """Returns the small table: the first few, then the trained agents and the best upper reference."""
     shown = list(rivals[:MOST_SMALL])
     trained = [each for each in ranked if each.entry[1] == "trained"]
     told_map = [each for each in ranked if MAP in each.told]
     shown += [each for more in (trained, told_map[:1]) for each in more if each not in shown]
-    cost, decimals = contest.spec.cost, contest.spec.cost.decimals
     column = _scored(contest)
     lines = []
     for each in shown:
-        verdict = "first" if each is rivals[0] else "draw" if each in level else ""
-        if MAP in each.told and rivals[0].told != each.told:
-            verdict = "told map"
-        elif each.away and not rivals[0].away:
-            verdict = "off speed"
-        shares, of_cost = _with_ends(each.success, 100.0, 1), _with_ends(each.cost, 1.0, decimals)
         score = [_with_ends(each.score, 1.0, 3)] if column else []
         speed = shown_speed(each.speed, 2) + OFF_PACE * each.away
-        lines.append([label(each.entry), *score, shares, of_cost, speed, verdict])
-    name = cost.name if by_cost else f"imputed {cost.name}"
-    by = column.header if column else cost.name if by_cost else "success"
-    header = ["policy", *([by] if column else []), "success (%)", f"{name} ({cost.unit})", "speed (m/s)", "verdict"]
+        lines.append([label(each.entry), *score, _with_ends(each.success, 100.0, 1), each.cost, speed, each.told])
+    cost = contest.cost
+    unit = "mm" if cost.unit == "m" else cost.unit
+    header = ["policy", *([column.header] if column else []), "success (%)", f"{cost.name} ({unit})", "speed (m/s)"]
     note = (
-        f"Ranked by {by}. Brackets: 95 % intervals, where there are scenarios enough. "
-        f"{name[0].upper()}{name[1:]} is the mean over all runs, a failure counted as {failing(contest)}. Speed is "
-        "that of the successes. Draws: not told apart from the first by a paired test, after Holm's correction. "
+        f"Ranked by {column.header if column else f'success, then by {cost.name}'}. Brackets: 95 % intervals, where "
+        f"there are scenarios enough. {cost.name[0].upper()}{cost.name[1:]} and speed are those of the successes. "
         f"{len(ranked) - len(shown)} more are in the full table."
     )
     if any(each.away for each in shown):
-        note += (
-            f" {OFF_PACE}: off the {contest.pace:g} m/s asked for by more than {100.0 * PACE_TOLERANCE:.0f} %; such "
-            "entries stand below the others, the nearest to it first, and are not ranked."
-        )
-    return Table(f"{contest.title}, {robot}", header, lines, note)
+        note += f" {OFF_PACE}: off the {contest.pace:g} m/s asked for by more than {100.0 * PACE_TOLERANCE:.0f} %."
+    return Table(f"{contest.title}, {robot}", [*header, "has access to"], lines, note)
 
 
-def _bars(contest: Contest, robot: str, standings: Sequence[_Standing], by_cost: bool) -> Chart:
-    """Returns success, or the cost where that tells entries apart, of each entry with its interval."""
-    cost = contest.spec.cost
-    unit, name, factor = (cost.unit, cost.name, 1.0) if by_cost else ("%", "success", 100.0)
-    rows = [
-        {"label": label(each.entry), "values": [factor * value for value in (each.cost if by_cost else each.success)]}
-        for each in standings
-    ]
+def _bars(contest: Contest, robot: str, ranked: Sequence[_Standing]) -> Chart:
+    """Returns the success of each entry with its interval."""
+    rows = [{"label": label(each.entry), "values": [100.0 * value for value in each.success]} for each in ranked]
     return {
         "kind": "bars",
-        "title": f"{contest.title}, {robot}: {name} ({unit})",
-        "unit": unit,
-        "log": by_cost and contest.log_cost,
-        "decimals": cost.decimals if by_cost else 1,
-        "most": None if by_cost else 100.0,
+        "title": f"{contest.title}, {robot}: success (%)",
+        "unit": "%",
+        "decimals": 1,
+        "most": 100.0,
         "rows": rows,
     }
 
 
-def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> Chart:
-    """Returns how often the entry of a line does better than that of a column, and whether a paired test is sure."""
+def _duels(contest: Contest, robot: str, entries: Mapping[Entry, Episodes]) -> Chart:
+    """Returns how often the entry of a line does better than that of a column; a share, and no verdict."""
     runs = [Runs.of(rows, contest) for rows in entries.values()]
-    cells: list[list[list[float] | None]] = [[None] * len(runs) for _ in runs]
-    pairs: dict[tuple[int, int], Difference] = {}
+    cells: list[list[float | None]] = [[None] * len(runs) for _ in runs]
     for i, a in enumerate(runs):
         for j, b in enumerate(runs[:i]):
-            pairs[i, j] = how_often_better(a, b)
-    speeds = [mean_speed(rows) for rows in entries.values()]
-    for ((i, j), each), p in zip(pairs.items(), holm([each.p for each in pairs.values()]), strict=True):
-        ahead, behind = (speeds[i], speeds[j]) if each.value > 0.0 else (speeds[j], speeds[i])
-        sure = float(p < SIGNIFICANT and not by_slowness(ahead, behind, contest))
-        cells[i][j], cells[j][i] = [0.5 + each.value, sure], [0.5 - each.value, sure]
+            share = how_often_better(a, b).value
+            cells[i][j], cells[j][i] = 0.5 + share, 0.5 - share
     return {
         "kind": "duels",
         "title": f"{contest.title}, {robot}: policy against policy",
@@ -234,18 +253,19 @@ def _duels(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> 
     }
 
 
-def _heat(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> Chart:
+def _heat(contest: Contest, robot: str, entries: Mapping[Entry, Episodes]) -> Chart:
     """Returns success and cost of the successes of each entry in each family and in each tier."""
-    rows = [row for mine in entries.values() for row in mine]
-    columns = [("family", name) for name in dict.fromkeys(row["family"] for row in rows)]
-    columns += [("tier", name) for name in TIERS if any(row["tier"] == name for row in rows)]
+    families, tiers = (
+        dict.fromkeys(each for mine in entries.values() for each in mine.unique(name)) for name in ("family", "tier")
+    )
+    columns = [("family", name) for name in families] + [("tier", name) for name in TIERS if name in tiers]
     cells = []
     for mine in entries.values():
         line = []
         for column, name in columns:
-            group = [row for row in mine if row[column] == name]
-            won = [row for row in group if row["success"] == "1"]
-            cost = float(iqm(values(won, contest.spec.cost.metric))) if won else None
+            group = mine.where(**{column: name})
+            won = successes(group)
+            cost = float(iqm(won.numbers(contest.spec.cost.metric))) if won else None
             line.append([len(won), len(group), cost])
         cells.append(line)
     return {
@@ -264,18 +284,20 @@ def _heat(contest: Contest, robot: str, entries: Mapping[Entry, list[Row]]) -> C
     }
 
 
-def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
+def front_chart(contest: Contest, robot: str, rows: Episodes) -> Chart:
     """Returns the speed-accuracy front from the rows of its split; where no run succeeds there is no mean speed."""
+    contest = contest.of_rows(rows)
     series = []
     for entry, mine in by_entry(rows).items():
         points = [
             {"x": point.pace, "y": point.error, "low": point.error if math.isnan(point.low) else point.low,
-             "high": point.error if math.isnan(point.high) else point.high, "lost": point.lost, "asked": point.asked}
+             "high": point.error if math.isnan(point.high) else point.high, "lost": point.lost,
+             "asked": text(point.asked)}
             for point in front_points(contest, mine) if not math.isnan(point.pace)
         ]  # fmt: skip
         if points:
             series.append({"label": label(entry), "points": points})
-    cost = contest.spec.cost
+    cost = contest.cost
     return {
         "kind": "front",
         "title": f"{contest.title}, {robot}: speed and accuracy",
@@ -286,15 +308,16 @@ def front_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
     }
 
 
-def ladder_chart(contest: Contest, robot: str, rows: Sequence[Row]) -> Chart:
+def ladder_chart(contest: Contest, robot: str, rows: Episodes) -> Chart:
     """Returns the success of each entry at each level of disturbance."""
-    levels = [level for level in LEVELS if any(row["disturbance"] == level for row in rows)]
+    there = rows.unique("disturbance")
+    levels = [level for level in LEVELS if level in there]
     series = []
     for entry, mine in by_entry(rows).items():
         points = []
         for k, level in enumerate(levels):
-            group = [row for row in mine if row["disturbance"] == level]
-            share = float(values(group, "success").mean())
+            group = mine.where(disturbance=level)
+            share = float(group["success"].mean())
             low, high = success_interval(group) or (share, share)
             points.append({"x": k, "y": 100 * share, "low": 100 * low, "high": 100 * high, "asked": level})
         series.append({"label": label(entry), "points": points})

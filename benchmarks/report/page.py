@@ -5,6 +5,7 @@ import dataclasses
 import datetime
 import html
 import json
+import math
 import platform
 import re
 import subprocess
@@ -17,25 +18,27 @@ from typing import Any
 
 import wayfield
 from wayfield.benchmarks.contests import ALL_CONTESTS
-from wayfield.benchmarks.entries import COMPARED, label
-from wayfield.benchmarks.report.drives import MOST_DRIVES, Drive, packed, read_drives
+from wayfield.benchmarks.leaderboards.entries import COMPARED, label
+from wayfield.benchmarks.records.episode import Episodes, Row
+from wayfield.benchmarks.records.replays import MOST_DRIVES, Drive, packed, read_drives
+from wayfield.benchmarks.records.results import read_rows
+from wayfield.benchmarks.records.run_folder import DRIVES, WORLDS
+from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
 from wayfield.benchmarks.report.worlds import World, read_worlds
-from wayfield.benchmarks.results import Row, number, read_rows
-from wayfield.benchmarks.run_folder import DRIVES, WORLDS
-from wayfield.benchmarks.table import Table
-from wayfield.envs.identity import source_digest
 from wayfield.envs.robots import ROBOTS
+from wayfield.system.identity import source_digest
 
 BUDGET = 6_000_000  # bytes of a report
-SMALL_BUDGET = 1_500_000  # bytes of the overview's
+SMALL_BUDGET = 2_000_000  # bytes of the overview's
 
 STYLES = ("page.css", "charts.css", "replay.css")
 # in the order in which they need each other
 SCRIPTS = (
     *("data.js", "dom.js", "tables.js", "charts.js", "heat.js"),
     *("view.js", "scene.js", "traces.js", "replay.js", "picks.js"),
-    *("kernels.js", "simulator.js", "pilots.js", "files.js", "drive.js", "draws.js", "main.js"),
+    *("kernels.js", "simulator.js", "pilots.js", "files.js", "images.js", "robots.js"),
+    *("edit.js", "gains.js", "looks.js", "share.js", "drive.js", "draws.js", "main.js"),
 )
 OUTCOMES = ("success", "collision", "left_corridor", "timeout")
 MODULE, TABLES = "kernels.wasm", "kernels.json"  # in the folder `page`; see `wasm`
@@ -62,7 +65,7 @@ class Content:
     episodes: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     drives: list[Drive | None] = dataclasses.field(default_factory=list)
     missing: list[str] = dataclasses.field(default_factory=list)
-    seeds: set[str] = dataclasses.field(default_factory=set)
+    seeds: set[int] = dataclasses.field(default_factory=set)
 
 
 def write_page(
@@ -85,7 +88,7 @@ def _gather(section: Section, content: Content) -> None:
     """Adds what a section shows."""
     rows = read_rows(section.folder)
     content.tables += section.tables
-    content.seeds.update(row["seed"] for row in rows)
+    content.seeds.update(rows.unique("seed"))
     if section.small is not None:
         content.sentences.append(section.small[0])
         content.small.append(section.small[1])
@@ -94,18 +97,16 @@ def _gather(section: Section, content: Content) -> None:
     _gather_episodes(section.folder, rows, content)
 
 
-def _gather_contests(rows: Sequence[Row], content: Content) -> None:
+def _gather_contests(rows: Episodes, content: Content) -> None:
     for contest in ALL_CONTESTS.values():
-        of_contest = [row for row in rows if row["contest"] == contest.name]
-        for robot in dict.fromkeys(row["robot"] for row in of_contest):
-            mine = [row for row in of_contest if row["robot"] == robot]
-            if len({row["disturbance"] for row in mine}) > 1:
+        for robot, mine in rows.where(contest=contest.name).groups("robot").items():
+            if len(mine.unique("disturbance")) > 1:
                 content.charts.append(ladder_chart(contest, robot, mine))
-                calm = [row for row in mine if row["disturbance"] == "none"] or mine
+                calm = mine.where(disturbance="none") or mine
                 finding = found(contest, f"{robot}, undisturbed", calm)
             else:
-                swept = [row for row in mine if row["split"] == "front"]
-                finding = found(contest, robot, [row for row in mine if row["split"] in COMPARED])
+                swept = mine.where(split="front")
+                finding = found(contest, robot, mine)
                 front = front_chart(contest, robot, swept)
                 if front["series"]:
                     content.charts.append(front)
@@ -161,19 +162,19 @@ def _episode(row: Row, world: int) -> dict[str, Any]:
         "plant": row["dynamics"],
         "actuators": row["actuators"],
         "disturbance": row["disturbance"],
-        "outcome": next(name for name in OUTCOMES if number(row, name) == 1.0),
-        "time": number(row, "time"),
+        "outcome": next(name for name in OUTCOMES if row[name] == 1.0),
+        "time": row["time"],
         "world": world,
-        "episode": int(row["episode"]),
+        "episode": row["episode"],
     }
-    if row.get("cross_track_rms"):
-        told["error"] = number(row, "cross_track_rms")
+    if (error := row.get("cross_track_rms", math.nan)) == error:  # not NaN
+        told["error"] = error
     return told
 
 
 def made(command: str, content: Content) -> list[list[str]]:
     """Returns how the report was made, as pairs of what and how."""
-    seeds = sorted(map(int, content.seeds))
+    seeds = sorted(content.seeds)
     return [
         ["command", command],
         ["commit", commit() or "not known"],
@@ -283,7 +284,7 @@ def kernel_part(robots: Container[str]) -> tuple[dict[str, Any], bytes]:
 
 
 def _chosen(content: Content, room: int) -> set[int]:
-    """Returns the episodes that are replayed: all, or the first of every family and tier with every policy before more.
+    """Returns the episodes that are replayed: all, or failures first, then the first of every family and tier.
 
     Args:
         room: bytes, compressed.
@@ -294,7 +295,8 @@ def _chosen(content: Content, room: int) -> set[int]:
         group = met.setdefault((told["contest"], told["robot"], told["family"], told["tier"]), [])
         if told["world"] not in group:
             group.append(told["world"])
-        keys.append((max(group.index(told["world"]), int(told["agent"] or 0)), group.index(told["world"]), k))
+        nth = group.index(told["world"])
+        keys.append((told["outcome"] == "success", max(nth, int(told["agent"] or 0)), nth, k))
     chosen: set[int] = set()
     for *_, k in sorted(keys):
         drive = content.drives[k]

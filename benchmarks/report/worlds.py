@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from wayfield.benchmarks.run_folder import WORLDS
-from wayfield.benchmarks.suite import Setting
-from wayfield.envs.grids import NO_GRIDS, lay_grids
-from wayfield.envs.readers import of_folder, reader
+from wayfield.benchmarks.records.run_folder import WORLDS
+from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
-from wayfield.envs.storage import write_whole
+from wayfield.envs.tasks.specs import CROWDS
+from wayfield.envs.world.grids import NO_GRIDS, lay_grids
 from wayfield.policies.learned.reading import is_number
+from wayfield.system.readers import of_folder, reader
+from wayfield.system.storage import write_whole
 
 World = dict[str, Any]
 
@@ -27,6 +28,8 @@ DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a sho
 
 def keys_of(setting: Setting) -> list[str]:
     """Returns the key of the world of each episode of a setting; without one where the world is not known before."""
+    if spec_of(setting.case.env_id) in CROWDS.values():
+        return [""] * setting.episodes
     count = len(_bank(setting))
     if count > 1 and not setting.case.every_scenario:
         return [""] * setting.episodes

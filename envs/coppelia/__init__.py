@@ -1,8 +1,11 @@
-"""CoppeliaSim's ZeroMQ remote API: a server that its scripts drive unchanged, and a plant that drives CoppeliaSim.
+"""CoppeliaSim's ZeroMQ remote API: a server for its scripts, and a plant that drives a running CoppeliaSim.
 
-`python -m wayfield.envs.coppelia` serves; `gymnasium.make(id, dynamics="coppelia")` drives. Needs the extra
-`wayfield[coppelia]`; nothing here is imported by `import wayfield`. The modules: `codec` (bytes to requests), `server`
-(sockets, clients, stepping), `signatures` (what a function takes) with the `calls_*` (the functions), `world` (the
-robot, time), `scene` (the tree of objects), `models` and `scenes` (what stands in it), `sonars`, `frames` and `curves`
-(pure functions), `window` (what one sees), `plant` and `standstill` (the other side).
+`python -m wayfield.envs.coppelia` serves a scene; `gymnasium.make(id, dynamics="coppelia")` drives a simulator. Both
+need the extra `wayfield[coppelia]`; `import wayfield` imports nothing of this package. Modules:
+
+- server: `codec` (bytes to requests), `server` (sockets, clients, stepping), `signatures` (checks of arguments),
+  `calls` and `calls_*` (the functions of `sim`);
+- scene: `world` (robot, sonars, time), `sandbox` (its task), `scene` (tree of objects), `models`, `scenes`, `drawing`,
+  `window`; `sonars`, `frames`, `curves` are pure functions;
+- client: `plant`, `standstill`.
 """

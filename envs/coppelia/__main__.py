@@ -2,9 +2,9 @@
 
 import functools
 import logging
-import math
 import signal
 import sys
+import time
 from typing import Any
 
 try:
@@ -14,42 +14,23 @@ try:
 except ModuleNotFoundError as missing:
     sys.exit(f'coppelia: {missing.name} is missing: pip install "wayfield[coppelia]"')
 
-from wayfield.envs.command_line import Choice, OneLineErrors
 from wayfield.envs.coppelia.models import MODELLED
+from wayfield.envs.coppelia.scene_files import run_setup
 from wayfield.envs.coppelia.scenes import DOCUMENT_A, SCENES, Conditions, make_world
 from wayfield.envs.coppelia.server import LOCAL, LOG, PORT, Server
 from wayfield.envs.robots import ACTUATORS, ROBOTS
-from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.system.command_line import Choice, Finite, OneLineErrors
 
 RENDER_MODES = ("none", "human")
 TRACKS = {"coppelia": None, "wayfield": -ROBOTS["p3dx"].wheel_positions[0][1]}
 
 
-class Number(click.ParamType):  # type: ignore[type-arg]  # generic in the newest releases of click alone
-    """A number within bounds."""
-
-    name = "number"
-
-    def __init__(self, field: str, low: float, high: float) -> None:
-        self.field, self.low, self.high = field, low, high
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Returns the number, or fails."""
-        del param, ctx
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not self.low <= number <= self.high:
-            raise click.UsageError(f"{self.field} {value!r} must be a number from {self.low:g} to {self.high:g}")
-        return number
-
-
-class Track(Number):
-    """A half track in metres, or whose it is."""
+class Track(Finite):
+    """A half track in metres, or the name of one."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Returns the half track, None for that of CoppeliaSim's model, or fails."""
+        """Returns the half track, m; None for that of CoppeliaSim's model."""
         return TRACKS[value] if value in TRACKS else super().convert(value, param, ctx)
 
 
@@ -59,18 +40,18 @@ class Track(Number):
     default=DOCUMENT_A,
     show_default=True,
     metavar="NAME|FILE",
-    help=f"{', '.join(SCENES)}; a path or goal scenario or family of the environments; or a scenario file.",
+    help=f"{', '.join(SCENES)}; a path or goal scenario or family; or the file of a scenario or of a scene.",
 )
 @click.option("--index", type=click.IntRange(min=0), default=0, help="Which scenario of a family.  [default: 0]")
 @click.option("--robot", type=Choice("--robot", MODELLED), help="The robot.  [default: the scene's, mostly p3dx]")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="The address that is served.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="The address to bind.")
 @click.option(
     "--speed",
-    type=Number("--speed", 0.0, math.inf),
+    type=Finite(0.0, 1e6),
     default=1.0,
     show_default=True,
-    help="Seconds of simulation in a second while nobody steps; 0: as fast as it goes.",
+    help="Simulation seconds per second while no client steps; 0: no pacing.",
 )
 @click.option(
     "--dynamics",
@@ -84,14 +65,19 @@ class Track(Number):
 )
 @click.option(
     "--track",
-    type=Track("--track", 0.02, 1.0),
+    type=Track(0.02, 1.0),
     default="coppelia",
     show_default=True,
     metavar="coppelia|wayfield|METRES",
     help="Half track of the p3dx: 0.1655 m of CoppeliaSim's model, document A's 0.1905 m, or another.",
 )
+@click.option("--dt", type=Finite(1e-3, 1.0), default=CONTROL_PERIOD, show_default=True, help="The time step, s.")
 @click.option(
-    "--dt", type=Number("--dt", 1e-3, 1.0), default=CONTROL_PERIOD, show_default=True, help="The time step, s."
+    "--setup", metavar="SCRIPT.py", help="A script of yours that is run once, with `sim`, before the first client."
+)
+@click.option("--start", is_flag=True, help="Starts the simulation at once, as the play button does.")
+@click.option(
+    "--real-time", is_flag=True, help="Stepped passes follow the wall clock too, so that they can be watched."
 )
 @click.option(
     "--render", type=Choice("--render", RENDER_MODES), default="none", show_default=True, help="human: a window."
@@ -104,12 +90,15 @@ def main(
     host: str,
     speed: float,
     track: float | None,
+    setup: str | None,
+    start: bool,
+    real_time: bool,
     render: str,
     **driven: Any,
 ) -> None:
-    """Serves a scene on CoppeliaSim's ZeroMQ remote API: its scripts drive the robot in it unchanged.
+    """Serves a scene on CoppeliaSim's ZeroMQ remote API; scripts for CoppeliaSim run unchanged.
 
-    The log goes to stderr, a line an event. Ctrl-C ends it.
+    The log goes to stderr, one line per event. Ctrl-C ends the server.
     """
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     conditions = Conditions(robot, half_track=track, number=index, **driven)
@@ -130,12 +119,20 @@ def main(
         except DependencyNotInstalled as error:
             raise click.ClickException(str(error)) from None
         window = Window()
-    server = Server(world, host, port, speed, load)
+    server = Server(world, host, port, speed, load, real_time)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     if host not in LOCAL:
-        LOG.warning("%s is served to everybody who can reach it: the protocol knows no passwords", host)
+        LOG.warning("%s is served to every host that can reach it: the protocol has no authentication", host)
     LOG.info("scene %s, %s, on %s:%d", world.scene.name, conditions.dynamics, host, server.port)
+    if setup is not None:
+        try:
+            run_setup(setup, server)
+        except (Exception, SystemExit) as error:
+            raise click.UsageError(f"--setup {setup!r}: {type(error).__name__}: {error}") from error
+    if start:
+        world.start()
+        server.schedule(time.monotonic())
     server.serve(None if window is None else functools.partial(window.show, server))
     if window is not None:
         window.close()

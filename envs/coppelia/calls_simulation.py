@@ -1,23 +1,10 @@
-"""Functions of `sim` about time: starting, stopping, stepping, waiting, and the numbers of the program."""
+"""Functions of `sim` about time: starting, stopping, stepping, waiting, parameters of the program, scenes."""
 
 import time
 from typing import TYPE_CHECKING, Any
 
 from wayfield.envs.coppelia.constants import PROGRAM_REVISION, PROGRAM_VERSION
-from wayfield.envs.coppelia.signatures import (
-    WRONG_TYPE,
-    Callback,
-    CallError,
-    Optional,
-    Wait,
-    anything,
-    integer,
-    name,
-    number,
-    offered,
-    text,
-    truth,
-)
+from wayfield.envs.coppelia.signatures import WRONG_TYPE, Callback, CallError, Name, Wait, offered
 
 if TYPE_CHECKING:
     from wayfield.envs.coppelia.server import Caller
@@ -25,15 +12,14 @@ if TYPE_CHECKING:
 MAX_LEVEL = 1_000_000  # of stepping and of locks
 _STOP_PASSES = 20  # that a stop may take at most
 _LONGEST_WAIT = 1e6  # s
-_STEP_RANGE = (1e-3, 1.0)  # s
 _LINES_A_SECOND = 100  # of a client's log
 
-VERSION, REVISION, IDLE_FPS, REAL_TIME, TIME_STEP = 1, 30, 26, 25, 1
+_VERSION, _REVISION, _IDLE_FPS, _REAL_TIME = 1, 30, 26, 25
 
 
 @offered()
 def start_simulation(caller: "Caller") -> None:
-    """Starts the simulation, or goes on after a pause."""
+    """Starts the simulation, or resumes it after a pause."""
     world = caller.world
     if not world.running:
         caller.server.log("started", f"by {caller.client.name}", 10)
@@ -41,8 +27,8 @@ def start_simulation(caller: "Caller") -> None:
         caller.server.schedule(time.monotonic())
 
 
-@offered(Optional(truth, False))
-def stop_simulation(caller: "Caller", wait: bool) -> Wait | None:
+@offered()
+def stop_simulation(caller: "Caller", wait: bool = False) -> Wait | None:
     """Stops the simulation, which takes three passes; ends all stepping."""
     world, server = caller.world, caller.server
     world.stop()
@@ -79,25 +65,19 @@ def get_simulation_time_step(caller: "Caller") -> float:
 
 @offered()
 def get_simulation_stopping(caller: "Caller") -> bool:
-    """Returns whether the simulation is stopped or about to be."""
+    """Returns whether the simulation is stopped or stopping."""
     return caller.world.stopping
 
 
 @offered()
 def get_system_time(caller: "Caller") -> float:
-    """Returns the seconds since the server started."""
+    """Returns the seconds since the start of the server."""
     return time.monotonic() - caller.server.started
 
 
 @offered()
-def get_real_time_simulation(caller: "Caller") -> bool:
-    """Returns whether time goes by the wall clock."""
-    return caller.server.paced
-
-
-@offered(Optional(truth, True))
-def set_stepping(caller: "Caller", enable: bool) -> int:
-    """Counts a client's wish to step up or down; returns the count before."""
+def set_stepping(caller: "Caller", enable: bool = True) -> int:
+    """Changes the stepping level of the client by 1, not below 0; returns the level before."""
     client = caller.client
     before = client.level
     if enable and before >= MAX_LEVEL:
@@ -110,8 +90,9 @@ def set_stepping(caller: "Caller", enable: bool) -> int:
     return before
 
 
-def _step(caller: "Caller", wait: bool) -> Wait | None:
-    """Asks for a pass, and waits until it has been made."""
+@offered("step", "switchThread", "yield")
+def step(caller: "Caller", wait: bool = True) -> Wait | None:
+    """Requests a pass, and waits until it has been made."""
     world, server = caller.world, caller.server
     if not world.running:
         return None
@@ -122,13 +103,9 @@ def _step(caller: "Caller", wait: bool) -> Wait | None:
     return Wait(lambda: [] if world.passes > before or not world.running or server.world is not world else None)
 
 
-for _name in ("step", "switchThread", "yield"):
-    offered(Optional(truth, True), name=_name)(_step)
-
-
-@offered(number, Optional(truth, True))
-def wait(caller: "Caller", seconds: float, simulated: bool) -> Wait | float:
-    """Waits for a time of the simulation, making the passes that it takes, or of the clock; returns what is left."""
+@offered()
+def wait(caller: "Caller", seconds: float, simulated: bool = True) -> Wait | float:
+    """Waits for simulation time, requesting the passes, or for wall-clock time; returns the rest, s."""
     world, server = caller.world, caller.server
     seconds = min(max(seconds, 0.0), _LONGEST_WAIT)
     if not simulated:
@@ -147,7 +124,7 @@ def wait(caller: "Caller", seconds: float, simulated: bool) -> Wait | float:
 
 @offered()
 def acquire_lock(caller: "Caller") -> None:
-    """Holds back passes until it is released as often."""
+    """Holds back passes until as many calls of `releaseLock`."""
     if caller.client.locks >= MAX_LEVEL:
         raise CallError(f"the lock is held {MAX_LEVEL:,} times.")
     caller.client.locks += 1
@@ -155,108 +132,77 @@ def acquire_lock(caller: "Caller") -> None:
 
 @offered()
 def release_lock(caller: "Caller") -> None:
-    """Lets passes go on."""
+    """Releases a lock."""
     caller.client.locks = max(caller.client.locks - 1, 0)
     if not caller.client.locks:
         caller.server.schedule(time.monotonic())
 
 
-@offered(Optional(anything), name="setThreadAutomaticSwitch")
-def set_thread_automatic_switch(caller: "Caller", value: Any) -> bool:
-    """Does nothing: there are no threads in the server."""
-    return True
+@offered(
+    *("setObjectColor", "setShapeColor", "setObjectInt32Param", "setObjectFloatParam", "setModelProperty"),
+    *("setJointTargetForce", "setJointForce", "setJointMaxForce", "setThreadAutomaticSwitch", "setThreadSwitchTiming"),
+)
+def accept(caller: "Caller", a: Any = None, b: Any = None, c: Any = None, d: Any = None) -> int:
+    """Has no effect: looks, forces and threads do not act here, and scripts set them in passing."""
+    return 1
 
 
-@offered(Optional(anything), name="setThreadSwitchTiming")
-def set_thread_switch_timing(caller: "Caller", value: Any) -> None:
-    """Does nothing: there are no threads in the server."""
-
-
-@offered(integer, Optional(anything))
-def add_log(caller: "Caller", level: int, words: Any) -> None:
-    """Writes a line to the server's log."""
+@offered()
+def add_log(caller: "Caller", level: int, words: Any = None) -> None:
+    """Writes a line to the log of the server."""
     caller.server.log("log", str(words if isinstance(words, str | int | float) else ""), _LINES_A_SECOND)
 
 
-@offered(Optional(anything))
-def add_statusbar_message(caller: "Caller", words: Any) -> int:
-    """Writes a line to the server's log."""
+@offered()
+def add_statusbar_message(caller: "Caller", words: Any = None) -> int:
+    """Writes a line to the log of the server."""
     add_log(caller, 0, words)
     return 1
 
 
-# The program's numbers.
+# Parameters of the program.
 
 
-@offered(integer)
+def _checked(which: int, *known: int) -> None:
+    if which not in known:
+        raise CallError(WRONG_TYPE, f"parameter {which} is unknown; offered are {', '.join(map(str, known))}")
+
+
+@offered()
 def get_int32_param(caller: "Caller", which: int) -> int:
-    """Returns a number of the program."""
-    fixed = {VERSION: PROGRAM_VERSION, REVISION: PROGRAM_REVISION}
-    if which in fixed:
-        return fixed[which]
-    if which == IDLE_FPS:
-        return caller.server.idle_fps
-    raise CallError(WRONG_TYPE, f"parameter {which} is not known here")
+    """Returns the version, the revision or the frame rate of the idle window."""
+    _checked(which, _VERSION, _REVISION, _IDLE_FPS)
+    return {_VERSION: PROGRAM_VERSION, _REVISION: PROGRAM_REVISION, _IDLE_FPS: caller.server.idle_fps}[which]
 
 
-@offered(integer, integer)
+@offered()
 def set_int32_param(caller: "Caller", which: int, value: int) -> None:
-    """Sets how often an idle window is drawn, which has no effect."""
-    if which != IDLE_FPS:
-        raise CallError(WRONG_TYPE, f"parameter {which} cannot be set here")
+    """Sets the frame rate of the idle window, which has no effect."""
+    _checked(which, _IDLE_FPS)
     caller.server.idle_fps = value
 
 
-@offered(integer)
+@offered()
 def get_bool_param(caller: "Caller", which: int) -> bool:
-    """Returns whether time goes by the wall clock."""
-    if which != REAL_TIME:
-        raise CallError(WRONG_TYPE, f"parameter {which} is not known here")
+    """Returns whether passes follow the wall clock."""
+    _checked(which, _REAL_TIME)
     return caller.server.paced
 
 
-@offered(integer, truth)
+@offered()
 def set_bool_param(caller: "Caller", which: int, value: bool) -> None:
-    """Sets whether time goes by the wall clock."""
-    if which != REAL_TIME:
-        raise CallError(WRONG_TYPE, f"parameter {which} cannot be set here")
+    """Sets whether passes follow the wall clock."""
+    _checked(which, _REAL_TIME)
     caller.server.paced = value
     caller.server.schedule(time.monotonic())
 
 
-@offered(integer)
-def get_float_param(caller: "Caller", which: int) -> float:
-    """Returns the time step, s."""
-    if which != TIME_STEP:
-        raise CallError(WRONG_TYPE, f"parameter {which} is not known here")
-    return caller.world.dt
+# Scenes and callbacks.
 
 
-@offered(integer, number)
-def set_float_param(caller: "Caller", which: int, value: float) -> None:
-    """Sets the time step of a stopped simulation, s."""
-    if which != TIME_STEP:
-        raise CallError(WRONG_TYPE, f"parameter {which} cannot be set here")
-    if caller.world.state != 0:
-        raise CallError("simulation is not stopped.")
-    low, high = _STEP_RANGE
-    if not low <= value <= high:
-        raise CallError(WRONG_TYPE, f"the time step is {value:g} s; it must be {low:g} to {high:g}")
-    caller.world.set_dt(value)
-
-
-@offered(integer)
-def get_string_param(caller: "Caller", which: int) -> str:
-    """Returns the name of the scene, whatever is asked for."""
-    return caller.world.scene.name
-
-
-# Scenes.
-
-
-@offered(name)
+@offered(scene=Name)
 def load_scene(caller: "Caller", scene: str) -> int:
-    """Puts one of the server's own scenes in place of the one that it serves."""
+    """Replaces the scene by another of the server's own, by name."""
     if caller.world.state != 0:
         raise CallError("simulation is not stopped.")
     if caller.server.load is None:
@@ -269,15 +215,9 @@ def load_scene(caller: "Caller", scene: str) -> int:
     return 1
 
 
-@offered()
-def close_scene(caller: "Caller") -> int:
-    """Puts an empty scene in place of the one that is served."""
-    return load_scene(caller, "empty")  # type: ignore[no-any-return]
-
-
-@offered(anything, text, anything, name="testCB")
+@offered("testCB")
 def test_callback(caller: "Caller", a: Any, callback: str, b: Any) -> Callback:
-    """Returns what a function of the client's returns for two values."""
+    """Returns the result of a function of the client for two values."""
     function, marked, _ = callback.partition("@func")
     if not marked or not function:
         raise CallError(WRONG_TYPE, "argument 2 must be a function")

@@ -1,7 +1,7 @@
-"""From bytes to requests and from replies to bytes: CBOR without tags, with limits, and nothing evaluated.
+"""Decoder of requests and encoder of replies: CBOR without tags, with limits, and nothing evaluated.
 
-A compiled pass over the bytes comes first. It refuses what the protocol never sends and what would cost more than a
-fraction of a second to decode, so that no message can hold up the server.
+A compiled scan of the bytes comes first. It refuses messages outside the protocol and messages that take long to
+decode, so that no message can block the server.
 """
 
 import math
@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import cbor2
 import numpy as np
 
-from wayfield.envs.compiled import allocating
 from wayfield.envs.coppelia import standstill
-from wayfield.envs.readers import reader
+from wayfield.system.compiled import allocating
+from wayfield.system.readers import reader
 
 MAX_MESSAGE = 64 * 2**20  # bytes; libzmq closes the connection of a longer one
 MAX_DEPTH = 32  # of arrays and maps in one another
@@ -36,22 +36,22 @@ _FAULTS = (
     "a map in it has a key that is no text",
     f"it holds a text of more than {MAX_TEXT:,} bytes",
     "it holds an integer below -2**63",
-    "",  # a number that is not finite: said with its place
+    "",  # a number that is not finite: the message names its place
 )
 _INCOMPLETE, _SURPLUS, _DEEP, _MANY, _TAG, _INDEFINITE, _SIMPLE, _KEY, _LONG, _LOW, _INFINITE = range(1, len(_FAULTS))
 
 
 class Request(NamedTuple):
-    """A function that a client asks for."""
+    """A call of a client."""
 
     uuid: str  # of the client
     func: str
     args: list[Any]
-    timeout: float | None  # s, after which a silent client may be forgotten; None where it says nothing
+    timeout: float | None  # s, of silence, after which the client may be dropped; None: the default
 
 
 class Refusal(ValueError):
-    """A message that is no request; `reply` is what it gets."""
+    """A malformed message; `reply` is the answer to it."""
 
     def __init__(self, reply: dict[str, Any]) -> None:
         super().__init__(reply.get("err", reply.get("error")))
@@ -152,7 +152,7 @@ def request_of(payload: bytes) -> Request:
     """Returns the request in a message.
 
     Raises:
-        Refusal: if it is none, with the reply that the sender is to get; its text is one line.
+        Refusal: if the message is malformed; its text is one line.
     """
     fault = scan(np.frombuffer(payload, np.uint8))
     if fault not in (0, _INFINITE):
@@ -188,7 +188,7 @@ def request_of(payload: bytes) -> Request:
 
 
 def encoded(reply: dict[str, Any]) -> bytes:
-    """Returns the bytes of a reply; one that is too long or cannot be encoded becomes an error."""
+    """Returns the bytes of a reply; a reply that is too long or not encodable becomes an error."""
     try:
         payload = standstill.encoded(reply)
     except (cbor2.CBOREncodeError, ValueError, TypeError, OverflowError, RecursionError) as error:
@@ -199,7 +199,7 @@ def encoded(reply: dict[str, Any]) -> bytes:
 
 
 def one_line(text: object, longest: int = 200) -> str:
-    """Returns a text on one line, cut where it is long: what came over the wire goes into messages and the log."""
+    """Returns a text on one line and cut to a length, for messages and the log."""
     line = " ".join(str(text).split())
     line = "".join(c if c.isprintable() else "?" for c in line)
     return line if len(line) <= longest else line[: longest - 1] + "…"

@@ -1,4 +1,4 @@
-"""The constants of `sim` that clients are told, with the values of CoppeliaSim 4.9."""
+"""The constants of `sim`, with the values of CoppeliaSim 4.9."""
 
 PROGRAM_VERSION, PROGRAM_REVISION = 40900, 6
 
@@ -7,7 +7,7 @@ HANDLE_WORLD, HANDLE_ALL, HANDLE_PARENT, HANDLE_SCENE, HANDLE_APP = -1, -2, -11,
 STOPPED, PAUSED, ADVANCING = 0, 8, 16
 FIRST, RUNNING, LAST_BEFORE_PAUSE, FIRST_AFTER_PAUSE, ABOUT_TO_STOP, LAST_BEFORE_STOP = 16, 17, 19, 20, 21, 22
 
-SHAPE, JOINT, DUMMY, PROXIMITY_SENSOR = 0, 1, 4, 5
+SHAPE, JOINT, DUMMY, PROXIMITY_SENSOR, VISION_SENSOR = 0, 1, 4, 5, 9
 
 PLANE, DISC, CUBOID, SPHEROID, CYLINDER, CONE = 1, 2, 3, 4, 5, 6
 
@@ -50,7 +50,7 @@ CONSTANTS = {
     "sceneobject_joint": JOINT,
     "sceneobject_dummy": DUMMY,
     "sceneobject_proximitysensor": PROXIMITY_SENSOR,
-    "sceneobject_visionsensor": 9,
+    "sceneobject_visionsensor": VISION_SENSOR,
     "sceneobject_forcesensor": 12,
     "joint_revolute": 10,
     "jointmode_kinematic": 0,

@@ -1,4 +1,4 @@
-"""Paths as CoppeliaSim makes them from control points: rounded by quadratic Bezier arcs, then spaced evenly.
+"""Paths of CoppeliaSim: control points, rounded by quadratic Bezier arcs, then spaced evenly.
 
 A path is a table of rows whose columns have types: 0 a number, 1 an angle, 2 one of the four of a quaternion.
 """
@@ -9,24 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Table = NDArray[np.float64]
+Rows = NDArray[np.float64]
 
 POSE_TYPES = (0, 0, 0, 2, 2, 2, 2)
 MIN_STRENGTH = 0.05  # of rounding
-_END = 1e-8  # m, what is left of the way at its end: the last point belongs to the last segment
-
-# The axes that point along the path and up, by orientation mode.
-_ORIENTATIONS = {0: "xy", 1: "xz", 2: "yx", 3: "yz", 4: "zx", 5: "zy"}
+_END = 1e-8  # m, before the end of the path: the last point belongs to the last segment
 
 
-def lengths_of(rows: Table, dimensions: int = 3) -> Table:
-    """Returns the length (n,) of the way to each row (n, d), measured in its first columns."""
+def lengths_of(rows: Rows, dimensions: int = 3) -> Rows:
+    """Returns the length (n,) of a path to each of its rows (n, d), measured in the first columns."""
     steps = np.diff(rows[:, :dimensions], axis=0)
     return np.concatenate([[0.0], np.cumsum(np.sqrt((steps**2).sum(axis=1)))])
 
 
-def mixed(a: Table, b: Table, share: Table, types: Sequence[int]) -> Table:
-    """Returns the rows (n, d) that lie a share (n,) of the way from a to b: angles and turns the shorter way."""
+def mixed(a: Rows, b: Rows, share: Rows, types: Sequence[int]) -> Rows:
+    """Returns the interpolation (n, d) from a to b by shares (n,): angles and quaternions on the shorter arc."""
     result = a + share[:, None] * (b - a)
     column = 0
     while column < len(types):
@@ -41,7 +38,7 @@ def mixed(a: Table, b: Table, share: Table, types: Sequence[int]) -> Table:
     return result
 
 
-def _slerped(a: Table, b: Table, share: Table) -> Table:
+def _slerped(a: Rows, b: Rows, share: Rows) -> Rows:
     dot = (a * b).sum(axis=1)
     b = np.where(dot[:, None] < 0.0, -b, b)
     dot = np.minimum(np.abs(dot), 1.0)
@@ -57,12 +54,12 @@ def _slerped(a: Table, b: Table, share: Table) -> Table:
 
 
 def interpolated(
-    rows: Table, lengths: Table, at: Table, types: Sequence[int], strength: float = 0.0, closed: bool = False
-) -> Table:
+    rows: Rows, lengths: Rows, at: Rows, types: Sequence[int], strength: float = 0.0, closed: bool = False
+) -> Rows:
     """Returns the rows (m, d) at lengths `at` (m,) along a path of rows (n, d), n >= 2.
 
     Args:
-        lengths: of the way to each row, ascending.
+        lengths: of the path to each row, ascending.
         strength: of the rounding, at most 1: the share of a segment that arcs take, half at each end; 0 is none.
         closed: whether the last row repeats the first, so that the corner there is rounded too.
     """
@@ -93,7 +90,7 @@ def interpolated(
     return np.where(out[:, None], mixed(a, b, s / w, types), result)
 
 
-def path_rows(points: Table, closed: bool, subdivision: int, smoothness: float) -> Table:
+def path_rows(points: Rows, closed: bool, subdivision: int, smoothness: float) -> Rows:
     """Returns the rows (subdivision, 7) of a path through control points (n, 7), evenly spaced.
 
     Args:
@@ -113,39 +110,8 @@ def path_rows(points: Table, closed: bool, subdivision: int, smoothness: float) 
     return rows
 
 
-def oriented(rows: Table, closed: bool, mode: int, up: Sequence[float]) -> Table:
-    """Returns rows (n, 7) whose quaternions have one axis along the path and another as near to `up` as it can be."""
-    from wayfield.envs.coppelia.frames import pose_from_matrix
-
-    result = rows.copy()
-    first, second = ("xyz".index(axis) for axis in _ORIENTATIONS[mode])
-    third = 3 - first - second
-    count = len(rows)
-    upward = np.asarray(up, np.float64)
-    for i in range(count):
-        ahead = rows[(i + 1) % count if i + 1 < count else (1 if closed else i)][:3]
-        behind = rows[i if i + 1 < count or closed else i - 1][:3]
-        along = ahead - behind
-        size = np.linalg.norm(along)
-        if size < 1e-12:
-            continue
-        along = along / size
-        aside = np.cross(upward, along)
-        if np.linalg.norm(aside) < 1e-9:
-            aside = np.cross((1.0, 0.0, 0.0) if abs(along[0]) < 0.9 else (0.0, 1.0, 0.0), along)
-        aside /= np.linalg.norm(aside)
-        columns = np.zeros((3, 3))
-        columns[:, first] = along
-        columns[:, second] = np.cross(along, aside)
-        # right-handed whichever two axes were named
-        columns[:, third] = np.cross(columns[:, (third + 1) % 3], columns[:, (third + 2) % 3])
-        matrix = np.column_stack([columns, rows[i, :3]])
-        result[i, 3:] = pose_from_matrix(matrix.ravel().tolist())[3:]
-    return result
-
-
-def nearest_length(points: Table, lengths: Table, point: Sequence[float]) -> float:
-    """Returns the length of the way to the point of a polyline (n, 3) that is nearest to a point."""
+def nearest_length(points: Rows, lengths: Rows, point: Sequence[float]) -> float:
+    """Returns the length of a polyline (n, 3) up to its nearest point to `point`."""
     starts, steps = points[:-1], np.diff(points, axis=0)
     squares = (steps**2).sum(axis=1)
     offsets = np.asarray(point, np.float64) - starts
@@ -156,17 +122,6 @@ def nearest_length(points: Table, lengths: Table, point: Sequence[float]) -> flo
     return float(lengths[nearest] + along[nearest] * (lengths[nearest + 1] - lengths[nearest]))
 
 
-def config_distance(a: Table, b: Table, metric: Sequence[float], types: Sequence[int]) -> float:
-    """Returns the distance of two rows (d,): the root of the sum of squares, each column's weighed by its metric."""
-    total = 0.0
-    column = 0
-    while column < len(types):
-        step = float(b[column] - a[column])
-        if types[column] == 1:
-            step = math.remainder(step, 2.0 * math.pi)
-        if types[column] == 2:
-            dot = abs(float((a[column : column + 4] * b[column : column + 4]).sum()))
-            step = 2.0 * math.acos(min(dot, 1.0))
-        total += (step * metric[column]) ** 2
-        column += 4 if types[column] == 2 else 1
-    return math.sqrt(total)
+def packed(rows: Rows) -> bytes:
+    """Returns rows as the data of a path: little-endian float64."""
+    return np.ascontiguousarray(rows, "<f8").tobytes()

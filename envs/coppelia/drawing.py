@@ -1,4 +1,4 @@
-"""Drawing objects: points and lines that clients draw over a scene, to be looked at in its window."""
+"""Drawing objects: points and lines of clients, shown in the window."""
 
 import dataclasses
 import math
@@ -13,12 +13,12 @@ _DEFAULT_ITEMS = 1000
 
 @dataclasses.dataclass(eq=False)
 class Drawing:
-    """Some items of one kind and colour."""
+    """A drawing object: items of one kind and colour."""
 
     kind: int
     size: float  # of points in pixels, of spheres and cubes in m
-    tolerance: float  # m; an item nearer than this to another is left out
-    parent: int  # handle of the object that it moves with; -1: none
+    tolerance: float  # m; an item nearer than this to another is not added
+    parent: int  # handle of the object that it is attached to; -1: none
     most: int
     cyclic: bool
     colour: tuple[float, float, float]
@@ -26,11 +26,11 @@ class Drawing:
 
     @property
     def width(self) -> int:
-        """Returns how many numbers an item has."""
+        """Returns the number of coordinates of an item."""
         return DRAWING_ITEMS[self.kind]
 
     def add(self, item: list[float]) -> int:
-        """Returns 1 where the item was added; 0 where it is full and not cyclic, or another is as near as that."""
+        """Returns 1 where the item was added; 0 where the object is full, or another item is within the tolerance."""
         if self.tolerance > 0.0 and any(math.dist(item[:3], other[:3]) < self.tolerance for other in self.items):
             return 0
         if len(self.items) >= self.most:
@@ -42,7 +42,7 @@ class Drawing:
 
 
 class Drawings:
-    """The drawing objects by handle. They are no objects of the scene and outlive a simulation."""
+    """The drawing objects by handle. They are no objects of the scene and stay after a stop."""
 
     def __init__(self) -> None:
         self.drawings: dict[int, Drawing] = {}
@@ -54,7 +54,7 @@ class Drawings:
         """Returns the handle of a new drawing object.
 
         Raises:
-            ValueError: if the kind is unknown, or there are too many.
+            ValueError: if the kind is unknown, or a limit is exceeded.
         """
         if kind & DRAWING_KIND not in DRAWING_ITEMS:
             raise ValueError(f"drawing object type {kind & DRAWING_KIND} is unknown")
@@ -72,5 +72,5 @@ class Drawings:
 
     @property
     def full(self) -> bool:
-        """Returns whether there is no room for another item in any of them."""
+        """Returns whether all drawing objects together are full."""
         return sum(len(each.items) * each.width for each in self.drawings.values()) >= MAX_NUMBERS

@@ -1,4 +1,4 @@
-"""Poses in space as CoppeliaSim writes them: pure functions of plain numbers.
+"""Poses in the conventions of CoppeliaSim: pure functions of plain numbers.
 
 A pose is (x, y, z, qx, qy, qz, qw), m and a unit quaternion with its scalar last. Euler angles (alpha, beta, gamma)
 mean R = Rx(alpha) Ry(beta) Rz(gamma); a matrix is the upper three rows of the homogeneous one, 12 numbers by rows.
@@ -12,14 +12,14 @@ Quaternion = tuple[float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
 ORIGIN: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_LEAST = 1e-12  # the smallest norm of something that has a direction
+_LEAST = 1e-12  # the smallest norm of a quaternion
 
 
 def pose_of(position: Sequence[float], quaternion: Sequence[float]) -> Pose:
-    """Returns the pose of a position and a quaternion that is made one of unit length.
+    """Returns the pose of a position and a quaternion, which is normalised.
 
     Raises:
-        ValueError: if the quaternion has no direction.
+        ValueError: if the quaternion is zero.
     """
     x, y, z, w = quaternion
     size = math.sqrt(x * x + y * y + z * z + w * w)
@@ -32,19 +32,19 @@ def pose_of(position: Sequence[float], quaternion: Sequence[float]) -> Pose:
 
 
 def yawed(x: float, y: float, z: float, yaw: float) -> Pose:
-    """Returns the pose of something upright that looks along `yaw` (rad)."""
+    """Returns the pose of an upright frame with a yaw (rad)."""
     return (x, y, z, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
 
 
 def yaw_of(pose: Sequence[float]) -> float:
-    """Returns the direction in (-pi, pi] of the x axis seen from above, rad."""
+    """Returns the yaw of a pose, in (-pi, pi], rad."""
     _, _, _, x, y, z, w = pose
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return math.pi if yaw == -math.pi else yaw
 
 
 def multiplied(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """Returns the quaternion that turns by b, then by a."""
+    """Returns the product a b of two quaternions."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -56,7 +56,7 @@ def multiplied(a: Sequence[float], b: Sequence[float]) -> Quaternion:
 
 
 def turned(q: Sequence[float], v: Sequence[float]) -> Vector:
-    """Returns the vector v turned by the quaternion q."""
+    """Returns the vector v rotated by the quaternion q."""
     qx, qy, qz, qw = q
     vx, vy, vz = v
     tx = 2.0 * (qy * vz - qz * vy)
@@ -70,13 +70,13 @@ def turned(q: Sequence[float], v: Sequence[float]) -> Vector:
 
 
 def composed(a: Sequence[float], b: Sequence[float]) -> Pose:
-    """Returns the pose of b, which is given in the frame of a, in the frame that a is given in."""
+    """Returns the product a b of two poses: b, given in the frame a, in the parent frame of a."""
     x, y, z = turned(a[3:], b[:3])
     return (a[0] + x, a[1] + y, a[2] + z, *multiplied(a[3:], b[3:]))
 
 
 def inverse(pose: Sequence[float]) -> Pose:
-    """Returns the pose that undoes another."""
+    """Returns the inverse of a pose."""
     _, _, _, qx, qy, qz, qw = pose
     conjugate = (-qx, -qy, -qz, qw)
     x, y, z = turned(conjugate, pose[:3])
@@ -129,10 +129,10 @@ def matrix_of(pose: Sequence[float]) -> list[float]:
 
 
 def pose_from_matrix(m: Sequence[float]) -> Pose:
-    """Returns the pose of a matrix of 12 numbers, whose rotation may be off by rounding.
+    """Returns the pose of a matrix of 12 numbers.
 
     Raises:
-        ValueError: if its first three columns are no rotation.
+        ValueError: if its first three columns are no rotation within 1e-3.
     """
     rows = (m[0:3], m[4:7], m[8:11])
     for i in range(3):
@@ -151,48 +151,3 @@ def pose_from_matrix(m: Sequence[float]) -> Pose:
     else:
         q = (r02 + r20, r12 + r21, 1.0 - r00 - r11 + r22, r10 - r01)
     return pose_of((m[3], m[7], m[11]), q)
-
-
-def matrix_product(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """Returns the product of two matrices of 12 numbers, whatever they are."""
-    product = []
-    for i in (0, 4, 8):
-        for j in range(4):
-            value = sum(a[i + k] * b[4 * k + j] for k in range(3))
-            product.append(value + (a[i + 3] if j == 3 else 0.0))
-    return product
-
-
-def slerped(a: Sequence[float], b: Sequence[float], share: float) -> Quaternion:
-    """Returns the quaternion a share of the shorter way from a to b (Shoemake, 1985)."""
-    dot = sum(p * q for p, q in zip(a, b, strict=True))
-    if dot < 0.0:
-        b, dot = [-q for q in b], -dot
-    if dot > 1.0 - 1e-12:
-        mixed = [(1.0 - share) * p + share * q for p, q in zip(a, b, strict=True)]
-    else:
-        angle = math.acos(min(dot, 1.0))
-        u, v = math.sin((1.0 - share) * angle), math.sin(share * angle)
-        mixed = [u * p + v * q for p, q in zip(a, b, strict=True)]
-    size = math.sqrt(sum(q * q for q in mixed)) or 1.0
-    x, y, z, w = (q / size for q in mixed)
-    return x, y, z, w
-
-
-def yaw_pitch_roll_from_euler(alpha: float, beta: float, gamma: float) -> Vector:
-    """Returns (yaw, pitch, roll) with Rz(yaw) Ry(pitch) Rx(roll) the same rotation."""
-    rows = rotation(quaternion_from_euler(alpha, beta, gamma))
-    (r00, r01, _), (r10, r11, _), (r20, r21, r22) = rows
-    flat = math.hypot(r00, r10)
-    pitch = math.atan2(-r20, flat)
-    if flat < 1e-9:
-        return math.atan2(-r01, r11), pitch, 0.0
-    return math.atan2(r10, r00), pitch, math.atan2(r21, r22)
-
-
-def euler_from_yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> Vector:
-    """Returns the Euler angles of Rz(yaw) Ry(pitch) Rx(roll)."""
-    about_z = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
-    about_y = (0.0, math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch))
-    about_x = (math.sin(0.5 * roll), 0.0, 0.0, math.cos(0.5 * roll))
-    return euler_from_quaternion(multiplied(multiplied(about_z, about_y), about_x))

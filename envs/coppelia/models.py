@@ -1,14 +1,14 @@
-"""The robots as CoppeliaSim's scenes have them: objects, names, places. What a scene reports is what the plant uses."""
+"""Models of the robots in CoppeliaSim: objects, names, poses. A scene reports the geometry that the plant uses."""
 
 import dataclasses
 import math
 
 from wayfield.envs.coppelia import frames
-from wayfield.envs.coppelia.constants import CYLINDER, JOINT, PROXIMITY_SENSOR, SHAPE
+from wayfield.envs.coppelia.constants import CYLINDER, JOINT, PROXIMITY_SENSOR, SHAPE, VISION_SENSOR
 from wayfield.envs.coppelia.scene import Object, Scene, Sonar
 from wayfield.envs.robots import ROBOTS, Robot, robots_with
 
-# Robots that have a model: CoppeliaSim's own, and bases on wheels with rollers, which are built from their data sheets.
+# Robots with a model: CoppeliaSim's P3DX, and omnidirectional bases, which are built from their data sheets.
 MODELLED = ("p3dx", *robots_with(holonomic=True))
 
 P3DX_HALF_TRACK = 0.1655  # m, of CoppeliaSim's model; document A gives 0.1905
@@ -17,6 +17,7 @@ P3DX_AXLE_AHEAD = 0.0445  # m, from the base's origin to the axle
 _P3DX_WHEEL_WIDTH = 0.05  # m
 _P3DX_CASTER = (-0.149, 0.0, -0.078)  # m, in the base frame
 _P3DX_SONAR_HEIGHT = 0.068  # m, in the base frame
+_P3DX_LIDAR_HEIGHT = 0.2  # m, in the base frame; it stands over the axle's middle
 
 _OMNI_BASE_HEIGHT = 0.1  # m
 _OMNI_WHEEL_WIDTH = 0.03  # m
@@ -44,12 +45,12 @@ _P3DX_SONARS = (
 
 @dataclasses.dataclass(frozen=True)
 class Model:
-    """A robot and how its model stands on the floor."""
+    """A robot and the place of its base frame."""
 
     robot: Robot
     alias: str
     height: float  # m, of the base's origin above the floor
-    ahead: float  # m, of the robot's centre before the base's origin
+    ahead: float  # m, from the base's origin forward to the robot's centre
 
 
 def model_of(name: str, half_track: float | None = None) -> Model:
@@ -59,7 +60,7 @@ def model_of(name: str, half_track: float | None = None) -> Model:
         half_track: m, of the differential drive; None is that of CoppeliaSim's P3DX.
 
     Raises:
-        ValueError: if a half track is given to a robot that has none, or is out of range.
+        ValueError: if the half track is out of range, or the robot has none.
     """
     robot = ROBOTS[name]
     if robot.holonomic:
@@ -70,7 +71,7 @@ def model_of(name: str, half_track: float | None = None) -> Model:
     if not 0.02 <= half <= 1.0:
         raise ValueError(f"track={half!r} must be the half track in m, 0.02 to 1")
     right, left = (dataclasses.replace(wheel, y=y) for wheel, y in zip(robot.wheels, (-half, half), strict=True))
-    # the hull stays, whatever the wheels' places: so the track as built does too
+    # the hull and the track as built do not depend on the half track
     built = robot.wheels[1].y - robot.wheels[0].y
     robot = dataclasses.replace(robot, wheels=(right, left), track=built)
     return Model(robot, "PioneerP3DX", P3DX_BASE_HEIGHT, P3DX_AXLE_AHEAD)
@@ -83,7 +84,7 @@ def build(scene: Scene, model: Model) -> list[Object]:
 
 
 def _wheel_pose(model: Model, i: int) -> frames.Pose:
-    """Returns the place of a wheel joint in the base frame: its axis points left of where the wheel drives."""
+    """Returns the pose of a wheel joint in the base frame; its axis points left of the drive direction."""
     (x, y), direction = model.robot.wheel_positions[i], model.robot.wheel_directions[i]
     axis = frames.quaternion_from_euler(-0.5 * math.pi, 0.0, 0.0)
     z = model.robot.wheels[i].radius - model.height
@@ -109,6 +110,11 @@ def _build_p3dx(scene: Scene, model: Model, base: Object) -> list[Object]:
             frames.yawed(x, y, _P3DX_SONAR_HEIGHT, bearing), (0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5)
         )  # z along the bearing, x to its left, y up
         scene.add("ultrasonicSensor", PROXIMITY_SENSOR, visible, pose, part=True, sonar=Sonar(x, y, bearing))
+    place = (model.ahead, 0.0, _P3DX_LIDAR_HEIGHT, 0.0, 0.0, 0.0, 1.0)
+    lidar = scene.add("lidar", SHAPE, base, place, part=True)
+    scanner = scene.add("fastHokuyo", SHAPE, lidar, part=True)
+    for half in range(2):
+        scene.add(f"fastHokuyo_sensor{half + 1}", VISION_SENSOR, scanner, part=True, scans=half)
     return joints
 
 

@@ -1,9 +1,9 @@
 """A CoppeliaSim as a plant: `gymnasium.make(id, dynamics="coppelia", address="host:port")`.
 
-The task asks for a twist, the simulator's wheels turn for it, and the state is what the simulator says it has become.
-The actuator tier is applied on this side: the wheels are told the mean speed of the tier's response over the control
-period, so that a simulator with stiff motors moves as the kinematic plant does. Wheel speeds are computed with the
-geometry that the scene reports, so that the twist asked for is the twist driven.
+The plant sends the wheel speeds of the commanded twist and reads the state back from the simulator. The actuator tier
+is applied before: a wheel target is the mean speed of the tier's response over the control period, so that a simulator
+with stiff motors moves as the kinematic plant. Wheel speeds follow from the geometry that the scene reports, so that
+the driven twist equals the commanded one.
 """
 
 import logging
@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import compiled
 from wayfield.envs.coppelia import frames, standstill
 from wayfield.envs.coppelia.standstill import DONE, Link, stand_still
-from wayfield.envs.geometry import wrap_angle
-from wayfield.envs.hulls import clearance_of
-from wayfield.envs.sensing import advance_odometry
-from wayfield.envs.task import Task
+from wayfield.envs.robots.hulls import clearance_of
+from wayfield.envs.robots.sensing import advance_odometry
+from wayfield.envs.tasks.task import Task
+from wayfield.system.compiled import compiled
+from wayfield.system.elementary import wrap_angle
 
 LOG = logging.getLogger("wayfield.coppelia")
 
@@ -36,16 +36,16 @@ WHEELS = ("rightMotor", "leftMotor")  # in the order of the robot's wheels
 TYRE = "rightWheel"
 
 _FIRST_ANSWER = 5.0  # s
-_ANSWER = 30.0  # s: a simulator with much in its scene may take long for a step
+_ANSWER = 30.0  # s; a step of a large scene may take long
 _STOPPED_WITHIN = 30.0  # s
-_TOUCHING = 1e-6  # m: a hull that is nearer than this to an obstacle of the task touches it
+_TOUCHING = 1e-6  # m, of clearance below which the hull is in contact
 _SAME_SPEED = 1e-6  # rad/s
 _SAME_SIZE = 1e-6  # m
 
 
 @compiled
 def note_odometry(params, states, noise, vx, vy, yaw_rate):
-    """Integrates what the encoders of the one robot read while its wheels turned for a twist."""
+    """Integrates the encoder readings of the one robot for a twist of its wheels."""
     p = params[0]
     s = states[0]
     if not p.perfect_pose:
@@ -53,11 +53,11 @@ def note_odometry(params, states, noise, vx, vy, yaw_rate):
 
 
 class CoppeliaPlant:
-    """Drives the one robot of a batch in a simulator that is running.
+    """Drives the one robot of a batch in a running simulator.
 
     Raises:
-        ValueError: if the task cannot be driven there: more robots than one, another robot, another time step.
-        ConnectionError: if nobody answers at the address.
+        ValueError: if the task has several robots, another robot or another time step.
+        ConnectionError: if there is no answer at the address.
         RuntimeError: if the scene has no P3DX.
     """
 
@@ -71,20 +71,25 @@ class CoppeliaPlant:
             raise ValueError('dynamics="coppelia" takes no shove and no disturbance of the motion: the simulator moves')
         self.task = task
         self.address = options.address or os.environ.get(ADDRESS_VARIABLE) or ADDRESS
-        self._link = Link(self.address, _FIRST_ANSWER)
         self._end: Callable[[], object] | None = None
+        self._targets = [0.0, 0.0]
+        self._wheels = np.zeros(2)  # forward speed and yaw rate of the tier's wheels
+        self._connect()
+
+    def _connect(self) -> None:
+        """Opens a link and reads the scene over it."""
+        self._link = Link(self.address, _FIRST_ANSWER)
         try:
             self._read_scene()
         except BaseException:
+            self._link.broken = True
             self._link.close()
             raise
         self._link.timeout = _ANSWER
-        self._targets = [0.0, 0.0]
-        self._wheels = np.zeros(2)  # forward speed and yaw rate that the tier's wheels turn for
         weakref.finalize(self, Link.close, self._link)
 
     def _read_scene(self) -> None:
-        """Reads what the scene says of its robot, and compares it with the task's."""
+        """Reads the geometry of the scene's robot, and compares it with the task's."""
         try:
             self._link.call("zmqRemoteApi.info", "sim")
         except ConnectionError:
@@ -128,8 +133,17 @@ class CoppeliaPlant:
         return self._link.call(f"sim.{function}", *args)
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
-        """Puts the robot at its start at rest, with the simulation running and held."""
+        """Puts the robot at rest at its start, with the simulation running and stepped.
+
+        After a call without an answer it connects anew: the simulator may have been started again.
+        """
         del rows, obstacles
+        if self._link.broken:
+            self._link.close()
+            self._connect()
+            if self._end is not None:
+                self._end()
+                self._end = None
         if self._end is None:
             self._end = _left_standing(self, self.address, self.joints)
         sim = self._sim
@@ -157,13 +171,14 @@ class CoppeliaPlant:
         self,
         states: NDArray[np.void],
         obstacles: NDArray[np.void],
+        actions: NDArray[np.float64],
         noise: NDArray[np.float64],
         skip: NDArray[np.bool_],
     ) -> None:
-        """Turns the wheels for one control period and reads what became of the robot.
+        """Drives the wheels for one control period and reads the state of the robot.
 
         Raises:
-            RuntimeError: if something else sets the wheels' speeds.
+            RuntimeError: if another program sets the wheel speeds.
         """
         if skip[0]:
             return
@@ -178,12 +193,12 @@ class CoppeliaPlant:
         for _ in range(self.steps):
             sim("step", True)
         if sim("getSimulationState") in (0, 8):
-            raise RuntimeError(f"the simulation at {self.address} was stopped or paused by somebody else")
+            raise RuntimeError(f"the simulation at {self.address} was stopped or paused by another client")
         for joint, target in zip(self.joints, self._targets, strict=True):
             found = sim("getJointTargetVelocity", joint)
             if abs(found - target) > _SAME_SPEED * max(1.0, abs(target)):
                 raise RuntimeError(
-                    f"a script in the scene drives the wheels (asked {target:.4g} rad/s, found {found:.4g}): "
+                    f"a script in the scene drives the wheels (set {target:.4g} rad/s, found {found:.4g}): "
                     "delete it; the stock P3DX model carries one"
                 )
         pose = sim("getObjectPose", self.base)
@@ -200,12 +215,12 @@ class CoppeliaPlant:
         s["wheel_yaw_rate"] = 0.5 * self.radius * (right - left) / self.half_track
         count = int(self.task.obstacle_counts(states)[0])
         s["clearance"] = clearance_of(self.task.robot, obstacles[0], count, (s["x"], s["y"], s["heading"]))
-        # the simulator does not say what touches what; the task's own obstacles do
+        # the simulator reports no contacts; they follow from the task's own obstacles
         s["contact"] = int(s["clearance"] < _TOUCHING)
         note_odometry(self.task.params, states, noise, s["wheel_vx"], 0.0, s["wheel_yaw_rate"])
 
     def close(self) -> None:
-        """Stops the wheels and the simulation, by a link of its own: this one may be waiting for an answer."""
+        """Stops the wheels and the simulation over a second link: this one may wait for an answer."""
         if self._end is not None:
             self._end()
             self._end = None
@@ -213,12 +228,12 @@ class CoppeliaPlant:
 
 
 def _left_standing(plant: CoppeliaPlant, address: str, joints: list[int]) -> Callable[[], object]:
-    """Returns what stops a robot: when it is called, when the plant is forgotten, at the end of this process.
+    """Returns the finalizer that stops the robot: on call, on deletion of the plant, at the end of the process.
 
-    However that ends: a child watches, which only the system's own end takes along.
+    A child process watches, for the case that this process is killed.
     """
     words = [sys.executable, "-P", standstill.__file__, address, *map(str, joints)]
-    # a session of its own: Ctrl-C in the terminal is not for it
+    # a session of its own, which Ctrl-C in the terminal does not reach
     watcher = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True)
     return weakref.finalize(plant, _stop, watcher, address, joints)
 

@@ -1,4 +1,4 @@
-"""The tree of a scene's objects, and how a path such as /PioneerP3DX/ultrasonicSensor[3] finds one of them."""
+"""The tree of a scene's objects, and the search for paths such as /PioneerP3DX/ultrasonicSensor[3]."""
 
 import dataclasses
 import re
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from wayfield.envs.coppelia import frames
-from wayfield.envs.coppelia.constants import DUMMY, JOINT, PROXIMITY_SENSOR, SHAPE
+from wayfield.envs.coppelia.constants import DUMMY, JOINT, PROXIMITY_SENSOR, SHAPE, VISION_SENSOR
 from wayfield.envs.coppelia.frames import ORIGIN, Pose
 
 MAX_OBJECTS = 4096
@@ -17,20 +17,30 @@ MAX_ALIAS = 128  # characters
 MAX_PATH = 1024  # characters
 _MAX_INDEX = MAX_OBJECTS  # of a match
 
-KINDS = {SHAPE: "shape", JOINT: "joint", DUMMY: "dummy", PROXIMITY_SENSOR: "proximity sensor"}
+KINDS = {
+    SHAPE: "shape",
+    JOINT: "joint",
+    DUMMY: "dummy",
+    PROXIMITY_SENSOR: "proximity sensor",
+    VISION_SENSOR: "vision sensor",
+}
 
-# What older scripts and documents call the robot and its parts.
+# Names of the robot and its parts in older scripts and documents.
 _OLD_MODELS = ("Pioneer3DX", "Pioneer_p3dx")
+# Other names of the lidar's halves in scripts.
+_OTHER_NAMES = {
+    f"{kind}{side}": f"fastHokuyo_sensor{side}" for kind in ("sensor", "SICK_TiM310_sensor") for side in "12"
+}
 _OLD_SENSOR = re.compile(r"Pioneer_p3dx_ultrasonicSensor(\d{1,2})")
 
 
 @dataclasses.dataclass(eq=False)
 class Footprint:
-    """What a shape takes of the floor: an obstacle to the hull and to sonars."""
+    """The footprint of a shape: an obstacle to the hull and to sonars."""
 
     record: np.void  # OBSTACLE
-    patrol: np.void | None = None  # PATROL, of one that moves by a script
-    index: int = -1  # in the world's array of obstacles; -1 while it is not there
+    patrol: np.void | None = None  # PATROL, of a moving obstacle
+    index: int = -1  # in the world's array of obstacles; -1: none
 
 
 @dataclasses.dataclass(eq=False)
@@ -50,13 +60,14 @@ class Object:
     alias: str
     kind: int  # sceneobject_...
     parent: "Object | None" = None
-    pose: Pose = ORIGIN  # in the frame of the parent; of a joint: in the frame that moves with it
+    pose: Pose = ORIGIN  # relative to the parent; the child of a joint moves with it
     children: list["Object"] = dataclasses.field(default_factory=list)
     part: bool = False  # of the robot's model: fixed to it
     wheel: int = -1  # index of a joint among the robot's wheels
     primitive: tuple[int, tuple[float, float, float]] | None = None  # kind and sizes (m) of a shape
     footprint: Footprint | None = None
     sonar: Sonar | None = None
+    scans: int = -1  # half of the lidar's beams, 0 right and 1 left, of a vision sensor
     size: float = 0.0  # m, of a dummy
     colour: tuple[float, float, float] | None = None
     created: bool = False  # while the simulation ran
@@ -79,7 +90,7 @@ class Object:
 class Scene:
     """The objects of a world by handle and as a tree.
 
-    Handles are never used twice. `base` is the robot's; its pose is where `placed` says that the robot is.
+    Handles are never reused. `placed` returns the poses of the base and of obstacles, which the plant moves.
     """
 
     def __init__(self, name: str) -> None:
@@ -95,7 +106,7 @@ class Scene:
         """Returns a new object, the last child of its parent.
 
         Raises:
-            ValueError: if there are too many.
+            ValueError: if the scene is full.
         """
         if len(self.objects) >= MAX_OBJECTS:
             raise ValueError(f"the scene has {MAX_OBJECTS} objects, which is the most")
@@ -106,18 +117,18 @@ class Scene:
         return new
 
     def siblings(self, node: Object) -> list[Object]:
-        """Returns the list that the object stands in."""
+        """Returns the list that contains the object."""
         return self.roots if node.parent is None else node.parent.children
 
     def remove(self, node: Object) -> None:
-        """Takes an object out; its children stay where they are, as children of its parent."""
+        """Removes an object; its children keep their poses in the world and move up to its parent."""
         for child in list(node.children):
             self.attach(child, node.parent, keep=True)
         self.siblings(node).remove(node)
         del self.objects[node.handle]
 
     def attach(self, node: Object, parent: Object | None, keep: bool) -> None:
-        """Makes an object the last child of another, or of the world; where it is stays, or else its relative pose."""
+        """Makes an object the last child of a parent; `keep` keeps its pose in the world, else its relative pose."""
         pose = self.pose(node)
         self.siblings(node).remove(node)
         node.parent = parent
@@ -126,7 +137,7 @@ class Scene:
             node.pose = frames.composed(frames.inverse(self.frame(parent)), pose)
 
     def pose(self, node: Object) -> Pose:
-        """Returns an object's pose in the world; of a joint: of the frame that does not move with it."""
+        """Returns the pose of an object in the world; of a joint, that of its fixed frame."""
         placed = self.placed(node)
         if placed is not None:
             return placed
@@ -135,7 +146,7 @@ class Scene:
         return frames.composed(self.frame(node.parent), node.pose)
 
     def frame(self, node: Object | None) -> Pose:
-        """Returns the frame in the world that an object's children stand in; None is the world."""
+        """Returns the parent frame of an object's children, in the world; None is the world."""
         if node is None:
             return ORIGIN
         pose = self.pose(node)
@@ -144,7 +155,7 @@ class Scene:
         return frames.composed(pose, frames.yawed(0.0, 0.0, 0.0, self.turned(node)))
 
     def find(self, path: str, index: int = 0) -> Object | None:
-        """Returns the object of a path, or None: the `index`-th that matches, intermediate levels may be left out.
+        """Returns the object at a path, the `index`-th match, or None; intermediate levels may be omitted.
 
         A component is an alias with the wildcards * and ?; `name[i]` is the i-th match among siblings, `name{i}` the
         i-th in the whole search.
@@ -171,10 +182,14 @@ class Scene:
             if index == 0:
                 return found
             index -= 1
+        last, wanted = components[-1]
+        if last in _OTHER_NAMES:
+            components[-1] = _OTHER_NAMES[last], wanted
+            return next(self._matches(self.roots, components, 0, set()), None)
         return None
 
     def find_old(self, name: str) -> Object | None:
-        """Returns the object that a name of CoppeliaSim before 4.2 means, or None."""
+        """Returns the object of a name from before CoppeliaSim 4.2, or None."""
         if self.base is None:
             return None
         if name in _OLD_MODELS:
@@ -184,18 +199,20 @@ class Scene:
         match = _OLD_SENSOR.fullmatch(name)
         if match is not None:
             return self.find(f"/{self.base.alias}/ultrasonicSensor", int(match[1]) - 1) if int(match[1]) > 0 else None
-        return None
+        # any other alias was a name of its own, with #0 for a copy
+        plain = name.partition("#")[0]
+        return self.find(f"/{plain}") if re.fullmatch(r"[\w .-]+", plain) else None
 
     def is_old(self, path: str) -> bool:
-        """Returns whether a path or a name is one that only older scripts use."""
+        """Returns whether a path or a name belongs to older scripts."""
         return path.lstrip("/.:").split("/")[0].startswith(_OLD_MODELS)
 
     def _matches(
         self, nodes: list[Object], components: list[tuple[str, int | None]], first: int, barren: set[tuple[int, int]]
     ) -> Iterator[Object]:
-        """Yields all below a list of siblings that the components from the first on lead to.
+        """Yields the matches of the components from `first` on, below a list of siblings.
 
-        `barren` keeps the searches known to lead nowhere: without it a deep tree of like names takes for ever.
+        `barren` holds the searches without a match: without it a deep tree of equal names takes exponential time.
         """
         name, wanted = components[first]
         count = 0
@@ -225,12 +242,12 @@ class Scene:
             barren.add((node.handle, first))
 
     def indexed(self, node: Object) -> str:
-        """Returns alias[i], i the object's place among siblings of its alias."""
+        """Returns alias[i], i the index among siblings of the same alias."""
         alike = [each for each in self.siblings(node) if each.alias == node.alias]
         return f"{node.alias}[{alike.index(node)}]"
 
     def full_path(self, node: Object) -> str:
-        """Returns the path through every level, with [i] where siblings share an alias."""
+        """Returns the path with every level, and [i] where siblings share an alias."""
         steps = []
         for each in (node, *node.ancestors()):
             alike = sum(other.alias == each.alias for other in self.siblings(each))
@@ -238,7 +255,7 @@ class Scene:
         return "/" + "/".join(reversed(steps))
 
     def short_path(self, node: Object) -> str:
-        """Returns the path by way of the topmost object alone, if that is the object's, else the full one."""
+        """Returns the path through the topmost object alone where it is unique, else the full path."""
         top = [node, *node.ancestors()][-1]
         head = "" if top is node else self.full_path(top)
         for path in (f"{head}/{node.alias}", f"{head}/{self.indexed(node)}"):
@@ -248,10 +265,7 @@ class Scene:
 
 
 def wild_match(pattern: str, name: str) -> bool:
-    """Returns whether a name matches a pattern in which * is any text and ? any character.
-
-    One pass with one way back: no pattern takes long.
-    """
+    """Returns whether a name matches a pattern: * is any text, ? any character. Quadratic time at most."""
     p = n = 0
     star, resume = -1, 0
     while n < len(name):

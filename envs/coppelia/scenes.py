@@ -1,4 +1,4 @@
-"""The scenes that are served: document A's, plain ones, and every scenario of the environments."""
+"""The scenes: those of the documents, plain ones, and every scenario of the environments."""
 
 import functools
 import itertools
@@ -8,14 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wayfield.envs.checks import suggestion
 from wayfield.envs.coppelia import curves, frames
-from wayfield.envs.coppelia.calls_data import path_data
 from wayfield.envs.coppelia.constants import CUBOID, CYLINDER, DISC, DUMMY, SHAPE
 from wayfield.envs.coppelia.models import model_of
 from wayfield.envs.coppelia.scene import Footprint, Object
 from wayfield.envs.coppelia.world import World
-from wayfield.envs.paths import Path
 from wayfield.envs.scenarios import (
     GOAL_SCENARIOS,
     PATH_SCENARIOS,
@@ -27,13 +24,15 @@ from wayfield.envs.scenarios import (
     circle,
     scenarios_of,
 )
-from wayfield.envs.scenarios.files import kind_of
-from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.envs.scenarios.files import is_scene, kind_of
+from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.envs.world.paths import Path
+from wayfield.system.checks import suggestion
 
 DOCUMENT_A = "document-a"
 _WALL_HEIGHT = 0.5  # m
 _MARKER_HEIGHT = 0.002  # m, of discs that lie on the floor
-_LEAST_THICKNESS = 0.01  # m, that a wall without thickness is reported with
+_LEAST_THICKNESS = 0.01  # m, reported for a wall without thickness
 _CONTROLS_SHOWN = 200  # dummies at the points of a scenario's path
 
 # Document A's scene, read from its author's file: centre (m) and turn of the walls of 5 x 0.2 m, the path's points.
@@ -53,9 +52,9 @@ _BOXES = ((0.0, 3.2, 1.2, 0.4, 20.0), (-1.5, -1.2, 0.6, 0.6, 45.0), (3.2, 3.0, 0
 
 
 class Conditions(NamedTuple):
-    """What a scene is driven with."""
+    """Robot, plant and time step of a scene."""
 
-    robot: str | None = None  # None: the scene's own
+    robot: str | None = None  # None: that of the scene
     dynamics: str = "kinematic"
     actuators: str = "ideal"
     half_track: float | None = None  # m; None: CoppeliaSim's P3DX
@@ -64,10 +63,10 @@ class Conditions(NamedTuple):
 
 
 def make_world(name: str, conditions: Conditions = Conditions(), files: bool = True) -> World:  # noqa: B008
-    """Returns the world of a scene's name, or of a scenario's name or file.
+    """Returns the world of a scene, by its name, by a scenario's name or file, or by a scene's file.
 
     Args:
-        files: whether the name may be that of a file, or of a family that is read from one: never on a client's word.
+        files: whether the name may be a file, or a family that is read from one; False for names from clients.
 
     Raises:
         ValueError: if there is no such scene, or it cannot be made under the conditions.
@@ -81,6 +80,10 @@ def make_world(name: str, conditions: Conditions = Conditions(), files: bool = T
         if name in spec.presets or (files and family in spec.families):
             return _scenario_world(spec, name, conditions.number, conditions)
     if files and name.lower().endswith((".json", ".csv", ".txt")):
+        if is_scene(name):
+            from wayfield.envs.coppelia.scene_files import scene_from_file
+
+            return scene_from_file(name, conditions)
         (spec,) = (spec for spec in TASKS.values() if spec.kind == kind_of(name))
         return _scenario_world(spec, name, 0, conditions)
     if name.lower().endswith(".ttt"):
@@ -123,16 +126,16 @@ def _floor(world: World, x: float, y: float, length: float, width: float) -> Non
 
 
 def _marker(world: World, alias: str, x: float, y: float, radius: float, colour: tuple[float, float, float]) -> None:
-    """Adds a disc that lies on the floor, in nobody's way."""
+    """Adds a disc on the floor, which is no obstacle."""
     primitive = (DISC, (2.0 * radius, 2.0 * radius, _MARKER_HEIGHT))
     pose = (x, y, _MARKER_HEIGHT, 0.0, 0.0, 0.0, 1.0)
     world.scene.add(alias, SHAPE, None, pose, primitive=primitive, colour=colour)
 
 
-def _path(world: World, rows: curves.Table, controls: curves.Table) -> Object:
-    """Adds a path at the world's origin, so that its rows are places in the world."""
+def add_path(world: World, rows: curves.Rows, controls: curves.Rows) -> Object:
+    """Adds a path at the world's origin, so that its rows are world coordinates."""
     path = world.scene.add("Path", DUMMY)
-    path.data["PATH"], path.data["PATHCTRLPTS"] = path_data(rows), path_data(controls)
+    path.data["PATH"], path.data["PATHCTRLPTS"] = curves.packed(rows), curves.packed(controls)
     if len(controls) <= _CONTROLS_SHOWN:
         for row in controls.tolist():
             world.scene.add("ctrlPt", DUMMY, path, tuple(row))
@@ -162,7 +165,7 @@ def _path_world(scenario: PathScenario, conditions: Conditions) -> World:
     middle, size = 0.5 * (low + high), high - low
     _floor(world, float(middle[0]), float(middle[1]), float(size[0]), float(size[1]))
     rows = path_table(path)
-    _path(world, rows, rows[:-1] if path.closed else rows)
+    add_path(world, rows, rows[:-1] if path.closed else rows)
     end = path.points[0] if path.closed else path.points[-1]
     for alias, (x, y), radius, colour in (
         ("Disc", end.tolist(), 0.25, (0.2, 0.7, 0.3)),
@@ -173,8 +176,8 @@ def _path_world(scenario: PathScenario, conditions: Conditions) -> World:
     return world
 
 
-def path_table(path: Path) -> curves.Table:
-    """Returns a path's points as rows of x, y, z and a quaternion that looks along it; closed: the first once more."""
+def path_table(path: Path) -> curves.Rows:
+    """Returns a path as rows (n, 7) with the quaternion of its heading; a closed path repeats the first row."""
     vertices = path.vertices
     half = 0.5 * vertices["heading"]
     none = np.zeros(len(vertices))
@@ -217,7 +220,7 @@ def _document_a(name: str, conditions: Conditions) -> World:
     _marker(world, "Perp", -0.7, 1.2, 0.05, (0.9, 0.4, 0.1))
     controls = np.array(_PATH_CONTROLS)
     controls[:, 3:] /= np.sqrt((controls[:, 3:] ** 2).sum(axis=1, keepdims=True))
-    _path(world, curves.path_rows(controls, True, 100, 1.0), controls)
+    add_path(world, curves.path_rows(controls, True, 100, 1.0), controls)
     return world
 
 
@@ -244,7 +247,7 @@ def _arena(name: str, conditions: Conditions) -> World:
 
 
 def _documented(scenario: str, robot: str, name: str, conditions: Conditions) -> World:
-    """Returns the world of a scenario that a document runs with a robot of its own."""
+    """Returns the world of a scenario with the robot of its document."""
     conditions = conditions._replace(robot=conditions.robot or robot)
     return _goal_world(_bank(TASKS["goal_reaching"], scenario, conditions)[0], conditions)
 

@@ -1,8 +1,8 @@
-"""The server: one thread, one ROUTER socket, one loop. It knows clients, stepping and the clock, and no robot.
+"""The server: one thread, one ROUTER socket, one loop over clients, stepping and the clock.
 
-A pass of the simulation is made between messages: when every client that steps has asked for one, or, when none steps,
-when the wall clock says so. A call that waits for a pass is answered when it has been made, which a client cannot tell
-from CoppeliaSim's polling; whatever else comes is answered at once.
+A pass of the simulation is made between messages. With stepping clients, all of them must request it; else it follows
+the wall clock. A call that waits for a pass is answered after it, and clients see no difference from CoppeliaSim's
+polling. Every other call is answered at once.
 """
 
 import collections
@@ -18,9 +18,9 @@ from typing import Any
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from wayfield.envs.coppelia import calls  # noqa: F401  offers the functions
+from wayfield.envs.coppelia.calls import NOT_OFFERED
 from wayfield.envs.coppelia.codec import MAX_MESSAGE, Refusal, Request, encoded, one_line, request_of
-from wayfield.envs.coppelia.signatures import FUNCTIONS, NOT_OFFERED, NULL, Callback, CallError, Wait
+from wayfield.envs.coppelia.signatures import FUNCTIONS, NULL, Callback, CallError, Wait
 from wayfield.envs.coppelia.world import World
 
 LOG = logging.getLogger("wayfield.coppelia")
@@ -28,31 +28,31 @@ LOG = logging.getLogger("wayfield.coppelia")
 PORT = 23000
 LOCAL = ("127.0.0.1", "localhost", "::1")
 
-MAX_CLIENTS = 64  # the one that has been silent longest goes, if it does not step
-MAX_CALLBACKS = 32  # of one connection, waiting for their results
+MAX_CLIENTS = 64  # over the limit, the client with the longest silence is dropped, stepping ones last
+MAX_CALLBACKS = 32  # pending on one connection
 _PATIENCE = 0.1  # s, the longest wait of the loop
-_TIMEOUT = 600.0  # s, after which a silent client is forgotten
-_HANDSHAKE = 1000  # ms, in which a connection must speak ZeroMQ
+_TIMEOUT = 600.0  # s, of silence, after which a client is dropped
+_HANDSHAKE = 1000  # ms, for the ZeroMQ greeting
 _QUEUE = 64  # frames of a connection, each way
-_READ_WITHIN = 0.1  # s, that a peer has to make room in a full queue, once
+_READ_WITHIN = 0.1  # s, for a peer with a full queue to make room, once
 
 
 @dataclasses.dataclass(eq=False)
 class Client:
-    """Who calls: the same on all of its connections."""
+    """A client, with all its connections."""
 
     uuid: str
     name: str  # for the log
     timeout: float
     connections: set[bytes] = dataclasses.field(default_factory=set)
-    level: int = 0  # of stepping
-    wish: bool = False  # whether it wants the next pass
+    level: int = 0  # stepping level
+    wish: bool = False  # whether it requests the next pass
     locks: int = 0
     heard: float = 0.0
 
 
 class Connection:
-    """A socket of a client."""
+    """A connection of a client."""
 
     def __init__(self, client: Client, descriptor: int) -> None:
         self.client = client
@@ -62,7 +62,7 @@ class Connection:
 
 
 class Caller:
-    """What a function is run with: who asks, and the world."""
+    """The context of a call: client, server and world."""
 
     __slots__ = ("client", "server", "world")
 
@@ -76,10 +76,11 @@ class Server:
     """Serves a world on a port of this machine.
 
     Args:
-        world: what is served; `load` makes another by its name.
-        port: 0 takes a free one; `port` then tells which.
-        speed: seconds of simulation in a second while nobody steps; 0 or inf: as fast as it goes.
-        load: returns the world of a scene's name, for `sim.loadScene`.
+        world: the scene and its robot.
+        port: 0 takes a free port, which the attribute `port` then holds.
+        speed: simulation seconds per second while no client steps; 0 or inf: no pacing.
+        load: returns the world of a scene's name, for `sim.loadScene`; None: refused.
+        real_time: whether stepped passes follow the wall clock as well, so that they can be watched.
 
     Raises:
         OSError: if the port is taken, or the address is not this machine's.
@@ -92,25 +93,26 @@ class Server:
         port: int = PORT,
         speed: float = 1.0,
         load: Callable[[str], World] | None = None,
+        real_time: bool = False,
     ) -> None:
         self.world = world
         self.load = load
         self.speed = 0.0 if math.isinf(speed) else speed
         self.paced = self.speed > 0.0
+        self.real_time = real_time
         self.host = host
         self.started = time.monotonic()
-        self.stored: dict[tuple[int, str], int] = {}  # bytes that signals and blocks take
+        self.stored: dict[tuple[int, str], int] = {}  # bytes of signals and blocks, by owner and name
         self.idle_fps = 0
-        self.said: set[str] = set()  # what is logged once only
         self._compile()
         self._clients: dict[str, Client] = {}
         self._connections: dict[bytes, Connection] = {}
-        self._deaf: set[bytes] = set()  # identities of peers that do not read
+        self._deaf: set[bytes] = set()  # identities of peers with full queues
         self._next_pass = 0.0
         self._next_look = 0.0
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._noted: dict[str, tuple[float, int]] = {}  # when the second of an event's kind began, and how many since
+        self._noted: dict[str, tuple[float, int]] = {}  # by kind of event: start of its second, and count
         self.lateness: collections.deque[float] = collections.deque(maxlen=10_000)  # s, of paced passes
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
@@ -128,7 +130,7 @@ class Server:
             (zmq.HANDSHAKE_IVL, _HANDSHAKE),
             (zmq.RCVHWM, _QUEUE),
             (zmq.SNDHWM, _QUEUE),
-            (zmq.ROUTER_MANDATORY, 1),  # a full queue is told, instead of the reply being dropped
+            (zmq.ROUTER_MANDATORY, 1),  # a full queue is an error instead of a silent drop
             (zmq.TCP_KEEPALIVE, 1),
             (zmq.IPV6, int(":" in self.host)),
         ):
@@ -146,7 +148,7 @@ class Server:
         self._poller.register(self._monitor, zmq.POLLIN)
 
     def _compile(self) -> None:
-        """Runs every compiled function once: a client must not wait for it."""
+        """Compiles every kernel before the first client connects."""
         with contextlib.suppress(Refusal):
             request_of(b"\xa0")
         self.world.compile()
@@ -154,14 +156,14 @@ class Server:
     # The loop.
 
     def serve(self, each: Callable[[], None] | None = None) -> None:
-        """Serves until `stop`; `each` is called between passes, at least every tenth of a second."""
+        """Serves until `stop`; calls `each` between passes, at least every 0.1 s."""
         try:
             while not self._stop.is_set():
                 for socket, _ in self._poller.poll(math.ceil(1000.0 * self._patience())):
                     if socket is self._socket:
                         self._answer()
                     else:
-                        self._see_who_left()
+                        self._drop_closed()
                 now = time.monotonic()
                 if now >= self._next_look:
                     self._next_look = now + 1.0
@@ -177,11 +179,11 @@ class Server:
             self._context.destroy(linger=200)
 
     def stop(self) -> None:
-        """Asks `serve` to return; any thread may."""
+        """Ends `serve`; safe from any thread."""
         self._stop.set()
 
     def close(self) -> None:
-        """Ends the thread that `with` started."""
+        """Ends the thread of the context manager."""
         self.stop()
         if self._thread is not None:
             self._thread.join()
@@ -198,7 +200,7 @@ class Server:
         self.close()
 
     def _patience(self) -> float:
-        """Returns how long the loop may wait for a message, s."""
+        """Returns the timeout of the next poll, s."""
         now = time.monotonic()
         least = _PATIENCE
         for connection in self._connections.values():
@@ -206,7 +208,8 @@ class Server:
                 least = min(least, connection.wait.until - now)
         if self.world.running and not self._held():
             if self._stepping():
-                return 0.0 if self._wanted() else max(least, 0.0)
+                due = max(self._next_pass - now, 0.0) if self.real_time else 0.0
+                return due if self._wanted() else max(least, 0.0)
             least = min(least, self._next_pass - now if self.paced else 0.0)
         return max(least, 0.0)
 
@@ -217,14 +220,14 @@ class Server:
         return any(client.level for client in self._clients.values())
 
     def _wanted(self) -> bool:
-        """Returns whether every client that steps wants the next pass."""
+        """Returns whether every stepping client requests the next pass."""
         return all(client.wish for client in self._clients.values() if client.level)
 
     def _due(self, now: float) -> bool:
         if not self.world.running or self._held():
             return False
         if self._stepping():
-            return self._wanted()
+            return self._wanted() and (not self.real_time or now >= self._next_pass)
         return not self.paced or now >= self._next_pass
 
     def _advance(self, now: float) -> None:
@@ -234,20 +237,20 @@ class Server:
         self.world.advance()
         for client in self._clients.values():
             client.wish = False
-        self.schedule(now if stepping else None)
+        self.schedule(now if stepping and not self.real_time else None)
         if not self.world.running:
             LOG.info("%s at %.2f s", "stopped" if self.world.state == 0 else "paused", self.world.time)
 
     def schedule(self, now: float | None = None) -> None:
         """Sets the time of the next paced pass: a period after the last one, or after `now`.
 
-        After a stall it does not catch up by more than a pass.
+        After a stall the simulation catches up by one pass at most.
         """
         period = self.world.dt / self.speed if self.speed > 0.0 else self.world.dt
         self._next_pass = now + period if now is not None else max(self._next_pass + period, time.monotonic() - period)
 
     def _release(self) -> None:
-        """Answers the calls whose waiting is over; of the others, those that take several passes want the next."""
+        """Answers completed waits; waits over several passes request the next one."""
         for identity, connection in list(self._connections.items()):
             if connection.wait is None:
                 continue
@@ -262,13 +265,13 @@ class Server:
     # Messages.
 
     def _answer(self) -> None:
-        """Answers the next message: one between two looks at the clock, so that passes are not held up."""
+        """Answers one message; more would delay passes."""
         try:
             frames = self._socket.recv_multipart(zmq.NOBLOCK, copy=False)
         except zmq.Again:
             return
         if len(frames) != 3 or len(frames[1]):
-            self.log("dropped", "a message that is no REQ's")
+            self.log("dropped", "a message without the frames of a REQ socket")
             return
         identity = frames[0].bytes
         reply = self._reply(identity, frames[2])
@@ -276,10 +279,10 @@ class Server:
             self._send(identity, reply)
         connection = self._connections.get(identity)
         if connection is not None and connection.descriptor not in self._open:
-            self._forget(identity)  # it was closed before its message was read
+            self._forget(identity)  # closed before its message was read
 
     def _send(self, identity: bytes, reply: dict[str, Any]) -> None:
-        """Sends a reply; a peer that has gone, or does not read what it asked for, loses it."""
+        """Sends a reply; drops it for a peer that has gone or whose queue stays full."""
         message = [identity, b"", encoded(reply)]
         until = time.monotonic() + (0.0 if identity in self._deaf else _READ_WITHIN)
         while True:
@@ -287,13 +290,13 @@ class Server:
                 self._socket.send_multipart(message, zmq.NOBLOCK)
             except zmq.Again:
                 if time.monotonic() < until:
-                    # libzmq may not have heard yet of the room that there is
+                    # libzmq updates the state of the queue in this call
                     self._socket.getsockopt(zmq.EVENTS)
                     time.sleep(0.0005)
                     continue
                 self._deaf.add(identity)
                 self.log("dropped", "replies to a client that does not read them")
-            except zmq.ZMQError:  # it has gone
+            except zmq.ZMQError:  # the peer has gone
                 self._deaf.discard(identity)
             return
 
@@ -305,26 +308,26 @@ class Server:
             self.log("refused", str(refusal))
             return refusal.reply
         connection = self._connection(identity, request, frame)
-        # whoever asks again while a call of his waits has given up on that one
+        # a new request on a waiting connection means that the client gave up the wait
         connection.wait = None
         try:
             return self._result(connection, request)
         except CallError as error:
             return {"err": f"in {one_line(request.func)}: {error}"}
-        except Exception as error:  # a defect of ours must not end the server
+        except Exception as error:  # a defect must not end the server
             LOG.exception("in %s: internal error", one_line(request.func))
             return {"err": f"in {one_line(request.func)}: internal error: {one_line(error)}"}
 
     def _connection(self, identity: bytes, request: Request, frame: zmq.Frame) -> Connection:
-        """Returns the connection that a message came on, with its client."""
+        """Returns the connection of a message; a new one with its client."""
         now = time.monotonic()
         connection = self._connections.get(identity)
         if connection is not None and connection.client.uuid != request.uuid:
             self._forget(identity)
             connection = None
         if connection is None:
-            # a connection that has ended may have had the same descriptor
-            self._see_who_left()
+            # a closed connection may have had the same descriptor
+            self._drop_closed()
             client = self._clients.get(request.uuid)
             if client is None:
                 self._make_room()
@@ -338,7 +341,7 @@ class Server:
         return connection
 
     def _result(self, connection: Connection, request: Request) -> dict[str, Any] | None:
-        """Returns what a request gets; None where that comes later."""
+        """Returns the reply to a request; None where it comes later."""
         client, func, args = connection.client, request.func, request.args
         if func == "_*end*_":
             for identity in list(client.connections):
@@ -373,8 +376,8 @@ class Server:
 
     # Clients come and go.
 
-    def _see_who_left(self) -> None:
-        """Forgets connections that have been closed."""
+    def _drop_closed(self) -> None:
+        """Drops closed connections."""
         while self._monitor.poll(0):
             event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))
             descriptor = int(event["value"])
@@ -386,14 +389,14 @@ class Server:
                 self._forget(identity)
 
     def _forget_silent(self, now: float) -> None:
-        """Forgets clients that have said nothing for as long as they told."""
+        """Drops clients that are silent for longer than their timeout."""
         for client in [c for c in self._clients.values() if now - c.heard > c.timeout]:
             if not any(self._connections[i].wait for i in client.connections):
                 for identity in list(client.connections):
                     self._forget(identity)
 
     def _forget(self, identity: bytes) -> None:
-        """Forgets a connection, and its client with the last one: what it held back goes on."""
+        """Drops a connection, and with its last one the client, its stepping and its locks."""
         connection = self._connections.pop(identity)
         client = connection.client
         client.connections.discard(identity)
@@ -406,7 +409,7 @@ class Server:
         self.log("left", f"client {client.name}" + (", which stepped" if client.level else ""))
 
     def _make_room(self) -> None:
-        """Forgets the client that has been silent longest, if there are as many as there may be."""
+        """Drops the client with the longest silence, if the limit is reached."""
         if len(self._clients) < MAX_CLIENTS:
             return
         idle = [each for each in self._clients.values() if not each.level and not each.locks]
@@ -421,7 +424,7 @@ class Server:
         self.schedule(time.monotonic())
 
     def replace(self, world: World) -> None:
-        """Serves another world from now on; signals stay."""
+        """Replaces the world; signals stay."""
         world.compile()
         world.signals, world.app_signals = self.world.signals, self.world.app_signals
         self.world = world
@@ -429,7 +432,7 @@ class Server:
         self.schedule(time.monotonic())
 
     def log(self, kind: str, what: str, a_second: int = 1) -> None:
-        """Logs an event, and of its kind only so many a second: nobody can fill the log."""
+        """Logs an event, at most `a_second` of its kind in a second: no client can fill the log."""
         now = time.monotonic()
         began, count = self._noted.get(kind, (now, 0))
         if now - began >= 1.0:

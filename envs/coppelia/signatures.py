@@ -1,151 +1,78 @@
-"""What a function of `sim` takes: its arguments are checked before it runs, so that no input can make it fail.
+"""Offered functions of `sim`: their arguments are checked by their type hints before they run.
 
-A function is offered with the kinds of its arguments; what comes over the wire is looked up by name in `FUNCTIONS` and
-nowhere else.
+Names from the network are looked up in `FUNCTIONS` and nowhere else. No argument can make a function fail with anything
+but a `CallError`.
 """
 
 import dataclasses
+import inspect
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+import typing
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 from wayfield.envs.coppelia.codec import one_line
 from wayfield.envs.coppelia.constants import (
     HANDLE_APP,
     HANDLE_MASK,
-    HANDLE_PARENT,
     HANDLE_SCENE,
-    HANDLE_WORLD,
     JOINT,
-    JOINT_BASE_FLAG,
     MAX_HANDLE,
     PROXIMITY_SENSOR,
     SHAPE,
     WXYZ_FLAG,
 )
+from wayfield.envs.coppelia.scene import KINDS, Object
 
 if TYPE_CHECKING:
-    from wayfield.envs.coppelia.scene import Object
     from wayfield.envs.coppelia.server import Caller
 
 FARTHEST = 1e6  # m, of a coordinate
-NO_OBJECT = "object does not exist."
 WRONG_TYPE = "one of the function's argument type is not correct."
-MORE_ARGUMENTS = "the function requires more arguments."
 TABLE_SIZE = "incorrect table size."
-NIL = "_*NIL*_"
+_NIL = "_*NIL*_"  # null, in the words of the protocol
 
 
 class CallError(Exception):
-    """A call that is refused: a sentence of CoppeliaSim's, and in brackets what would be right."""
+    """A refused call: a sentence of CoppeliaSim, and in brackets the right input."""
 
     def __init__(self, sentence: str, hint: str = "") -> None:
         super().__init__(f"{sentence} ({one_line(hint)})" if hint else sentence)
 
 
 class Wrong(ValueError):
-    """A value that is not of the kind that it should be."""
+    """A value of the wrong kind."""
 
 
 class Null:
-    """What a function returns that has a result, and it is null."""
+    """The type of `NULL`, a result that is null; None is no result."""
 
 
 NULL = Null()
-
-Kind = Callable[["Caller", Any], Any]
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclasses.dataclass(eq=False)
 class Wait:
-    """What a function returns whose results come later: when `done` returns them."""
+    """A deferred result: `done` returns None until the results are there."""
 
     done: Callable[[], list[Any] | None]
-    steps: bool = False  # whether it wants passes until then
-    until: float = math.inf  # s, on the monotonic clock, when `done` is to be asked again
+    steps: bool = False  # whether it requests passes until then
+    until: float = math.inf  # s, on the monotonic clock, of the next call of `done`
 
 
 @dataclasses.dataclass(eq=False)
 class Callback:
-    """What a function returns whose result is that of a function of the client's."""
+    """A result that a function of the client computes."""
 
     function: str
     args: list[Any]
 
 
-class Optional(NamedTuple):
-    """An argument that may be left out or null, and then is `default`."""
+# Kinds of arguments: each returns the checked value, or raises Wrong or CallError. Docstrings complete "must be ...".
 
-    kind: Kind
-    default: Any = None
-
-
-class Function(NamedTuple):
-    """An offered function: what runs, and the kinds of its arguments."""
-
-    run: Callable[..., Any]
-    kinds: tuple[Kind | Optional, ...]
-
-    def __call__(self, caller: "Caller", values: list[Any]) -> Any:
-        """Returns what the function returns.
-
-        Raises:
-            CallError: if an argument is missing or wrong. Surplus ones are ignored, as in CoppeliaSim.
-        """
-        arguments = []
-        for i, kind in enumerate(self.kinds):
-            value = values[i] if i < len(values) else None
-            if type(value) is str and value == NIL:
-                value = None
-            if isinstance(kind, Optional):
-                arguments.append(kind.default if value is None else self._checked(kind.kind, caller, value, i))
-            elif i >= len(values):
-                raise CallError(MORE_ARGUMENTS, f"argument {i + 1}, {described(kind)}, is missing")
-            else:
-                arguments.append(self._checked(kind, caller, value, i))
-        try:
-            return self.run(caller, *arguments)
-        except Wrong as error:  # in a value that is looked into later
-            raise CallError(WRONG_TYPE, str(error)) from None
-
-    @staticmethod
-    def _checked(kind: Kind, caller: "Caller", value: Any, i: int) -> Any:
-        try:
-            return kind(caller, value)
-        except Wrong as error:
-            raise CallError(WRONG_TYPE, f"argument {i + 1} must be {described(kind)}; {error}") from None
-
-
-FUNCTIONS: dict[str, Function] = {}
-NOT_OFFERED: dict[str, str] = {}  # name and reason
-
-
-def offered(*kinds: Kind | Optional, name: str = "") -> Callable[[Any], Any]:
-    """Offers a function to clients: by its name in camel case, or by another name.
-
-    What it returns: None is no result, a tuple several, NULL one that is null, all else one.
-    """
-
-    def register(run: Any) -> Any:
-        first, *rest = run.__name__.split("_")
-        FUNCTIONS[f"sim.{name or first + ''.join(map(str.capitalize, rest))}"] = Function(run, kinds)
-        return run
-
-    return register
-
-
-def described(kind: Kind) -> str:
-    """Returns what a kind of argument is, in words."""
-    return (kind.__doc__ or "").split(".")[0].removeprefix("Returns ")
-
-
-def shown(value: Any) -> str:
-    """Returns a value in a few words, for messages."""
-    if isinstance(value, bytes):
-        return f"{len(value)} bytes"
-    if isinstance(value, list | dict):
-        return f"an array of {len(value)}" if isinstance(value, list) else f"a map of {len(value)}"
-    return repr(value)[:60]
+Kind = Callable[["Caller", Any], Any]
 
 
 def anything(caller: "Caller", value: Any) -> Any:
@@ -208,10 +135,10 @@ def blob(caller: "Caller", value: Any) -> bytes:
     return value
 
 
-def options(caller: "Caller", value: Any) -> dict[str, Any]:
+def options(caller: "Caller", value: Any) -> Mapping[str, Any]:
     """Returns a map of options."""
-    if isinstance(value, list) and not value:  # an empty table is either
-        return {}
+    if isinstance(value, list) and not value:  # an empty table of Lua is either
+        return NO_OPTIONS
     if not isinstance(value, dict):
         raise Wrong(f"got {shown(value)}")
     return value
@@ -224,108 +151,177 @@ def array(caller: "Caller", value: Any) -> list[Any]:
     return value
 
 
+def table(caller: "Caller", value: Any) -> Any:
+    """Returns an array or a map."""
+    if not isinstance(value, list | dict):
+        raise Wrong(f"got {shown(value)}")
+    return value
+
+
 def numbers(caller: "Caller", value: Any) -> list[float]:
     """Returns an array of numbers."""
     return [number(caller, each) for each in array(caller, value)]
 
 
-def exactly(count: int, most: float = 1e300) -> Kind:
-    """Returns the kind of arrays of `count` numbers, none beyond `most`."""
+def exactly(count: int) -> Kind:
+    """Returns the kind of arrays of `count` numbers within `FARTHEST`; surplus numbers are ignored."""
 
     def kind(caller: "Caller", value: Any) -> list[float]:
-        values = numbers(caller, value)
+        values = numbers(caller, value)[:count]
         if len(values) < count:
             raise CallError(TABLE_SIZE, f"{count} numbers are needed, got {len(values)}")
-        for each in values[:count]:
-            if abs(each) > most:
-                raise Wrong(f"{each:g} is beyond {most:g}")
-        return values[:count]
+        for each in values:
+            if abs(each) > FARTHEST:
+                raise Wrong(f"{each:g} is beyond {FARTHEST:g}")
+        return values
 
     kind.__doc__ = f"Returns an array of {count} numbers."
     return kind
 
 
-position = exactly(3, FARTHEST)
-angles = exactly(3, 1e9)
-quaternion = exactly(4, 1e9)
-pose = exactly(7, FARTHEST)
-matrix = exactly(12, FARTHEST)
-
-
-def _node(caller: "Caller", value: Any) -> "Object":
+def node(caller: "Caller", value: Any, sentence: str = "object does not exist.") -> Object:
+    """Returns the handle of an object."""
     handle = integer(caller, value)
     found = caller.world.scene.objects.get(handle & HANDLE_MASK) if 0 <= handle < MAX_HANDLE else None
     if found is None:
-        raise CallError(NO_OBJECT, f"no object has the handle {handle}")
+        raise CallError(sentence, f"no object has the handle {handle}")
     return found
 
 
-def node(caller: "Caller", value: Any) -> "Object":
-    """Returns the handle of an object."""
-    return _node(caller, value)
-
-
-def flagged(caller: "Caller", value: Any) -> "tuple[Object, bool]":
+def flagged(caller: "Caller", value: Any) -> tuple[Object, bool]:
     """Returns the handle of an object, with or without the flag for quaternions with w first."""
-    return _node(caller, value), bool(integer(caller, value) & WXYZ_FLAG)
+    return node(caller, value), bool(integer(caller, value) & WXYZ_FLAG)
 
 
-def joint(caller: "Caller", value: Any) -> "Object":
-    """Returns the handle of a joint."""
-    found = _node(caller, value)
-    if found.kind != JOINT:
-        raise CallError("object is not a joint.", f"{found.alias} has the handle {found.handle}")
-    return found
+def _node_of(kind: int) -> Kind:
+    """Returns the kind of handles of joints, proximity sensors or shapes."""
+
+    def checked(caller: "Caller", value: Any) -> Object:
+        found = node(caller, value)
+        if found.kind != kind:
+            raise CallError(f"object is not a {KINDS[kind]}.", f"{found.alias} has the handle {found.handle}")
+        return found
+
+    checked.__doc__ = f"Returns the handle of a {KINDS[kind]}."
+    return checked
 
 
-def wheel(caller: "Caller", value: Any) -> "Object":
+joint, sensor, shape = _node_of(JOINT), _node_of(PROXIMITY_SENSOR), _node_of(SHAPE)
+
+
+def wheel(caller: "Caller", value: Any) -> Object:
     """Returns the handle of a wheel's joint."""
-    found = joint(caller, value)
+    found: Object = joint(caller, value)
     if found.wheel < 0:
         raise CallError("joint is not driven.", f"{found.alias} turns freely; the wheels' joints are driven")
     return found
 
 
-def sensor(caller: "Caller", value: Any) -> "Object":
-    """Returns the handle of a proximity sensor."""
-    found = _node(caller, value)
-    if found.kind != PROXIMITY_SENSOR:
-        raise CallError("object is not a proximity sensor.", f"{found.alias} has the handle {found.handle}")
-    return found
-
-
-def shape(caller: "Caller", value: Any) -> "Object":
-    """Returns the handle of a shape."""
-    found = _node(caller, value)
-    if found.kind != SHAPE:
-        raise CallError("object is not a shape.", f"{found.alias} has the handle {found.handle}")
-    return found
-
-
-WORLD = ("world", None, False)
-
-
-def relative(caller: "Caller", value: Any) -> "tuple[str, Object | None, bool]":
-    """Returns the handle of an object, sim.handle_world or sim.handle_parent."""
-    handle = integer(caller, value)
-    if handle == HANDLE_WORLD:
-        return WORLD
-    if handle == HANDLE_PARENT:
-        return "parent", None, False
-    return "object", _node(caller, value), bool(handle & JOINT_BASE_FLAG)
-
-
-def parent(caller: "Caller", value: Any) -> "Object | None":
-    """Returns the handle of an object, or -1 for none."""
-    return None if integer(caller, value) == HANDLE_WORLD else _node(caller, value)
-
-
-def target(caller: "Caller", value: Any) -> "Object | int":
+def target(caller: "Caller", value: Any) -> Object | int:
     """Returns the handle of an object, sim.handle_scene or sim.handle_app."""
     handle = integer(caller, value)
-    if handle in (HANDLE_SCENE, HANDLE_APP):
-        return handle
-    found = caller.world.scene.objects.get(handle & HANDLE_MASK) if 0 <= handle < MAX_HANDLE else None
-    if found is None:
-        raise CallError("target does not exist.", f"no object has the handle {handle}")
-    return found
+    return handle if handle in (HANDLE_SCENE, HANDLE_APP) else node(caller, value, "target does not exist.")
+
+
+Name = Annotated[str, name]
+Options = Annotated[Mapping[str, Any], options]
+Flagged = Annotated[tuple[Object, bool], flagged]
+Joint = Annotated[Object, joint]
+Wheel = Annotated[Object, wheel]
+Sensor = Annotated[Object, sensor]
+Shape = Annotated[Object, shape]
+Target = Annotated[Object | int, target]
+Vector = Annotated[list[float], exactly(3)]
+Matrix = Annotated[list[float], exactly(12)]
+Table = Annotated[Any, table]
+
+_KIND_OF_HINT: dict[Any, Kind] = {
+    Any: anything,
+    float: number,
+    int: integer,
+    bool: truth,
+    str: text,
+    bytes: blob,
+    list[Any]: array,
+    list[float]: numbers,
+    Object: node,
+}
+
+
+def _kind_of(hint: Any) -> Kind:
+    if type(None) in typing.get_args(hint):  # X | None
+        (hint,) = (each for each in typing.get_args(hint) if each is not type(None))
+    return hint.__metadata__[0] if typing.get_origin(hint) is Annotated else _KIND_OF_HINT[hint]
+
+
+class Argument(NamedTuple):
+    """An argument of an offered function."""
+
+    kind: Kind
+    default: Any  # of one that is left out or null; inspect.Parameter.empty: it is required
+
+    def checked(self, caller: "Caller", values: list[Any], i: int) -> Any:
+        """Returns the value of the argument, the i-th of `values`."""
+        value = values[i] if i < len(values) else None
+        if type(value) is str and value == _NIL:
+            value = None
+        words = (self.kind.__doc__ or "").split(".")[0].removeprefix("Returns ")
+        if self.default is not inspect.Parameter.empty:
+            if value is None:
+                return self.default
+        elif i >= len(values):
+            raise CallError("the function requires more arguments.", f"argument {i + 1}, {words}, is missing")
+        try:
+            return self.kind(caller, value)
+        except Wrong as error:
+            raise CallError(WRONG_TYPE, f"argument {i + 1} must be {words}; {error}") from None
+
+
+class Function(NamedTuple):
+    """An offered function and its arguments."""
+
+    run: Callable[..., Any]
+    arguments: tuple[Argument, ...]
+
+    def __call__(self, caller: "Caller", values: list[Any]) -> Any:
+        """Returns the result of the function. Surplus arguments are ignored, as in CoppeliaSim.
+
+        Raises:
+            CallError: if an argument is missing or wrong.
+        """
+        arguments = [argument.checked(caller, values, i) for i, argument in enumerate(self.arguments)]
+        try:
+            return self.run(caller, *arguments)
+        except Wrong as error:  # in a value that is checked later
+            raise CallError(WRONG_TYPE, str(error)) from None
+
+
+FUNCTIONS: dict[str, Function] = {}
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def offered(*names: str, **hints: Any) -> Callable[[F], F]:
+    """Offers a function under its name in camel case, or under other names; `hints` replace type hints.
+
+    The result None is no result, a tuple several, `NULL` a null, all else one.
+    """
+
+    def register(run: F) -> F:
+        first, *rest = run.__name__.split("_")
+        _, *parameters = inspect.signature(run).parameters.values()
+        arguments = (Argument(_kind_of(hints.get(each.name, each.annotation)), each.default) for each in parameters)
+        function = Function(run, tuple(arguments))
+        for each in names or (first + "".join(map(str.capitalize, rest)),):
+            FUNCTIONS[f"sim.{each}"] = function
+        return run
+
+    return register
+
+
+def shown(value: Any) -> str:
+    """Returns a value in a few words, for messages."""
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes"
+    if isinstance(value, list | dict):
+        return f"an array of {len(value)}" if isinstance(value, list) else f"a map of {len(value)}"
+    return repr(value)[:60]

@@ -1,9 +1,9 @@
-"""What a sonar of the P3DX measures: the nearest point in its sector of a surface that faces it.
+"""Sonars of the P3DX: the nearest point of a surface in the sensor's sector.
 
-A sonar sees a sector of 15 degrees to each side of its axis and 1 m of reach, and only points where the surface's
-normal is within 45 degrees of the ray. All of these are intervals of bearings, and so is the extent of a straight
-face: the distance to a face grows with the angle from its perpendicular, to a disc with the angle from its centre, so
-that the nearest point lies at the bearing of the common interval that is nearest to that one. No rays are sampled.
+The sector has 15 degrees to each side of the axis and 1 m of reach. A point is detected only if the surface normal is
+within 45 degrees of the ray. Both conditions, and the extent of a straight face, are intervals of bearings. The
+distance to a face grows with the angle from its perpendicular, to a disc with the angle from its centre. Hence the
+nearest point lies at the bearing of the common interval nearest to that direction; no rays are sampled.
 """
 
 import math
@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 HALF_ANGLE = math.radians(15.0)
 REACH = 1.0  # m
-BLIND = 0.05  # m: what is nearer than this hides everything
+BLIND = 0.05  # m; a nearer surface hides everything
 INCIDENCE = math.radians(45.0)
 
 
 class Echo(NamedTuple):
-    """The detected point, seen along the sensor's axis."""
+    """The detected point, relative to the sensor's axis."""
 
     distance: float  # m
     aside: float  # rad, bearing from the axis, + to the left
@@ -26,7 +26,7 @@ class Echo(NamedTuple):
 
 
 def echo(x: float, y: float, bearing: float, obstacles: Iterable[Any]) -> Echo | None:
-    """Returns what a sonar at (x, y) with an axis along `bearing` detects among OBSTACLE records; None: nothing."""
+    """Returns the echo of OBSTACLE records at a sonar at (x, y) with an axis along `bearing`, or None."""
     best: Echo | None = None
     for j, obstacle in enumerate(obstacles):
         cx, cy, cosine, sine, half_length, half_width, radius, _ = obstacle
@@ -49,7 +49,7 @@ def _wrapped(angle: float) -> float:
 
 
 def _nearest(to: float, low: float, high: float) -> float | None:
-    """Returns the number of [low, high] nearest to another; None if there is none."""
+    """Returns the number of [low, high] nearest to another; None for an empty interval."""
     return min(max(to, low), high) if low <= high else None
 
 
@@ -77,10 +77,10 @@ def _of_disc(dx: float, dy: float, radius: float, bearing: float) -> tuple[float
 def _faces(
     dx: float, dy: float, cosine: float, sine: float, half_length: float, half_width: float, radius: float
 ) -> Iterator[tuple[float, float, float, float]]:
-    """Yields the straight faces of a box or a wall that look towards the sensor.
+    """Yields the straight faces of a box or a wall towards the sensor.
 
-    Each as (direction of the perpendicular to it, its length, and how far to the right and to the left of its foot the
-    face goes), rad and m.
+    Each is (direction of its perpendicular, length of that, ends of the face to the right and to the left of the
+    foot), rad and m.
     """
     # the sensor in the frame of the obstacle
     along = -(cosine * dx + sine * dy)
@@ -103,7 +103,7 @@ def _faces(
 
 
 def _sides(place: float, half: float) -> tuple[float, float]:
-    """Returns how far a face of a half length reaches to the right and to the left of a place on it."""
+    """Returns the ends of a face to the right and to the left of a place on it, m."""
     return -half - place, half - place
 
 

@@ -1,7 +1,7 @@
-"""The client's side of the protocol in its smallest form, and what leaves a robot standing when its driver is gone.
+"""A minimal client of the protocol, and a watchdog that stops the robot when its driver ends.
 
-The file also runs by itself, as a child that waits for the end of its parent: `plant` starts it so that a robot stops
-even when the process that drives it is killed. It imports nothing of wayfield, to be there in a tenth of a second.
+The file also runs as a script: `plant` starts it as a child that waits for the end of its parent, so that the robot
+stops even when the driving process is killed. It imports nothing of wayfield, to start in 0.1 s.
 """
 
 import sys
@@ -11,27 +11,27 @@ from typing import Any
 import cbor2
 import zmq
 
-DONE = b"done"  # what a parent says that has stopped its robot itself
+DONE = b"done"  # from a parent that has stopped its robot itself
 
 
 def encoded(message: dict[str, Any]) -> bytes:
-    """Returns a message as CBOR; an exception that a signal raises meanwhile is never lost.
+    """Returns a message as CBOR; an exception of a signal handler is never lost.
 
-    Left to itself cbor2 asks of every list whether it is a Mapping, in Python, and drops what that raises: Ctrl-C at
-    that moment would leave a robot driving on.
+    By default cbor2 tests in Python whether a list is a Mapping, and drops exceptions of the test. Ctrl-C at that
+    moment would leave the robot driving.
     """
     return bytes(cbor2.dumps(message, encoders={list: cbor2.CBOREncoder.encode_array}))
 
 
 class Link:
-    """A REQ socket to a CoppeliaSim; any call that gets no answer in time is one line and the end of the link.
+    """A REQ socket to a CoppeliaSim; a call without an answer in time is an error and the end of the link.
 
     Args:
         address: "host:port".
         timeout: s, for an answer.
 
     Raises:
-        ValueError: if the address is none.
+        ValueError: if the address is not host:port.
     """
 
     def __init__(self, address: str, timeout: float) -> None:
@@ -44,11 +44,13 @@ class Link:
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.REQ)
         self._socket.setsockopt(zmq.LINGER, 0)
+        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._socket.connect(f"tcp://{address}")
+        self.broken = False  # a call has failed: no further one is possible
         self._first: dict[str, Any] = {"ver": 2, "lang": "python", "timeout": 600}
 
     def call(self, function: str, *args: Any) -> Any:
-        """Returns what a function of the simulator returns: None, a value, or a list of several.
+        """Returns the result of a function of the simulator: None, a value, or a list of several.
 
         Raises:
             ConnectionError: if there is no answer.
@@ -72,27 +74,41 @@ class Link:
     def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
         fields = {**request, "argsL": len(request["args"]), "uuid": self.uuid, **self._first}
         self._first = {}
+        if self.broken:
+            raise ConnectionError(f"the link to {self.address} broke in an earlier call")
+        self.broken = True
         self._socket.send(encoded(fields))
-        if not self._socket.poll(round(1000 * self.timeout)):
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._monitor, zmq.POLLIN)
+        answers = dict(poller.poll(round(1000 * self.timeout)))
+        if not answers:
             raise ConnectionError(f"no answer from {self.address} to {request['func']} in {self.timeout:g} s")
+        if self._socket not in answers:
+            raise ConnectionError(f"{self.address} closed the connection during {request['func']}")
         try:
             reply = cbor2.loads(self._socket.recv())
         except (cbor2.CBORDecodeError, ValueError):
             reply = None
         if not isinstance(reply, dict):
             raise ConnectionError(f"what answers at {self.address} is no CoppeliaSim")
+        self.broken = False
         return reply
 
     def close(self) -> None:
         """Closes the socket, whatever state it is in."""
+        if self._context.closed:
+            return
+        self._socket.disable_monitor()
+        self._monitor.close(0)
         self._context.destroy(linger=0)
 
 
 def stand_still(address: str, joints: list[int], timeout: float = 2.0) -> None:
-    """Stops a robot's wheels and the simulation, by a link of its own: the driver's may wait for an answer.
+    """Stops the wheels and the simulation over a link of its own: the driver's link may wait for an answer.
 
     Raises:
-        ConnectionError: if nobody answers.
+        ConnectionError: if there is no answer.
         RuntimeError: if the simulator refuses.
     """
     link = Link(address, timeout)
@@ -105,7 +121,7 @@ def stand_still(address: str, joints: list[int], timeout: float = 2.0) -> None:
 
 
 def main() -> None:
-    """Waits until the parent has ended, and stops its robot unless the parent says that it did."""
+    """Waits for the end of the parent, and stops its robot unless the parent reports `DONE`."""
     address, *joints = sys.argv[1:]
     if sys.stdin.buffer.read() != DONE:
         try:

@@ -1,4 +1,4 @@
-"""The window of a server: the scene from above, with markers, dummies, paths and what clients draw."""
+"""The window of a server: the scene from above, with markers, dummies, paths and drawing objects."""
 
 import time
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ class Window:
         self._next = 0.0
 
     def show(self, server: "Server") -> None:
-        """Draws a frame, if it is time for one."""
+        """Draws a frame, at most `FPS` a second."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + 1.0 / FPS
@@ -42,10 +42,10 @@ class Window:
 
 
 def picture(world: World) -> Scene:
-    """Returns what a frame shows of a world."""
+    """Returns the drawing of a world."""
     x, y, heading = world.robot_pose
     bounds = world.bounds or (x - 2.5, y - 2.5, x + 2.5, y + 2.5)
-    # a robot that has left its floor is followed
+    # the view follows a robot beyond the floor
     bounds = (min(bounds[0], x), min(bounds[1], y), max(bounds[2], x), max(bounds[3], y))
     marks: list[Mark] = []
     path = None
@@ -75,7 +75,7 @@ def picture(world: World) -> Scene:
 def _rows(world: World, node: Object) -> np.ndarray | None:
     data = node.data["PATH"]
     if not isinstance(data, bytes) or len(data) % 56 or not data:
-        return None  # a client may have written anything there
+        return None  # clients may write any bytes there
     rows = np.frombuffer(data, "<f8").reshape(-1, 7)[:, :3]
     if not np.isfinite(rows).all():
         return None
@@ -85,7 +85,7 @@ def _rows(world: World, node: Object) -> np.ndarray | None:
 
 
 def _mark(world: World, node: Object) -> Mark | None:
-    """Returns how a marker on the floor or a dummy is shown; None for what is not."""
+    """Returns the mark of a marker on the floor or of a dummy; None for other objects."""
     pose = world.scene.pose(node)
     colour = None if node.colour is None else _shade(node.colour)
     if node.kind == DUMMY and node.alias not in ("Path", "ctrlPt"):
@@ -96,7 +96,7 @@ def _mark(world: World, node: Object) -> Mark | None:
 
 
 def _drawn(world: World, drawing: Drawing) -> list[Mark]:
-    """Returns the items of a drawing object: points, or polylines."""
+    """Returns the marks of a drawing object: points, or polylines."""
     if not drawing.items:
         return []
     points = np.array(drawing.items)

@@ -1,4 +1,4 @@
-"""A robot in a scene, and time: one pass at a time, on the kinematic plant or on pymunk."""
+"""The world of a scene: the robot, its plant (kinematic or pymunk), sonars, and the state of the simulation."""
 
 import dataclasses
 import math
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
-from wayfield.envs.coppelia import frames, models, sonars
+from wayfield.envs.coppelia import frames, lidar, models, sonars
 from wayfield.envs.coppelia.constants import (
     ABOUT_TO_STOP,
     ADVANCING,
@@ -24,15 +24,16 @@ from wayfield.envs.coppelia.constants import (
 from wayfield.envs.coppelia.drawing import Drawings
 from wayfield.envs.coppelia.frames import Pose, Vector
 from wayfield.envs.coppelia.models import Model
+from wayfield.envs.coppelia.sandbox import Sandbox
 from wayfield.envs.coppelia.scene import Footprint, Object, Scene
-from wayfield.envs.geometry import sin_cos, wrap_angle
-from wayfield.envs.hulls import clearance_of
-from wayfield.envs.patrols import patrol_at
-from wayfield.envs.sandbox import Sandbox
-from wayfield.envs.task import CONTROL_PERIOD
+from wayfield.envs.robots.hulls import clearance_of
+from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.envs.world.patrols import patrol_at
+from wayfield.system.elementary import sin_cos, wrap_angle
 
 ROOM_FOR_OBSTACLES = 1024  # besides those of the scene
-MAX_WHEEL_TARGET = 1e6  # rad/s; a wheel that is asked for more is asked for this
+MAX_TRAIL = 10_000  # places; a longer trail keeps every second one
+MAX_WHEEL_TARGET = 1e6  # rad/s; larger targets are clipped
 _ROW = np.zeros(1, np.int64)
 
 Reading = tuple[int, float, list[float], int, list[float]]
@@ -41,7 +42,7 @@ NOTHING: Reading = (0, 0.0, [0.0, 0.0, 0.0], -1, [0.0, 0.0, 0.0])
 
 @dataclasses.dataclass(eq=False)
 class Before:
-    """What a stop brings back."""
+    """The state that a stop restores."""
 
     places: dict[Object, tuple[Object | None, Pose]]
     robot: tuple[float, float, float]
@@ -51,14 +52,14 @@ class Before:
 
 
 class World:
-    """The robot, its wheels and sonars, what stands around it, and the state of the simulation.
+    """The robot, its wheels and sonars, the obstacles, and the state of the simulation.
 
     Args:
         name: of the scene.
         model: the robot.
         start: x, y (m) and heading (rad) of the robot's centre, its axle's middle.
-        moving: whether the scene has obstacles that move by a script.
-        room: how many obstacles it has.
+        moving: whether the scene has moving obstacles.
+        room: number of obstacles of the scene.
     """
 
     def __init__(
@@ -85,42 +86,35 @@ class World:
         self.state = STOPPED
         self.time = 0.0
         self.passes = 0
-        self.bounds: tuple[float, float, float, float] | None = None  # that a window shows, m
-        self.trail: list[tuple[float, float]] = []
+        self.bounds: tuple[float, float, float, float] | None = None  # of the window, m
+        self.trail: list[tuple[float, float]] = []  # of the robot's centre, every `_stride`-th pass
+        self._stride = 1
+        self.set_while_stopped = False  # whether a wheel was, since the last stop
         self._stop_asked = self._pause_asked = False
         self._before: Before | None = None
         self._shapes: list[Object] = []  # by the index of their obstacles
         self._echoes: dict[int, Reading] = {}
-        self._sensed: Pose | None = None  # the base's pose that the readings are of; None: nothing has been sensed
-        self.moving = moving
+        self._ranges: NDArray[np.float64] | None = None  # of the lidar at the last pass, once read
+        self._scanned = False  # whether a client reads the lidar
+        self._sensed: Pose | None = None  # pose of the base at the last pass; None: no readings
         self._capacity = room + ROOM_FOR_OBSTACLES
-        self._drive_with(dynamics, actuators, dt)
-        self._put(*start)
-
-    def _drive_with(self, dynamics: str, actuators: str, dt: float) -> None:
         self.dynamics, self.actuators, self.dt = dynamics, actuators, dt
-        self.task = Sandbox(self.model.robot, dynamics, actuators, dt, self._capacity, self.moving)
+        self.task = Sandbox(model.robot, dynamics, actuators, dt, self._capacity, moving)
         self.batch = Batch(self.task, 1)
         self._results = Results(self.task, 1)
         self._generators = [np.random.default_rng(0)]
         self._state = self.batch.states[0]
-
-    def set_dt(self, dt: float) -> None:
-        """Changes the time step of a stopped simulation."""
-        start = self.robot_pose
-        self._keep_records()
-        self._drive_with(self.dynamics, self.actuators, dt)
-        self._load()
         self._put(*start)
 
     def compile(self) -> None:
-        """Runs what is compiled, once."""
+        """Compiles the kernels, by one step."""
         x, y, heading = self.robot_pose
         self.batch.step(self._generators, self._results)
+        lidar.scan(self.batch.obstacles[0], 0, x, y, heading, lidar.ANGLES, lidar.REACH, np.empty(lidar.BEAMS))
         self._state["steps"] = 0
         self._put(x, y, heading)
 
-    # Where things are.
+    # Poses.
 
     @property
     def robot_pose(self) -> tuple[float, float, float]:
@@ -130,16 +124,16 @@ class World:
 
     @property
     def running(self) -> bool:
-        """Returns whether passes are to be made."""
+        """Returns whether the simulation advances."""
         return bool(self.state & ADVANCING)
 
     @property
     def stopping(self) -> bool:
-        """Returns whether the simulation is stopped or about to be."""
+        """Returns whether the simulation is stopped or stopping."""
         return self.state in (STOPPED, ABOUT_TO_STOP, LAST_BEFORE_STOP)
 
     def _placed(self, node: Object) -> Pose | None:
-        """Returns the pose of what the plant moves; None for the rest."""
+        """Returns the pose of an object that the plant moves; None for others."""
         if node is self.scene.base:
             x, y, heading = self.robot_pose
             ahead = self.model.ahead
@@ -149,7 +143,7 @@ class World:
         if node.footprint is not None and node.footprint.index >= 0:
             record = self.batch.obstacles[0, node.footprint.index]
             heading = math.atan2(record["sin"], record["cos"])
-            # an upright thing that has not been moved keeps its pose to the last bit
+            # an obstacle that has not moved keeps its pose to the last bit
             stored = node.pose
             if stored[0] == record["x"] and stored[1] == record["y"] and abs(frames.yaw_of(stored) - heading) < 1e-12:
                 return stored
@@ -160,11 +154,11 @@ class World:
         return float(self.angles[node.wheel]) if node.wheel >= 0 else 0.0
 
     def _put(self, x: float, y: float, heading: float) -> None:
-        """Puts the robot at rest at a pose of its centre, whatever is there."""
+        """Puts the robot at rest at a pose of its centre, even inside an obstacle."""
         s = self._state
         steps = int(s["steps"])
         s["x"], s["y"], s["heading"] = x, y, wrap_angle(heading)
-        # what moves by a script stays on its way: the reset would take it back to where that begins
+        # moving obstacles stay: the reset would put them at the start of their patrols
         places = self.batch.obstacles.copy()
         self.batch.reset(_ROW, self._generators, self._results)
         self.batch.obstacles[...] = places
@@ -178,7 +172,7 @@ class World:
         return clearance_of(self.model.robot, self.batch.obstacles[0], int(s["num_obstacles"]), pose)
 
     def arrange(self) -> None:
-        """Puts the footprints of the scene into the plant, after one came, went or was moved."""
+        """Copies the footprints of the scene into the plant, after a change of the obstacles."""
         self._keep_records()
         self._load()
 
@@ -207,14 +201,14 @@ class World:
         self._forget_contacts()
 
     def _forget_contacts(self) -> None:
-        """Makes pymunk build its space anew, from where everything is now."""
+        """Rebuilds the space of pymunk from the current poses."""
         if self.batch.plant is not None:
             self.batch.plant.reset(_ROW, self.batch.states, self.batch.obstacles)
 
-    # What clients change.
+    # Changes by clients.
 
     def add_obstacle(self, alias: str, footprint: Footprint, height: float, **settings: Any) -> Object:
-        """Returns a new shape that stands on the floor where its footprint is."""
+        """Returns a new shape on the floor at its footprint."""
         if len(self._shapes) >= self._capacity:
             raise ValueError(f"the scene has {self._capacity} obstacles, which is the most")
         self.hold_readings()
@@ -226,7 +220,7 @@ class World:
         return new
 
     def remove(self, nodes: Iterable[Object]) -> None:
-        """Takes objects out of the scene."""
+        """Removes objects from the scene."""
         self.hold_readings()
         nodes = list(nodes)
         for node in nodes:
@@ -235,7 +229,7 @@ class World:
             self.arrange()
 
     def move(self, node: Object, pose: Pose) -> None:
-        """Puts an object at a pose in the world; the robot keeps its height and stays upright, and comes to rest."""
+        """Moves an object to a pose in the world; the robot stays upright at its height, and comes to rest."""
         self.hold_readings()
         if node is self.scene.base:
             heading = frames.yaw_of(pose)
@@ -249,13 +243,13 @@ class World:
             record["x"], record["y"], record["cos"], record["sin"] = pose[0], pose[1], cosine, sine
             node.pose = pose
             if node.footprint.patrol is not None:
-                node.footprint.patrol = None  # moved by hand, it stays where it was put
+                node.footprint.patrol = None  # an obstacle moved by a client leaves its patrol
             self.arrange()
             return
         node.pose = frames.composed(frames.inverse(self.scene.frame(node.parent)), pose)
 
     def velocity(self, node: Object) -> tuple[Vector, Vector]:
-        """Returns linear and angular velocity in the world of an object's origin, as the last pass left them."""
+        """Returns the linear and angular velocity of an object's origin in the world, after the last pass."""
         none = (0.0, 0.0, 0.0)
         if not self.running and self.state != PAUSED:
             return none, none
@@ -275,7 +269,7 @@ class World:
         return (vx - yaw_rate * (y - at[1]), vy + yaw_rate * (x - at[0]), 0.0), (0.0, 0.0, yaw_rate)
 
     def _obstacle_motion(self, node: Object) -> tuple[tuple[float, float], tuple[float, float, float]]:
-        """Returns the centre of an obstacle and its velocity, if it is pushed or moves by a script."""
+        """Returns the centre and the velocity (vx, vy, yaw rate) of an obstacle."""
         footprint = node.footprint
         assert footprint is not None
         record = self.batch.obstacles[0, footprint.index]
@@ -291,7 +285,7 @@ class World:
     # Time.
 
     def start(self) -> None:
-        """Starts a stopped simulation, or goes on with a paused one."""
+        """Starts a stopped simulation, or resumes a paused one."""
         if self.state == PAUSED:
             self.state = FIRST_AFTER_PAUSE
         if self.state != STOPPED:
@@ -317,34 +311,38 @@ class World:
         self.state = FIRST
         self._stop_asked = self._pause_asked = False
         self._silence()
-        self.trail = []
+        self.trail, self._stride = [], 1
+        self.set_while_stopped = False
 
     def stop(self) -> None:
-        """Asks a simulation to stop, which it has after three more passes."""
+        """Requests a stop, which takes three passes."""
         if self.state == PAUSED:
             self.state = ABOUT_TO_STOP
         elif self.running:
             self._stop_asked = True
 
     def pause(self) -> None:
-        """Asks a running simulation to pause, which it has after two more passes."""
+        """Requests a pause, which takes two passes."""
         if self.running:
             self._pause_asked = True
 
     def advance(self) -> None:
-        """Makes a pass: the wheels turn for one time step, sonars see, time goes on, the state changes."""
+        """Makes a pass: one time step of the plant, new sonar readings, time and state."""
         self.batch.actions[0] = self.targets
         self.batch.step(self._generators, self._results)
         s = self._state
         rolled = np.array([s["rolled_vx"], s["rolled_vy"], s["rolled_yaw_rate"]])
         self.speeds = (self.model.robot.wheel_matrix * rolled).sum(axis=1)
         self.angles = np.array([wrap_angle(angle) for angle in (self.angles + self.speeds * self.dt).tolist()])
-        self._echoes = {}
+        self._echoes, self._ranges = {}, None
         self._sensed = self.scene.pose(self.scene.base) if self.scene.base is not None else None
         self.time += self.dt
         self.passes += 1
-        if len(self.trail) < 100_000:
+        if self.passes % self._stride == 0:
             self.trail.append((float(s["x"]), float(s["y"])))
+        if len(self.trail) >= MAX_TRAIL:
+            del self.trail[::2]
+            self._stride *= 2
         self._change_state()
 
     def _change_state(self) -> None:
@@ -365,7 +363,7 @@ class World:
             self.state = RUNNING
 
     def _restore(self) -> None:
-        """Brings back what was there before the start."""
+        """Restores the state before the start."""
         before = self._before
         assert before is not None
         self._before = None
@@ -391,40 +389,51 @@ class World:
     # Sonars.
 
     def _silence(self) -> None:
-        self._echoes = {}
+        self._echoes, self._ranges = {}, None
         self._sensed = None
 
     def hold_readings(self) -> None:
-        """Senses with all sonars what has not been read yet of the last pass, before something is moved by hand."""
+        """Computes all readings of the last pass, before a client moves an object."""
         if self._sensed is None:
             return
         for node in self.scene.objects.values():
             if node.sonar is not None:
                 self.reading(node)
+        if self._scanned:
+            self.scan()
 
     def reading(self, node: Object) -> Reading:
-        """Returns what a sonar sensed in the last pass: whether, how far, where, what, and the surface's normal."""
+        """Returns a sonar's reading in the last pass: hit, distance, point, handle of the object, surface normal."""
         if node.handle not in self._echoes:
             if self._sensed is None:
                 return NOTHING
             self._echoes[node.handle] = self._sense(node, self._sensed)
         return self._echoes[node.handle]
 
+    def scan(self) -> NDArray[np.float64] | None:
+        """Returns the distances (684,) of the lidar's beams in the last pass, m; None without a pass or a lidar."""
+        if self._sensed is None or self.model.robot.holonomic:
+            return None
+        self._scanned = True
+        if self._ranges is None:
+            x, y, *_ = frames.composed(self._sensed, (self.model.ahead, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+            self._ranges = np.empty(lidar.BEAMS)
+            heading, count = frames.yaw_of(self._sensed), len(self._shapes)
+            obstacles = self.batch.obstacles[0]
+            lidar.scan(obstacles, count, x, y, heading, lidar.ANGLES, lidar.REACH, self._ranges)
+        return self._ranges
+
     def peek(self, node: Object, only: Object | None = None) -> Reading:
-        """Returns what a sonar would sense now, of everything or of one object alone."""
+        """Returns the reading of a sonar at this moment, of all objects or of one."""
         assert self.scene.base is not None
         return self._sense(node, self.scene.pose(self.scene.base), only)
 
     def sense(self, node: Object) -> Reading:
-        """Returns what a sonar senses now, which is its reading until the next pass."""
+        """Returns the reading of a sonar at this moment, and keeps it until the next pass."""
         reading = self.peek(node)
         if self.state != STOPPED:
             self._echoes[node.handle] = reading
         return reading
-
-    def reset_reading(self, node: Object) -> None:
-        """Makes a sonar read nothing until the next pass."""
-        self._echoes[node.handle] = NOTHING
 
     def _sense(self, node: Object, base: Pose, only: Object | None = None) -> Reading:
         sonar = node.sonar

@@ -5,7 +5,7 @@ import tokenize
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.objects import check_ordinary
+from wayfield.system.objects import check_ordinary
 
 # what NumPy raises at a damaged head; the last of its repair of heads that Python 2 wrote
 _DAMAGED = (

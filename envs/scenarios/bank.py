@@ -4,7 +4,6 @@ import functools
 import os
 from typing import Any
 
-from wayfield.envs.checks import number, shown, suggestion
 from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
@@ -13,7 +12,8 @@ from wayfield.envs.scenarios.mrpb import is_mrpb, mrpb_scenarios
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
-from wayfield.envs.specs import TASKS, TaskSpec
+from wayfield.envs.tasks.specs import EVERY, TASKS, TaskSpec
+from wayfield.system.checks import number, shown, suggestion
 
 _PROBLEMS = ".scen"
 _FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json", _PROBLEMS)
@@ -33,7 +33,7 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
     Args:
         name: a name of PATH_SCENARIOS; a family of FAMILIES["path_following"] or "all", as it is for its training
             split or with "/train", "/validation" or "/test" behind it; or a .csv, .txt or .json file; see
-            `path_scenario_from_file`.
+            `path_scenario_from_file`. Or a `PathScenario`, or a list of some.
         scale: multiplies the positions of paths and starts, not the corridor or the start offsets.
 
     Raises:
@@ -41,6 +41,8 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
         OSError: if the file cannot be opened.
     """
     scale = number("scale", scale, above=0.0)
+    if (own := _own(_PATHS, name)) is not None:
+        return _scaled(own, scale)
     if isinstance(name, str) and name in _PATHS.presets:
         return _named_path_scenarios(name, scale)
     if (frozen := _frozen_split(_PATHS, name)) is not None:
@@ -62,7 +64,7 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
             "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or for goals a
             .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or
-            a map of MRPB with its cases.
+            a map of MRPB with its cases. Or a scenario, `spec.scenario`, or a list of some.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -70,6 +72,10 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
         OSError: if the file cannot be opened.
     """
     hull_radius = number("hull_radius", hull_radius, above=0.0)
+    if (own := _own(spec, name)) is not None:
+        for scenario in own:
+            check_clear(scenario, hull_radius)
+        return own
     if isinstance(name, str) and name in spec.presets:
         return _named_field_scenarios(spec.name, name, hull_radius)
     if (frozen := _frozen_split(spec, name)) is not None:
@@ -88,6 +94,24 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     return found
+
+
+def _own(spec: TaskSpec, given: Any) -> tuple[Any, ...] | None:
+    """Returns scenarios that were given as such, one or a list; None where a name was.
+
+    Raises:
+        ValueError: if one is of another task, or the list is empty.
+    """
+    scenarios = tuple(given) if isinstance(given, list | tuple) else (given,)
+    if not scenarios:
+        raise ValueError("scenario is an empty list; it must hold one scenario or more")
+    kinds = tuple(each.scenario for each in TASKS.values())
+    if not any(isinstance(each, kinds) for each in scenarios):
+        return None
+    for each in scenarios:
+        if not isinstance(each, spec.scenario):
+            raise ValueError(f"scenario is a {type(each).__name__}; here it must be a {spec.scenario.__name__}")
+    return scenarios
 
 
 def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
@@ -120,9 +144,10 @@ def _scaled(scenarios: tuple[PathScenario, ...], scale: float) -> tuple[PathScen
 
 @functools.lru_cache
 def _named_field_scenarios(task: str, name: str, hull_radius: float) -> tuple[Any, ...]:
-    bank: tuple[Any, ...] = TASKS[task].presets[name](hull_radius)
+    bank: tuple[Any, ...] = EVERY[task].presets[name](hull_radius)
     for scenario in bank:
-        check_clear(scenario, hull_radius)
+        for robot in getattr(scenario, "robots", (scenario,)):
+            check_clear(robot, hull_radius)
     return bank
 
 

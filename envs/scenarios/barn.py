@@ -22,12 +22,12 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
-from wayfield.envs.objects import check_ordinary, fault
-from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.system.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
+from wayfield.system.objects import check_ordinary, fault
+from wayfield.system.readers import reader
 
 CYLINDERS = "cylinders.csv.gz"
 START = (-2.25, 3.0, math.pi / 2)  # x, y (m), heading (rad)

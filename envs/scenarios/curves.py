@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.geometry import lengths, sines
-from wayfield.envs.linear import solve
-from wayfield.envs.paths import Path
+from wayfield.envs.world.geometry import lengths
+from wayfield.envs.world.paths import Path
+from wayfield.system.elementary import sines
+from wayfield.system.linear import solve
 
 SPACING = 0.02  # m, the spacing of the path tables of the source documents
 

@@ -15,11 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating
-from wayfield.envs.geometry import clearance, sin_cos
-from wayfield.envs.grids import NO_GRIDS, lay_grids
-from wayfield.envs.patrols import PATROL
-from wayfield.envs.reeds_shepp import PLAN, is_free, plan_to
 from wayfield.envs.scenarios.draws import Draw, Frame, rounded
 from wayfield.envs.scenarios.goal_families import (
     LARGEST_HULL,
@@ -32,7 +27,13 @@ from wayfield.envs.scenarios.goal_families import (
 )
 from wayfield.envs.scenarios.obstacles import box, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
-from wayfield.envs.specs import Repertoire
+from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.world.geometry import clearance
+from wayfield.envs.world.grids import NO_GRIDS, lay_grids
+from wayfield.envs.world.patrols import PATROL
+from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to
+from wayfield.system.compiled import allocating
+from wayfield.system.elementary import sin_cos
 
 FARTHEST_START = 3.0  # m, from the pose to be reached
 WALL_GAP = 0.05  # m, between wall and hull

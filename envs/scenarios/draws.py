@@ -7,7 +7,7 @@ rounded to a millionth: a path or a field is then equal wherever it is made, and
 import math
 import random
 
-from wayfield.envs.geometry import sin_cos
+from wayfield.system.elementary import sin_cos
 
 
 def rounded(value: float) -> float:

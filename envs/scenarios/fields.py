@@ -6,11 +6,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import number
-from wayfield.envs.compiled import allocating, compiled
-from wayfield.envs.geometry import clearance_to
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.envs.world.geometry import clearance_to
+from wayfield.system.checks import number
+from wayfield.system.compiled import allocating, compiled
 
 BANK_SIZE = 64  # scenarios of a random family
 HALF_SIDE = 5.0  # m, of the walled square

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.envs.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
-from wayfield.envs.objects import check_keys, fault, json_object, read_text
-from wayfield.envs.paths import Path
-from wayfield.envs.patrols import PATROL
-from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.maps import map_of
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
-from wayfield.envs.specs import TASKS, TaskSpec
+from wayfield.envs.tasks.specs import TASKS, TaskSpec
+from wayfield.envs.world.paths import Path
+from wayfield.envs.world.patrols import PATROL
+from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
+from wayfield.system.objects import check_keys, fault, json_object, read_text
+from wayfield.system.readers import reader
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
 _GOAL = "goal"  # the field that a file of any pose may have
@@ -205,14 +205,25 @@ def _check_arguments(file: str, place: str, fields: dict[str, Any], make: Callab
     check_keys(file, place, fields, parameters, required)
 
 
+def _content(file: str) -> Any:
+    """Returns what a JSON file holds; None where it is no such file."""
+    if not file.lower().endswith(".json"):
+        return None
+    try:
+        return json.loads(read_text(file))
+    except (ValueError, RecursionError):
+        return None
+
+
+def is_scene(file: str) -> bool:
+    """Returns whether a file holds a scene of named objects, which is no scenario of a task."""
+    content = _content(file)
+    return isinstance(content, dict) and "objects" in content
+
+
 def kind_of(file: str) -> str:
     """Returns the kind of the task that a file is a scenario of; what is wrong with one, its reader will say."""
-    if not file.lower().endswith(".json"):
-        return "path"
-    try:
-        content: Any = json.loads(read_text(file))
-    except (ValueError, RecursionError):
-        return "path"
+    content = _content(file)
     # a word of its own tells more than the one that any pose may have
     kinds = (kind for kind in sorted(_KINDS, key=_GOAL.__eq__) if isinstance(content, dict) and kind in content)
     return next(kinds, "path")

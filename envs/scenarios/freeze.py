@@ -13,10 +13,10 @@ from typing import Any
 
 import click
 
-from wayfield.envs.command_line import Choice, OneLineErrors
 from wayfield.envs.scenarios import splits
-from wayfield.envs.specs import TASKS, TaskSpec
-from wayfield.envs.storage import write_whole
+from wayfield.envs.tasks.specs import EVERY, TaskSpec
+from wayfield.system.command_line import Choice, OneLineErrors
+from wayfield.system.storage import write_whole
 
 # no seed is in two splits
 _FIRST_SEEDS = {"train": 0, "validation": 1_000_000, "test": 2_000_000, "claims": 3_000_000}
@@ -50,7 +50,7 @@ def frozen(spec: TaskSpec, family: str, name: str) -> dict[str, Any]:
 @click.argument(
     "families",
     metavar="FAMILY...",
-    type=Choice("FAMILY", (name for spec in TASKS.values() for name in spec.families)),
+    type=Choice("FAMILY", (name for spec in EVERY.values() for name in spec.families)),
     nargs=-1,
     required=True,
 )
@@ -59,12 +59,12 @@ def frozen(spec: TaskSpec, family: str, name: str) -> dict[str, Any]:
 def main(families: tuple[str, ...], only: str | None, force: bool) -> None:
     """Writes the splits of each FAMILY into the split file of its task."""
     names = [name for name in splits.SPLITS if (name == only if only else name not in _CLAIMS)]
-    files = {task: splits.file_of(task, names[0]) for task in TASKS}
+    files = {task: splits.file_of(task, names[0]) for task in EVERY}
     written = {task: _written(file) for task, file in files.items()}
     for family in families:
         if not force and any(family in of_task for of_task in written.values()):
             raise click.UsageError(f"FAMILY {family!r} is frozen; --force freezes it again, which ends all its tables")
-    for task, spec in TASKS.items():
+    for task, spec in EVERY.items():
         for family in (name for name in spec.families if name in families):
             written[task][family] = {name: frozen(spec, family, name) for name in names}
             in_order = {each: written[task][each] for each in spec.families if each in written[task]}

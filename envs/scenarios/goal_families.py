@@ -10,14 +10,15 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from wayfield.envs.geometry import bearing, clearance, clearance_to, sin_cos
-from wayfield.envs.patrols import PATROL
 from wayfield.envs.scenarios import ways
 from wayfield.envs.scenarios.draws import Draw, Frame, rounded
 from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
-from wayfield.envs.specs import Repertoire
+from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.world.geometry import clearance, clearance_to
+from wayfield.envs.world.patrols import PATROL
+from wayfield.system.elementary import bearing, sin_cos
 
 LARGEST_HULL = 0.3  # m, of the robot that every scenario has a way for
 ROOM = 0.1  # m, kept around the hull at start and goal

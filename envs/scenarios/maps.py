@@ -17,12 +17,12 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from wayfield.envs.checks import FARTHEST, MOST_OBSTACLES, choose, number, pose, real, shown, suggestion
-from wayfield.envs.grids import BEYOND, MOST_CELLS, OccupancyGrid, check_size
-from wayfield.envs.objects import check_keys, check_ordinary, fault, read_text
-from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.envs.world.grids import BEYOND, MOST_CELLS, OccupancyGrid, check_size
+from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, choose, number, pose, real, repeated, shown, suggestion
+from wayfield.system.objects import check_keys, check_ordinary, fault, read_text
+from wayfield.system.readers import reader
 
 IMAGE_SUFFIXES = (".pgm", ".png", ".pbm", ".ppm", ".bmp")
 MAP_SUFFIXES = (".yaml", ".yml", ".map", ".npy", *IMAGE_SUFFIXES)
@@ -289,13 +289,18 @@ def _ros_fields(file: str) -> dict[str, Any]:
     if sum(map(text.count, ("[", "{", "- -", "? ?"))) > _MOST_NESTED:
         raise fault(file, "is nested too deeply")
     try:
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if anchor := getattr(event, "anchor", None):  # a few aliases of aliases stand for billions of values
+                line = event.start_mark.line + 1
+                raise ValueError(
+                    f"{file}:{line}: {shown(anchor)} is an anchor or an alias; write out what it stands for"
+                )
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         if not isinstance(node, yaml.MappingNode):
             raise fault(file, "holds no fields; it must be lines such as 'image: map.pgm'")
-        names = [each.value for each, _ in node.value]
-        for name in names:
-            if names.count(name) > 1:
-                raise fault(file, f"field {shown(name)} is given twice")
+        twice = repeated(each.value for each, _ in node.value if isinstance(each, yaml.ScalarNode))
+        if twice is not None:
+            raise fault(file, f"field {shown(twice)} is given twice")
         fields = yaml.safe_load(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)

@@ -14,11 +14,11 @@ import os
 import re
 from pathlib import Path
 
-from wayfield.envs.checks import MOST_WHOLE, number, shown
-from wayfield.envs.objects import fault, read_text
-from wayfield.envs.readers import of_path, reader
 from wayfield.envs.scenarios.maps import grid_from_file, map_files
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.system.checks import MOST_WHOLE, number, shown
+from wayfield.system.objects import fault, read_text
+from wayfield.system.readers import of_path, reader
 
 MAP, CASES, CONFIG = "map.yaml", "cases.csv", "config.txt"
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.2, 0.1  # m, rad

@@ -8,20 +8,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import (
-    FASTEST,
-    FINEST,
-    HEAVIEST,
-    LIGHTEST,
-    LONGEST,
-    SHORTEST,
-    number,
-)
-from wayfield.envs.checks import (
-    heading as checked_heading,
-)
-from wayfield.envs.geometry import OBSTACLE, sin_cos
-from wayfield.envs.patrols import PATROL, patrol_at
+from wayfield.envs.world.geometry import OBSTACLE
+from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.system.checks import FASTEST, FINEST, HEAVIEST, LIGHTEST, LONGEST, SHORTEST, number
+from wayfield.system.checks import heading as checked_heading
+from wayfield.system.elementary import sin_cos
 
 
 def circle(x: float, y: float, radius: float, mass: float = 0.0) -> np.void:

@@ -11,14 +11,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.geometry import bearing, sin_cos, sines
-from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.curves import SPACING
 from wayfield.envs.scenarios.draws import Draw, rounded
 from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import PathScenario
 from wayfield.envs.scenarios.tracing import arc, evenly, lengths, sharpness
-from wayfield.envs.specs import Repertoire
+from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.world.paths import Path
+from wayfield.system.elementary import bearing, sin_cos, sines
 
 Points = NDArray[np.float64]  # x and y, shape (2, k), m
 Curve = Callable[[Draw], "Points | None"]  # None: drawn in vain, draw again

@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from wayfield.envs.geometry import sines
-from wayfield.envs.paths import Path
 from wayfield.envs.scenarios.curves import (
     CubicSpline,
     circle_path,
@@ -16,6 +14,8 @@ from wayfield.envs.scenarios.curves import (
     sine_path,
 )
 from wayfield.envs.scenarios.scenario import PathScenario
+from wayfield.envs.world.paths import Path
+from wayfield.system.elementary import sines
 
 BANK_SIZE = 64  # scenarios of a random family
 _SEED = 20_240_601  # fixed, so that a name means the same paths in every process

@@ -7,7 +7,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import (
+from wayfield.envs.scenarios.obstacles import described, obstacle_field
+from wayfield.envs.world.geometry import OBSTACLE, clearance_to
+from wayfield.envs.world.grids import OccupancyGrid
+from wayfield.envs.world.paths import Path
+from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.system.checks import (
     FARTHEST,
     FASTEST,
     FINEST,
@@ -23,11 +28,6 @@ from wayfield.envs.checks import (
     pose,
     shown,
 )
-from wayfield.envs.geometry import OBSTACLE, clearance_to
-from wayfield.envs.grids import OccupancyGrid
-from wayfield.envs.paths import Path
-from wayfield.envs.patrols import PATROL, patrol_at
-from wayfield.envs.scenarios.obstacles import described, obstacle_field
 
 
 # Compared by identity: arrays have no single truth value, and a bank never holds the same scenario twice.

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.envs.checks import LAST_SEED, shown, suggestion
-from wayfield.envs.readers import reader
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.specs import TASKS
+from wayfield.envs.tasks.specs import EVERY, TASKS
+from wayfield.system.checks import LAST_SEED, shown, suggestion
+from wayfield.system.readers import reader
 
 # scenarios a family; "claims" are test scenarios too, enough of them to tell differences of a point
 SPLITS = {"train": 64, "validation": 10, "test": 10, "claims": 100}
@@ -34,13 +34,13 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
     Raises:
         ValueError: if a name is unknown, or the file is damaged, or the scenarios are not those that were frozen.
     """
-    for what, value, known in (("task", task, TASKS), ("family", family, families(task)), ("split", name, SPLITS)):
+    for what, value, known in (("task", task, EVERY), ("family", family, families(task)), ("split", name, SPLITS)):
         if value not in known:
             raise ValueError(
                 f"{what} is {shown(value)}; it must be one of {', '.join(known)}.{suggestion(value, known)}"
             )
     if family == "all":
-        every = (each for each in TASKS[task].families if each not in TASKS[task].needs_pymunk)
+        every = (each for each in EVERY[task].families if each not in EVERY[task].needs_pymunk)
         return tuple(scenario for each in every for scenario in split(task, each, name))
     return _split(file_of(task, name), task, family, name)
 
@@ -57,7 +57,7 @@ def tiers(task: str, family: str, name: str) -> tuple[str, ...]:
 
 def families(task: str) -> tuple[str, ...]:
     """Returns the names of a task's families, and "all"; none for an unknown task."""
-    return ("all", *TASKS[task].families) if task in TASKS else ()
+    return ("all", *EVERY[task].families) if task in EVERY else ()
 
 
 def digest(scenarios: Iterable[PathScenario | GoalScenario]) -> str:
@@ -96,7 +96,7 @@ def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, 
         if len(seeds) != SPLITS[name]:
             raise ValueError(f"there are {len(seeds)} seeds, not {SPLITS[name]}")
         scenarios = tuple(
-            _with_tier(TASKS[task].families[family](seed), float(quantity), str(tier))
+            _with_tier(EVERY[task].families[family](seed), float(quantity), str(tier))
             for seed, quantity, tier in zip(seeds, quantities, tiers, strict=True)
         )
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import FARTHEST, MOST_POINTS, shown
-from wayfield.envs.objects import read_text
-from wayfield.envs.paths import Path
-from wayfield.envs.readers import reader
+from wayfield.envs.world.paths import Path
+from wayfield.system.checks import FARTHEST, MOST_POINTS, shown
+from wayfield.system.objects import read_text
+from wayfield.system.readers import reader
 
 TABLE_SUFFIXES = (".csv", ".txt")
 _COPPELIASIM_COLUMNS = 7  # x, y, z, qx, qy, qz, qw

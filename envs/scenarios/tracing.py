@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import allocating
-from wayfield.envs.geometry import sin_cos
+from wayfield.system.compiled import allocating
+from wayfield.system.elementary import sin_cos
 
 
 @allocating

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.compiled import allocating, compiled, inlined
-from wayfield.envs.geometry import clearance
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.envs.world.geometry import clearance
+from wayfield.system.compiled import allocating, compiled, inlined
 
 STEP = (
     0.02  # m, of the grid: a door of 0.65 m is then proven for a disc of 0.3 m; larger where there would be more than

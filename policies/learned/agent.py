@@ -6,12 +6,11 @@ import functools
 import hashlib
 import itertools
 import json
-import math
 import os
 import pathlib
 import shutil
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -19,23 +18,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids that cards name
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import shown
-from wayfield.envs.compiled import allocating
-from wayfield.envs.elementary import hyperbolic_tangent
-from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.records import lag_factors
 from wayfield.envs.robots import ROBOTS, Actuators, Robot
-from wayfield.envs.storage import digest, sync_folder, temporary_folder, write_whole
-from wayfield.policies.learned.conditions import NewToAgent, check_conditions, driven_as, driven_speed, outside
-from wayfield.policies.learned.perception import FEATURES, Actions, Features, Numbers, Perception, hold, limits_of
+from wayfield.envs.robots.records import lag_factors
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
+from wayfield.policies.learned.conditions import (
+    NewToAgent,
+    check_conditions,
+    check_described,
+    effective_actuators,
+    network_speed,
+    out_of_distribution,
+)
+from wayfield.policies.learned.features import Numbers
+from wayfield.policies.learned.perception import FEATURES, Actions, Features, Perception, hold, limits_of
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
-from wayfield.policies.policy import Policy, check_gain
+from wayfield.policies.parts.shield import Shield
+from wayfield.policies.policy import Policy
+from wayfield.system.checks import LONGEST, MOST_GAIN, shown
+from wayfield.system.compiled import allocating
+from wayfield.system.elementary import hyperbolic_tangent
+from wayfield.system.readers import of_folder, reader
+from wayfield.system.storage import digest, sync_folder, temporary_folder, write_whole
 
 # of the card: from 2 on it holds a digest of itself, from 3 and 4 on what _SINCE names, from 5 on what a path follower
 # drives where it is told a speed; older ones are read
 FORMAT = 5
+_MOST_WEIGHT = 1e6  # in size: a network of larger ones may answer with what is not finite
 _SINCE: Mapping[str, Mapping[str, Any]] = {
     "path_following": {"limits": False},
     "goal_reaching": {"limits": False, "arrival": 0.0, "moving": False},
@@ -117,7 +127,7 @@ def forward(inputs, sizes, numbers, rectified, scratch, outputs):
 
 
 @dataclasses.dataclass(frozen=True)
-class Agent:
+class Agent(Gains):
     """Drives with a network trained by reinforcement: a = clip(network(features), -1, 1), then `Actions.twists`.
 
     Deterministic: the mean of the trained policy. It reads the observation alone; its memory is what it did last, and
@@ -126,21 +136,20 @@ class Agent:
     names, by any scan that can be read as the card's, and refuses others.
 
     Where the card of a path follower says how fast it drove when it was told a speed (`cruises`), the network is told
-    the one of which the asked one comes as the mean (`driven_speed`): as a controller's cruising speed is tuned.
+    the one of which the asked one comes as the mean (`network_speed`): as a controller's cruising speed is tuned.
 
-    A base that is quicker than those that it was trained on is driven as the quickest of those (`driven_as`, `hold`);
-    one that is slower, so slowly that it stops on the same way (`driven_speed`). Of what else is new, it warns.
+    A base that is quicker than those that it was trained on is driven as the quickest of those (`effective_actuators`,
+    `hold`); one that is slower, so slowly that it stops on the same way (`network_speed`). Of what else is new, it
+    warns. A base with the body of a robot that it knows (`body_of`) and a delay of its own it drives from the predicted
+    state: see `parts.forward_prediction`.
     """
 
     network: Network
     features: Features
     actions: Actions
     card: Mapping[str, Any]
-    speed: float = 0.6  # m/s, asked for: the mean, where its card has `cruises`, else the most that it drives
+    speed: float = gain(0.6, "m/s", "the mean, where its card has `cruises`, else the most that it drives", above=0.0)
     base: Base | None = None
-
-    def __post_init__(self) -> None:
-        check_gain(self, "speed", above=0.0)
 
     @property
     def knows(self) -> str:
@@ -167,13 +176,24 @@ class Agent:
         based = self.base is not None
         return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt, based)
 
+    def trained_with(self, robot: Robot) -> bool:
+        """Returns whether the agent was trained with a robot as it is: it then needs no prediction of delays."""
+        return drives(self.card, robot)
+
+    def _of_body(self, briefing: Briefing) -> Briefing:
+        """Returns the briefing with the robot that the agent knows, where the base has its body."""
+        robot = briefing.robot
+        if not robot.responds or drives(self.card, robot):
+            return briefing
+        return dataclasses.replace(briefing, robot=body_of(robot))
+
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory; warns once, in a line, of what the agent was not trained for.
 
         Raises:
             ValueError: if robot or control period are not those of the card, or the scan cannot be read.
         """
-        name = self.card.get("name", "an agent")
+        name, briefing = self.card.get("name", "an agent"), self._of_body(briefing)
         if briefing.robot.name not in self.card["robots"]:
             raise ValueError(f"{name} drives {', '.join(self.card['robots'])}, not {briefing.robot.name}")
         if not drives(self.card, briefing.robot):
@@ -187,7 +207,7 @@ class Agent:
         perception = self.perception(briefing)
         if perception.num_inputs != self.network.sizes[0]:
             raise ValueError(f"{name} has a network of {self.network.sizes[0]} inputs, not of {perception.num_inputs}")
-        told = outside(self.card, briefing, self.speed)
+        told = out_of_distribution(self.card, briefing, self.speed)
         news = told.partition(";")[0]  # the same of all seeds, whatever each of them was measured at
         if news and news not in _WARNED:
             _WARNED.add(news)
@@ -195,8 +215,10 @@ class Agent:
         parts: dict[str, NDArray[Any]] = {"network": perception.fresh(briefing.num_envs)}
         if self.controller is not None:
             parts["base"] = self.controller.reset(briefing)
-        if driven_as(self.card, briefing) is not briefing.actuators:
+        if effective_actuators(self.card, briefing) is not briefing.actuators:
             parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
+        if news and self.features.shielded:
+            parts["shield"] = SHIELD.reset(briefing)
         if len(parts) == 1:
             return parts["network"]
         memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
@@ -206,12 +228,13 @@ class Agent:
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
+        briefing = self._of_body(briefing)
         perception, robot = self.perception(briefing), briefing.robot
-        speed = driven_speed(self.card, briefing, self.speed)
+        speed = network_speed(self.card, briefing, self.speed)
         speeds = np.full(len(memory), speed)
         asked = None
-        own = memory
-        actuators, held = driven_as(self.card, briefing), None
+        own, measured = memory, observation
+        actuators, held = effective_actuators(self.card, briefing), None
         if memory.dtype.names and "network" in memory.dtype.names:
             own = memory["network"]
         if actuators is not briefing.actuators:
@@ -221,21 +244,26 @@ class Agent:
             observation = observation._replace(twist=observation.twist + lead)
         if self.controller is not None:
             under = memory["base"].copy()
-            asked = self.controller.act(observation, briefing, under)
+            asked = asks(self.base, self.controller)(observation, briefing, under)
             memory["base"] = under
         limits = limits_of(self.features, actuators) if self.features.limits else None
         inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
         twists = commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
+        if self.base is not None and self.base.guards:
+            twists = self.controller.keep_clear(observation, briefing, twists)  # type: ignore[union-attr]
         twists = self.features.arrived(observation, twists, speed, actuators)
         twists = self.features.guarded(observation, twists, speed, actuators, eased=True)
         if held is not None:
             hold(*held_law(briefing, actuators), held, twists)
             held[:, 2, robot.twist_axes] = twists
+        if "shield" in (memory.dtype.names or ()):
+            twists = SHIELD.passed(measured, briefing, memory["shield"], twists)
         return twists
 
 
+SHIELD = Shield()  # behind an agent that drives what it was not trained on
 _WARNED: set[str] = set()  # of what this process has warned
 
 
@@ -263,6 +291,31 @@ def drives(card: Mapping[str, Any], robot: Robot) -> bool:
     return bool(robot.digest == known)
 
 
+@functools.lru_cache(maxsize=64)
+def body_of(robot: Robot) -> Robot:
+    """Returns the robot that ships of which a base with a response of its own has the body; else the base itself.
+
+    Such a base differs from it in what is identified alone (`intervals.IDENTIFIED`), in saturation and response.
+    """
+    if not robot.responds:
+        return robot
+    identified = ("delay", "gain", "lag", "acceleration", "yaw_acceleration", "decelerations", "rated_wheel_speed")
+    for each in ROBOTS.values():
+        if each.drive != robot.drive or robot.hull_radius != each.hull_radius:
+            continue
+        own = {name: getattr(each, name) for name in (*identified, "peak_wheel_speed", "turn_speed", "saturation")}
+        own |= {"response": each.response, "wheels": each.wheels, "sources": {}}
+        if dataclasses.replace(robot, **own).digest == each.digest:
+            return each
+    return robot
+
+
+def asks(base: Base | None, controller: Any) -> Callable[..., NDArray[np.float64]]:
+    """Returns what a base asks for: its controller's twists (b, t), or of one that guards the velocities it wants."""
+    law: Callable[..., NDArray[np.float64]] = controller.wanted if base is not None and base.guards else controller.act
+    return law
+
+
 def commanded(
     meaning: Actions,
     base: Base | None,
@@ -274,13 +327,17 @@ def commanded(
 ) -> NDArray[np.float64]:
     """Returns the twists (b, t) that actions (b, 2) command, with what a base asks for under them where there is one.
 
+    With a base that guards, the velocities (b, 2) that are wanted.
+
     Args:
-        asked: (b, t) m/s and rad/s, of the base.
+        asked: what the base `asks`.
         speeds: (b,) m/s, asked of the agent.
         angles: (b,) rad, of the frames of the actions.
     """
     if base is None or asked is None:
         return meaning.twists(actions, speeds, angles, robot)
+    if base.guards:
+        return meaning.wished(asked, actions, base.reach, speeds, angles)
     return meaning.added(asked, actions, base.reach, speeds, angles, robot)
 
 
@@ -424,9 +481,10 @@ def _layers(
             tensor = tensors.pop(f"layer_{k}.{part}", None)
             if tensor is None:
                 raise ValueError(f"{file} has no layer_{k}.{part}; it does not belong to {CARD}")
-            if tensor.shape != shape or tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+            if tensor.shape != shape or tensor.dtype != np.float32 or not (np.abs(tensor) <= _MOST_WEIGHT).all():
                 raise ValueError(
-                    f"{file}: layer_{k}.{part} must be finite float32 of shape {shape} by {CARD}, got "
+                    f"{file}: layer_{k}.{part} must be finite float32 of shape {shape} by {CARD}, at most "
+                    f"{_MOST_WEIGHT:g} in size, got "
                     f"{tensor.dtype} of shape {tensor.shape}"
                 )
             layers.append(tensor)
@@ -471,7 +529,7 @@ def card_features(card: Mapping[str, Any], file: pathlib.Path) -> tuple[Features
 
 _CARD_KINDS = {
     "env_id": str, "robots": list, "task": str, "dt": float, "speed": float, "features": dict, "actions": dict,
-    "network": dict, "sha256": str, "training": dict,
+    "network": dict, "sha256": str, "training": dict, "env_kwargs": dict,
 }  # fmt: skip
 
 
@@ -495,13 +553,14 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
             raise ValueError(f"{file} cannot be checked: {error}") from None
         if card.get("digest") != own:
             raise ValueError(f"{file} is damaged or was changed by hand: its digest differs from what it says")
+    card.setdefault("env_kwargs", {})  # early cards have none
     for key, kind in _CARD_KINDS.items():
         if not isinstance(card.get(key), kind):
             raise ValueError(f"{file}: {key} must be a {kind.__name__}, got {shown(card.get(key))}")
-    for key in ("dt", "speed"):
-        if not 0.0 < card[key] < math.inf:
-            raise ValueError(f"{file}: {key} must be a finite number > 0, got {card[key]!r}")
-    if not all(isinstance(each, str) for each in card["robots"]):
+    for key, most in (("dt", LONGEST), ("speed", MOST_GAIN)):
+        if not 0.0 < card[key] <= most:
+            raise ValueError(f"{file}: {key} must be a number > 0 and <= {most:g}, got {card[key]!r}")
+    if not card["robots"] or not all(isinstance(each, str) for each in card["robots"]):
         raise ValueError(f"{file}: robots must be names, got {shown(card['robots'])}")
     sheets = card.get("sheets", {})
     if not isinstance(sheets, dict) or not all(isinstance(each, str) for each in sheets.values()):
@@ -509,10 +568,11 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
     if card["env_id"] not in gymnasium.registry:
         ours = sorted(each for each in gymnasium.registry if each.startswith("wayfield/"))
         raise ValueError(
-            f"{file} is for {shown(card['env_id'])}, which this wayfield does not have; it has {', '.join(ours)}"
+            f"{file}: env_id is {shown(card['env_id'])}, which this wayfield does not have; it has {', '.join(ours)}"
         )
     try:
         check_conditions(card)
+        check_described(card)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     if card["task"] not in FEATURES:

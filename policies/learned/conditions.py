@@ -2,15 +2,15 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import shown
 from wayfield.envs.robots import ACTUATORS, Actuators
-from wayfield.policies.learned.reading import is_number
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.learned.reading import is_number, is_whole
+from wayfield.system.checks import LAST_SEED, shown
 
 SLACK = 0.01  # of the least and the greatest speed trained on, that are no news to an agent
 
@@ -19,21 +19,79 @@ class NewToAgent(UserWarning):
     """An agent is asked to drive what it was not trained on."""
 
 
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and value.isprintable()
+
+
+def _is_count(value: Any) -> bool:
+    return is_whole(value, 0, LAST_SEED)
+
+
+def _is_time(value: Any) -> bool:
+    return is_number(value) and value >= 0.0
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, bool | str) or is_number(value)
+
+
+def _is_score(value: Any) -> bool:
+    return value is None or is_number(value)
+
+
+def _maps_to(kind: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, dict) and all(kind(each) for each in value.values())
+
+
+def _lists(kind: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, list) and all(kind(each) for each in value)
+
+
+# fields that a card may have besides those that decide how it drives: what they must be, and whether a value is that
+_DESCRIBED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    "name": ("a line of text", _is_text),
+    "env_kwargs": ("an object of numbers, truths and text", _maps_to(_is_plain)),
+    "observation": ("a list of text", _lists(_is_text)),
+    "validation": ("an object of finite numbers", _maps_to(_is_score)),
+    "network.parameters": ("a whole number >= 0", _is_count),
+    **{f"training.{key}": ("a line of text", _is_text) for key in ("env_id", "preset", "algorithm", "taught_by")},
+    "training.command": ("text", lambda value: isinstance(value, str)),
+    **{f"training.{key}": ("a whole number >= 0", _is_count)
+       for key in ("steps", "seed", "frames", "run_frames", "gradient_steps")},
+    **{f"training.{key}": ("a finite number >= 0", _is_time) for key in ("seconds", "run_seconds", "run_cpu_seconds")},
+    "training.settings": ("a list", lambda value: isinstance(value, list)),
+    "training.taught_with": ("an object of numbers, truths and text", _maps_to(_is_plain)),
+    "training.versions": ("an object of text", _maps_to(_is_text)),
+    "training.data": ("an object of text", _maps_to(_is_text)),
+}  # fmt: skip
+
+
+def check_described(card: Mapping[str, Any]) -> None:
+    """Raises ValueError, naming the field, unless what a card says of its agent, where it does, is of its kind."""
+    for field, (wanted, fits) in _DESCRIBED.items():
+        room, _, key = field.rpartition(".")
+        of = card[room] if room else card
+        if key in of and not fits(of[key]):
+            raise ValueError(f"{field} must be {wanted}, got {shown(of[key])}")
+
+
 def check_conditions(card: Mapping[str, Any]) -> None:
     """Raises ValueError, naming the field, unless a card's `trained_on`, `cruises`, `measured`, if any, are whole."""
     trained = card.get("trained_on")
     if trained is not None:
         kinds = {"actuators": str, "disturbances": str, "speeds": float, "beams": int}
+        if isinstance(trained, dict) and "teams" in trained:
+            kinds["teams"] = int
         if not isinstance(trained, dict) or set(trained) != set(kinds):
             raise ValueError(f"trained_on must have exactly {', '.join(kinds)}, got {shown(trained)}")
-        if not set(map(str, trained["actuators"] or ["none"])) <= set(ACTUATORS):
-            raise ValueError(
-                f"trained_on.actuators must be of {', '.join(ACTUATORS)}, got {shown(trained['actuators'])}"
-            )
         for key, kind in kinds.items():
             listed = trained[key]
             if not isinstance(listed, list) or not all(type(each) is kind for each in listed):
                 raise ValueError(f"trained_on.{key} must be a list of {kind.__name__}, got {shown(listed)}")
+        if not trained["actuators"] or not set(trained["actuators"]) <= set(ACTUATORS):
+            raise ValueError(
+                f"trained_on.actuators must be of {', '.join(ACTUATORS)}, got {shown(trained['actuators'])}"
+            )
         if not trained["speeds"] or not all(is_number(each) and each > 0.0 for each in trained["speeds"]):
             raise ValueError(f"trained_on.speeds must be speeds above 0 m/s, got {shown(trained['speeds'])}")
     cruises = card.get("cruises", {})
@@ -49,12 +107,12 @@ def check_conditions(card: Mapping[str, Any]) -> None:
         raise ValueError(f"measured must be a list, got {shown(measured)}")
     for k, each in enumerate(measured):
         if not _is_measured(each):
-            needed = "env_kwargs, asked_speed, success, collision, and error if any"
-            raise ValueError(f"measured[{k}] must have {needed}, got {shown(each)}")
+            needed = "env_kwargs, and numbers: asked_speed, success and collision (0 to 1), error if any"
+            raise ValueError(f"measured[{k}] must have {needed}; got {shown(each)}")
 
 
 def _is_cruise(cruise: Any) -> bool:
-    """Returns whether pairs of speeds are as `told_speed` needs them."""
+    """Returns whether pairs of speeds are as `commanded_speed` needs them."""
     if not isinstance(cruise, list) or not all(isinstance(each, list) and len(each) == 2 for each in cruise):
         return False
     if not all(is_number(speed) and speed > 0.0 for pair in cruise for speed in pair):
@@ -64,14 +122,15 @@ def _is_cruise(cruise: Any) -> bool:
 
 def _is_measured(condition: Any) -> bool:
     """Returns whether a condition, and what was found in it, are as a card should have them."""
-    if not isinstance(condition, dict) or not isinstance(condition.get("env_kwargs"), dict):
+    if not isinstance(condition, dict) or not _maps_to(_is_plain)(condition.get("env_kwargs")):
         return False
-    error = condition.get("error")
-    numbers = all(is_number(condition.get(name)) for name in ("asked_speed", "success", "collision"))
-    return numbers and (error is None or is_number(error))
+    if not all(is_number(condition.get(name)) for name in ("asked_speed", "success", "collision")):
+        return False
+    shares = all(0.0 <= condition[name] <= 1.0 for name in ("success", "collision"))
+    return shares and all(_is_score(value) for name, value in condition.items() if name != "env_kwargs")
 
 
-def driven_as(card: Mapping[str, Any], briefing: Briefing) -> Actuators:
+def effective_actuators(card: Mapping[str, Any], briefing: Briefing) -> Actuators:
     """Returns the actuators that an agent drives its base by: the base's own, or slower ones that it knows.
 
     A base that is quicker than every one that the agent was trained on is held to the quickest of those, so that it
@@ -89,11 +148,11 @@ def driven_as(card: Mapping[str, Any], briefing: Briefing) -> Actuators:
     return quickest if quicker else own
 
 
-def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> float:
+def network_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> float:
     """Returns the speed (m/s) that an agent tells its network where one is asked for.
 
     On a base that it knows, or drives as one of those, that of which the asked one comes as the mean on a path, by what
-    its card says was measured (`told_speed`); where it says nothing, the asked one.
+    its card says was measured (`commanded_speed`); where it says nothing, the asked one.
 
     On a base that is slower than every one that the agent was trained on, no more than it can stop at: the speed v at
     which that stops on the same way as the slowest of those at the asked one: v tau + v^2 / (2 a), tau the lag, a the
@@ -102,10 +161,10 @@ def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> f
     own, known = briefing.actuators, _known(card, briefing)
     if not known:
         return speed
-    driven = driven_as(card, briefing)
+    driven = effective_actuators(card, briefing)
     if driven in known:
         tier = card["trained_on"]["actuators"][known.index(driven)]
-        return told_speed(card.get("cruises", {}).get(tier, []), speed, max(card["trained_on"]["speeds"]))
+        return commanded_speed(card.get("cruises", {}).get(tier, []), speed, max(card["trained_on"]["speeds"]))
     slowest = min(known, key=lambda each: each.acceleration)
     if slowest.acceleration == math.inf:  # it never had to stop
         return speed
@@ -116,7 +175,7 @@ def driven_speed(card: Mapping[str, Any], briefing: Briefing, speed: float) -> f
     return acceleration * (math.sqrt(lag * lag + 2.0 * way / acceleration) - lag)
 
 
-def told_speed(cruise: Sequence[Sequence[float]], speed: float, most: float) -> float:
+def commanded_speed(cruise: Sequence[Sequence[float]], speed: float, most: float) -> float:
     """Returns the speed (m/s) that an agent has to be told to drive another one in the mean.
 
     In proportion between those that were measured, and below them. Above them the greatest of them; the asked one where
@@ -141,7 +200,7 @@ def _known(card: Mapping[str, Any], briefing: Briefing) -> list[Actuators]:
     return [briefing.robot.actuators(tier) for tier in trained["actuators"]] if trained else []
 
 
-def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
+def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
     """Returns a line that says in what an agent is asked to drive that it was not trained in, and what was measured.
 
     "" where nothing is new to it, or its card does not say what it was trained on.
@@ -154,9 +213,11 @@ def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
         return ""
     tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
     tier, beams, new = next(tiers, ""), len(briefing.beam_angles), []
-    if tier not in trained["actuators"] and driven_as(card, briefing) is briefing.actuators:
-        slowed = driven_speed(card, briefing, speed)
-        new.append(f"with actuators {tier or 'of its own'!r}, not {_listed(trained['actuators'])}")
+    late = briefing.actuators.response is not None
+    if tier not in trained["actuators"] and (late or effective_actuators(card, briefing) is briefing.actuators):
+        slowed = network_speed(card, briefing, speed)
+        how = "with a response of its own, predicted" if late else f"with actuators {tier or 'of its own'!r}"
+        new.append(f"{how}, not {_listed(trained['actuators'])}")
         if slowed < speed:
             new[-1] += f" (so at no more than {slowed:.2f} m/s)"
     low, high = min(trained["speeds"]), max(trained["speeds"])
@@ -164,11 +225,14 @@ def outside(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
         new.append(f"at {speed:g} m/s, not {low:g}" + (f" to {high:g}" if high > low else ""))
     if beams and beams not in trained["beams"]:
         new.append(f"with {beams} beams, not {_listed(trained['beams'])}")
+    teams = trained.get("teams", [])
+    if teams and briefing.team > max(teams):
+        new.append(f"in a team of {briefing.team}, not {min(teams)} to {max(teams)}")
     if not new:
         return ""
     asked = {"actuators": tier, "num_beams": beams, "speed": speed}
     validated = card.get("validation")
-    own = {"asked_speed": card["speed"], "env_kwargs": card.get("env_kwargs")}
+    own = {"asked_speed": card["speed"], "env_kwargs": card["env_kwargs"]}
     own |= validated if isinstance(validated, dict) else {}
     everywhere = [*([own] if _is_measured(own) else []), *card.get("measured", [])]
     measured = sorted(everywhere, key=lambda each: (-_likeness(each, asked), abs(each["asked_speed"] - speed)))

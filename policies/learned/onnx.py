@@ -12,9 +12,9 @@ import pathlib
 import click
 import numpy as np
 
-from wayfield.envs.command_line import OneLineErrors
-from wayfield.envs.storage import write_whole
 from wayfield.policies.learned.agent import Agent, load_agent
+from wayfield.system.command_line import OneLineErrors
+from wayfield.system.storage import write_whole
 
 
 def export_onnx(agent: Agent, file: str | os.PathLike[str]) -> None:

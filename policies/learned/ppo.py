@@ -11,29 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.checks import LAST_SEED
-from wayfield.policies.learned.agent import Agent, load_agent
-from wayfield.policies.policy import check_gain, check_whole
+from wayfield.envs.robots import Robot
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
+from wayfield.policies.learned.agent import Agent, body_of, load_agent
+from wayfield.system.checks import LAST_SEED
 
 
 @dataclasses.dataclass(frozen=True)
-class Ppo:
+class Ppo(Gains):
     """Drives with the agent of its seed that ships for the task and the robot it is put in, or with one of your own.
 
     What the network sees and does is stated in the agent's card and in `features`. Learned from the training split of
     the scenarios; those that ship serve the robots that `shipped` names.
     """
 
-    seed: int = 0  # of the training run
-    speed: float = 0.0  # m/s, of a path follower the mean (its card's `cruises`), else the most; 0: as validated
-    home: str = ""  # folder of training runs, as train.py's --out; "": the agents that ship
+    seed: int = gain(0, "1", "of the training run", most=LAST_SEED)
+    speed: float = gain(0.0, "m/s", "the mean, where its card has `cruises`, else the most; 0: as validated", least=0.0)
+    home: str = gain("", "", "of training runs, as train.py's --out; '': the agents that ship", words="a folder")
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
 
     def __post_init__(self) -> None:
-        check_whole(self, "seed", most=LAST_SEED)
-        check_gain(self, "speed", least=0.0)
+        super().__post_init__()
         if not isinstance(self.home, str) or (self.home and not trained(self.home)):
             raise ValueError(f"Ppo: home must be a folder of training runs, with seed_N/best in it, got {self.home!r}")
 
@@ -52,12 +52,16 @@ class Ppo:
         Raises:
             ValueError: if none ships for the task and robot, or none of this seed.
         """
-        task, robot = briefing.task.name, briefing.robot.name
+        task, robot = briefing.task.name, body_of(briefing.robot).name
         if self.home:
             if self._own.card["task"] != task:
                 raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
             return self._own
         return shipped_agent(task, robot, self.seed, self.speed)
+
+    def trained_with(self, robot: Robot) -> bool:
+        """Returns whether an agent of one's own was trained with a robot as it is; see `Agent.trained_with`."""
+        return bool(self.home) and self._own.trained_with(robot)
 
     @functools.cached_property
     def _own(self) -> Agent:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import shown
+from wayfield.system.checks import shown
 
 MOST_TEXT = 2**24  # bytes of a file of text; those that are written here have a few thousand
 MOST_NUMBERS = 2**31  # bytes of a file of arrays

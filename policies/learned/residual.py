@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield import policies
-from wayfield.envs.checks import shown
-from wayfield.policies.policy import Policy, check_gain
+from wayfield.policies.gain import Gains, gain
+from wayfield.policies.policy import Policy
+from wayfield.system.checks import shown
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class Base:
+class Base(Gains):
     """A controller, and how far a network may lead away from it.
 
     The twist is the controller's and, in proportion to `reach`, what the network's actions a in [-1, 1] mean around
@@ -23,6 +24,9 @@ class Base:
     reach speed (a_0, a_1) in the frame of the features and the controller's turning ("planar"). The robot drives no
     faster than the larger of the controller's speed and the one asked for. The network is told what the controller
     asks for.
+
+    Where the controller `guards`, the network adds to the velocity that it wants, u = u_b + reach speed (a_0, a_1), no
+    faster than that speed; what it drives by u is the controller's, which keeps clear as ever.
 
     Source: Johannink et al., "Residual reinforcement learning for robot control", ICRA 2019.
 
@@ -32,10 +36,13 @@ class Base:
 
     controller: str  # a name of policies.make
     gains: Mapping[str, Any]
-    reach: float
+    reach: float = gain(1.0, "1", "share of its twists that the network adds", above=0.0)
+    guards: bool = gain(False, "", "whether it keeps clear by what the network wants")
 
     def __post_init__(self) -> None:
-        check_gain(self, "reach", above=0.0)
+        super().__post_init__()
+        if self.guards and not hasattr(self.policy(1.0), "keep_clear"):
+            raise ValueError(f"controller must be one that keeps clear by a wanted velocity, got {self.controller!r}")
         self.policy(1.0)
 
     def policy(self, speed: float) -> Policy:

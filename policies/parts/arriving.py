@@ -2,7 +2,7 @@
 
 import math
 
-from wayfield.envs.compiled import inlined
+from wayfield.system.compiled import inlined
 
 
 @inlined

@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import inlined
-from wayfield.envs.kinematics import to_body_frame
-from wayfield.envs.paths import along_lap, segment_at, vertex, walk_to
+from wayfield.envs.robots.kinematics import to_body_frame
+from wayfield.envs.world.paths import along_lap, segment_at, vertex, walk_to
+from wayfield.system.compiled import inlined
 
 
 @inlined

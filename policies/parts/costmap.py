@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, compiled, inlined
-from wayfield.envs.geometry import sin_cos
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
@@ -30,13 +29,16 @@ from wayfield.policies.parts.polyline_tracker import (
 )
 from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, forget, stamps
 from wayfield.policies.parts.stopping import SECTORS, SIGHTS, Scan, Seen, find_hits, free_time, remembering
-from wayfield.policies.policy import Policy, check_gain
+from wayfield.policies.policy import Policy
 from wayfield.policies.scan_planner import place_grid, plan
+from wayfield.system.compiled import allocating, compiled, inlined
+from wayfield.system.elementary import sin_cos
 
 LETHAL = 254.0  # cost of a cell with an obstacle in it
 INSCRIBED = 253.0  # of one in which the centre of a round hull may not be
 POINT_SPACING = 0.025  # m, between the points of a plan, for which Nav2's offsets along it are documented
 MOST_POINTS = 161  # of the part of a plan that lies ahead
+FARTHEST_PRUNED = POINT_SPACING * (MOST_POINTS - 1)  # m
 
 STATE = [
     *PLAN,
@@ -74,35 +76,23 @@ class Maps(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class CostmapController(Policy):
+class CostmapController(Gains, Policy):
     """A controller of Nav2: gains that they share, what they see and remember. Each adds its law, in `decide`."""
 
-    max_speed: float = 0.6  # m/s
-    max_yaw_rate: float = 1.9  # rad/s
-    acceleration: float = 3.0  # m/s^2, at most, and at most what the base can do
-    yaw_acceleration: float = 3.5  # rad/s^2, likewise
-    prune_distance: float = 2.0  # m, of the plan that is looked at
-    cell: float = 0.08  # m, of the map
-    inflation_radius: float = 0.7  # m, from an obstacle, within which cells cost something
-    cost_scaling: float = 3.0  # 1/m, by which that falls off
-    replan: float = 1.0  # s, between plans
-    time_before_collision: float = 1.2  # s, from which on commands are slowed down; 0 for not at all
-    recall: float = 2.0  # s, for which that knows what is near and out of sight
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
+    max_yaw_rate: float = gain(1.9, "rad/s", "at most", above=0.0)
+    acceleration: float = gain(3.0, "m/s^2", "at most, and at most what the base can do", above=0.0)
+    yaw_acceleration: float = gain(3.5, "rad/s^2", "likewise", above=0.0)
+    prune_distance: float = gain(2.0, "m", "of the plan that is looked at", above=0.0, most=FARTHEST_PRUNED)
+    cell: float = gain(0.08, "m", "of the map", above=0.0)
+    inflation_radius: float = gain(0.7, "m", "around obstacles, in which cells cost", least=0.0, most=FARTHEST)
+    cost_scaling: float = gain(3.0, "1/m", "by which that falls off", least=0.0)
+    replan: float = gain(1.0, "s", "between plans", above=0.0)
+    time_before_collision: float = gain(1.2, "s", "from which on commands are slowed down; 0 for not at all", least=0.0)
+    recall: float = gain(2.0, "s", "for which that knows what is near and out of sight", least=0.0)
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-
-    def __post_init__(self) -> None:
-        above = ("max_speed", "cell", "replan", "max_yaw_rate", "acceleration", "yaw_acceleration", "prune_distance")
-        for name in above:
-            check_gain(self, name, above=0.0)
-        for field in dataclasses.fields(self):
-            if field.type is float:
-                check_gain(self, field.name, least=0.0)
-        for name, most in (("inflation_radius", FARTHEST), ("prune_distance", POINT_SPACING * (MOST_POINTS - 1))):
-            value = getattr(self, name)
-            if not value <= most:
-                raise ValueError(f"{type(self).__name__}: {name} must be at most {most:g} m, got {value!r}")
 
     @property
     def remembers(self) -> list[Any]:

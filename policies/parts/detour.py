@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from wayfield.envs.compiled import allocating, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
 from wayfield.policies.parts.stopping import free_time
+from wayfield.system.compiled import allocating, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 # What a seeker remembers of its detours.
 DETOUR = np.dtype(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayfield.envs.compiled import allocating, assign, compiled, inlined
+from wayfield.system.compiled import allocating, assign, compiled, inlined
 
 UNSEEN = -1  # place of a cell that is not in the heap yet
 CLOSED = -2  # place of a cell whose way is settled

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.records import MAX_WHEELS, lag_factors, record
 from wayfield.envs.robots import Actuators, Robot
+from wayfield.envs.robots.records import MAX_WHEELS, lag_factors, record
+from wayfield.envs.tasks.briefing import Briefing
 
 # What the plant is predicted with, all of it nominal.
 PLANT = np.dtype(
@@ -25,7 +25,7 @@ PLANT = np.dtype(
         ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate
         ("acceleration", np.float64),  # m/s^2
         ("yaw_acceleration", np.float64),  # rad/s^2
-        ("lag", np.float64),  # s
+        ("lag", np.float64),  # s, with the delay: `Actuators.reaction`
         ("lag_decay", np.float64),  # share of a deviation that the lag leaves after a control period
         ("lag_mean", np.float64),  # its mean share over the period
     ],
@@ -75,7 +75,7 @@ def _is_number(field: dataclasses.Field[Any]) -> bool:
 
 def plant(robot: Robot, actuators: Actuators, dt: float) -> NDArray[np.void]:
     """Returns the data sheet, an array of one PLANT record."""
-    decay, mean = lag_factors(actuators.lag, dt)
+    decay, mean = lag_factors(actuators.reaction, dt)
     made = np.zeros(1, PLANT)
     made["dt"] = dt
     made["holonomic"] = robot.holonomic
@@ -84,9 +84,8 @@ def plant(robot: Robot, actuators: Actuators, dt: float) -> NDArray[np.void]:
     made["wheel_matrix"][0, : len(robot.wheel_matrix)] = robot.wheel_matrix
     made["wheel_speed_limit"] = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
     made["turn_speed"] = robot.turn_speed
-    made["acceleration"] = actuators.acceleration
-    made["yaw_acceleration"] = actuators.yaw_acceleration
-    made["lag"] = actuators.lag
+    made["acceleration"], made["yaw_acceleration"] = actuators.surely
+    made["lag"] = actuators.reaction
     made["lag_decay"] = decay
     made["lag_mean"] = mean
     return made

@@ -2,8 +2,8 @@
 
 import math
 
-from wayfield.envs.compiled import inlined
-from wayfield.envs.geometry import bearing, wrap_angle
+from wayfield.system.compiled import inlined
+from wayfield.system.elementary import bearing, wrap_angle
 
 
 @inlined

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, compiled, inlined
-from wayfield.envs.geometry import bearing, sin_cos, wrap_angle
-from wayfield.envs.kinematics import integrate_arc, limit_acceleration, to_body_frame
+from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, to_body_frame
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.grid_search import (
     any_angle_way,
     pulled,
@@ -20,7 +19,9 @@ from wayfield.policies.parts.grid_search import (
     traced,
 )
 from wayfield.policies.parts.params import params_of
-from wayfield.policies.policy import Policy, check_gain
+from wayfield.policies.policy import Policy
+from wayfield.system.compiled import allocating, compiled, inlined
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 # A grid's bytes hold how near the obstacles are: the clearance of a cell's centre falls short of FARTHEST by so many
 # units. Zero, what fresh memory holds, is clear.
@@ -58,7 +59,7 @@ PLAN = plan_fields(POINTS)
 
 
 @dataclasses.dataclass(frozen=True)
-class PolylineTracker(Policy):
+class PolylineTracker(Gains, Policy):
     """Regulated pursuit of a polyline, with room to stop: the gains that planners share. They add reset and act.
 
     With s the projection on the polyline (searched in a window around the last one), c the least clearance of the
@@ -78,25 +79,17 @@ class PolylineTracker(Policy):
     limit as a yaw-rate limit; room to stop as in Fox, Burgard and Thrun, RAM 4(1), 1997.
     """
 
-    max_speed: float = 0.6  # m/s
-    acceleration: float = 0.8  # m/s^2, at most, and at most 0.8 of what the base can do
-    yaw_acceleration: float = 2.4  # rad/s^2, likewise
-    max_yaw_rate: float = 1.5  # rad/s
-    lookahead: float = 0.4  # m
-    min_turn_radius: float = 0.4  # m, where the speed begins to fall
-    rotate_beyond: float = 0.785  # rad, bearing beyond which a differential drive turns on the spot
-    slow_speed: float = 0.2  # m/s, with no room beside the hull
-    slow_clearance: float = 0.15  # m, room beside the hull for the full speed
-    skin: float = 0.01  # m, room that the hull keeps where it can
-    arrive: float = 0.015  # m, from the goal
-
-    def __post_init__(self) -> None:
-        for name in (
-            *("max_speed", "acceleration", "yaw_acceleration", "max_yaw_rate", "lookahead", "min_turn_radius"),
-            *("rotate_beyond", "slow_speed", "slow_clearance", "arrive"),
-        ):
-            check_gain(self, name, above=0.0)
-        check_gain(self, "skin", least=0.0)
+    max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
+    acceleration: float = gain(0.8, "m/s^2", "at most, and at most 0.8 of what the base can do", above=0.0)
+    yaw_acceleration: float = gain(2.4, "rad/s^2", "likewise", above=0.0)
+    max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
+    lookahead: float = gain(0.4, "m", "along the polyline", above=0.0)
+    min_turn_radius: float = gain(0.4, "m", "where the speed begins to fall", above=0.0)
+    rotate_beyond: float = gain(0.785, "rad", "bearing beyond which a differential drive turns on the spot", above=0.0)
+    slow_speed: float = gain(0.2, "m/s", "with no room beside the hull", above=0.0)
+    slow_clearance: float = gain(0.15, "m", "room beside the hull for the full speed", above=0.0)
+    skin: float = gain(0.01, "m", "room that the hull keeps where it can", least=0.0)
+    arrive: float = gain(0.015, "m", "from the goal", above=0.0)
 
     def params(self, briefing: Briefing, **more: float) -> NDArray[np.void]:
         """Returns what the law reads, see `params.params`: the plant's accelerations are those that the law allows."""
@@ -113,7 +106,7 @@ class PolylineTracker(Policy):
             acceleration=gentle.acceleration,
             yaw_acceleration=gentle.yaw_acceleration,
             slow_speed=min(self.slow_speed, self.max_speed),
-            delay=briefing.actuators.lag + 2.0 * briefing.dt,  # s, until the base does what it is told
+            delay=briefing.actuators.reaction + 2.0 * briefing.dt,  # s, until the base does what it is told
             **more,
         )
 

@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating, compiled, inlined
-from wayfield.envs.geometry import sin_cos
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT
+from wayfield.system.compiled import allocating, compiled, inlined
+from wayfield.system.elementary import sin_cos
 
 CELLS = 160  # of a side of the grid
 SUB = 4  # spots of a cell's side, for where in it the hits were

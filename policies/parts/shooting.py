@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import inlined
-from wayfield.envs.geometry import sin_cos
-from wayfield.envs.kinematics import integrate_arc, sinc
+from wayfield.envs.robots.kinematics import integrate_arc, sinc
+from wayfield.system.compiled import inlined
+from wayfield.system.elementary import sin_cos
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ angle J becomes a bend of length 4h and curvature J / 2h.
 
 import math
 
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import compiled, inlined
-from wayfield.envs.geometry import bearing, wrap_angle
-from wayfield.envs.paths import segment_at, vertex
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.paths import segment_at, vertex
+from wayfield.system.compiled import compiled, inlined
+from wayfield.system.elementary import bearing, wrap_angle
 
 
 def limits(briefing: Briefing, acceleration: float, lateral_acceleration: float, share: float) -> dict[str, float]:

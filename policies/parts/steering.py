@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.geometry import bearings
-from wayfield.envs.grids import NO_GRIDS, frames_of
-from wayfield.envs.patrols import PATROL
 from wayfield.envs.robots import Robot
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.grids import NO_GRIDS, frames_of
+from wayfield.envs.world.patrols import PATROL
+from wayfield.system.elementary import bearings
 
 Array = NDArray[np.float64]
 

@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, sensing
-from wayfield.envs.briefing import Briefing
-from wayfield.envs.compiled import allocating, inlined
-from wayfield.envs.geometry import bearing, sin_cos
-from wayfield.envs.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
-from wayfield.envs.records import aligned
+from wayfield.envs import goal_reaching
+from wayfield.envs.robots import sensing
+from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
+from wayfield.envs.robots.records import aligned
+from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.policy import Policy, check_scan
+from wayfield.system.compiled import allocating, inlined
+from wayfield.system.elementary import bearing, sin_cos
 
 SECTORS = 36  # of the memory of what was seen near the robot
 RECALL_RANGE = 1.2  # m

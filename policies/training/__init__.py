@@ -2,5 +2,6 @@
 
 `presets` (what is trained, and how), `shaping` (features, rewards and speeds on top of the robots of `envs/sb3.py`),
 `ways` (what is left of the shortest way to a goal), `learner` (PPO, its state as plain arrays), `checkpoints`,
-`validation`, `run` (one run), `seeds` (many side by side), `curves` (their figure).
+`validation`, `run` (one run), `seeds` (many side by side), `curves` (their figure),
+`recorded` and `offline` (sets of episodes, and what learns from them).
 """

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -15,20 +16,19 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from wayfield.envs.command_line import SEED, OneLineErrors, cluster_given, command_given, on_cluster, shared_out
-from wayfield.envs.scenarios import TASKS, TaskSpec
-from wayfield.envs.storage import clear_stale
+from wayfield.envs.tasks.specs import EVERY, TaskSpec
 from wayfield.policies.training.checkpoints import BEST, CURVE, RUN
 from wayfield.policies.training.curves import draw_curves
-from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for
+from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for, settable
 from wayfield.policies.training.run import Job, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
-from wayfield.policies.training.settings import rows
 from wayfield.policies.training.slices import train_far
+from wayfield.system.checks import printable
+from wayfield.system.command_line import SEED, OneLineErrors, cluster_given, command_given, on_cluster, say, shared_out
+from wayfield.system.storage import clear_stale
 
 MOST_SEEDS = 1000
 CURVES = "curves.png"
-_PAPER = 1000  # characters, where nobody looks: one line a key, for other commands to read
 _PAUSE = 30.0  # s, after which a line is printed where there is no terminal
 
 
@@ -45,17 +45,29 @@ def _listed(env_id: str | None, name: str | None) -> None:
         presets = [preset_for(env_id, name)] if env_id is not None else list(reversed(tasks.values()))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    console = Console() if sys.stdout.isatty() else Console(width=_PAPER)
+    console = Console(width=shutil.get_terminal_size().columns)  # COLUMNS, the terminal's, or 80
     for preset in presets:
         title = f"--set KEY=VALUE of preset {preset.name}, for {', '.join(preset.env_ids)}"
         table = Table(title=title, title_justify="left", box=rich.box.SIMPLE_HEAD, pad_edge=False)
         for header in ("key", "default", "range", "what it is"):
             table.add_column(header, no_wrap=header == "key", overflow="fold")
-        for row in rows(preset):
-            table.add_row(*row)
+        for key, each in settable(preset).items():
+            meaning = ", ".join(filter(None, (each.unit.strip("1"), each.meaning)))
+            table.add_row(key, _setting(each.default), each.range, meaning)
         with console.capture() as capture:
             console.print(table)
         click.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))
+
+
+def _setting(value: Any) -> str:
+    """Returns a value as `--set` takes it."""
+    if isinstance(value, tuple):
+        return ",".join(map(_setting, value)) or "empty"
+    if value is None or isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return str(value) or "empty"
 
 
 @click.command(cls=_Train, name="train")
@@ -95,12 +107,14 @@ def main(
         return
     if env_id is None:
         raise click.UsageError("ENV_ID is missing, such as wayfield/DiffDrivePathFollowing-v0")
-    if steps is not None:
-        settings = (*settings, f"steps={steps}")
-    if robot is not None:
-        settings = (*settings, f"robot={robot}")
     try:
-        preset = overridden(preset_for(env_id, name), settings)
+        preset = preset_for(env_id, name)
+        scaled = _scaled(preset, settings, steps)
+        if steps is not None:
+            settings = (*settings, f"steps={steps}", *scaled)
+        if robot is not None:
+            settings = (*settings, f"robot={robot}")
+        given, preset = preset.imitation, overridden(preset, settings)
         folder = Path("results/training") / preset.name if out is None else out
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         command = command_given("python train.py")
@@ -125,6 +139,12 @@ def main(
             if job.folder.exists():
                 with held(job.folder):  # or say at once that another process does
                     pass
+        if scaled:
+            click.echo(
+                f"train: imitation is scaled with --steps, from {given} to {preset.imitation} frames; --set "
+                f"imitation={given} keeps it",
+                err=True,
+            )
         last = _trained(jobs, min(cores, seeds))
         drawn = [job.folder for job in jobs if (job.folder / CURVE).exists()]
         if drawn:
@@ -139,6 +159,15 @@ def main(
             raise
         raise click.ClickException("the disk is full; what was saved before stands, --resume goes on from it") from None
     sys.exit(_told(jobs, last, preset))
+
+
+def _scaled(preset: Preset, settings: tuple[str, ...], steps: int | None) -> tuple[str, ...]:
+    """Returns the setting that scales a preset's imitation with --steps; nothing where it is set, or there is none."""
+    if steps is None or steps == preset.steps or not preset.imitation:
+        return ()
+    if any(each.startswith("imitation=") for each in settings):
+        return ()
+    return (f"imitation={round(preset.imitation * steps / preset.steps)}",)
 
 
 def check_out(folder: Path) -> None:
@@ -176,7 +205,7 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         transient=True,  # what is left is what `_told` says, or one line about what went wrong
     ) as bar:
         tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.preset.steps, score="") for job in jobs}
-        task = TASKS[jobs[0].preset.task]
+        task = EVERY[jobs[0].preset.task]
 
         noted = set()
         began = time.monotonic()
@@ -187,7 +216,9 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         def show(report: Report) -> None:
             if report.note and report.seed not in noted:
                 noted.add(report.seed)
-                console.print(f"seed {report.seed}: {report.note}", markup=False, highlight=False, soft_wrap=True)
+                console.print(
+                    printable(f"seed {report.seed}: {report.note}"), markup=False, highlight=False, soft_wrap=True
+                )
             fields: Any = {} if report.row is None else {"score": _scores(report.row, task)}
             bar.update(tasks[report.seed], completed=report.frames, **fields)
             if not console.is_terminal:  # which has no bar: a line a validation, and now and then before the first
@@ -216,7 +247,7 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
     status = 0
     for job, report in zip(jobs, last, strict=True):
         if report.error:
-            click.echo(f"seed {job.seed}: {report.error}", err=True)
+            say(f"seed {job.seed}: {report.error}", err=True)
             status = status or 1
             continue
         if report.stopped:
@@ -225,7 +256,7 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
         shares = ", ".join(f"{name} {value / total:.0%}" for name, value in report.seconds.items() if value)
         training = total - report.seconds.get("validation", 0.0)
         speed = f"{report.frames / training:,.0f} frames/s" if training else "nothing"
-        found = _scores(report.row, TASKS[preset.task]) if report.row else "no validation yet"
+        found = _scores(report.row, EVERY[preset.task]) if report.row else "no validation yet"
         end = "done" if report.done else "stopped, go on with --resume"
-        click.echo(f"seed {job.seed}: {end}; {speed} ({shares}); last validation: {found}; {job.folder / BEST}")
+        say(f"seed {job.seed}: {end}; {speed} ({shares}); last validation: {found}; {job.folder / BEST}")
     return status

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from wayfield.envs.checks import shown
-from wayfield.envs.readers import of_folder, reader
-from wayfield.envs.scenarios import TASKS
-from wayfield.envs.storage import write_whole
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.reading import MOST_TEXT, read_bytes
 from wayfield.policies.training.checkpoints import CURVE
+from wayfield.system.checks import shown
+from wayfield.system.readers import of_folder, reader
+from wayfield.system.storage import write_whole
 
 
 class Panel(NamedTuple):
@@ -69,7 +69,7 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
     from matplotlib.figure import Figure
 
     figure = Figure((10.0, 3.2), layout="constrained")
-    panels = PANELS[TASKS[task].on_path]
+    panels = PANELS[EVERY[task].on_path]
     axes = figure.subplots(1, len(panels))
     for folder in folders:
         curve = read_curve(folder)

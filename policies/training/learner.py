@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.policies.learned.perception import Perception
 from wayfield.policies.training.imitation import teach
-from wayfield.policies.training.presets import Preset
+from wayfield.policies.training.presets import Ppo, Preset
 from wayfield.policies.training.shaping import Shaped
 
 MOST_INPUTS = 2**29  # numbers of what is kept to learn from: 2 GiB
@@ -103,9 +103,9 @@ class Learner(abc.ABC):
         self.model._update_current_progress_remaining(self.frames, self.preset.steps)
         try:
             self._learn()
-        except ValueError as error:  # torch refuses to make a distribution of what is not finite
+        except ValueError:  # torch refuses to make a distribution of what is not finite
             self.check_finite()
-            raise RuntimeError(f"the update failed: {error}") from error
+            raise self._diverged("the spread of its actions") from None
         self.check_finite()
         self.seconds["update"] += time.perf_counter() - middle
         logged = {key.removeprefix("train/"): float(value) for key, value in self.model.logger.name_to_value.items()}
@@ -116,10 +116,14 @@ class Learner(abc.ABC):
         """Raises FloatingPointError unless all numbers of the policy, its critics included, are finite."""
         for name, tensor in self.model.policy.state_dict().items():
             if not torch.isfinite(tensor).all():
-                raise FloatingPointError(
-                    f"the training diverged: {name} is not finite after {self.frames} frames; a lower learning_rate "
-                    f"{self.MILDER}may help; what was saved before stands"
-                )
+                raise self._diverged(name)
+
+    def _diverged(self, name: str) -> FloatingPointError:
+        """Returns the error of a policy with a number, or numbers, of that name that are not finite."""
+        return FloatingPointError(
+            f"the training diverged: {name} is not finite after {self.frames} frames; a lower learning_rate "
+            f"{self.MILDER}may help; what was saved before stands"
+        )
 
     MILDER: ClassVar[str] = ""  # what else may keep numbers finite
 
@@ -180,24 +184,25 @@ class PpoLearner(Learner):
         return self.ppo
 
     def _make(self) -> None:
-        preset = self.preset
+        preset, own = self.preset, self.preset.learner
+        assert isinstance(own, Ppo)
         self.ppo = PPO(
             "MlpPolicy",
             self._timed,
             learning_rate=anneal(preset.learning_rate, preset.final_learning_rate),
             n_steps=preset.horizon,
             batch_size=min(preset.batch_size, preset.num_envs * preset.horizon),
-            n_epochs=preset.epochs,
+            n_epochs=own.epochs,
             gamma=preset.discount,
-            gae_lambda=preset.gae_lambda,
-            clip_range=anneal(preset.clip, preset.final_clip),
-            ent_coef=preset.entropy,
-            max_grad_norm=preset.max_grad_norm,
-            target_kl=preset.target_kl,
+            gae_lambda=own.gae_lambda,
+            clip_range=anneal(own.clip, own.final_clip),
+            ent_coef=own.entropy,
+            max_grad_norm=own.max_grad_norm,
+            target_kl=own.target_kl,
             policy_kwargs={
                 "net_arch": {"pi": list(preset.hidden), "vf": list(preset.hidden)},
                 "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[preset.activation],
-                "log_std_init": preset.log_std,
+                "log_std_init": own.log_std,
             },
             seed=self.seed,
             device="cpu",
@@ -287,15 +292,16 @@ class Timed(VecEnv):
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
-    robot = {} if preset.robot is None else {"robot": preset.robot}
     limit = {"max_episode_steps": preset.time_limit}
-    worlds = NativeVecEnv(env_id, [(count, {**robot, **limit, **kwargs}) for count, kwargs, _ in preset.parts])
+    worlds = NativeVecEnv(env_id, [(count, {**limit, **kwargs}) for count, kwargs, _ in preset.parts])
+    robot_kind, dt = worlds.task.robot, worlds.task.options.dt
+    if preset.actions.kind == "planar" and not robot_kind.holonomic and not preset.guards:
+        raise ValueError(f"actions.kind must be unicycle with {robot_kind.name!r}, which cannot go sideways")
     ways = None
     if preset.shortest_ways:
         from wayfield.policies.training.ways import WAYS
 
         ways = WAYS[preset.task](worlds)
-    robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
     paces = [pace for _, _, pace in preset.parts]
     return Shaped(worlds, perception, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)

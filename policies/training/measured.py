@@ -7,6 +7,7 @@ one that it is asked for.
 """
 
 import dataclasses
+import functools
 import json
 import warnings
 from collections.abc import Callable, Mapping
@@ -15,17 +16,23 @@ from typing import Any
 
 import click
 
-from wayfield.envs.command_line import OneLineErrors
-from wayfield.envs.scenarios import TASKS
-from wayfield.envs.storage import write_whole
+from wayfield.envs.tasks.specs import task_spec
 from wayfield.policies.learned.agent import CARD, Agent, load_agent, signed
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.training.validation import finite, validate, validated
+from wayfield.system.command_line import OneLineErrors
+from wayfield.system.storage import write_whole
 
 FAST = 1.05  # m/s, of a path follower, beside the speed that it was validated at
 OTHERS = (0.3, 1.0)  # m/s, of a goal seeker
 EVERY = 16  # of the training scenarios, that a path follower's mean speed is measured on: four of a family
 
+
+# fields beside that of the validation
+AMONG = {
+    "teams": ("doorway_4", "corridor_8", "intersection_8", "bottleneck_8", "rooms_4"),
+    "people": ("crowdnav_10", "lanes_24", "crossing_flow_24", "queue_at_door"),
+}
 
 Condition = tuple[float, dict[str, Any]]  # a speed asked for, m/s, and the keyword arguments of the environment
 
@@ -35,11 +42,15 @@ def _of_paths(speed: float, base: Mapping[str, Any]) -> list[Condition]:
 
 
 def _of_goals(speed: float, base: Mapping[str, Any]) -> list[Condition]:
-    """Returns other speeds, and what `make` gives: the scan of the data sheet, and goals with a heading."""
+    """Returns other speeds, the greatest with slow actuators too, fewer beams, and what `make` gives.
+
+    That is the scan of the data sheet, and goals with a heading.
+    """
     robot = {"robot": base["robot"]} if "robot" in base else {}
     made = {"actuators": "ideal", "num_beams": 32, **robot}
     default = [(speed, {"scenario": scenario, **made}) for scenario in ("discs", "open_field")]
-    return [*((other, dict(base)) for other in OTHERS), *default]
+    hard = [(max(OTHERS), {**base, "actuators": "slow"}), (speed, {**base, "num_beams": 32})]
+    return [*((other, dict(base)) for other in OTHERS), *hard, *default]
 
 
 def _of_docks(speed: float, base: Mapping[str, Any]) -> list[Condition]:
@@ -48,22 +59,31 @@ def _of_docks(speed: float, base: Mapping[str, Any]) -> list[Condition]:
     return [(speed, {"scenario": "all/validation", "actuators": "ideal", "num_beams": 32, **robot})]
 
 
+def _among(task: str, speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    """Returns the validation and closer fields, or other people."""
+    return [(speed, dict(base)), *((speed, {**base, "scenario": f"{name}/validation"}) for name in AMONG[task])]
+
+
 MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {
     "path_following": _of_paths,
     "goal_reaching": _of_goals,
     "docking": _of_docks,
+    "teams": functools.partial(_among, "teams"),
+    "people": functools.partial(_among, "people"),
 }  # by task
 
 
 def conditions(agent: Agent) -> list[Condition]:
     """Returns in what an agent is measured; quicker bases than those that it knows it drives as those."""
     base: dict[str, Any] = dict(agent.card["env_kwargs"])
-    return [(agent.speed, base | {"actuators": "slow"}), *MORE[agent.card["task"]](agent.speed, base)]
+    task = agent.card["task"]
+    slow = [] if task in AMONG else [(agent.speed, base | {"actuators": "slow"})]
+    return [*slow, *MORE[task](agent.speed, base)]
 
 
 def measure(agent: Agent) -> list[dict[str, Any]]:
     """Returns what an agent does in each of its conditions, as its card has it."""
-    task, found = TASKS[agent.card["task"]], []
+    task, found = task_spec(agent.card["task"]), []
     for speed, kwargs in conditions(agent):
         score = validate(dataclasses.replace(agent, speed=speed), agent.card["env_id"], kwargs, task.clock)
         found.append(measurement(speed, kwargs, dataclasses.asdict(score)))
@@ -76,7 +96,7 @@ def cruises(agent: Agent) -> dict[str, list[list[float]]]:
     Pairs of the speed told and the mean one driven, m/s, at the speeds that it was trained at, both rising: a speed at
     which it is no faster than at a lower one is left out.
     """
-    task, base, found = TASKS[agent.card["task"]], dict(agent.card["env_kwargs"]), {}
+    task, base, found = task_spec(agent.card["task"]), dict(agent.card["env_kwargs"]), {}
     told = dataclasses.replace(agent, card={**agent.card, "cruises": {}})
     for tier in agent.card["trained_on"]["actuators"]:
         kwargs = base | {"scenario": "all/train", "actuators": tier}
@@ -108,10 +128,10 @@ def main(folders: tuple[Path, ...]) -> None:
         except ValueError as error:
             raise click.UsageError(str(error)) from None
         card = dict(agent.card)
-        if TASKS[card["task"]].on_path and card.get("trained_on"):
+        if task_spec(card["task"]).on_path and card.get("trained_on"):
             card["cruises"] = cruises(agent)
             paced = dataclasses.replace(agent, card=card)
-            score = validate(paced, card["env_id"], card["env_kwargs"], TASKS[card["task"]].clock)
+            score = validate(paced, card["env_id"], card["env_kwargs"], task_spec(card["task"]).clock)
             card["validation"] = validated(score)
         found = measure(dataclasses.replace(agent, card=card))
         write_whole(folder / CARD, (json.dumps(signed({**card, "measured": found}), indent=2) + "\n").encode())

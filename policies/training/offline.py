@@ -18,17 +18,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wayfield.envs.checks import shown
-from wayfield.envs.command_line import SEED, Choice, OneLineErrors, command_given
-from wayfield.envs.scenarios import TASKS
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent
 from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.training.checkpoints import BEST
 from wayfield.policies.training.presets import Preset, preset_for
+from wayfield.policies.training.recorded import KEY, opened
 from wayfield.policies.training.run import described_agent, versions
 from wayfield.policies.training.validation import validate, validated
+from wayfield.system.checks import shown
+from wayfield.system.command_line import SEED, Choice, OneLineErrors, command_given, say
 
-KEY = "wayfield"  # of what we add to the metadata of a set
 ALGORITHMS = ("bc", "td3bc")
 BATCH = 256
 RATE = 3e-4
@@ -50,26 +50,6 @@ class Transitions(NamedTuple):
     rewards: NDArray[np.float32]  # (n,), of the environment
     following: NDArray[np.float32]  # (n, i) inputs a step later
     going_on: NDArray[np.float32]  # (n,) 0 where the task has ended the episode, 1 elsewhere, by the clock too
-
-
-def opened(source: str) -> Any:
-    """Returns the Minari data set of a name, or of the folder of one.
-
-    Raises:
-        ValueError: if it is none of ours, or Minari is missing.
-    """
-    try:
-        import minari
-    except ImportError:
-        raise ValueError('data sets need minari: pip install "wayfield[record]"') from None
-    folder = Path(source) / "data"
-    try:
-        data = minari.MinariDataset(folder) if folder.is_dir() else minari.load_dataset(source)
-        if KEY not in data.storage.metadata:
-            raise ValueError("it was not recorded by python -m wayfield.benchmarks.record")
-    except Exception as error:  # of whatever reads what is there
-        raise ValueError(f"DATASET {source!r} cannot be read: {' '.join(str(error).split())[:300]}") from None
-    return data
 
 
 def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
@@ -260,7 +240,7 @@ class Offline:
         }
         preset = self.preset
         agent: Any = Agent(Network.of(layers, preset.activation), preset.features, preset.actions, card, preset.speed)
-        score = validate(agent, self.env_id, kwargs, TASKS[preset.task].clock)
+        score = validate(agent, self.env_id, kwargs, EVERY[preset.task].clock)
         found = validated(score)
         save_agent(home / f"seed_{seed}" / BEST, layers, card | {"training": training, "validation": found})
         return dataclasses.asdict(score)
@@ -298,7 +278,7 @@ def main(algorithm: str, source: str, name: str | None, count: int, seed: int, s
         for each in range(seed, seed + seeds):
             score = asked.train(data, steps, task, count, each, home)
             told = f"success {score['success']:.0%}, error {score['error']:.4g}, return {score['reward']:.1f}"
-            click.echo(f"seed {each}: {len(steps.inputs):,} frames, validation: {told}; {home / f'seed_{each}' / BEST}")
+            say(f"seed {each}: {len(steps.inputs):,} frames, validation: {told}; {home / f'seed_{each}' / BEST}")
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     except FloatingPointError as error:
@@ -314,7 +294,8 @@ def task_of(data: Any) -> Any:
     spec = data.spec.env_spec
     if spec is None or spec.id not in gymnasium.registry or not str(spec.id).startswith("wayfield/"):
         raise ValueError(f"the data are of {shown(getattr(spec, 'id', None))}, which this wayfield does not have")
-    env: Any = gymnasium.make(spec).unwrapped
+    # by its id: what the set's file names as an entry point, or as a wrapper, is code
+    env: Any = gymnasium.make(spec.id, max_episode_steps=spec.max_episode_steps, **spec.kwargs).unwrapped
     task = env.task
     env.close()
     if task.options.action_mode != "twist":

@@ -16,18 +16,21 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.tensorboard.writer import SummaryWriter
 
-from wayfield.envs.checks import shown
-from wayfield.envs.scenarios import TASKS
-from wayfield.envs.storage import clear_stale, locked
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent, weights_digest
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner, PpoLearner
 from wayfield.policies.training.measured import cruises, measurement
-from wayfield.policies.training.presets import Preset
+from wayfield.policies.training.presets import MOST_LESSONS, PRESETS, Preset
 from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.validation import Score, finite, validate
+from wayfield.system.checks import shown
+from wayfield.system.storage import clear_stale, locked
 
-LEARNERS: Mapping[str, type[Learner]] = {"ppo": PpoLearner, "sac": SacLearner}  # by the algorithm of a preset
+LEARNERS: Mapping[str, type[Learner]] = {"ppo": PpoLearner, "sac": SacLearner}  # by the name of a preset's learner
+USELESS = 0.05  # success, below which a clone is useless
+WORTH = 0.5  # success of its teacher, from which it is the clone's fault
+LESSONS = 2**19  # as the goal seekers' presets have
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
 
@@ -139,7 +142,7 @@ def train(
     """
     check_folder(job)
     torch.set_num_threads(job.threads)
-    learner = LEARNERS[job.preset.algorithm](
+    learner = LEARNERS[job.preset.learner.name](
         job.preset, job.env_id, job.seed
     )  # refuses what cannot be before anything is written
     with held(job.folder):
@@ -166,10 +169,9 @@ class _Run:
         self.best_row: dict[str, float] = {}
         self.measured: list[dict[str, Any]] = []  # of the best, in each condition
         self.cruises: dict[str, Any] = {}  # of the best
-        robot = {} if preset.robot is None else {"robot": preset.robot}
-        self.kwargs = dict(preset.validation) | robot
-        self.further = [(speed, dict(kwargs) | robot) for speed, kwargs in preset.conditions]
-        self.clock = TASKS[preset.task].clock
+        self.kwargs = preset.env_kwargs(preset.validation)
+        self.further = [(speed, preset.env_kwargs(kwargs)) for speed, kwargs in preset.conditions]
+        self.clock = EVERY[preset.task].clock
         self.taught = state is not None or not preset.imitation
         if state is not None:
             try:
@@ -198,7 +200,12 @@ class _Run:
             self.seconds = time.perf_counter() - began
             self._validate(dict.fromkeys(("reward", *self.learner.LOGGED), math.nan))  # what was taught may be the best
             self._save()
-            report(self._report(self.rows[-1]))
+            last = dataclasses.replace(self._report(self.rows[-1]), error=self._useless_clone())
+            report(last)
+            if last.error:
+                self.writer.close()
+                self.learner.env.close()
+                return last
         while self.updates < self.total and not interrupted() and not self._given_up():
             began = time.perf_counter()
             logged = self.learner.update()
@@ -216,6 +223,25 @@ class _Run:
         self.writer.close()
         self.learner.env.close()
         return dataclasses.replace(self._report(self.rows[-1] if self.rows else None), done=done)
+
+    def _useless_clone(self) -> str:
+        """Returns a line that says that the clone hardly ever succeeds where its teacher does; "" if it is not so."""
+        preset, clone = self.preset, self.rows[-1]["success"]
+        if clone >= USELESS:
+            return ""
+        teacher = preset.controller_at(preset.speed)
+        there = validate(teacher, self.job.env_id, self.kwargs, self.clock).success
+        if there < WORTH:
+            return ""
+        given = PRESETS.get(preset.name, preset)
+        frames = given.imitation if given.imitation > preset.imitation else 2 * preset.imitation
+        lessons = given.lessons if given.lessons > preset.lessons else max(2 * preset.lessons, LESSONS)
+        return (
+            f"stopped before PPO: the clone of {preset.controller} has {clone:.0%} success on "
+            f"validation, {preset.controller} {there:.0%}; begin anew with --set imitation={frames} (now "
+            f"{preset.imitation}) or --set lessons={min(lessons, MOST_LESSONS)} (now {preset.lessons}), or insist with "
+            "--resume"
+        )
 
     @property
     def cpu_seconds(self) -> float:
@@ -313,7 +339,7 @@ class _Run:
         return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
             "training": {
                 **self.job.described(),
-                "algorithm": preset.algorithm,
+                "algorithm": preset.learner.name,
                 # one that it adds to is its `base`, and teaches nothing
                 **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.imitation else {}),
                 "command": self.job.command,
@@ -332,14 +358,15 @@ class _Run:
 
 
 def trained_on(preset: Preset) -> dict[str, list[Any]]:
-    """Returns what a network met in training: actuator tiers, disturbances, speeds asked for (m/s), beams of a scan."""
-    tiers = [str(kwargs.get("actuators", "ideal")) for _, kwargs in preset.worlds]
-    levels = [str(kwargs.get("disturbance", "none")) for _, kwargs in preset.worlds]
-    return {
+    """Returns what a network met in training: actuators, disturbances, speeds asked for (m/s), beams, team sizes."""
+    worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds]
+    tiers = [str(kwargs.get("actuators", "ideal")) for kwargs in worlds]
+    levels = [str(kwargs.get("disturbance", "none")) for kwargs in worlds]
+    return ({"teams": preset.teams} if preset.teams else {}) | {
         "actuators": list(dict.fromkeys(tiers)),
         "disturbances": list(dict.fromkeys(levels)),
         "speeds": list(preset.paces),
-        "beams": sorted({int(kwargs["num_beams"]) for _, kwargs in preset.worlds if "num_beams" in kwargs}),
+        "beams": sorted({int(kwargs["num_beams"]) for kwargs in worlds if "num_beams" in kwargs}),
     }
 
 

@@ -30,7 +30,7 @@ class SacLearner(Learner):
         return self.sac
 
     def _make(self) -> None:
-        preset, own = self.preset, self.preset.sac
+        preset, own = self.preset, self.preset.learner
         assert isinstance(own, Sac)
         self.sac = SAC(
             "MlpPolicy",
@@ -52,8 +52,8 @@ class SacLearner(Learner):
         )
 
     def _kept(self) -> tuple[int, str]:
-        assert self.preset.sac is not None
-        return 2 * self.preset.sac.buffer_size, "2 x sac.buffer_size"  # before a step and after it
+        assert isinstance(self.preset.learner, Sac)
+        return 2 * self.preset.learner.buffer_size, "2 x sac.buffer_size"  # before a step and after it
 
     def _collect(self) -> float:
         replay, starts = self.sac.replay_buffer, self.sac.learning_starts

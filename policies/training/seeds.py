@@ -9,8 +9,8 @@ import queue
 import signal
 from collections.abc import Callable, Sequence
 
-from wayfield.envs.processes import end_with_parent, interrupts_held
 from wayfield.policies.training.run import Job, Report, interruptible, train
+from wayfield.system.processes import end_with_parent, interrupts_held
 
 GO_ON = "--resume goes on from its last save"
 

@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
-from wayfield.policies.learned.agent import commanded
+from wayfield.policies.gain import Gains, gain
+from wayfield.policies.learned.agent import asks, commanded
 from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy, check_gain
+from wayfield.policies.policy import Policy
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class PathReward:
+class PathReward(Gains):
     """Reward of a step along a path, with progress ds, cross-track error e, asked speed u and actions a:
 
         ds / (u dt) (1 - strictness error_cost |e|) - strictness error_rate |e| - jerk_cost |a - a'|^2
@@ -36,20 +37,15 @@ class PathReward:
     is worth less than standing still, runs collapse late.
     """
 
-    error_cost: float = 80.0  # 1/m
-    error_rate: float = 15.0  # 1/m
-    leniency: float = 0.2
-    jerk_cost: float = 0.02
-    chatter_cost: float = 0.0
-    stall_cost: float = 2.0
-    final_stall_cost: float = 0.2
-    stall_share: float = 0.2  # of the asked speed, under which a robot stalls
-    failure: float = 50.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            check_gain(self, field.name)
-        check_gain(self, "stall_share", above=0.0)
+    error_cost: float = gain(80.0, "1/m", "of progress that is driven beside the path")
+    error_rate: float = gain(15.0, "1/m", "of being beside it")
+    leniency: float = gain(0.2, "1", "share of the strictness that a run begins with")
+    jerk_cost: float = gain(0.02, "1", "of changes of the action, squared")
+    chatter_cost: float = gain(0.0, "1", "of changes of those changes, squared")
+    stall_cost: float = gain(2.0, "1", "of standing still, at the start")
+    final_stall_cost: float = gain(0.2, "1", "at the end")
+    stall_share: float = gain(0.2, "1", "of the asked speed, under which a robot stalls", above=0.0)
+    failure: float = gain(50.0, "1", "of leaving the corridor")
 
     def __call__(
         self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
@@ -65,24 +61,19 @@ class PathReward:
 
 
 @dataclasses.dataclass(frozen=True)
-class GoalReward:
+class GoalReward(Gains):
     """Reward of a step towards a goal, with progress ds (on the shortest way, where the map is known to the teacher):
 
     ds / (u dt) - time_cost - near_cost max(0, 1 - clearance/near)^2 - jerk_cost |a - a_before|^2
     + success [arrived] - collision [touched]
     """
 
-    time_cost: float = 0.2
-    near_cost: float = 0.5
-    near: float = 0.05  # m
-    jerk_cost: float = 0.02
-    success: float = 20.0
-    collision: float = 60.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            check_gain(self, field.name)
-        check_gain(self, "near", above=0.0)
+    time_cost: float = gain(0.2, "1", "of a step")
+    near_cost: float = gain(0.5, "1", "of being near an obstacle")
+    near: float = gain(0.05, "m", "what is near", above=0.0)
+    jerk_cost: float = gain(0.02, "1", "of changes of the action, squared")
+    success: float = gain(20.0, "1", "of arriving")
+    collision: float = gain(60.0, "1", "of touching")
 
     def __call__(
         self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
@@ -93,6 +84,27 @@ class GoalReward:
         reward = told["progress"] / (speeds * dt) - self.time_cost - self.near_cost * closeness * closeness
         reward -= self.jerk_cost * changes[0]
         return np.asarray(reward + self.success * told["success"] - self.collision * told["collision"])
+
+
+@dataclasses.dataclass(frozen=True)
+class TeamReward(GoalReward):
+    """Reward of a step towards a goal among bodies: a goal seeker's, near what stands or a body, whichever is nearer.
+
+    Each robot is rewarded for its own way alone.
+    """
+
+    time_cost: float = gain(0.7, "1", "of a step")
+    near_cost: float = gain(1.0, "1", "of being near an obstacle or a body")
+    near: float = gain(0.1, "m", "what is near", above=0.0)
+    success: float = gain(60.0, "1", "of arriving")
+    collision: float = gain(150.0, "1", "of touching")
+
+    def __call__(
+        self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
+    ) -> Array:
+        """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
+        nearer = np.minimum(told["clearance"], told["gap"])
+        return super().__call__({**told, "clearance": nearer}, speeds, changes, dt, share)
 
 
 Reward = PathReward | GoalReward
@@ -184,9 +196,16 @@ class Shaped(VecEnv):
         perception = self.perception
         changes = changes_of(actions, self.memory["actions"])
         twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
-        for part, mine, pace in zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True):
+        guards = self.base is not None and self.base.guards
+        wanted = twists
+        if guards:
+            twists = np.empty((self.num_envs, len(self.robot.twist_axes)))
+        for k, (part, mine, pace) in enumerate(zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True)):
             seen = self._fields(self.observations[mine])
             actuators = part.task.options.actuators
+            if guards:
+                pilot: Any = self.pilots[k]
+                twists[mine] = pilot.policy.keep_clear(seen, pilot.briefing, wanted[mine])
             if self.arriving:
                 twists[mine] = perception.features.arrived(seen, twists[mine], pace, actuators)
             twists[mine] = perception.features.guarded(seen, twists[mine], pace, actuators)
@@ -222,7 +241,15 @@ class Shaped(VecEnv):
         return pilots
 
     def ask(self, pilots: Sequence[Pilot]) -> Array:
-        """Returns the twists (b, t) that pilots of the parts ask for."""
+        """Returns the twists (b, t) that pilots of the parts ask for, or the velocities of a base that guards."""
+        if self.base is not None and self.base.guards:
+            seen = [self._fields(self.observations[rows]) for rows in self.worlds.rows]
+            return np.concatenate(
+                [
+                    asks(self.base, pilot.policy)(fields, pilot.briefing, pilot.memory)
+                    for pilot, fields in zip(pilots, seen, strict=True)
+                ]
+            )
         return np.concatenate(
             [pilot.command(self.observations[rows]) for pilot, rows in zip(pilots, self.worlds.rows, strict=True)]
         )

@@ -12,11 +12,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from wayfield.envs.engines import Engine, Failed
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.storage import write_whole
 from wayfield.policies.training.checkpoints import LAST, LOCK, RUN
 from wayfield.policies.training.run import Job, Report, check_folder, held, train
+from wayfield.system.executors import Engine, Failed
+from wayfield.system.storage import write_whole
 
 SLICE = 60.0  # s
 _ALONE = threading.Lock()  # torch draws from one generator a process, and a worker may have several threads
@@ -95,7 +95,7 @@ def train_far(
             _keep(job, files)
             last[job.seed] = reached
             report(reached)
-            if not reached.done:
+            if not reached.done and not reached.error:
                 waiting.append(Slice(job, files, seconds, sheet))
     except Failed as failed:
         for piece, error in failed.failures:

@@ -94,8 +94,9 @@ def validate(
 
     What a run costs, and what the score makes of the costs, is the task's own: see `measure_of`.
     """
-    probe: Any = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", **kwargs).unwrapped
-    scenarios = list(range(0, len(probe.task.scenarios), every))
+    probe: Any = gymnasium.make(env_id, **kwargs).unwrapped
+    team = getattr(probe.task, "team", 1)  # rows of a world
+    scenarios = [k for k in range(0, len(probe.task.scenarios), every) for _ in range(team)]
     count = len(scenarios)
     probe.close()
     env = gymnasium.make_vec(

@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.compiled import allocating, compiled
-from wayfield.envs.reeds_shepp import PLAN, plan_to
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import GoalScenario
 from wayfield.envs.scenarios.ways import clearances, grid_over, reached
+from wayfield.envs.world.reeds_shepp import PLAN, plan_to
+from wayfield.system.compiled import allocating, compiled
 
 CELL = 0.1  # m
 MARGIN = 1.0  # m, that a grid goes beyond all that stands
@@ -29,17 +30,25 @@ class Ways:
     """
 
     cell, dear = CELL, DEAR  # m
+    straight = False  # whether a bank in which nothing stands has no grids
 
     def __init__(self, worlds: NativeVecEnv) -> None:
-        self.grids = []
-        done: dict[str, tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
+        # of each part; None: nothing stands there, the straight way is the shortest
+        self.grids: list[tuple[NDArray[Any], ...] | None] = []
+        done: dict[tuple[str, Any], tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
         for part in worlds.parts:
             hull = part.task.robot.hull_radius
             fields = []
-            for scenario in part.task.scenarios:
-                if scenario.name not in done:
-                    done[scenario.name] = way_field(scenario, hull, self.cell, self.dear)
-                fields.append(done[scenario.name])
+            task: Any = part.task
+            courses = task.courses_of()
+            if self.straight and not any(len(each.obstacles) for each in courses):
+                self.grids.append(None)
+                continue
+            for scenario in courses:
+                key = scenario.name, tuple(scenario.goal)  # robots of one team have a name in common
+                if key not in done:
+                    done[key] = way_field(scenario, hull, self.cell, self.dear)
+                fields.append(done[key])
             shape = np.array([field.shape for field, _ in fields])
             first = np.concatenate([[0], np.cumsum(shape.prod(axis=1))[:-1]])
             self.grids.append(
@@ -55,8 +64,17 @@ class Ways:
         left = np.empty(worlds.num_envs)
         for grid, part, rows in zip(self.grids, worlds.parts, worlds.rows, strict=True):
             states = part.batch.states
+            if grid is None:
+                left[rows] = states["remaining_distance"]
+                continue
             left_from(*grid, states["scenario"], states["x"], states["y"], left[rows], self.cell)
         return left
+
+
+class TeamWays(Ways):
+    """The same, of which a world has one a robot; where nothing stands in any world, the straight way."""
+
+    straight = True
 
 
 class Manoeuvres(Ways):
@@ -83,7 +101,13 @@ class Manoeuvres(Ways):
         return np.maximum(left, around - SLACK)
 
 
-WAYS: Mapping[str, type[Ways | Manoeuvres]] = {"goal_reaching": Ways, "docking": Manoeuvres}  # by task
+# by task
+WAYS: Mapping[str, type[Ways | Manoeuvres]] = {
+    "goal_reaching": Ways,
+    "docking": Manoeuvres,
+    "teams": TeamWays,
+    "people": TeamWays,
+}
 
 
 def way_field(

@@ -33,27 +33,26 @@ function numbersTable(header, rows) {
       el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell) => el("td", {}, cell))))))));
 }
 
-function bars(chart) {
+// Sorted, the best first; bars begin at zero, on a logarithmic axis there are dots.
+function bars({ rows: given, ...rest }) {
+  const chart = { ...rest, rows: [...given].sort((a, b) => (rest.most ? b.values[0] - a.values[0] : a.values[0] - b.values[0])) };
   const left = 16 + 7 * Math.min(34, Math.max(...chart.rows.map((row) => row.label.length)));
   const high = 22;
   const height = chart.rows.length * high + 40;
-  const all = chart.rows.flatMap((row) => row.values).filter((value) => !chart.log || value > 0);
-  const low = chart.log ? 0.8 * Math.min(...all) : 0;
-  const most = chart.most || 1.05 * Math.max(...all);
-  const x = scale(low, most, left, WIDTH - 58, chart.log);
-  const at = (value) => x(chart.log ? Math.max(value, low) : value);
+  const at = scale(0, chart.most, left, WIDTH - 58, false);
   const picture = draw("svg", { viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label":
     `${chart.title}. ${chart.rows.map((row) => `${row.label} ${row.values[0].toFixed(chart.decimals)}`).join("; ")}` });
-  for (const tick of ticks(low, most, chart.log)) {
-    picture.append(draw("line", { class: "axis", x1: x(tick), x2: x(tick), y1: 4, y2: height - 30 }),
-      draw("text", { class: "faint", x: x(tick), y: height - 14, "text-anchor": "middle" }, short(tick)));
+  for (const tick of ticks(0, chart.most, false)) {
+    picture.append(draw("line", { class: "axis", x1: at(tick), x2: at(tick), y1: 4, y2: height - 30 }),
+      draw("text", { class: "faint", x: at(tick), y: height - 14, "text-anchor": "middle" }, short(tick)));
   }
   chart.rows.forEach((row, k) => {
     const y = 8 + k * high;
     const [value, a, b] = row.values.length > 1 ? row.values : [row.values[0], row.values[0], row.values[0]];
     picture.append(
       draw("text", { x: left - 6, y: y + 12, "text-anchor": "end" }, row.label.length > 34 ? `${row.label.slice(0, 33)}…` : row.label),
-      draw("rect", { x: left, y: y + 2, width: Math.max(at(value) - left, 1), height: 13, fill: colourOf(row.label), opacity: 0.85 }),
+      chart.log ? draw("circle", { cx: at(value), cy: y + 8.5, r: 5, fill: colourOf(row.label) })
+        : draw("rect", { x: left, y: y + 2, width: Math.max(at(value) - left, 1), height: 13, fill: colourOf(row.label), opacity: 0.85 }),
       draw("path", { class: "rule", fill: "none", stroke: b > a ? "var(--ink)" : "none", d: `M${at(a)} ${y + 8.5}H${at(b)}M${at(a)} ${y + 5}v7M${at(b)} ${y + 5}v7` }),
       draw("text", { class: "faint", x: Math.min(at(Math.max(b, value)) + 5, WIDTH - 52), y: y + 12 }, value.toFixed(chart.decimals)));
   });
@@ -102,22 +101,20 @@ function curves(chart) {
 }
 
 function duels(chart) {
-  const shade = ([often, decided]) => {
-    const part = Math.round(100 * Math.min(1, 2 * Math.abs(often - 0.5)) * (decided ? 1 : 0.35));
+  const shade = (often) => {
+    const part = Math.round(200 * Math.abs(often - 0.5));
     return `background: color-mix(in srgb, var(${often > 0.5 ? "--cold" : "--warm"}) ${part}%, var(--panel))`;
   };
   const head = el("tr", {}, el("th", {}), chart.labels.map((label) => el("th", { scope: "col" }, el("span", {}, label))));
-  const rows = chart.cells.map((cells, i) => el("tr", {}, el("th", { scope: "row" }, chart.labels[i]), cells.map((cell, j) => {
-    if (cell === null) return el("td", {}, el("span", {}, "–"));
-    const [often, decided] = cell;
-    const verdict = !decided ? "a draw" : often > 0.5 ? "better" : "worse";
-    const title = `${chart.labels[i]} against ${chart.labels[j]}: better in ${(100 * often).toFixed(0)} %, ${verdict}`;
-    return el("td", {}, el("span", { style: shade(cell), title }, `${(100 * often).toFixed(0)}${verdict === "a draw" ? "" : "*"}`));
+  const rows = chart.cells.map((cells, i) => el("tr", {}, el("th", { scope: "row" }, chart.labels[i]), cells.map((often, j) => {
+    if (often === null) return el("td", {}, el("span", {}, "–"));
+    const title = `${chart.labels[i]} against ${chart.labels[j]}: better in ${(100 * often).toFixed(0)} %`;
+    return el("td", {}, el("span", { style: shade(often), title }, (100 * often).toFixed(0)));
   })));
   return el("figure", { class: "full-width" }, el("figcaption", {}, chart.title),
     el("div", { class: "wide", tabindex: "0", role: "region", "aria-label": chart.title },
       el("table", { class: "duels" }, el("thead", {}, head), el("tbody", {}, rows))),
-    el("p", { class: "note" }, "Per cent of the scenarios in which the policy of the line does better than that of the column, draws counted half; a star: a paired test is sure after Holm's correction. Pale cells are draws."));
+    el("p", { class: "note" }, "Per cent of the scenarios in which the policy of the line does better than that of the column, equal ones counted half. A share is no verdict: those are in the table of pairs."));
 }
 
 function showCharts(charts, open) {

@@ -38,9 +38,33 @@ class Draws {
   show() {
     const robot = drive ? drive.robot.value : "p3dx";
     const world = fitted(this.families.get(this.family.value)[Number(this.seed.value)], HULLS[robot]);
-    if (drive) drive.stop();
+    const labels = drive ? drive.runs.filter((run) => !run.reference).map((run) => run.asked.label) : [];
+    if (drive) drive.clear();
     this.replay.show(world, robot, [], `${world.family}, seed ${world.seed}: a scenario of the training split.`);
-    if (drive) drive.go();
+    if (!drive || this.silent) return;
+    const able = drive.able();
+    if (labels.some((label) => able.includes(label))) {
+      for (const label of labels) if (able.includes(label)) drive.add({ label }, label === drive.who.value);
+      drive.catchUp();
+      this.replay.toggle(true);
+    } else drive.go();
+  }
+
+  // Which scenario is shown, and back.
+  state() {
+    return { family: this.family.value, seed: Number(this.seed.value) };
+  }
+
+  restore({ family, seed }) {
+    if (!this.families.has(family)) throw new Error(`family is ${JSON.stringify(family)}; it must be one of ${[...this.families.keys()].join(", ")}`);
+    const count = this.families.get(family).length;
+    if (!Number.isInteger(seed) || seed < 0 || seed >= count) throw new Error(`seed is ${JSON.stringify(seed)}; it must be from 0 to ${count - 1}`);
+    this.silent = true;
+    this.family.value = family;
+    this.fill();
+    this.seed.value = String(seed);
+    this.show();
+    this.silent = false;
   }
 
   open() {}

@@ -1,53 +1,69 @@
-// Take over: another policy, the keyboard, or another world drive on from any moment.
+// Drives policies in the page: each run goes to its end by the package's own kernels, and again whenever the scene changes.
 
-const KEYBOARD = "you, by the keyboard";
-const FAST = 8; // ms of a frame for the simulator
-const AHEAD = 3000; // ms to catch up after a change of the world
+const KEYBOARD = "you, by keyboard or pad";
+const FAST = 10; // ms of a frame for the simulator
+const IDLE = 14; // ms at a time while nothing plays
+const AHEAD = 3000; // ms to catch up at once
 
 // Whether the cells of a world's map are not in the page.
 const outlined = (world) => Boolean(world.walls && !world.grid);
+
+// What was driven by hand, once more.
+class Tape {
+  constructor(twists) {
+    this.twists = twists;
+    this.step = 0;
+  }
+
+  act() {
+    return this.twists[this.step++] || [0, 0, 0];
+  }
+}
 
 class Drive {
   constructor(replay, kernels, free) {
     this.replay = replay;
     this.kernels = kernels;
-    this.run = null;
-    this.edits = false;
+    this.free = free; // whether the robot is chosen here
+    this.runs = []; // what the page drives: what was asked, the actor, whether it is to be driven
+    this.job = null; // the run that is driven now, with its simulator
+    this.hand = null; // the run that is driven by hand
     this.held = new Set();
-    this.handle = null;
     const select = (label, options, change = () => {}) => {
       const box = el("select", { on: { change } }, options.map((each) => el("option", { value: each }, each)));
       return [box, el("label", {}, label, box)];
     };
-    const [who, whoLabel] = select("who drives", []);
+    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
+    const [who, whoLabel] = select("policy", [], () => this.chosenPolicy());
     const [from, fromLabel] = select("from", ["the start", "this moment of the chosen robot"]);
     const [robot, robotLabel] = select("robot", robotsOf(kernels), () => this.embody());
     const [tier, tierLabel] = select("actuators", kernels.tables.tiers, () => this.offer());
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
-    const button = (text, click) => el("button", { type: "button", on: { click } }, text);
-    this.editButton = el("button", { type: "button", "aria-pressed": "false", on: { click: () => this.edit(!this.edits) } }, "move things");
-    this.goButton = button("drive", () => this.go());
-    this.cannot = el("p", { class: "note" });
+    who.setAttribute("aria-label", "policy");
+    whoLabel.className = "hidden";
+    this.goButton = button("drive", () => this.go(), { class: "go" });
+    this.allButton = button("let all drive", () => this.all());
+    this.handButton = button("drive yourself", () => { this.who.value = KEYBOARD; this.go(); });
     this.result = el("p", { class: "note", role: "status" });
-    this.file = el("input", { type: "file", accept: ".json,application/json", class: "hidden", tabindex: "-1", "aria-label": "scenario file", on: { change: () => this.load(this.file.files[0]) } });
-    this.tools = el("span", { class: "files", hidden: true }, button("+ circle", () => this.put([0, 0, 1, 0, 0, 0, 0.4, 0])),
-      button("+ box", () => this.put([0, 0, 1, 0, 0.6, 0.3, 0, 0])), button("+ wall", () => this.put([0, 0, 0, 1, 1, 0, 0, 0])),
-      button("remove", () => this.remove()), button("undo all", () => this.undo()));
-    this.pad = el("div", { class: "pad", hidden: true, "aria-label": "drive by hand" });
-    for (const [text, key] of [["↶", "q"], ["↑", "ArrowUp"], ["↷", "e"], ["←", "ArrowLeft"], ["↓", "ArrowDown"], ["→", "ArrowRight"]]) {
-      this.pad.append(el("button", { type: "button", "aria-label": `drive ${key}`, on: {
-        pointerdown: () => this.held.add(key), pointerup: () => this.held.delete(key), pointerleave: () => this.held.delete(key) } }, text));
-    }
-    this.panel = el("div", { class: "drive" }, el("h3", {}, "Drive it yourself, or let another drive"),
-      el("div", { class: "pick" }, whoLabel, fromLabel, free ? robotLabel : null, tierLabel, disturbanceLabel),
-      el("div", { class: "files" }, this.goButton, this.editButton, this.tools, button("save scenario", () => this.save()), button("load scenario", () => this.file.click()), this.file),
-      this.pad, this.result,
-      el("p", { class: "note" }, "The page runs the package's own compiled code: without disturbance, runs of the frozen scenarios are those of Python to the last bit. ",
-        "Disturbed runs draw the page's own noise. By keyboard: arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. ",
-        "A scenario file can be dropped on the picture."), this.cannot);
-    replay.below.append(this.panel);
+    this.cannot = el("p", { class: "note" });
+    this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
+    replay.board.append(this.pad);
+    replay.quick.append(el("div", { class: "whole" }, who, this.goButton), el("div", { class: "whole" }, this.allButton, this.handButton), this.result);
+    this.conditionsPart = el("details", { open: true, class: "scenes" }, el("summary", {}, "Robot and conditions"),
+      el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel));
+    this.editor = new Editor(this);
+    this.gains = new Gains(this);
+    this.looks = new Looks(this);
+    this.sheets = {}; // data sheets of robots of one's own, by name
+    this.scenes = 0; // changes of the scene so far
+    this.share = new Share(this);
+    this.aboutPart = el("details", { class: "drive" }, el("summary", {}, "About this simulator"),
+      el("p", { class: "note" }, "The page runs the package's own compiled code: without disturbance, runs are those of Python to the last bit. ",
+        "Disturbed runs draw the page's own noise. Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. ",
+        "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive."), this.cannot);
+    replay.side.append(this.editor.part, this.gains.part, this.conditionsPart, this.share.part, this.aboutPart);
     replay.listeners.push(() => this.offer());
     this.wire();
     this.offer();
@@ -56,347 +72,396 @@ class Drive {
   wire() {
     const { replay } = this;
     replay.advance = (due) => this.advance(due);
+    replay.busy = () => Boolean((this.hand && !this.hand.actor.outcome) || this.runs.some((run) => run.pending));
     replay.driven = (event, down) => this.key(event, down);
-    replay.grab = (event) => this.grab(event);
-    replay.drag = (event) => this.drag(event);
-    replay.drop = () => this.dropped();
-    replay.overlay = (context, pixel) => this.marks(context, pixel);
+    replay.leaves = (actor) => this.forget(this.runs.find((run) => run.actor === actor));
     replay.canvas.addEventListener("keyup", (event) => this.key(event, false));
     replay.canvas.addEventListener("blur", () => this.held.clear());
-    replay.board.addEventListener("dragover", (event) => { event.preventDefault(); replay.board.classList.add("drop"); });
-    replay.board.addEventListener("dragleave", () => replay.board.classList.remove("drop"));
-    replay.board.addEventListener("drop", (event) => { event.preventDefault(); replay.board.classList.remove("drop"); this.load(event.dataTransfer.files[0]); });
   }
 
   get task() {
     return taskOf(this.kernels, this.replay.world);
   }
 
-  // Who can drive here, and who cannot and why.
+  able() {
+    return pilotsOf(this.kernels, this.task, this.replay.robot, this.tier.value);
+  }
+
+  trained(labels) {
+    return labels.find((each) => /^(ppo|agent)\b/.test(each));
+  }
+
+  // Which policies can drive here, and which cannot and why.
   offer() {
-    const { replay, kernels, who } = this;
-    if (replay.world !== this.world && this.run && !replay.actors.includes(this.run.actor)) this.stop();
-    if (replay.world !== this.world && !this.changing) { this.world = replay.world; this.original = replay.world; this.edit(this.edits); }
+    const { replay, who } = this;
+    if (replay.world !== this.world) { this.world = this.original = replay.world; this.clear(); }
     this.robot.value = replay.robot;
     const told = replay.chosen && replay.chosen.told;
     if (told && told !== this.toldOf) { this.toldOf = told; this.tier.value = told.actuators; }
-    const able = pilotsOf(kernels, this.task, replay.robot, this.tier.value);
+    const able = this.able();
     const before = who.value;
     who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each)));
-    who.value = able.includes(before) || before === KEYBOARD ? before : able.find((each) => each.startsWith("ppo")) || able[0] || KEYBOARD;
+    who.value = able.includes(before) || before === KEYBOARD ? before : this.trained(able) || able[0] || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
-    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : label.startsWith("ppo") ? "" : label.startsWith("hybrid") ? "joins two that drive here" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
+    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : /^(ppo|agent)/.test(label) ? "" : label.startsWith("hybrid") ? "joins two that drive here" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
-    if (!this.task) this.cannot.textContent = "Such scenarios are replayed; nobody can drive in them in the page.";
+    if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
-    this.goButton.disabled = !this.kernels || !this.task;
+    for (const each of [this.goButton, this.allButton, this.handButton]) each.disabled = !this.task;
+    this.gains.offer();
+  }
+
+  // The policy of the list is the one whose gains are shown, and whose run is looked at where it drives.
+  chosenPolicy() {
+    const run = this.runs.find((each) => each.asked.label === this.who.value && !each.reference);
+    if (run) this.replay.choose(run.actor);
+    this.gains.offer();
+  }
+
+  // A robot of one's own, from its data sheet, drives.
+  adopt(content) {
+    const sheet = sheetOf(content, this.kernels.tables.sheet);
+    const { name } = sheet;
+    if (!(name in this.sheets) && robotsOf(this.kernels).includes(name)) throw new Error(`name is ${JSON.stringify(name)}, which a robot of the page has: give it another one`);
+    addRobot(this.kernels, sheet);
+    this.sheets[name] = content;
+    if (![...this.robot.options].some((each) => each.value === name)) this.robot.append(el("option", { value: name }, name));
+    this.robot.value = name;
+    this.embody();
+    this.result.textContent = `${name} drives by its data sheet, with the laws that read nothing else: lqr, planners and agents drive it in Python.`;
   }
 
   // Another robot drives: what a hull docks at comes up to it.
   embody() {
     const { replay } = this;
+    const labels = this.runs.filter((run) => !run.reference).map((run) => run.asked.label);
     const world = fitted(replay.world, HULLS[this.robot.value]);
     replay.robot = this.robot.value;
-    if (world === replay.world) { this.offer(); return; }
-    this.stop();
+    this.clear();
+    if (world !== replay.world) this.world = this.original = world;
     replay.show(world, replay.robot, [], replay.told_of.textContent);
+    const able = this.able();
+    for (const label of labels) if (able.includes(label)) this.add({ label });
+    this.catchUp();
   }
 
   conditions() {
     return { robot: this.replay.robot, actuators: this.tier.value, disturbance: this.disturbance.value, seed: 1 };
   }
 
-  go() {
+  // Drives what is chosen; `play` also takes the focus to the picture, which only a click may do.
+  go(play = true) {
     const { replay } = this;
-    const chosen = this.from.value === "the start" ? null : replay.chosen;
-    if (this.who.value === KEYBOARD && !chosen) this.rival();
-    this.start({ label: this.who.value, from: chosen, step: chosen ? Math.min(replay.step, chosen.x.length - 1) : 0, conditions: this.conditions() });
-    replay.canvas.focus({ preventScroll: true });
-    replay.toggle(true);
+    const from = this.from.value === "the start" ? null : replay.chosen;
+    const step = from ? Math.min(replay.step, from.x.length - 1) : 0;
+    const label = this.who.value;
+    this.result.textContent = "";
+    if (label === KEYBOARD) this.takeOver(from, step);
+    else this.add({ label, from, step });
+    replay.seek(step);
+    this.catchUp();
+    if (play) replay.canvas.focus({ preventScroll: true });
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    if (label !== KEYBOARD && (play || !still)) replay.toggle(true);
   }
 
-  // Who drives by hand has the trained agent to race, where one is there and nobody else drives.
-  rival() {
-    const { replay, kernels } = this;
+  all() {
+    this.result.textContent = "";
+    for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from && !run.pending)) this.add({ label }, false);
+    this.replay.seek(0);
+    this.replay.toggle(true);
+    this.wake();
+  }
+
+  // Adds a run of a policy; the one that it had under the same conditions goes.
+  add({ label, from = null, step = 0, gains = {}, reference = false }, choose = true) {
+    const { replay } = this;
     const conditions = this.conditions();
-    const label = pilotsOf(kernels, this.task, conditions.robot, conditions.actuators).find((each) => each.startsWith("ppo"));
-    if (!label || replay.actors.some((actor) => !actor.ghost && actor.policy !== KEYBOARD)) return;
-    this.start({ label, from: null, step: 0, conditions });
-    this.advance(replay.world.steps || 2400, AHEAD);
+    const same = (run) => run.asked.label === label && Boolean(run.reference) === reference && !from && !run.asked.from && JSON.stringify(run.asked.conditions) === JSON.stringify(conditions);
+    this.forget(this.runs.find(same), true);
+    const other = this.runs.some((run) => run.asked.label === label && !reference);
+    const about = [other && conditions.actuators, other && conditions.disturbance !== "none" && conditions.disturbance, reference && "untouched"].filter(Boolean).join(", ");
+    const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), error: from.error && Array.from(from.error).slice(0, step + 3) };
+    const actor = { x: [], y: [], heading: [], version: 0, policy: label, label: about ? `${label}, ${about}` : label, outcome: "", note: "", robot: conditions.robot,
+      error: replay.world.kind === "path" ? [] : null, ghost: false };
+    const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: true, reference, tape: [] };
+    this.runs.push(run);
+    replay.add(actor, choose);
+    if (choose) this.replay.listeners.forEach((each) => each());
+    this.wake();
+    return run;
   }
 
-  // Begins a run: from the start, from a moment that is driven again to the last bit, or from a rounded pose.
-  start(asked, again = false) {
-    const { replay, kernels } = this;
-    this.stop(!again && this.run !== null && this.run.asked.label !== asked.label && this.run.actor.x.length > 10);
-    const { label, from, step, conditions } = asked;
-    let simulator = null;
-    let pilot = null;
+  // Driven by hand: the clock waits for the first key; beside it the trained agent, where one is there and nothing else drives.
+  takeOver(from, step) {
+    this.endHand();
+    const label = this.trained(this.able()) || this.able()[0];
+    if (!from && label && !this.replay.actors.some((actor) => !actor.ghost && actor.policy !== KEYBOARD)) this.add({ label }, false);
+    const run = this.add({ label: KEYBOARD, from, step });
+    run.pending = false;
+    this.abort();
+    this.hand = run;
+    this.replay.toggle(false);
     try {
-      simulator = new Simulator(kernels, replay.world, conditions);
-      const exact = this.again(simulator, asked);
-      const actor = { x: [], y: [], heading: [], policy: label, label, outcome: "", note: exact, robot: conditions.robot, error: replay.world.kind === "path" ? [] : null };
-      if (from) for (let k = 0; k < step; k++) this.note(actor, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0);
-      this.note(actor, simulator.pose, this.errorOf(simulator));
-      pilot = label === KEYBOARD ? null : pilotFor(simulator, label);
-      this.run = { asked, simulator, pilot, actor };
-      replay.live = actor;
-      this.pad.hidden = label !== KEYBOARD;
-      replay.add(actor);
-      replay.seek(from ? step : 0);
-      this.result.textContent = "";
+      this.begin(run, true);
     } catch (error) {
-      this.result.textContent = `This cannot be driven: ${error.message}`;
-      if (simulator) simulator.free();
+      this.failed(run, error);
+      return;
+    }
+    this.layPad();
+    this.replay.hint.hidden = false;
+    this.replay.hint.textContent = "Your first key or pad press starts the clock.";
+    this.replay.fit();
+  }
+
+  layPad() {
+    const omni = this.hand.simulator.body.axes.length > 2;
+    const keys = omni ? [["↶", "q", "turn left"], ["↑", "ArrowUp", "ahead"], ["↷", "e", "turn right"], ["←", "a", "to the left"], ["↓", "ArrowDown", "back"], ["→", "d", "to the right"]]
+      : [["↶", "ArrowLeft", "turn left"], ["↑", "ArrowUp", "ahead"], ["↷", "ArrowRight", "turn right"], null, ["↓", "ArrowDown", "back"], null];
+    this.pad.replaceChildren(...keys.map((each) => (each === null ? el("span") : el("button", { type: "button", "aria-label": each[2], on: {
+      pointerdown: (event) => { event.preventDefault(); this.press(each[1], true); }, pointerup: () => this.press(each[1], false),
+      pointercancel: () => this.press(each[1], false), pointerleave: () => this.press(each[1], false), contextmenu: (event) => event.preventDefault(),
+      keydown: (event) => { if (event.key === " " || event.key === "Enter") this.press(each[1], true); }, keyup: () => this.press(each[1], false) } }, each[0]))));
+    this.pad.hidden = false;
+  }
+
+  press(key, down) {
+    if (!down) { this.held.delete(key); return; }
+    if (!this.hand || this.hand.actor.outcome) return;
+    this.held.add(key);
+    this.replay.hint.hidden = true;
+    this.replay.toggle(true);
+  }
+
+  key(event, down) {
+    if (!this.hand || this.hand.actor.outcome) return false;
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (!["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "w", "a", "s", "d", "q", "e"].includes(key)) return false;
+    event.preventDefault();
+    this.press(key, down);
+    return true;
+  }
+
+  twistByHand(simulator) {
+    const [fast, turn] = [0.6, 1.5];
+    const on = (...keys) => (keys.some((key) => this.held.has(key)) ? 1 : 0);
+    const omni = simulator.body.axes.length > 2;
+    return [fast * (on("ArrowUp", "w") - on("ArrowDown", "s")), omni ? fast * (on("a") - on("d")) : 0,
+      turn * (on("ArrowLeft", "q") - on("ArrowRight", "e") + (omni ? 0 : on("a") - on("d")))];
+  }
+
+  endHand() {
+    if (!this.hand) return;
+    this.abort(); // its simulator lies below that of the job
+    if (this.hand.simulator) this.hand.simulator.free();
+    if (!this.hand.actor.outcome) this.hand.actor.note = "stopped";
+    this.hand.simulator = null;
+    this.hand = null;
+    this.pad.hidden = true;
+    this.replay.hint.hidden = true;
+    this.held.clear();
+  }
+
+  forget(run, listed = false) {
+    if (!run) return;
+    if (this.job && this.job.run === run) this.abort();
+    if (this.hand === run) this.endHand();
+    this.runs = this.runs.filter((each) => each !== run);
+    if (listed) this.replay.actors = this.replay.actors.filter((actor) => actor !== run.actor);
+    if (run.over) this.gains.untouched(run.asked.label);
+  }
+
+  clear() {
+    this.abort();
+    this.endHand();
+    for (const run of this.runs) this.replay.actors = this.replay.actors.filter((actor) => actor !== run.actor);
+    this.runs = [];
+  }
+
+  // Stops the run that is driven now: it begins anew when its turn comes.
+  abort() {
+    if (this.job) this.job.simulator.free();
+    this.job = null;
+  }
+
+  failed(run, error) {
+    run.pending = false;
+    run.actor.note = `cannot be driven: ${error.message}`;
+    this.result.textContent = `${run.actor.label} cannot be driven: ${error.message}`;
+    if (this.hand === run) { this.hand = null; this.forget(run, true); this.replay.listActors(); }
+  }
+
+  begin(run, byHand = false) {
+    const { replay, kernels } = this;
+    const { from, step, conditions, label, gains } = run.asked;
+    const simulator = new Simulator(kernels, replay.world, conditions);
+    try {
+      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null };
+      const note = this.again(simulator, run.asked);
+      if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0);
+      this.note(draft, simulator.pose, this.errorOf(simulator));
+      const pilot = byHand ? null : label === KEYBOARD ? new Tape(run.tape) : pilotFor(simulator, label, gains);
+      if (!byHand && !pilot) throw new Error("the page has no such policy for this robot");
+      run.exact = note;
+      // what is shown already stays until the new run is there
+      if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", version: run.actor.version + 1 });
+      const target = run.actor.x === draft.x ? run.actor : draft;
+      if (byHand) Object.assign(run, { simulator, target, tape: [] });
+      else this.job = { run, simulator, pilot, target };
+    } catch (error) {
+      simulator.free();
+      throw error;
     }
   }
 
   again(simulator, { from, step, conditions }) {
-    if (!from || !step) {
-      simulator.reset();
-      return from ? "" : "in the page";
-    }
-    const told = from.told;
-    const same = told && !outlined(this.replay.world) && this.replay.world === this.original && told.plant === "kinematic" && told.actuators === conditions.actuators && told.disturbance === "none" && conditions.disturbance === "none";
     simulator.reset();
-    const before = same ? pilotFor(simulator, from.policy) : null;
-    if (before && (!from.told.agent || from.told.agent === "0")) {
+    if (!from || !step) return "";
+    const { told, gains } = from;
+    const here = told ? told.plant === "kinematic" && told.actuators === conditions.actuators && told.disturbance === "none" && (!told.agent || told.agent === "0") : true;
+    const same = here && this.replay.world === this.original && !outlined(this.replay.world) && conditions.disturbance === "none";
+    const before = same && from.policy !== KEYBOARD ? pilotFor(simulator, from.policy, gains || {}) : null;
+    if (before) {
       for (let k = 0; k < step; k++) simulator.step(before.act());
       return `from ${(step * DT).toFixed(2)} s of ${from.label}`;
     }
     const [a, b] = [Math.max(step - 2, 0), Math.min(step + 2, from.x.length - 1)];
     const heading = from.heading[step];
-    const [vx, vy] = [(from.x[b] - from.x[a]) / ((b - a) * DT), (from.y[b] - from.y[a]) / ((b - a) * DT)];
+    const span = Math.max(b - a, 1) * DT;
+    const [vx, vy] = [(from.x[b] - from.x[a]) / span, (from.y[b] - from.y[a]) / span];
     const [c, s] = [Math.cos(heading), Math.sin(heading)];
-    const turn = (from.heading[b] - from.heading[a]) / ((b - a) * DT);
+    const turn = (from.heading[b] - from.heading[a]) / span;
     const wrapped = Math.atan2(Math.sin(heading), Math.cos(heading));
     simulator.takeUp([from.x[step], from.y[step], wrapped], [c * vx + s * vy, simulator.body.axes.length > 2 ? c * vy - s * vx : 0, turn], from, step);
     return `from the rounded pose at ${(step * DT).toFixed(2)} s of ${from.label}`;
   }
 
-  note(actor, [x, y, heading], error) {
-    const last = actor.heading.length ? actor.heading[actor.heading.length - 1] : heading;
-    actor.x.push(x);
-    actor.y.push(y);
-    actor.heading.push(last + Math.atan2(Math.sin(heading - last), Math.cos(heading - last)));
-    if (actor.error) actor.error.push(error);
+  note(target, [x, y, heading], error) {
+    const last = target.heading.length ? target.heading[target.heading.length - 1] : heading;
+    target.x.push(x);
+    target.y.push(y);
+    target.heading.push(last + Math.atan2(Math.sin(heading - last), Math.cos(heading - last)));
+    if (target.error) target.error.push(error);
   }
 
   errorOf(simulator) {
     return simulator.world.kind === "path" ? simulator.state.get("cross_track_error") : 0;
   }
 
-  // Ends the run; what it drove so far may stay, beside the next.
-  stop(keep = false) {
-    if (!this.run) return;
-    this.run.simulator.free();
-    if (!keep) this.replay.actors = this.replay.actors.filter((actor) => actor !== this.run.actor);
-    else if (!this.run.actor.outcome) this.run.actor.note += ", stopped";
-    this.replay.live = null;
-    this.run = null;
+  // A step of a run; returns whether it has ended.
+  tick(run, simulator, twist, target) {
+    const flags = simulator.step(twist);
+    this.note(target, simulator.pose, this.errorOf(simulator));
+    if (!flags.ended && target.x.length <= (this.replay.world.steps || 2400)) return false;
+    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : "timeout");
+    return true;
   }
 
-  // Steps the run until it has come to a moment, or the frame's time is spent.
-  advance(due, budget = FAST) {
-    const { run, replay } = this;
-    if (!run || run.actor.outcome) return;
-    const { simulator, pilot, actor } = run;
+  finish(run, target, outcome) {
+    const { actor } = run;
+    if (target !== actor) Object.assign(actor, target, { version: actor.version + 1 });
+    actor.outcome = outcome;
+    run.pending = false;
+    run.measures = this.measured(actor);
+    actor.note = [run.exact, run.measures.error === null ? "" : `RMS ${short(1000 * run.measures.error)} mm`, `${run.measures.time.toFixed(2)} s`].filter(Boolean).join(", ");
+    if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);
+    this.replay.listActors();
+    this.gains.compare();
+  }
+
+  // What a run is compared by.
+  measured(actor) {
+    const { world } = this.replay;
+    const last = actor.x.length - 1;
+    const solid = solidsOf(world).length > 0 && !BOXES[actor.robot];
+    let length = 0;
+    for (let k = 1; k <= last; k++) length += Math.hypot(actor.x[k] - actor.x[k - 1], actor.y[k] - actor.y[k - 1]);
+    return { outcome: actor.outcome, time: last * DT, error: actor.error ? rmsOf(actor, last) : null, speed: length / (last * DT), length,
+      clearance: solid ? Math.min(...clearances(actor, world)) : null };
+  }
+
+  next() {
+    const pending = this.runs.filter((run) => run.pending);
+    return pending.find((run) => run.actor === this.replay.chosen) || pending[0];
+  }
+
+  // Drives what is to be driven for some milliseconds; returns whether anything is left.
+  pump(budget) {
     const begun = performance.now();
-    while (actor.x.length - 1 < due && performance.now() - begun < budget) {
-      const flags = simulator.step(pilot ? pilot.act() : this.hand(simulator));
-      this.note(actor, simulator.pose, this.errorOf(simulator));
-      if (flags.ended || actor.x.length > (replay.world.steps || 2400)) {
-        actor.outcome = flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : "timeout";
-        actor.note += `, ${((actor.x.length - 1) * DT).toFixed(2)} s`;
-        replay.live = null;
-        this.result.textContent = `${actor.label}: ${OUTCOMES[actor.outcome]} after ${((actor.x.length - 1) * DT).toFixed(2)} s.`;
-        replay.listActors();
-        break;
+    while (performance.now() - begun < budget) {
+      if (!this.job) {
+        const run = this.next();
+        if (!run) return false;
+        try {
+          this.begin(run);
+        } catch (error) {
+          this.failed(run, error);
+          continue;
+        }
+      }
+      const { run, simulator, pilot, target } = this.job;
+      try {
+        if (!this.tick(run, simulator, pilot.act(), target)) continue;
+      } catch (error) {
+        this.failed(run, error);
+      }
+      this.abort();
+    }
+    return Boolean(this.job || this.next());
+  }
+
+  // While the picture plays: the hand in the time that has passed, the others as far as the frame has room.
+  advance(due) {
+    const { hand, replay } = this;
+    if (hand && !hand.actor.outcome) {
+      const until = Math.min(due, hand.actor.x.length + 40);
+      while (hand.actor.x.length - 1 < until) {
+        const twist = this.twistByHand(hand.simulator);
+        hand.tape.push(twist);
+        if (this.tick(hand, hand.simulator, twist, hand.target)) { this.held.clear(); break; }
       }
     }
+    this.pump(this.looks.on ? 0.5 * FAST : FAST);
     replay.stretch();
   }
 
-  hand(simulator) {
-    const [fast, turn] = [0.6, 1.5];
-    const on = (...keys) => (keys.some((key) => this.held.has(key)) ? 1 : 0);
-    const omni = simulator.body.axes.length > 2;
-    return [fast * (on("ArrowUp", "w") - on("ArrowDown", "s")), omni ? fast * (on("a") - on("d")) : 0,
-      turn * (on("ArrowLeft", "q") - on("ArrowRight", "e"))];
-  }
-
-  key(event, down) {
-    if (!this.run || this.run.pilot || this.run.actor.outcome) return false;
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (!["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "w", "a", "s", "d", "q", "e"].includes(key)) return false;
-    event.preventDefault();
-    if (down) this.held.add(key);
-    else this.held.delete(key);
-    if (down) this.replay.toggle(true);
-    return true;
-  }
-
-  // The same run once more, in a world that has changed, up to the moment that is shown.
-  rerun() {
-    const { replay, run } = this;
-    if (!run || !run.pilot) return;
-    const { step } = replay;
-    this.start(run.asked, true);
-    this.advance(step, AHEAD);
-    replay.seek(step);
-  }
-
-  edit(on) {
-    this.edits = on;
-    this.editButton.setAttribute("aria-pressed", on);
-    this.tools.hidden = !on;
-    this.replay.refresh();
-  }
-
-  change(apply) {
-    const { replay } = this;
-    if (replay.world === this.original) {
-      replay.world = structuredClone(this.original);
-      delete replay.world.made; // what was moved by hand stays there for every hull
-      delete replay.world.closing;
-      for (const actor of replay.actors) if (actor.told) actor.ghost = true;
-    }
-    apply(replay.world);
-    this.world = replay.world;
-  }
-
-  undo() {
-    this.replay.world = this.world = this.original;
-    for (const actor of this.replay.actors) actor.ghost = false;
-    this.handle = null;
-    this.rerun();
-    this.replay.refresh(true);
-  }
-
-  put(shape) {
-    if (this.replay.world.path) { this.result.textContent = "Nothing stands beside a path; its points can be moved."; return; }
-    const [x, y] = this.replay.view.centre;
-    this.change((world) => {
-      world.obstacles.push([x, y, ...shape.slice(2)]);
-      if (world.patrols.length) world.patrols.push([0, 0, 0, 0, 0, 0]);
-      this.handle = { kind: "obstacle", index: world.obstacles.length - 1 };
-    });
-    this.changed();
-  }
-
-  remove() {
-    const { handle } = this;
-    if (!handle || handle.kind !== "obstacle") { this.result.textContent = "Choose an obstacle first: click on it."; return; }
-    this.change((world) => {
-      world.obstacles.splice(handle.index, 1);
-      if (world.patrols.length) world.patrols.splice(handle.index, 1);
-    });
-    this.handle = null;
-    this.changed();
-  }
-
-  changed() {
-    this.rerun();
-    this.replay.refresh(true);
-  }
-
-  handles() {
-    const { world, step } = this.replay;
-    const found = [];
-    if (world.goal) found.push({ kind: "goal", at: world.goal, reach: 0.15 });
-    if (world.start) found.push({ kind: "start", at: world.start, reach: 0.2 });
-    (world.waypoints || []).forEach((at, index) => found.push({ kind: "waypoint", index, at, reach: 0.15 }));
-    obstaclesAt(world, step * DT).forEach((at, index) => found.push({ kind: "obstacle", index, at, shape: at }));
-    (world.path || []).forEach((at, index) => found.push({ kind: "path", index, at, reach: 0.05 }));
-    return found;
-  }
-
-  grab(event) {
-    if (!this.edits) return false;
-    const { replay } = this;
-    const [x, y] = replay.view.metres(event);
-    const slack = 10 / replay.view.pixels;
-    let best = null;
-    for (const each of this.handles()) {
-      const distance = each.shape ? distanceTo(each.shape, x, y) : Math.hypot(x - each.at[0], y - each.at[1]) - each.reach;
-      if (distance < slack && (!best || distance < best.distance)) best = { ...each, distance };
-    }
-    this.handle = best;
-    if (!best) return false;
-    this.grabbed = [x, y];
-    this.before = structuredClone(replay.world);
-    replay.toggle(false);
-    replay.canvas.setPointerCapture(event.pointerId);
-    return true;
-  }
-
-  drag(event) {
-    if (!this.grabbed || !this.handle) return false;
-    const { handle, before } = this;
-    const [x, y] = this.replay.view.metres(event);
-    const [dx, dy] = [x - this.grabbed[0], y - this.grabbed[1]];
-    this.change((world) => {
-      if (handle.kind === "goal" || handle.kind === "start") world[handle.kind] = [before[handle.kind][0] + dx, before[handle.kind][1] + dy, before[handle.kind][2]];
-      else if (handle.kind === "waypoint") world.waypoints[handle.index] = [before.waypoints[handle.index][0] + dx, before.waypoints[handle.index][1] + dy];
-      else if (handle.kind === "obstacle") {
-        const [ox, oy, ...rest] = before.obstacles[handle.index];
-        world.obstacles[handle.index] = [ox + dx, oy + dy, ...rest];
-        if (before.patrols.length && before.patrols[handle.index][4] > 0) {
-          const [px, py, ...way] = before.patrols[handle.index];
-          world.patrols[handle.index] = [px + dx, py + dy, ...way];
-        }
-      } else {
-        const [cx, cy] = before.path[handle.index];
-        // neighbours come along, the less the farther they are
-        world.path = before.path.map(([px, py], k) => {
-          const share = k === handle.index ? 1 : Math.exp(-((px - cx) ** 2 + (py - cy) ** 2) / 0.5);
-          return before.path.length < 40 && k !== handle.index ? [px, py] : [px + share * dx, py + share * dy];
-        });
+  // Drives on while nothing plays.
+  wake() {
+    if (this.awake) return;
+    this.awake = true;
+    const turn = () => {
+      const left = this.replay.playing ? Boolean(this.next()) : this.pump(IDLE);
+      const now = performance.now();
+      if (!this.replay.playing && (!left || now - (this.shownAt || 0) > 120)) {
+        this.shownAt = now;
+        this.replay.stretch();
+        this.replay.refresh(true);
       }
-    });
-    this.replay.refresh();
-    return true;
+      this.awake = left;
+      if (left) setTimeout(turn, this.replay.playing ? 100 : 0);
+    };
+    setTimeout(turn, 0);
   }
 
-  dropped() {
-    if (!this.grabbed) return;
-    this.grabbed = null;
-    if (this.replay.world !== this.original) this.changed();
+  // Up to the moment that is shown, at once.
+  catchUp() {
+    this.pump(this.replay.playing ? FAST : 60);
+    this.replay.stretch();
+    this.wake();
   }
 
-  marks(context, pixel) {
-    if (!this.edits) return;
-    context.strokeStyle = ink("--accent");
-    context.lineWidth = 2 * pixel;
-    for (const each of this.handles()) {
-      if (each.kind === "path" && each.index % Math.ceil((this.replay.world.path.length || 1) / 60)) continue;
-      const chosen = this.handle && this.handle.kind === each.kind && this.handle.index === each.index;
-      context.beginPath();
-      context.arc(each.at[0], each.at[1], (chosen ? 9 : 5) * pixel, 0, 2 * Math.PI);
-      context.stroke();
+  // The scene is another: all that the page drives is driven again, what was recorded is a ghost.
+  changed() {
+    this.abort();
+    this.scenes += 1;
+    if (this.hand) { // goes on from a tape: what was steered in the old scene
+      const run = this.hand;
+      this.endHand();
+      run.pending = run.tape.length > 0;
     }
-  }
-
-  save() {
-    const blob = new Blob([fileOf(this.replay.world)], { type: "application/json" });
-    const link = el("a", { href: URL.createObjectURL(blob), download: `${(this.replay.world.name || "scenario").replace(/[^\w.-]/g, "_")}.json` });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-  }
-
-  async load(file) {
-    if (!file) return;
-    try {
-      if (file.size > 20e6) throw new Error(`it has ${file.size} bytes; a scenario has at most 20 million`);
-      const world = worldOf(await file.text(), file.name.replace(/\.json$/i, ""));
-      this.stop();
-      this.original = this.world = world;
-      this.replay.show(world, this.replay.robot, [], `${world.name}: a scenario of your own.`);
-      this.result.textContent = "";
-    } catch (error) {
-      this.result.textContent = `${file.name} cannot be driven in: ${error.message}.`;
-    }
-    this.file.value = "";
+    for (const run of this.runs) if (run.asked.label !== KEYBOARD || run.tape.length) run.pending = true;
+    this.catchUp();
+    this.replay.refresh(true);
   }
 }

@@ -16,7 +16,7 @@ function heat(chart, open) {
     if (!count) return el("td", {});
     const part = share(value);
     const step = part === null ? -1 : Math.min(VIRIDIS.length - 1, Math.floor(part * VIRIDIS.length));
-    const style = step < 0 ? "background: var(--panel); color: var(--fail)" : `background: ${VIRIDIS[step]}; color: ${step > 4 ? "#000" : "#fff"}`;
+    const style = step < 0 ? "background: var(--panel); color: var(--fail)" : `background: ${VIRIDIS[step]}; color: ${step > 3 ? "#000" : "#fff"}`;
     const text = chart.by_cost ? (cost === null ? "×" : (cost * chart.factor).toFixed(chart.decimals) + (won < count ? "·" : "")) : (100 * won / count).toFixed(0);
     const title = `${label}, ${kind} ${name}: ${won} of ${count} succeed${cost === null ? "" : `, cost of the successes ${short(cost)}`}; open its episodes`;
     return el("td", { class: kind }, el("button", { type: "button", style, title, "aria-label": title,

@@ -5,9 +5,13 @@ const KINDS = { "<f8": Float64Array, "<i8": BigInt64Array, "<f4": Float32Array }
 class Kernels {
   // Reference counts are not kept: what a call asks for is taken away before the next one.
   static async load(bytes, tables) {
+    return Kernels.of(await WebAssembly.compile(bytes), tables);
+  }
+
+  static async of(module, tables) {
     const kernels = new Kernels(tables);
     const imports = {};
-    const module = await WebAssembly.compile(bytes);
+    kernels.module = module;
     for (const { module: room, name, kind } of WebAssembly.Module.imports(module)) {
       if (kind === "function") (imports[room] = imports[room] || {})[name] = kernels.imported(name);
     }
@@ -16,6 +20,11 @@ class Kernels {
     kernels.top = kernels.instance.exports.__heap_base.value;
     kernels.scratch = kernels.top;
     return kernels;
+  }
+
+  // The same functions with a memory of their own.
+  twin() {
+    return Kernels.of(this.module, this.tables);
   }
 
   constructor(tables) {
@@ -90,7 +99,7 @@ class Kernels {
   }
 
   blob(k) {
-    if (this.blobs[k] === null) this.blobs[k] = typeof this.tables.blobs[k] === "string" ? bytesOf(this.tables.blobs[k]) : this.tables.blobs[k];
+    if (!this.blobs[k]) this.blobs[k] = typeof this.tables.blobs[k] === "string" ? bytesOf(this.tables.blobs[k]) : this.tables.blobs[k];
     return this.blobs[k];
   }
 

@@ -2,6 +2,29 @@
 
 let replay = null;
 let drive = null;
+let picks = null;
+
+// What the run found, above the picture.
+function verdict() {
+  return el("div", { class: "verdict", tabindex: "0", role: "region", "aria-label": "results in a sentence" },
+    [...document.querySelectorAll("#summary > p:not(.note)")].map((each) => each.cloneNode(true)));
+}
+
+function showTab(name) {
+  document.body.dataset.tab = name;
+  for (const each of byId("tabs").children) {
+    if (each.dataset.to === name) each.setAttribute("aria-current", "page");
+    else each.removeAttribute("aria-current");
+  }
+  window.scrollTo(0, 0);
+}
+
+function wireTabs(tabs) {
+  const able = tabs.filter(([, , shown]) => shown);
+  byId("tabs").append(...able.map(([name, text]) => el("button", { type: "button", "data-to": name, on: { click: () => showTab(name) } }, text)));
+  byId("tabs").hidden = false;
+  showTab(able[0][0]);
+}
 
 async function main() {
   wireTheme();
@@ -15,31 +38,31 @@ async function main() {
   const { told, packed } = payload;
   Object.assign(HULLS, told.hulls);
   Object.assign(BOXES, told.boxes);
-  for (const each of told.missing) byId("player").append(el("p", { class: "problem" }, each));
-  let picks = null;
   // policies get their colours in the order of the first figure that shows them
   for (const chart of told.charts) for (const label of chart.labels || (chart.series || chart.rows || []).map((each) => each.label)) rank(label);
   showCharts(told.charts, (cell) => picks && picks.open(cell));
   showTables(told.tables);
+  const driven = told.episodes.length || told.demo;
+  byId(driven ? "player" : "summary").append(...told.missing.map((each) => el("p", { class: "problem" }, each)));
+  wireTabs([["replay", told.demo ? "Drive" : "Replay and drive", driven], ["summary", told.demo ? "About" : "Results", true],
+    ["charts", "Figures", told.charts.length], ["tables", "Tables", told.tables.length], ["made", "How it was made", true]]);
   if (told.demo) byId("summary-title").textContent = "What this is";
-  if (!told.episodes.length && !told.demo && !told.missing.length) byId("replay").hidden = true;
-  for (const link of document.querySelectorAll("nav a")) link.hidden = byId(link.hash.slice(1)).hidden;
-  document.querySelector("nav a").textContent = byId("summary-title").textContent;
-  if (!told.episodes.length && !told.demo) return;
+  else if (driven) byId("player").before(verdict());
+  if (!driven) return;
   replay = new Replay(told, packed);
   picks = told.demo ? new Draws(replay) : new Picks(replay);
   if (!told.kernels) return;
   if (typeof WebAssembly === "undefined") {
-    replay.below.append(el("p", { class: "problem" }, "This browser has no WebAssembly: episodes can be replayed, but nothing can be driven here."));
+    replay.side.prepend(el("p", { class: "problem" }, "This browser has no WebAssembly: episodes can be replayed, but nothing can be driven here."));
     return;
   }
   try {
     const slice = ([at, length]) => packed.slice(at, at + length);
     const tables = { ...told.kernels, blobs: told.kernels.blobs.map(slice) };
     drive = new Drive(replay, await Kernels.load(slice(told.kernels.module), tables), Boolean(told.demo));
-    if (told.demo) drive.go();
+    if (!restored() && told.demo) drive.go(false);
   } catch (error) {
-    replay.below.append(el("p", { class: "problem" }, `Nothing can be driven here: ${error.message}.`));
+    replay.side.prepend(el("p", { class: "problem" }, `Nothing can be driven here: ${error.message}.`));
   }
 }
 

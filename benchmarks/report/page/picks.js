@@ -73,6 +73,18 @@ class Picks {
     if (wanted) replay.choose(wanted);
   }
 
+  state() {
+    return { task: this.task.value, family: this.family.value, world: Number(this.world.value) };
+  }
+
+  restore({ task, family, world }) {
+    const families = this.groups.get(task);
+    if (!families || !families.has(family) || !families.get(family).has(world)) throw new Error("its scenario is not in this report");
+    this.task.value = task;
+    this.fillFamilies(family);
+    this.fillWorlds(world);
+  }
+
   // A cell of the heat map: the first scenario of its family or tier, the worst of that policy first.
   open({ contest, robot, kind, name, policy }) {
     const fits = this.episodes.filter((each) => each.contest === contest && robot.startsWith(each.robot) && each[kind] === name && each.policy === policy);
@@ -85,7 +97,7 @@ class Picks {
     this.fillFamilies(found.family);
     this.fillWorlds(found.world);
     this.show(policy);
-    byId("replay").scrollIntoView();
+    showTab("replay");
     this.replay.canvas.focus({ preventScroll: true });
     return undefined;
   }

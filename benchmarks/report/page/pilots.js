@@ -1,10 +1,10 @@
 // The decisions of policies: the same compiled laws, handed the same numbers.
 
-function pilotFor(simulator, label) {
+function pilotFor(simulator, label, gains = {}) {
   const { kernels, task, robot, actuators } = simulator;
   const recipe = kernels.tables.pilots[`${task} ${robot} ${actuators} ${label}`];
   if (!recipe) return null;
-  return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe);
+  return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe, gains);
 }
 
 // Policies that can drive here, by label.
@@ -13,8 +13,19 @@ function pilotsOf(kernels, task, robot, actuators) {
   return Object.keys(kernels.tables.pilots).filter((key) => key.startsWith(start)).map((key) => key.slice(start.length));
 }
 
+// The gains of a recipe that the page can change, each with its value and the ends of its slider, and the names of the others.
+function gainsOf({ tables }, task, recipe) {
+  const sliders = recipe && recipe.make && tables.sliders[`${task} ${recipe.make.name}`];
+  if (!sliders) return { gains: [], fixed: [] };
+  const gains = sliders.gains.filter(({ name }) => name in recipe.gains).map((each) => {
+    const value = recipe.gains[each.name];
+    return { ...each, value, low: Math.min(each.low, value), high: Math.max(each.high, value) };
+  });
+  return { gains, fixed: sliders.fixed };
+}
+
 class Law {
-  constructor(simulator, recipe) {
+  constructor(simulator, recipe, gains) {
     this.simulator = simulator;
     this.recipe = recipe;
     const { kernels } = simulator;
@@ -33,13 +44,22 @@ class Law {
         this.values[each.name] = { at: kernels.room(each.size * each.shape.reduce((a, b) => a * b, 1)), shape: each.shape };
       } else this.values[each.name] = { at: kernels.put(kernels.blob(each.blob)), shape: each.shape };
     }
+    for (const { name, whole, places } of gainsOf(kernels, simulator.task, recipe).gains) {
+      if (!(name in gains)) continue;
+      for (const [argument, offset] of places) {
+        if (offset === null) this.values[argument] = gains[name];
+        else if (whole) kernels.i64(this.values[argument].at + offset, 1)[0] = BigInt(gains[name]);
+        else kernels.f64(this.values[argument].at + offset, 1)[0] = gains[name];
+      }
+    }
     if (recipe.rest) {
-      const [offset, radius, share] = recipe.rest;
+      const [offset, radius, share] = [recipe.rest[0], gains.stop_radius ?? recipe.rest[1], recipe.rest[2]];
       kernels.f64(this.values.memory.at + offset, 1)[0] = Math.min(radius, share * simulator.world.position_tolerance);
     }
   }
 
-  act() {
+  // Hands the law what is observed.
+  sense() {
     const { kernels, body, seen } = this.simulator;
     for (const [name, place] of this.inputs) {
       const numbers = kernels.f64(place.at, place.size);
@@ -48,6 +68,30 @@ class Law {
         body.axes.forEach((axis, k) => { numbers[axis] = seen.twist[k]; });
       } else numbers.set(seen[name]);
     }
+  }
+
+  // The numbers of its overlay at this moment; the law's memory is as it was afterwards.
+  look(places) {
+    const { kernels } = this.simulator;
+    const { look } = this.recipe;
+    const size = look.shape.reduce((a, b) => a * b, 1);
+    this.looked = this.looked || { looked: { at: kernels.room(8 * size), shape: look.shape }, places: { at: kernels.room(16 * look.places), shape: [look.places, 2] } };
+    const memories = this.recipe.arguments.filter(({ role }) => role === "memory").map(({ name, size: bytes, shape }) => {
+      const { at } = this.values[name];
+      const length = bytes * shape.reduce((a, b) => a * b, 1);
+      return [at, new Uint8Array(kernels.memory.buffer, at, length).slice()];
+    });
+    this.sense();
+    kernels.f64(this.looked.looked.at, size).fill(0);
+    if (places) kernels.f64(this.looked.places.at, places.length).set(places);
+    kernels.call(look.export, { ...this.values, ...this.looked });
+    for (const [at, bytes] of memories) new Uint8Array(kernels.memory.buffer).set(bytes, at);
+    return kernels.f64(this.looked.looked.at, size).slice();
+  }
+
+  act() {
+    const { kernels } = this.simulator;
+    this.sense();
     kernels.call(this.recipe.export, this.values);
     const out = kernels.f64(this.values[this.recipe.out].at + this.recipe.offset, this.recipe.kind === "unicycle" ? 2 : 3);
     return this.recipe.kind === "unicycle" ? [out[0], 0, out[1]] : [out[0], out[1], out[2]];
@@ -203,6 +247,7 @@ class Network {
 
   // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, and `hold`.
   ended(twist) {
+    this.wanted = twist; // before the guard, for its overlay
     const { recipe, fields } = this;
     const { kernels, body, seen } = this.simulator;
     if (!recipe.guard && !recipe.arrive_scales && !recipe.hold) return twist;

@@ -1,6 +1,17 @@
 // Pick a scenario, and see all policies drive it at once.
 
 const RATES = [0.25, 0.5, 1, 2, 4, 8];
+// Root mean square of a path follower's error up to a step, by arc length as the tables have it.
+function rmsOf(actor, step) {
+  let [sum, length] = [0, 0];
+  for (let k = 1; k <= step; k++) {
+    const ds = Math.hypot(actor.x[k] - actor.x[k - 1], actor.y[k] - actor.y[k - 1]);
+    sum += actor.error[k] * actor.error[k] * ds;
+    length += ds;
+  }
+  return length ? Math.sqrt(sum / length) : 0;
+}
+
 const OUTCOMES = { success: "success", collision: "collision", left_corridor: "left the corridor", timeout: "clock ran out" };
 
 class Replay {
@@ -25,8 +36,13 @@ class Replay {
 
   build() {
     this.canvas = el("canvas", { tabindex: "0", role: "application", "aria-label":
-      "Replay. Space plays and pauses, left and right step, plus and minus change the speed, F follows the chosen robot." });
+      "Simulator. Space plays and pauses, left and right step, plus and minus change the speed, F follows the chosen robot." });
     this.view = new View(this.canvas);
+    this.beside = el("canvas", { class: "beside", hidden: true, role: "img", "aria-label": "the other run at the same moment" });
+    this.otherView = new View(this.beside);
+    this.other = null; // the actor of the second pane; null: there is one pane
+    const pane = (side, change) => el("select", { class: `pane ${side}`, hidden: true, "aria-label": `run on the ${side}`, on: { change: (event) => change(this.actors[Number(event.target.value)]) } });
+    this.panes = [pane("left", (actor) => this.choose(actor)), pane("right", (actor) => { this.other = actor; this.listActors(); this.refresh(true); })];
     this.traces = [
       new Trace("error", "m", errorsOf, (k) => this.seek(k)),
       new Trace("speed", "m/s", speeds, (k) => this.seek(k)),
@@ -43,16 +59,29 @@ class Replay {
       this.scanButton.setAttribute("aria-pressed", this.scans);
       this.refresh();
     } } }, "scan");
+    this.splitButton = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "two runs side by side", on: { click: () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)) } }, "compare");
     this.clock = el("span", { class: "clock" });
     this.list = el("ul", { class: "actors", "aria-label": "policies" });
     this.picks = el("div", { class: "pick" });
     this.told_of = el("p", { class: "note" });
-    this.bar = el("div", { class: "bar" }, this.playButton, button("⇤", "to the start", () => this.seek(0)), button("|◀", "a step back", () => this.stepBy(-1)),
-      button("▶|", "a step on", () => this.stepBy(1)), this.scrubber, this.clock, this.rates, this.followButton, this.scanButton,
-      button("□", "fit the picture", () => { this.follow(false); this.fit(); }));
-    this.board = el("div", { class: "board" }, this.canvas);
-    this.below = el("div", {});
-    byId("player").append(this.picks, el("div", { class: "stage" }, el("div", {}, this.board, this.bar, this.traces.map((trace) => trace.canvas)), this.list), this.told_of, this.below);
+    this.fitButton = button("□", "fit the picture", () => { this.follow(false); this.fit(); });
+    this.fitButton.classList.add("stepwise");
+    this.bar = el("div", { class: "bar" }, this.playButton, button("⇤", "to the start", () => this.seek(0)), ...[["|◀", "a step back", -1], ["▶|", "a step on", 1]].map(([text, label, by]) => {
+        const each = button(text, label, () => this.stepBy(by));
+        each.classList.add("stepwise");
+        return each;
+      }), this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
+      this.fitButton);
+    this.hint = el("p", { class: "hint", hidden: true });
+    this.board = el("div", { class: "board" }, this.canvas, this.beside, this.hint, this.panes);
+    this.quick = el("div", { class: "quick" });
+    this.scenario = el("details", { open: true, class: "scenes" }, el("summary", {}, "Scenario"), this.picks, this.told_of);
+    this.side = el("div", { class: "side" }, this.list, this.scenario);
+    this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
+    byId("player").append(this.app);
+    const place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY)}px`);
+    new ResizeObserver(place).observe(document.querySelector("header"));
+    place();
     this.wire();
   }
 
@@ -66,15 +95,16 @@ class Replay {
       this.refresh();
     }, { passive: false });
     let from = null;
+    const moves = (event) => event.pointerType !== "touch" || canvas.classList.contains("held");
     canvas.addEventListener("pointerdown", (event) => {
       canvas.focus({ preventScroll: true });
       if (this.grab && this.grab(event)) return;
       from = [event.clientX, event.clientY];
-      if (event.pointerType !== "touch") canvas.setPointerCapture(event.pointerId);
+      if (moves(event)) canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
       if (this.drag && this.drag(event)) return;
-      if (!from || !event.buttons || event.pointerType === "touch") return;
+      if (!from || !event.buttons || !moves(event)) return;
       this.follow(false);
       view.moveBy(event.clientX - from[0], event.clientY - from[1]);
       from = [event.clientX, event.clientY];
@@ -123,9 +153,30 @@ class Replay {
     for (const run of this.listeners) run();
   }
 
-  add(actor) {
+  // Two panes: the chosen run, and another one beside it; null puts both into one again.
+  split(other) {
+    this.other = other || null;
+    this.beside.hidden = !other;
+    this.splitButton.setAttribute("aria-pressed", Boolean(other));
+    this.listActors();
+    this.view.stale = this.otherView.stale = true;
+    this.refresh(true);
+  }
+
+  offerPanes() {
+    const { chosen, other, actors } = this;
+    if (other && (other === chosen || !actors.includes(other))) this.other = actors.find((actor) => actor !== chosen) || null;
+    if (other && !this.other) this.split(null);
+    this.splitButton.disabled = actors.length < 2;
+    this.panes.forEach((pane, k) => {
+      pane.hidden = !this.other;
+      pane.replaceChildren(...actors.map((actor, n) => el("option", { value: n, selected: actor === (k ? this.other : chosen) }, actor.label)));
+    });
+  }
+
+  add(actor, choose = true) {
     this.actors.push(actor);
-    this.chosen = actor;
+    if (choose || !this.chosen) this.chosen = actor;
     this.stretch();
     this.listActors();
   }
@@ -141,16 +192,59 @@ class Replay {
     this.refresh();
   }
 
+  // How an actor stands at a moment, the better the lower: arrived and when, on its way, failed; along a path its error so far.
+  standing(actor, step) {
+    const last = actor.x.length - 1;
+    const k = Math.min(step, last);
+    const ended = actor.outcome && step >= last;
+    if (ended && actor.outcome !== "success") return [3, -last];
+    if (this.world.kind === "path") {
+      if (!actor.error || !k) return [1, 0];
+      return [1, rmsOf(actor, k)];
+    }
+    if (ended) return [0, last];
+    const { goal } = this.world;
+    return [1, goal ? Math.hypot(goal[0] - actor.x[k], goal[1] - actor.y[k]) : 0];
+  }
+
+  ranked() {
+    const of = new Map(this.actors.map((actor) => [actor, this.standing(actor, this.step)]));
+    return [...this.actors].sort((a, b) => of.get(a)[0] - of.get(b)[0] || of.get(a)[1] - of.get(b)[1]);
+  }
+
+  // The order follows the cursor; the list is only laid anew where it changes.
+  rank(now = performance.now()) {
+    if (this.actors.length < 2 || now - (this.rankedAt || 0) < 250) return;
+    this.rankedAt = now;
+    const order = this.ranked();
+    if (order.some((actor, k) => actor !== (this.order || [])[k])) this.listActors();
+  }
+
   listActors() {
-    this.list.parentElement.classList.toggle("alone", !this.actors.length);
-    this.list.replaceChildren(...this.actors.map((actor) => {
+    this.order = this.ranked();
+    this.offerPanes();
+    const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
+    this.list.replaceChildren(...this.order.map((actor) => {
       const shown = el("input", { type: "checkbox", checked: !actor.hidden, "aria-label": `show ${actor.label}`,
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const bad = actor.outcome && actor.outcome !== "success";
+      const note = [actor.outcome ? OUTCOMES[actor.outcome] : "drives", actor.note, actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
-        el("button", { type: "button", class: "name", "aria-pressed": actor === this.chosen, title: "choose: its scan, its traces, its view", on: { click: () => this.choose(actor) } }, actor.label),
-        el("small", { class: bad ? "bad" : "" }, `${bad ? "✕ " : ""}${actor.outcome ? OUTCOMES[actor.outcome] : "drives"}${actor.note ? `, ${actor.note}` : ""}`));
+        el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: "choose: its scan, its traces, its gains", on: { click: () => this.choose(actor) } }, actor.label),
+        el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take out", on: { click: () => this.takeOut(actor) } }, "×"),
+        el("small", { class: bad ? "bad" : "" }, `${bad ? "✕ " : ""}${note}`));
     }));
+    if (held) for (const each of this.list.querySelectorAll("[aria-label]")) if (each.getAttribute("aria-label") === held) each.focus({ preventScroll: true });
+  }
+
+  takeOut(actor) {
+    if (this.leaves) this.leaves(actor);
+    this.actors = this.actors.filter((each) => each !== actor);
+    if (this.chosen === actor) this.chosen = this.actors[0] || null;
+    this.stretch();
+    this.listActors();
+    this.refresh(true);
+    for (const run of this.listeners) run();
   }
 
   choose(actor) {
@@ -177,7 +271,7 @@ class Replay {
       if (this.advance) this.advance(Math.floor(due)); // a robot that drives now makes the time
       this.seek(Math.min(Math.floor(due), this.last));
       this.script = performance.now() - begun;
-      if (this.step >= this.last && !this.live) this.toggle(false);
+      if (this.step >= this.last && !(this.busy && this.busy())) this.toggle(false);
       else requestAnimationFrame(frame);
     };
     requestAnimationFrame(frame);
@@ -196,31 +290,45 @@ class Replay {
     this.refresh();
   }
 
+  // Draws a pane: the scene at this moment, the actors in it, of one of them the scan and what it looks at.
+  paint(view, actors, chosen, pane) {
+    const { world, step } = this;
+    const context = view.begin();
+    const pixel = 1 / view.pixels;
+    const hull = HULLS[this.robot] || 0.25;
+    drawWorld(context, world, step * DT, pixel);
+    if (this.scans && chosen && (world.walls || (world.obstacles && world.obstacles.length))) {
+      const k = Math.min(step, chosen.x.length - 1);
+      drawScan(context, world, step * DT, chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
+    }
+    if (this.under) this.under(view, chosen, pane);
+    for (const actor of actors) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
+    if (chosen) drawActor(context, chosen, step, hull, pixel, true);
+    return context;
+  }
+
   refresh(changed = false) {
     const { view, step, world, chosen } = this;
     view.measure();
     if (!view.width) return;
-    const hull = HULLS[this.robot] || 0.25;
     if (this.follows && chosen) {
       const k = Math.min(step, chosen.x.length - 1);
       view.middle = [chosen.x[k], chosen.y[k]];
       view.zoom = Math.max(view.zoom, 2.5);
     }
-    const context = view.begin();
-    const pixel = 1 / view.pixels;
-    drawWorld(context, world, step * DT, pixel);
     const shown = this.actors.filter((actor) => !actor.hidden);
-    if (this.scans && chosen && !chosen.hidden && (world.walls || (world.obstacles && world.obstacles.length))) {
-      const k = Math.min(step, chosen.x.length - 1);
-      drawScan(context, world, step * DT, chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
+    if (this.other) {
+      Object.assign(this.otherView, { bounds: view.bounds, zoom: view.zoom, middle: view.middle, least: view.least });
+      this.otherView.measure();
+      this.paint(this.otherView, [this.other], this.other, 1);
     }
-    for (const actor of shown) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
-    if (chosen && !chosen.hidden) drawActor(context, chosen, step, hull, pixel, true);
-    if (this.overlay) this.overlay(context, pixel);
+    const context = this.paint(view, this.other ? [chosen] : shown, chosen && !chosen.hidden ? chosen : null, 0);
+    if (this.overlay) this.overlay(context, 1 / view.pixels);
     // that of a rectangle is not what is drawn: it turns
     const clear = (world.walls || (world.obstacles && world.obstacles.length)) && !BOXES[this.robot];
     const able = this.traces.filter((trace) => trace.name !== "clearance" || clear);
     for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace) || !shown.length;
+    this.rank();
     for (const trace of able) if (shown.length) trace.draw(shown, world, step, this.last, chosen && !chosen.hidden ? chosen : null, changed);
   }
 }

@@ -60,12 +60,13 @@ class Simulator {
       return records.array;
     };
     const actions = this.body.axes.length;
+    const columns = actions + (this.body.requested || 0);
     this.arrays = {
       params: { at: kernels.put(kernels.blob(tables.params[conditions])), shape: [1] },
       states: this.state.array,
       courses: this.course.array,
       obstacles: { ...field(this.solids, "obstacle"), shape: [1, obstacles] },
-      actions: room(8 * actions, [1, actions]),
+      actions: room(8 * columns, [1, columns]),
       noise: room(8 * this.rows * this.columns, [1, this.rows, this.columns]),
       skip: room(1, [1]),
       shares: room(8, [0]),

@@ -50,10 +50,11 @@ function comparer(column, sign) {
 
 function fullTable(table) {
   let rows = table.rows;
+  const numeric = table.header.map((_, k) => table.rows.every((row) => !row[k] || /^\s*[<>+±−-]?\s*[\d.]/.test(row[k])));
   const body = el("tbody");
-  const show = () => body.replaceChildren(...rows.map((row) => el("tr", {}, row.map((cell) => el("td", {}, cell)))));
+  const show = () => body.replaceChildren(...rows.map((row) => el("tr", {}, row.map((cell, k) => el("td", { class: numeric[k] && "number" }, cell)))));
   const heads = table.header.map((name, column) => {
-    const head = el("th", { scope: "col" }, el("button", { type: "button", on: { click: () => {
+    const head = el("th", { scope: "col", class: numeric[column] && "number" }, el("button", { type: "button", on: { click: () => {
       const up = head.getAttribute("aria-sort") !== "ascending";
       for (const each of heads) each.removeAttribute("aria-sort");
       head.setAttribute("aria-sort", up ? "ascending" : "descending");

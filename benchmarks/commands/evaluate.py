@@ -1,0 +1,552 @@
+"""The command line: runs a suite, prints its tables, and writes its episodes, trajectories, tables and figures."""
+
+import contextlib
+import dataclasses
+import importlib.util
+import os
+import signal
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import rich.console
+
+import wayfield.policies
+from wayfield.benchmarks.commands.contest_options import (
+    DOCUMENTS,
+    DYNAMICS,
+    KEPT,
+    QUICK,
+    QUICK_FAMILIES,
+    QUICK_POLICIES,
+    Options,
+    WrongOption,
+)
+from wayfield.benchmarks.commands.contest_report import (
+    Interrupted,
+    Short,
+    contest_report,
+    contest_section,
+    drawing,
+    holding,
+    near,
+    quick_report,
+    settings_of,
+    short_findings,
+)
+from wayfield.benchmarks.contests import (
+    ALL_CONTESTS,
+    CONTESTS,
+    CROSS,
+    CROWD_SUITES,
+    DISTURBANCES,
+    GAINS,
+    OVERVIEW,
+    PUBLIC_SPLIT,
+    Contest,
+    Course,
+)
+from wayfield.benchmarks.contests.contest import with_agents
+from wayfield.benchmarks.contests.crowds import CASES, CLOCK, PEOPLE_LAWS, people_contests
+from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.entrants.own_policies import own_policy
+from wayfield.benchmarks.entrants.own_scenario import own_cases, own_courses, own_scenario, without_way
+from wayfield.benchmarks.entrants.public_suites import PUBLIC, racetrack_courses
+from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
+from wayfield.benchmarks.leaderboards.terminal import print_short
+from wayfield.benchmarks.records.cases import Case
+from wayfield.benchmarks.records.episode import Episodes
+from wayfield.benchmarks.records.replays import drive_of, write_drives
+from wayfield.benchmarks.records.results import TABLE, read_rows, readable, write_rows, write_trajectories
+from wayfield.benchmarks.records.run_folder import REPORT, Run, staging
+from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
+from wayfield.benchmarks.report.worlds import write_worlds
+from wayfield.benchmarks.runs.payloads import sent
+from wayfield.benchmarks.runs.prefetch import Ahead, ahead
+from wayfield.benchmarks.runs.shards import Part, parts_of, play, rows_so_far
+from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.tasks.specs import EVERY
+from wayfield.policies import make
+from wayfield.policies.policy import lacks
+from wayfield.policies.registry import RENAMED
+from wayfield.system.command_line import (
+    SEED,
+    Choice,
+    Names,
+    OneLineErrors,
+    Scale,
+    command_given,
+    on_cluster,
+    say,
+    shared_out,
+)
+from wayfield.system.executors import HERE, Engine
+
+SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, *CROWD_SUITES, DISTURBANCES, *PUBLIC)
+MODES = tuple(mode for suite in PUBLIC.values() if len(suite.modes) > 1 for mode in suite.modes)
+FAMILIES = tuple(name for spec in EVERY.values() for name in spec.families)
+_NOTE_WIDTH = 120  # of the notes under the tables, in characters
+_QUICK_WIDTH = 80  # of the tables of a first look, in characters
+_LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
+
+
+@click.command("evaluate", cls=OneLineErrors, context_settings={"max_content_width": 100})
+@click.option(
+    "--suite",
+    type=Choice("--suite", SUITES),
+    help="What to run.  [default: overview; documents where there are other options but --out, --seed and --workers]",
+)
+@click.option(
+    "--policies",
+    type=Names("--policies", (*wayfield.policies.POLICIES, *RENAMED, "all")),
+    help="Only these policies, or all.  [default: those of the suite; public benchmarks leave out mppi, nav2_mppi]",
+)
+@click.option(
+    "--dynamics",
+    type=Choice("--dynamics", DYNAMICS),
+    help="The plants.  [default: both; kinematic in contests and overview]",
+)
+@click.option(
+    "--actuators",
+    type=Choice("--actuators", ACTUATORS),
+    help="The actuator tier.  [default: ideal; lagged in contests]",
+)
+@click.option(
+    "--robot",
+    type=RobotChoice("--robot"),
+    help="The robot of a contest, --path or --scenarios: one that ships, or a data sheet of your own.  [default: p3dx]",
+)
+@click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: all]")
+@click.option(
+    "--agents",
+    "homes",
+    multiple=True,
+    metavar="DIR",
+    help="Also the agents of a folder that train.py wrote, in contests; may be repeated.",
+)
+@click.option(
+    "--policy",
+    "own",
+    multiple=True,
+    metavar="SOURCE",
+    help="Also a policy of your own, in contests: module:Class, with gains as key=value behind it in the same word, or "
+    "a model.zip of stable-baselines3, which can run code when it is loaded; may be repeated.",
+)
+@click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
+@click.option(
+    "--split",
+    type=Choice("--split", ("test", "claims")),
+    help="The frozen scenarios of a contest: 10 a family (test), or 100 others, which tell differences of a point "
+    "(claims).  [default: test]",
+)
+@click.option("--cross", is_flag=True, help="Of teams: also every two policies in one world, half and half.")
+@click.option(
+    "--people",
+    type=Names("--people", (*PEOPLE_LAWS, "all")),
+    help="Of people: the laws by which all walk; each is met with eyes for the robot and without.  [default: own]",
+)
+@click.option(
+    "--path",
+    "path",
+    metavar="FILE",
+    help="A scenario of your own (.json; a path also .csv, .txt), instead of a suite.",
+)
+@click.option(
+    "--scenarios",
+    metavar="FOLDER",
+    help="A contest on the scenario files of a folder (.json; paths also .csv, .txt), instead of a suite.",
+)
+@click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
+@click.option("--data", metavar="FOLDER", help="The official files of a public benchmark.")
+@click.option(
+    "--mode",
+    type=Choice("--mode", MODES),
+    help="Of barn: the challenge's rules with its Jackal at 2 m/s, or the P3DX at its own speed.  [default: challenge]",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(min=1),
+    help="Episodes of each case, with the seeds S, S + 1, ...; in contests the first scenarios of each family.",
+)
+@click.option("--seed", type=SEED, default=0, show_default=True, metavar="S", help="The first seed.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    help="Folder of the results.  [default: results/SUITE, and what differs from the defaults]",
+)
+@click.option("--quick", is_flag=True, help="A first look: three policies a task on four scenarios, in results/quick.")
+@click.option("--full", is_flag=True, help="Print every table, not only one small table a task.")
+@click.option("--video", is_flag=True, help="Film a few representative cases as well.")
+@click.option(
+    "--keep-trajectories",
+    "keep",
+    type=Choice("--keep-trajectories", KEPT),
+    help="Of which episodes of a contest: the three worst of each entry, as poses, or all of them, with speeds and "
+    "errors too; documents keep all.  [default: worst]",
+)
+@click.option(
+    "--workers",
+    "count",
+    type=click.IntRange(min=1),
+    help="Processes that share the work.  [default: a core each, at most 4]",
+)
+@on_cluster
+def main(**given: Any) -> None:
+    """Runs a suite and prints its tables: the experiments of the three documents beside what they published
+    (documents); controllers and trained agents against each other on the frozen test scenarios of a task (its name),
+    and under growing disturbances (disturbances), teams and one robot among people (teams, people, crowdnav), or in
+    public benchmarks whose files you have (barn, mrpb, movingai, racetracks); or the documents and a test scenario a
+    family (overview).
+
+    Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
+    (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
+    is interrupted goes on where it was when the same command is given again.
+    """
+    options = Options(**given, command=readable(command_given("python evaluate.py")))
+    _need("matplotlib", "evaluate")
+    if options.video:
+        _need("pygame", "render")
+        _need("moviepy", "render")
+    try:
+        options.check()
+    except WrongOption as error:
+        raise click.UsageError(f"--{error}") from None
+    if options.kind in PUBLIC:
+        run_public(options)
+    else:
+        RUNS[options.kind](options)
+
+
+def run_quick(options: Options) -> None:
+    """Runs a few policies on a few scenarios of each contest."""
+    folder = options.folder(QUICK, options.differing("kinematic", "lagged"))
+    few = dataclasses.replace(options, suite=QUICK, policies=QUICK_POLICIES, families=QUICK_FAMILIES)
+    few = dataclasses.replace(few, contests=tuple(CONTESTS), gains="best")
+    with _ended_by_signals(), shared_out(options.processes) as engine:
+        told = quick_report(few, folder, engine)
+    print_short(told, _QUICK_WIDTH)
+    say("Four scenarios a task, so no claim about who is better. More: wayfield evaluate")
+    say(f"Files and a picture: {folder}")
+
+
+def run_overview(options: Options) -> None:
+    """Runs the documents, and the contests on a scenario of each family."""
+    folder = options.folder(OVERVIEW, options.differing("both", "ideal"))
+    robot = ROBOTS["p3dx"]
+    first = [name for contest in CONTESTS.values() for name in contest.overview if not lacks(make(name), robot)]
+    inside = dataclasses.replace(options, contests=tuple(CONTESTS), policies=tuple(dict.fromkeys(first)), gains="best")
+    inside = dataclasses.replace(inside, suite=OVERVIEW)
+    this, inner = Run(OVERVIEW, options.command), folder / "contests"
+    with holding(inner, inside.run):  # is it free? Better told before the documents are run
+        pass
+    cases = documents()
+    settings = settings_of(inside)
+    parts, engine = parts_of(settings, inner), HERE
+    done: dict[int, list[Episode]] = {}
+    with _ended_by_signals():
+        try:
+            # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
+            with shared_out(options.processes) as processes, contextlib.ExitStack() as stack:
+                engine = ahead(processes)
+                _begin(engine, _settings_of(options, DOCUMENTS, cases), parts)
+                stack.enter_context(holding(folder, this))
+                stage = stack.enter_context(staging(folder, this))
+                shown = stack.enter_context(_cases_section(options, DOCUMENTS, cases, folder / DOCUMENTS, engine, done))
+                contests = stack.enter_context(contest_section(inside, settings, inner, engine, options.processes))
+                sections = [contests, shown]
+                told = write_page(stage / REPORT, "wayfield: overview", sections, options.command, SMALL_BUDGET)
+        except (KeyboardInterrupt, SystemExit, Interrupted):
+            with contextlib.suppress(KeyboardInterrupt, SystemExit):  # who cannot wait for the tables
+                _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, engine)
+            raise Interrupted("interrupted", parts) from None
+    _tell(options, [*contests.tables, *shown.tables], told, folder)
+
+
+def _tell_so_far(
+    options: Options,
+    settings: Sequence[Setting],
+    cases: Sequence[Case],
+    done: Mapping[int, list[Episode]],
+    parts: Sequence[Part],
+    engine: Engine,
+) -> None:
+    """Prints what an overview that was interrupted has found, and keeps the parts that are done."""
+    ended: Mapping[int, Any] = {}
+    if isinstance(engine, Ahead):
+        done = {**done, **engine.ended(episodes, settings)}
+        ended = engine.ended(play, [part.setting for part in parts])
+    told: Short = []
+    if ended or any(part.folder.is_dir() for part in parts):
+        with holding(parts[0].folder.parents[1], options.run):
+            told += short_findings(rows_so_far(parts, ended))
+    if done:
+        told.append(reproduced(gathered(done)[0], cases))
+    say("\nSo far:")
+    print_short(told)
+
+
+def run_documents(options: Options) -> None:
+    """Runs the experiments of the documents."""
+    differing = options.differing("both", "ideal")
+    cases, folder = _cases_of_documents(options.names), options.folder(DOCUMENTS, differing)
+    shown, told = _run_cases(options, DOCUMENTS, cases, folder)
+    _tell(options, shown, told, folder)
+
+
+def run_path(options: Options) -> None:
+    """Runs all that can do it on a path, or in a goal scenario, of the user's own."""
+    assert options.path is not None
+    with _one_line("--path", options.path):
+        names = options.names and _with_agents(options, [own_scenario(options.path, options.scale).contest])
+        cases = own_cases(options.path, options.scale, names, options.robot or "p3dx")
+        hopeless = without_way(options.path, options.robot or "p3dx") if options.scale is None else ""
+    if hopeless:  # before hours of driving
+        say(f"evaluate: {hopeless}", err=True)
+    differing = options.differing("both", "ideal")
+    folder = options.folder(cases[0].document, {"file": Path(options.path).stem} | differing)
+    shown, [(sentence, table)] = _run_cases(options, cases[0].document, cases, folder)
+    _tell(options, shown, [(f"{hopeless}. {sentence}" if hopeless else sentence, table)], folder)
+
+
+def run_scenarios(options: Options) -> None:
+    """Runs a contest on the scenario files of a folder."""
+    assert options.scenarios is not None
+    with _one_line("--scenarios", options.scenarios):
+        contest, courses = own_courses(options.scenarios, options.scale, options.robot or "p3dx")
+    _run_contests(options, contest.name, (contest.name,), courses)
+
+
+def run_public(options: Options) -> None:
+    """Runs a public benchmark on its official files."""
+    assert options.data is not None
+    suite = PUBLIC[options.wanted]
+    name = options.mode or next(iter(suite.modes))
+    robot = options.robot or ROBOTS[suite.modes[name].robot]
+    folder = os.path.abspath(options.data)
+    with _one_line("--data", options.data):
+        if not os.path.isdir(folder):
+            raise ValueError(f"{options.data!r} is no folder; it must be the one of the official files")
+        if options.scale is None:
+            courses = suite.courses(folder, robot)
+        else:
+            courses = racetrack_courses(folder, robot, options.scale)
+    contest = suite.contest(name)
+    # "all" leaves out none here: some drive in a public benchmark on request alone
+    policies = contest.policies if "all" in (options.policies or ()) else options.policies
+    options = dataclasses.replace(options, robot=robot, policies=policies)
+    _run_contests(options, contest.name, (contest.name,), courses)
+
+
+def run_contest(options: Options) -> None:
+    """Runs a contest on its frozen scenarios, or all of them under growing disturbances."""
+    name = options.wanted
+    contests = tuple(CONTESTS) if name == DISTURBANCES else CROWD_SUITES.get(name, (name,))
+    courses: tuple[Course, ...] = ()
+    if options.cross:
+        contests = (*contests, CROSS.name)
+    if options.people:
+        contests = people_contests(options.people)
+    if name == "crowdnav":
+        courses = (Course(name, PUBLIC_SPLIT, name, CLOCK, members=tuple(range(CASES))),)
+    _run_contests(options, name, contests, courses)
+
+
+def _run_contests(options: Options, suite: str, contests: tuple[str, ...], courses: tuple[Course, ...] = ()) -> None:
+    """Runs contests, on the frozen scenarios, on courses of the user's own or on those of a public benchmark."""
+    with _one_line("--policy", ""):
+        own = tuple(own_policy(text) for text in options.own)
+    policies = _with_agents(options, [ALL_CONTESTS[name] for name in contests])
+    here = dataclasses.replace(
+        options, suite=suite, contests=contests, policies=policies, entering=own, courses=courses
+    )
+    differing = (
+        ({"scenarios": Path(options.scenarios).resolve().name} if options.scenarios is not None else {})
+        | options.differing("kinematic", "lagged")
+        | {"gains": options.gains if options.gains != "all" else None}
+    )
+    folder = options.folder(suite, differing)
+    with _ended_by_signals(), shared_out(options.processes) as engine:
+        tables, told = contest_report(here, folder, engine, options.processes)
+    _tell(options, tables, told, folder)
+
+
+RUNS: Mapping[str, Callable[[Options], None]] = {
+    QUICK: run_quick,
+    "path": run_path,
+    "scenarios": run_scenarios,
+    OVERVIEW: run_overview,
+    DOCUMENTS: run_documents,
+    "contest": run_contest,
+}  # by kind
+
+
+def _with_agents(options: Options, contests: Sequence[Contest]) -> tuple[str, ...] | None:
+    """Returns the policies that were named, without trained ones of which no agent is there, beside others.
+
+    A line on stderr names each that is left out; where nothing else is named, the error will.
+    """
+    if options.names is None or (options.homes and "ppo" in options.names):  # the agents there are its own
+        return options.names
+    kept, left_out = with_agents(contests, options.names, options.robot or ROBOTS["p3dx"], bool(options.own))
+    for line in left_out:
+        say(f"evaluate: {line}", err=True)
+    return kept
+
+
+def _tell(options: Options, tables: Sequence[Table], told: Iterable[tuple[str, Table]], folder: Path) -> None:
+    """Prints who wins and a small table a task, or with --full every table; names the report on the last line."""
+    if options.full:
+        _print(tables)
+    else:
+        print_short(told)
+        say(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
+    say(f"Report: {folder / REPORT}")
+
+
+def _run_cases(options: Options, name: str, cases: Sequence[Case], folder: Path) -> tuple[list[Table], Short]:
+    """Runs cases of the documents or of a path; returns their tables and what they say."""
+    with (
+        _ended_by_signals(),
+        shared_out(options.processes) as engine,
+        _cases_section(options, name, cases, folder, engine, {}) as section,
+    ):
+        told = write_page(section.folder / REPORT, f"wayfield: {name}", [section], options.command)
+    return list(section.tables), told
+
+
+def _settings_of(options: Options, name: str, cases: Sequence[Case]) -> list[Setting]:
+    """Returns the settings of cases of the documents or of a path."""
+    # the overview is awaited: the plant of its contests is enough there
+    plants = DYNAMICS[options.dynamics or ("kinematic" if options.wanted == OVERVIEW else "both")]
+    actuators = options.actuators or "ideal"
+    return [
+        Setting(name, case, plant, actuators, options.seed, options.episodes or case.episodes)
+        for case in cases
+        for plant in plants
+    ]
+
+
+@contextlib.contextmanager
+def _cases_section(
+    options: Options, name: str, cases: Sequence[Case], folder: Path, engine: Engine, done: dict[int, list[Episode]]
+) -> Iterator[Section]:
+    """Runs cases and writes their files where they are not in the folder yet; yields that, as `contest_section`.
+
+    Args:
+        done: receives the episodes of each setting as they come.
+    """
+    from wayfield.benchmarks.figures.document_figures import draw, stem_of, wanted_figures  # which takes a second
+
+    settings = _settings_of(options, name, cases)
+    kinds = dict.fromkeys(stem_of(case.document) for case in cases)
+    films = ("video/*.mp4",) if options.video else ()
+    figures = [f"{kind}_*.{suffix}" for kind in kinds for suffix in ("svg", "png")]
+    this = Run(name, options.command, (*figures, *films))
+    with holding(folder, this), staging(folder, this) as stage, near(engine, options.processes) as here:
+        try:
+            run(settings, lambda items: engine.as_done(*sent(engine, episodes, items)), done)
+        except ValueError as error:  # a damaged agent
+            raise click.ClickException(str(error)) from None
+        rows, trajectories = gathered(done)
+        write_rows(stage, rows)
+        write_trajectories(stage, trajectories)
+        write_drives(stage, {k: drive_of(each) for k, each in enumerate(trajectories.values())})
+        write_worlds(stage, settings)
+        written = read_rows(stage)
+        shown = write_case_tables(stage, written, cases)
+        with drawing(here, draw, wanted_figures(stage, written)):
+            if options.video:
+                from wayfield.benchmarks.figures.video import film
+
+                film(stage / "video", cases, settings[0].dynamics, settings[0].actuators, options.seed)
+            told = reproduced(written, cases) if name == DOCUMENTS else ranked(written)
+            yield Section(stage, shown, told)
+
+
+def write_case_tables(folder: Path, rows: Episodes, cases: Iterable[Case]) -> list[Table]:
+    """Writes the tables of cases into the folder of their run; returns them."""
+    shown = document_tables(rows, cases)
+    (folder / TABLE).write_text("\n".join(table.markdown() for table in shown), encoding="utf-8")
+    return shown
+
+
+def _begin(engine: Engine, cases: Sequence[Setting], parts: Sequence[Part]) -> None:
+    """Hands over all work of the overview at once, so that no process waits for another before the end."""
+    if not isinstance(engine, Ahead):
+        return
+    left = [part.setting for part in parts if not part.folder.is_dir()]
+    work = [*((episodes, setting) for setting in cases), *((play, setting) for setting in left)]
+    for i in heads_first([setting for _, setting in work]):
+        function, setting = work[i]
+        engine.begin(function, [setting])
+
+
+@contextlib.contextmanager
+def _one_line(option: str, value: str) -> Iterator[None]:
+    """Turns what is wrong with the value of an option into a line that names the option."""
+    try:
+        yield
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename and str(error.filename) != value else ""
+        raise click.UsageError(f"{option} {value!r} cannot be read: {error.strerror or error}{where}") from None
+    except ValueError as error:
+        text = str(error)
+        raise click.UsageError(text if text.startswith("--") else f"{option} {text}") from None
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Makes the process end in order, with its staging folders cleared away, when it is asked to end."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _need(module: str, extra: str) -> None:
+    """Refuses to start when an optional dependency is missing, rather than fail at the end."""
+    if importlib.util.find_spec(module) is None:
+        raise click.ClickException(f'{module} is missing: pip install "wayfield[{extra}]"')
+
+
+def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:
+    """Returns the documents' cases of the wanted policies."""
+    cases = documents()
+    if policies is None:
+        return cases
+    for name in policies:
+        if all(case.policy != name for case in cases):
+            raise click.UsageError(f"--policies {name!r} has no case in suite {DOCUMENTS!r}")
+    return tuple(case for case in cases if case.policy in policies)
+
+
+def _print(shown: Iterable[Table]) -> None:
+    """Prints the tables: as wide as they need to be, or with the columns that the terminal has room for."""
+    paper = rich.console.Console(width=1000)
+    console = rich.console.Console() if sys.stdout.isatty() else paper
+    for table in shown:
+        whole = table.terminal()
+        columns = len(table.header)
+        if paper.measure(whole).maximum > console.width:
+            whole = table.terminal(stacked=True)
+        while columns > 4 and paper.measure(whole).maximum > console.width:
+            columns -= 1
+            whole = table.terminal(columns, stacked=True)
+        if paper.measure(whole).maximum > console.width:
+            whole = table.terminal(columns, stacked=True, cell_width=max(console.width // columns - 4, _LEAST_WIDTH))
+        with console.capture() as capture:
+            console.print(whole)
+        for line in capture.get().splitlines():
+            print(line.rstrip())
+        note = table.note
+        if columns < len(table.header):
+            note += f" Left out for want of width: {', '.join(table.header[columns:])}; all columns are in table.md."
+        # a command in it shall stay one that can be copied
+        print(textwrap.fill(note, min(console.width, _NOTE_WIDTH), break_on_hyphens=False) + "\n")

@@ -1,0 +1,125 @@
+"""What there is: `wayfield policies`, `wayfield scenarios`, `wayfield robots`."""
+
+import shutil
+from collections.abc import Sequence
+
+import click
+import rich.box
+import rich.console
+import rich.table
+
+from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TIERS
+from wayfield.envs.tasks.specs import CROWDS, EVERY
+from wayfield.system.command_line import OneLineErrors
+
+
+@click.command("policies", cls=OneLineErrors)
+def policies() -> None:
+    """Lists the policies: the task, what they are told before an episode, what they need, the law and its source."""
+    from wayfield.envs import team_worlds
+    from wayfield.policies import ABOUT
+    from wayfield.policies.policy import observation_of
+
+    rows = []
+    for name, about in ABOUT.items():
+        policy = about.make()
+        # who reads the scan drives among others too
+        kinds = [
+            spec.kind
+            for spec in EVERY.values()
+            if observation_of(spec) in policy.observes
+            or (spec in CROWDS.values() and team_worlds.Observation in policy.observes)
+        ]
+        needs = ", ".join(getattr(policy, "needs", ())) or "-"
+        rows.append(
+            [name, "\n".join(kinds), policy.knows, needs, about.what + (f" ({about.source})" if about.source else "")]
+        )
+    _show("Policies", ("name", "task", "is told", "needs", "what it is"), rows)
+    _say(
+        "Is told: what it learns before an episode; `sensors` is nothing, and so is `bodies`, which sees "
+        "those nearest while it drives. Needs: what a robot must be. "
+        "wayfield.policies.make(NAME) makes one; help() of it has its gains, its equations and its whole source. "
+        "Smooth_pose is told the path, or the goal."
+    )
+
+
+@click.command("scenarios", cls=OneLineErrors)
+def scenarios() -> None:
+    """Lists the families of scenarios of each task with their tiers and splits, and the banks of other names."""
+    from wayfield.envs.scenarios import splits
+
+    for spec in EVERY.values():
+        rows = []
+        for family in spec.families:
+            tiers = [tier for name in SPLITS for tier in splits.tiers(spec.name, family, name)]
+            there = ", ".join(tier for tier in TIERS if tier in tiers)
+            rows.append([family, there, spec.repertoire.about[family]])
+        _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
+    sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())
+    _say(
+        f"Splits, frozen, scenarios a family: {sizes}. scenario=NAME draws from the training split, NAME/test from the "
+        "test split, all/test from all families."
+    )
+    _say(f"Courses of the documents and older banks, of paths: {', '.join(PATH_SCENARIOS)}.")
+    _say(f"Of goals: {', '.join(GOAL_SCENARIOS)}. A file of your own: its path.")
+
+
+@click.command("robots", cls=OneLineErrors)
+def robots() -> None:
+    """Lists the robots: drive, size, mass and limits, and the environments that take them."""
+    rows = []
+    for name, robot in ROBOTS.items():
+        ids = "\n".join(spec.env_id(robot).removeprefix("wayfield/") for spec in EVERY.values())
+        rows.append([name, _drive(robot), f"{hull_words(robot)}\n{robot.mass:g} kg", _limits(robot), ids])
+    _show("Robots", ("name", "drive", "hull, mass", "at most", "wayfield/"), rows)
+    _say(
+        "Hull: the radius of the disc that must touch nothing, or the sides of a rectangle. At most: each alone, in "
+        "the tiers lagged and slow; the last is that of the wheels."
+    )
+
+
+def hull_words(robot: Robot) -> str:
+    """Returns the size of a hull, in words."""
+    if robot.hull_box is None:
+        return f"{robot.hull_radius:.3g} m"
+    return f"{robot.hull_box[0]:.3g} m x {robot.hull_box[1]:.3g} m"
+
+
+def _drive(robot: Robot) -> str:
+    radii = sorted({round(1000.0 * radius) for radius in robot.wheel_radii.tolist()})
+    return f"{robot.drive}\n{len(robot.wheels)} wheels,\nr {', '.join(map(str, radii))} mm"
+
+
+def _limits(robot: Robot) -> str:
+    units = ("m/s ahead", "m/s aside", "rad/s")
+    most = [f"{robot.max_twist[k]:.2f} {units[axis]}" for k, axis in enumerate(robot.twist_axes)]
+    return "\n".join([*most, f"{robot.rated_wheel_speed:.1f} rad/s"])
+
+
+def console() -> rich.console.Console:
+    """Returns a console as wide as COLUMNS or the terminal says, or 80 characters where neither does."""
+    return rich.console.Console(width=shutil.get_terminal_size().columns)
+
+
+def _show(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    page = console()
+    table = rich.table.Table(
+        title=title, title_justify="left", box=rich.box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+    )
+    for name in header:
+        # names are for copying: they are never broken
+        table.add_column(
+            name, no_wrap=name in (header[0], "task", "is told", "drive", "at most", "wayfield/"), overflow="fold"
+        )
+    for row in rows:
+        table.add_row(*row)
+    with page.capture() as capture:
+        page.print(table)
+    for line in capture.get().splitlines():
+        print(line.rstrip())
+
+
+def _say(text: str) -> None:
+    console().print(text, markup=False, highlight=False)
+    print()

@@ -1,0 +1,1 @@
+"""What a user brings: policies, scenarios, public suites; and the three published systems."""

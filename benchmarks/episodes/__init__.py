@@ -1,0 +1,1 @@
+"""One drive: the rollout loop, and the metrics of its trajectory."""

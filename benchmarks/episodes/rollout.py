@@ -1,0 +1,207 @@
+"""The rollout loop: drives a case's environment with its policy and records every episode."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import wayfield.envs  # noqa: F401  registers the ids
+from wayfield import policies
+from wayfield.benchmarks.episodes.shortest import shortest_way
+from wayfield.benchmarks.records.cases import Case, Rules
+from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.envs.scenarios import spec_of
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.specs import CROWDS
+from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.policy import Policy
+
+# What policies count in their memory under these names: a QP that was not solved, a planner that found no way.
+FAULTS = ("qp_failures", "no_path")
+
+
+def make_policy(case: Case, seed: int) -> Policy:
+    """Returns the case's policy; one that draws at random draws from the seed.
+
+    Raises:
+        ValueError: if there is no such policy, or one of the user's own cannot be made.
+    """
+    if case.entrant is not None:
+        return case.entrant.make(case.gains)
+    gains = dict(case.gains)
+    if case.policy == "random":
+        gains["seed"] = seed
+    return policies.make(case.policy, **gains)
+
+
+def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int) -> NativeVectorEnv:
+    """Returns the case's environment, with a robot for each episode; a team has only the kinematic plant."""
+    plant: dict[str, Any] = {} if spec_of(case.env_id) in CROWDS.values() else {"dynamics": dynamics}
+    env = gymnasium.make_vec(
+        case.env_id,
+        num_envs,
+        vectorization_mode="vector_entry_point",
+        scenario=case.scenario,
+        actuators=actuators,
+        max_episode_steps=case.max_episode_steps,
+        **plant,
+        **case.env_kwargs,
+    )
+    assert isinstance(env, NativeVectorEnv)
+    return env
+
+
+def roll_out(
+    case: Case,
+    *,
+    dynamics: str = "kinematic",
+    actuators: str = "ideal",
+    seed: int = 0,
+    episodes: int = 1,
+    members: Sequence[int] = (),
+) -> list[Trajectory]:
+    """Returns one trajectory for each of the seeds `seed`, `seed + 1`, ...
+
+    A case of every scenario has one episode for each of the first `episodes` scenarios of its bank, round and round, or
+    for each of the `members` of the bank.
+
+    Raises:
+        TypeError: if the policy cannot read the environment's observations.
+        ValueError: if the environment does not know an option.
+    """
+    env = make_vector(case, dynamics, actuators, episodes)
+    pilot = Pilot(make_policy(case, seed), env)
+    there = len(env.task.scenarios)
+    chosen = {"scenario": list(members) or [k % there for k in range(episodes)]} if case.every_scenario else None
+    observations, _ = env.reset(seed=seed, options=chosen)
+    pilot.reset()
+    briefing = env.briefing("map")
+    # np.empty takes no memory until it is written to, so that a long clock costs nothing by itself
+    history = np.empty((case.max_episode_steps + 1, episodes), env.batch.states.dtype)
+    history[0] = env.batch.states
+    lengths = np.zeros(episodes, np.int64)
+    flags: list[dict[str, bool]] = [{} for _ in range(episodes)]
+    faults = np.zeros(episodes, np.int64)
+    step = 0
+    while not lengths.all():
+        observations, _, terminated, truncated, info = env.step(pilot.command(observations))  # type: ignore[arg-type]
+        step += 1
+        history[step] = env.batch.states
+        # an ended robot is reset by the next step; it drives on unrecorded until the last one is done
+        for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
+            flags[i] = {name: bool(info[name][i]) for name in env.task.flag_names}
+            lengths[i] = step + 1
+            faults[i] = _faults(pilot.memory, i)
+    env.close()
+    driven = [
+        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case)
+        for i in range(episodes)
+    ]
+    return [dataclasses.replace(each, faults=int(count)) for each, count in zip(driven, faults, strict=True)]
+
+
+def _faults(memory: NDArray[Any], i: int) -> int:
+    """Returns how often robot i's policy had to fall back on something else, which it counts in its memory."""
+    for part in ("base", "state"):  # of the controller that an agent adds to; of a law that keeps its scans beside it
+        if part in (memory.dtype.names or ()):
+            memory = memory[part]
+    return sum(int(memory[name][i]) for name in FAULTS if name in (memory.dtype.names or ()))
+
+
+def _trajectory(
+    env: NativeVectorEnv,
+    briefing: Briefing,
+    policy: Policy,
+    i: int,
+    states: NDArray[Any],
+    flags: dict[str, bool],
+    case: Case,
+) -> Trajectory:
+    """Returns the trajectory of robot i from its states (n + 1,) and the flags of its last step."""
+
+    def columns(*names: str) -> NDArray[np.float64]:
+        return np.column_stack([states[name] for name in names])
+
+    wheel_twists = columns("wheel_vx", "wheel_vy", "wheel_yaw_rate")
+    assert briefing.obstacles is not None
+    assert briefing.num_obstacles is not None
+    driven = Trajectory(
+        times=states["steps"] * briefing.dt,
+        poses=columns("x", "y", "heading"),
+        twists=columns("vx", "vy", "yaw_rate"),
+        wheel_speeds=wheel_twists @ briefing.robot.wheel_matrix.T,
+        saturated=states["saturated"].astype(np.float64),
+        success=flags["success"],
+        collision=flags["collision"],
+    )
+    if env.task.spec.on_path:
+        return _on_path(driven, env.task, briefing, policy, states, flags)
+    assert briefing.goals is not None
+    assert briefing.num_goals is not None
+    scenario = env.task.scenarios[int(states["scenario"][0])]
+    driven = dataclasses.replace(
+        driven,
+        max_speed=min(case.asked, float(briefing.robot.max_twist[0])),
+        acceleration=briefing.actuators.acceleration,
+        clearances=states["clearance"].copy(),
+        goals=briefing.goals[i, : briefing.num_goals[i]],
+        obstacles=briefing.obstacles[i, : briefing.num_obstacles[i]],
+        walls=np.empty(0) if scenario.grid is None else scenario.grid.outline(),
+    )
+    if case.rules is not None:
+        driven = _under(case.rules, driven, scenario)
+    if case.every_scenario and math.isnan(driven.shortest):
+        driven = dataclasses.replace(driven, shortest=shortest_way(scenario, briefing.robot.hull_radius))
+    return driven
+
+
+def _under(rules: Rules, driven: Trajectory, scenario: Any) -> Trajectory:
+    """Returns a trajectory that is measured by the rules of a public benchmark."""
+    return dataclasses.replace(
+        driven,
+        shortest=scenario.published_length if rules.published_way else math.nan,
+        optimal_time=scenario.published_length / rules.optimal_speed,
+        clock_from=rules.clock_from,
+        limit=rules.limit,
+    )
+
+
+def _on_path(
+    driven: Trajectory,
+    task: Any,
+    briefing: Briefing,
+    policy: Policy,
+    states: NDArray[Any],
+    flags: dict[str, bool],
+) -> Trajectory:
+    """Returns the trajectory with what belongs to its path."""
+    scenario = int(states["scenario"][0])
+    run = task.pool.runs[scenario]
+    vertices = task.pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
+    last = vertices[-1]
+    end_pose = (last["x"], last["y"], math.atan2(last["uy"], last["ux"]))
+    lookahead = policy if isinstance(policy, Lookahead) else Lookahead()
+    along = dataclasses.replace(briefing, path_index=np.full(len(states), scenario))
+    laps = task.scenarios[scenario].laps
+    completion = float(states["arc_length"].max() / (run["length"] * max(laps, 1)))
+    # on laps without end the environment knows no success: a lap kept inside the corridor is one
+    success = flags["success"] if laps else completion >= 0.98 and not flags["left_corridor"]
+    return dataclasses.replace(
+        driven,
+        success=success,
+        left_corridor=flags["left_corridor"],
+        completion=completion,
+        arc_lengths=states["arc_length"].copy(),
+        cross_track_errors=states["cross_track_error"].copy(),
+        heading_errors=states["heading_error"].copy(),
+        references=lookahead.errors(driven.poses, states["arc_length"], along),
+        path=np.column_stack([vertices["x"], vertices["y"]]),
+        lap_length=float(run["length"]) if run["closed"] else 0.0,
+        goals=np.array([end_pose]) if laps else np.empty((0, 3)),
+    )

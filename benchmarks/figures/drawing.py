@@ -1,0 +1,145 @@
+"""What all figures share: colours, styles, scenes, and how a figure is saved."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+
+from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.envs.world import geometry
+from wayfield.envs.world.geometry import Bounds, corners_of
+
+__all__ = [
+    "HANDLE",
+    "PATH_COLOUR",
+    "RC",
+    "SOLID",
+    "STYLES",
+    "colour",
+    "floor_plan",
+    "goal_mark",
+    "look",
+    "obstacle_patches",
+    "plt",
+    "saved",
+    "surroundings",
+    "wall_lines",
+]
+
+# Okabe and Ito's palette, which stays apart under every common colour blindness, and two more; with the line styles it
+# tells three dozen curves apart. A colour goes by the order in which policies come up in a figure, so that a new policy
+# has one.
+_PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#B2182B")
+STYLES = ("-", "--", ":", "-.")
+HANDLE = 3.5  # length of a line of a legend, in font sizes, so that dashes are seen
+_MARKERS = "osD^vP*Xh"
+MANY_WALLS = 10_000  # more make files of many megabytes, and hide what is free
+PATH_COLOUR = "#9AA2AC"
+SOLID = "#606A75"
+
+RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#E7EAED",
+    "grid.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "svg.hashsalt": "wayfield",  # the same figure gives the same file
+    "text.parse_math": False,  # a "$" in a name is a dollar; a label that is a formula says so
+}
+
+
+def colour(k: int) -> str:
+    """Returns the colour of the k-th policy of a figure."""
+    return _PALETTE[k % len(_PALETTE)]
+
+
+def look(k: int) -> dict[str, Any]:
+    """Returns colour, line style and marker of the k-th curve of a figure."""
+    again = k // len(_PALETTE)  # the colour was there so often
+    marker = _MARKERS[(k + again) % len(_MARKERS)]
+    return {"color": colour(k), "linestyle": STYLES[again % len(STYLES)], "marker": marker}
+
+
+def saved(make: Callable[[], Figure], stem: Path) -> None:
+    """Makes a figure in the style of the house and writes it as STEM.svg and STEM.png."""
+    with plt.rc_context(RC):
+        figure = make()
+        figure.savefig(f"{stem}.svg", metadata={"Date": None})
+        figure.set_layout_engine("none")  # things are where they belong: finding that takes as long as drawing
+        figure.savefig(f"{stem}.png", dpi=130)
+        plt.close(figure)
+
+
+def goal_mark(axis: Any, goal: np.ndarray) -> None:
+    """Marks a goal with a star."""
+    axis.plot(*goal[:2], "*", color="#F0E442", markeredgecolor="black", markeredgewidth=0.6, markersize=13, zorder=4)
+
+
+def surroundings(trajectories: Sequence[Trajectory]) -> Bounds | None:
+    """Returns the part of a large world to show, about what was driven and asked; None: all of the world."""
+    near = [trajectory.poses[:, :2] for trajectory in trajectories]
+    near += [trajectory.goals[:, :2] for trajectory in trajectories if len(trajectory.goals)]
+    near += [trajectory.path for trajectory in trajectories if len(trajectory.path)]
+    world = [trajectory.walls.reshape(-1, 2) for trajectory in trajectories]
+    for trajectory in trajectories:
+        world += corners_of(trajectory.obstacles) if len(trajectory.obstacles) else ()
+    return geometry.surroundings(np.vstack(near), np.vstack([near[0], *world]))
+
+
+def _inside(low: np.ndarray, high: np.ndarray, bounds: Bounds | None) -> Any:
+    """Returns which of the upright boxes (n, 2) between low and high have a part within the bounds."""
+    if bounds is None:
+        return slice(None)
+    return ((high >= bounds[:2]) & (low <= bounds[2:])).all(axis=1)
+
+
+def obstacle_patches(axis: Any, obstacles: np.ndarray, bounds: Bounds | None = None) -> None:
+    """Draws circles, boxes and walls, of which something is within the bounds."""
+    for each in obstacles[_inside(*corners_of(obstacles), bounds)] if len(obstacles) else ():
+        centre = (float(each["x"]), float(each["y"]))
+        if each["half_length"] == 0.0 and each["half_width"] == 0.0:
+            axis.add_patch(Circle(centre, each["radius"], color=SOLID, alpha=0.55, linewidth=0))
+            continue
+        along = np.array([each["cos"], each["sin"]])
+        long, wide = along * each["half_length"], np.array([-along[1], along[0]]) * each["half_width"]
+        corners = [np.add(centre, a * long + b * wide) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        axis.add_patch(Polygon(corners, color=SOLID, alpha=0.55, linewidth=0 if each["half_width"] else 2))
+
+
+def wall_lines(axis: Any, walls: np.ndarray, bounds: Bounds | None = None) -> None:
+    """Draws the sides (k, 2, 2) of what a map has occupied, of which something is within the bounds.
+
+    Very many are drawn thinly, and in a vector file as a picture.
+    """
+    if len(walls):
+        walls = walls[_inside(walls.min(axis=1), walls.max(axis=1), bounds)]
+    if len(walls):
+        many = len(walls) > MANY_WALLS
+        width = math.sqrt(MANY_WALLS / len(walls)) if many else 1.0
+        axis.add_collection(LineCollection(list(walls), colors=SOLID, linewidths=width, rasterized=many))
+
+
+def floor_plan(axis: Any, title: str, bounds: Bounds | None = None) -> None:
+    """Gives both axes one scale, names and a title; shows the bounds, or without them all that is drawn."""
+    axis.set_title(title, loc="left")
+    if bounds is None:
+        axis.set_aspect("equal", adjustable="datalim")
+    else:
+        axis.set(xlim=bounds[::2], ylim=bounds[1::2])
+        axis.set_aspect("equal", adjustable="box")  # beyond the bounds nothing is drawn
+    axis.set_xlabel("x (m)")
+    axis.set_ylabel("y (m)")

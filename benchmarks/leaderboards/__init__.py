@@ -1,0 +1,1 @@
+"""Who did better: entries, verdicts, tables."""

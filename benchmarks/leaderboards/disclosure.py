@@ -1,0 +1,61 @@
+"""What a policy has beside its law: what it is told, what it sees, what it remembers, and what protects it."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from wayfield.benchmarks.contests import PAPER, TRAINED, Contest
+from wayfield.policies import ABOUT
+
+_TOLD: Mapping[str, str] = {
+    "sensors": "nothing",
+    "path": "the whole path",
+    "goal": "the goal",
+    "bodies": "nothing",
+    "map": "the goal, every obstacle and how it moves",
+}
+_SEES_PATHS = "its exact pose, errors and twist; the true path, a metre ahead"
+_SEES_GOALS = "its exact pose and twist, where the goal is, its scan"
+_SEES_BODIES = "its exact pose and twist, where the goal is, its scan, the ten nearest bodies in sight"
+_AGENT_ON_PATHS = (
+    "its last commands; holds a quicker base to the accelerations and the lag that it knows; its reward was the exact "
+    "error"
+)
+_AGENT_AT_GOALS = (
+    "where it was 1 to 30 s ago; a guard keeps it from nearing what it sees faster than it could stop; a law drives "
+    "the last 0.5 m and turns to the heading; holds a quicker base to what it knows; its reward used the shortest way"
+)
+_AGENT_AT_DOCKS = (
+    "its last command; a guard keeps it from nearing what it sees faster than it could stop, and stops it within "
+    "0.02 m and 0.02 rad of the pose; holds a quicker base to what it knows; its teacher and its reward knew the map"
+)
+_HYBRID_AT_GOALS = (
+    "a map of all its scans and a plan; the agent that drives to a point ahead on it has a guard, which keeps it from "
+    "nearing what it sees faster than it could stop, and a law for the last 0.5 m, and holds a quicker base to what it "
+    "knows; its reward used the shortest way"
+)
+_AGENTS: Mapping[str, str] = {"path": _AGENT_ON_PATHS, "goal": _AGENT_AT_GOALS, "dock": _AGENT_AT_DOCKS}
+
+
+@dataclasses.dataclass(frozen=True)
+class Disclosure:
+    """What a reader must know of an entry before comparing it with another, in words."""
+
+    told: str  # before an episode
+    sees: str  # in every step
+    protected: str  # what it remembers, and what keeps it from harm
+
+
+def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Disclosure:
+    """Returns what an entry has; of a policy from outside of the package, what it declares that it knows."""
+    on_path = contest.spec.on_path
+    sees = _SEES_PATHS if on_path else _SEES_GOALS
+    if knows.removeprefix("own, ") == "bodies":
+        sees = _SEES_BODIES
+    known = knows.removeprefix("own, ")
+    # who knows the path is told the goal where there is none
+    told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
+    if policy in TRAINED:
+        return Disclosure(told, sees, _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS.get(contest.spec.kind, ""))
+    if policy in PAPER and gains_name == "paper":
+        return Disclosure(told, sees, "nothing, as published")
+    return Disclosure(told, sees, ABOUT[policy].protected if policy in ABOUT else "")

@@ -1,0 +1,276 @@
+"""The rows of a contest as entries: who drove, with which gains, and numbers as tables of scenarios and agents."""
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, PUBLIC_SPLIT, Column, Contest
+from wayfield.benchmarks.records.episode import Episodes, Row
+from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm, mean
+from wayfield.benchmarks.statistics.crossed import share_interval
+from wayfield.envs.robots.disturbances import LEVELS
+from wayfield.policies.learned.ppo import shipped
+
+Entry = tuple[str, str]  # policy, and the name of its gains
+Array = NDArray[np.float64]
+
+COMPARED = ("test", "claims", OWN_SPLIT, PUBLIC_SPLIT)  # the splits that entries are ranked on
+OFF_PACE = "‡"
+MAP = "map"  # what an upper reference has access to
+
+_NEEDED = ("contest", "family", "split", "failure_cost", "agent_seed", "knows")
+
+
+def greatest(values: Array) -> Array:
+    """Returns the greatest value over the last axis."""
+    return np.asarray(np.max(values, axis=-1))
+
+
+REDUCTIONS = {"iqm": iqm, "mean": mean, "max": greatest}
+
+
+def check_columns(rows: Episodes) -> None:
+    """Raises ValueError, naming the columns, unless the rows are those of a contest of this version."""
+    missing = [name for name in _NEEDED if rows and name not in rows.names]
+    if missing:
+        raise ValueError(
+            f"the episodes have no column {', '.join(missing)}: they are of an earlier version; run the contest again"
+        )
+
+
+def by_entry(rows: Episodes) -> dict[Entry, Episodes]:
+    """Returns the rows of each entry, in the order in which entries come up."""
+    return rows.groups("policy", "gains_name")
+
+
+def label(entry: Entry) -> str:
+    """Returns how tables and figures call an entry."""
+    policy, gains_name = entry
+    return policy if gains_name == "default" else f"{policy} ({gains_name})"
+
+
+def seeds_told(entries: Iterable[Episodes], contest: Contest) -> str:
+    """Returns which training runs of the agents that ship drove, in words: of a short run the first alone."""
+    trained = [rows.where(gains_name="trained") for rows in entries]
+    driven = {int(seed) for rows in trained for seed in rows.unique("agent_seed") if seed}
+    robots = {robot for rows in trained for robot in rows.unique("robot")}
+    there = {seed for robot in robots for seed in shipped(contest.spec.name, robot)}
+    return f"seeds {min(driven)} to {max(driven)} alone" if driven and driven < there else "every seed"
+
+
+def levels_of(rows: Episodes) -> list[str]:
+    """Returns the levels of disturbance that there are rows of, in their order."""
+    there = rows.unique("disturbance")
+    return [level for level in LEVELS if level in there] + [level for level in there if level not in LEVELS]
+
+
+def successes(rows: Episodes) -> Episodes:
+    """Returns the rows of the successes."""
+    return rows.where(success=1.0)
+
+
+def costs(rows: Episodes, contest: Contest) -> Array:
+    """Returns the cost of each episode; that of a failure is in its row."""
+    return imputed(rows, contest.spec.cost.metric)
+
+
+def imputed(rows: Episodes, metric: str) -> Array:
+    """Returns a metric of each episode, in place of it the cost of a failure, which is in the row, where it failed."""
+    return np.where(rows["success"] == 1.0, rows.numbers(metric), rows["failure_cost"])
+
+
+def scenarios(rows: Episodes) -> int:
+    """Returns how many different scenarios the rows are about."""
+    return int(rows.numbered("scenario", "episode").max()) + 1
+
+
+def by_scenario(rows: Episodes, numbers: Array) -> tuple[Array, list[str]]:
+    """Returns numbers, one an episode, as a table (s, r), a line a scenario and a column a trained agent; and strata.
+
+    The strata are the families; scenarios from the user's files, each of which is its own family, are one stratum, and
+    so are those of a public benchmark where each is its own.
+
+    Raises:
+        ValueError: if not every agent has met every scenario once.
+    """
+    line, agent = rows.numbered("scenario", "episode"), rows.numbered("agent_seed")
+    table = np.full((line.max() + 1, agent.max() + 1), np.nan)
+    if table.size != len(rows) or np.bincount(line * table.shape[1] + agent).max() > 1:
+        raise ValueError(f"{rows[0]['policy']}: {table.shape[1]} agents and {len(table)} scenarios in {len(rows)} runs")
+    table[line, agent] = numbers
+    firsts = rows[np.unique(line, return_index=True)[1]]
+    split, strata = rows[0]["split"], firsts["family"].tolist()
+    if split == OWN_SPLIT or (split == PUBLIC_SPLIT and len(set(strata)) == len(strata)):
+        strata = [split] * len(strata)
+    return table, strata
+
+
+def measured(column: Column, rows: Episodes, contest: Contest) -> Array:
+    """Returns what a column shows of each episode, before it is reduced."""
+    if column.metric == COST:
+        return costs(rows, contest)
+    return imputed(rows, column.metric) if column.imputed else rows.numbers(column.metric)
+
+
+def success_interval(rows: Episodes) -> tuple[float, float] | None:
+    """Returns the 95 % interval of the share of successes, `crossed.share_interval`; None of too few scenarios."""
+    return share_interval(*by_scenario(rows, rows["success"]))
+
+
+def mean_interval(rows: Episodes, numbers: Array, failure: float) -> tuple[float, float] | None:
+    """Returns the 95 % interval of the mean of numbers, one an episode, of which every failure counts as `failure`."""
+    table, strata = by_scenario(rows, numbers)
+    return counted_interval(table, by_scenario(rows, rows["success"])[0], failure, strata)
+
+
+def mean_speed(rows: Episodes) -> float:
+    """Returns the mean speed of the successes, m/s; NaN where there are none."""
+    won = successes(rows)
+    return float(won.numbers("mean_speed").mean()) if won else math.nan
+
+
+def shown_speed(speed: float, decimals: int) -> str:
+    """Returns a mean speed (m/s) as it is shown: "-" where nobody has succeeded."""
+    return "-" if math.isnan(speed) else f"{speed:.{decimals}f}"
+
+
+def off_pace(rows: Episodes, asked: float | None) -> bool:
+    """Returns whether the mean speed is off the one that was asked for, m/s; None: none was."""
+    if asked is None:
+        return False
+    speed = mean_speed(rows)
+    return not math.isnan(speed) and abs(speed - asked) > PACE_TOLERANCE * asked
+
+
+def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]:
+    """Returns the entries as the contest ranks them.
+
+    Where it is by the cost, that is the one of the successes, for failures have counted before: an entry's own error at
+    its own speed. The speed stands beside it, and ranks nobody.
+    """
+
+    def key(entry: Entry) -> tuple[float, ...]:
+        rows = entries[entry]
+        found = [
+            typical(rows, contest.cost.metric, contest) if metric == COST else sign * float(rows.numbers(metric).mean())
+            for metric, sign in contest.ranked
+        ]
+        return tuple(math.inf if math.isnan(each) else each for each in found)
+
+    return sorted(entries, key=key)
+
+
+def leader(contest: Contest, entries: Mapping[Entry, Episodes]) -> Entry:
+    """Returns who comes first of those that have no access to the map, or of all where all have."""
+    order = in_order(contest, entries)
+    return next((entry for entry in order if MAP not in entries[entry][0]["knows"]), order[0])
+
+
+def typical(rows: Episodes, metric: str, contest: Contest) -> float:
+    """Returns what a scenario costs where it is solved: the mean of a time, the interquartile mean of an error.
+
+    An agent that fails where another of its set succeeds has the mean of the others there. NaN where nothing is solved.
+    """
+    table, _ = _solved(rows, metric)
+    return float(_reduction(contest)(table.ravel())) if len(table) else math.nan
+
+
+def typical_cell(
+    rows: Episodes, metric: str, contest: Contest, factor: float | None = None, decimals: int | None = None
+) -> str:
+    """Returns what `typical` does with its 95 % interval over the scenarios that are solved, in s or mm by default."""
+    table, families = _solved(rows, metric)
+    if not len(table):
+        return ""
+    if factor is None or decimals is None:
+        factor, decimals = (1e3, 2) if contest.cost.unit == "m" else (1.0, 1)
+    ends = interval(table, families, _reduction(contest))
+    return _with_ends(typical(rows, metric, contest), ends, factor, decimals)
+
+
+def _solved(rows: Episodes, metric: str) -> tuple[Array, list[str]]:
+    """Returns a metric of the successes as a table (s, r) of the scenarios that are solved, and their strata."""
+    table, strata = by_scenario(rows, np.where(rows["success"] == 1.0, rows.numbers(metric), np.nan))
+    solved = ~np.isnan(table).all(axis=1)
+    table = table[solved]
+    means = np.nanmean(table, axis=1, keepdims=True) if len(table) else table
+    return np.where(np.isnan(table), means, table), list(itertools.compress(strata, map(bool, np.atleast_1d(solved))))
+
+
+def _reduction(contest: Contest) -> Callable[[Array], Array]:
+    return mean if contest.cost.unit == "s" else iqm
+
+
+def success_cell(rows: Episodes) -> str:
+    """Returns the share of successes in per cent with its 95 % interval."""
+    return _with_ends(float(rows["success"].mean()), success_interval(rows), 100.0, 1)
+
+
+def cell(column: Column, rows: Episodes, contest: Contest) -> str:
+    """Returns a cell of the standings, empty where nothing was measured."""
+    if column.successes_only:
+        rows = successes(rows)
+    numbers = measured(column, rows, contest)
+    found = numbers[~np.isnan(numbers)]
+    if not len(found):
+        return ""
+    reduce = REDUCTIONS[column.reduction]
+    ends = None
+    if column.with_interval and len(found) == len(numbers):
+        if column.reduction == "mean":  # of a score a failure has none
+            counts = rows["failure_cost"].mean() if column.metric == COST or column.imputed else 0.0
+            ends = mean_interval(rows, numbers, float(counts))
+        else:
+            ends = interval(*by_scenario(rows, numbers), reduce)
+    return _with_ends(float(reduce(found)), ends, column.factor, column.decimals)
+
+
+def _with_ends(value: float, ends: tuple[float, float] | None, factor: float, decimals: int) -> str:
+    text = f"{factor * value:.{decimals}f}"
+    if ends is None:
+        return text
+    return f"{text} [{factor * ends[0]:.{decimals}f}, {factor * ends[1]:.{decimals}f}]"
+
+
+def short_cell(rows: Episodes, contest: Contest, success: str = "") -> str:
+    """Returns the share of successes in per cent, or what is given in its place, and the mean cost of all runs."""
+    if not rows:
+        return ""
+    won = float(rows["success"].mean())
+    cost = contest.spec.cost
+    return f"{success or f'{100.0 * won:.0f}'} | {float(costs(rows, contest).mean()):.{cost.decimals}f}"
+
+
+def reading(contest: Contest) -> str:
+    """Returns how a cell of `short_cell` is read."""
+    cost = contest.spec.cost
+    return (
+        f"Success in per cent | {cost.name} in {cost.unit}, mean of all runs, a failure counted as {failing(contest)}."
+    )
+
+
+def failing(contest: Contest) -> str:
+    """Returns what a failure counts as, in words."""
+    return contest.counted.partition(" in '")[0]
+
+
+def gap(seen: Episodes | None, test: Episodes, contest: Contest) -> str:
+    """Returns what an entry does better on the split that gains were tuned on; "" where it has not been there."""
+    column = contest.gap
+    if not seen or column is None:
+        return ""
+    reduce = REDUCTIONS[column.reduction]
+    there, here = (float(reduce(measured(column, rows, contest))) for rows in (seen, test))
+    better_there = here - there if column.metric == COST else there - here  # lower costs are better
+    return f"{column.factor * better_there:+.{column.decimals}f}"
+
+
+def grouped(rows: Sequence[Row], name: str) -> Mapping[str, list[Row]]:
+    """Returns lines of text by what stands in a column, in the order in which that comes up."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row[name], []).append(row)
+    return found

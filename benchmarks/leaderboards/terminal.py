@@ -1,0 +1,38 @@
+"""What a run prints: who wins and one small table a task, no wider than the terminal."""
+
+import shutil
+import textwrap
+from collections.abc import Iterable
+
+from tabulate import tabulate
+
+from wayfield.benchmarks.records.table import Table
+from wayfield.system.command_line import say
+
+WIDTH = 100  # characters, where the terminal has them
+MOST_LINES = 6  # of a small table
+_NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
+
+
+def print_short(told: Iterable[tuple[str, Table]], most: int = WIDTH) -> None:
+    """Prints for each task the sentence that says who wins, and a small table, `most` characters wide or less."""
+    width = min(most, shutil.get_terminal_size((most, 24)).columns)
+    for sentence, table in told:
+        say(textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False))
+        say(_small(table, width))
+        if len(table.rows) > MOST_LINES:
+            print(f"{len(table.rows) - MOST_LINES} more in table.md")
+        print()
+
+
+def _small(table: Table, width: int) -> str:
+    """Returns the first lines of a table; where they are too wide, intervals, units, names go on in a second line."""
+    rows = table.rows[:MOST_LINES]
+    header = [name.replace("speed (m/s)", "m/s") for name in table.header]
+    text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+    if max(map(len, text.splitlines())) > width:
+        rows = [[cell.replace(" [", "\n[") for cell in row] for row in rows]
+        rows = [["\n".join(textwrap.wrap(name, _NAME_WIDTH)), *cells] for name, *cells in rows]
+        header = [name.replace(" (", "\n(") for name in header]
+        text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+    return "\n".join(line[:width].rstrip() for line in text.splitlines())

@@ -1,0 +1,318 @@
+// Edits the scene: things are moved, resized and turned by their handles, drawn by a drag, and paths by a pen.
+
+const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "draw a path" };
+const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Drag from the middle of the disc to its edge.", box: "Drag from corner to corner.",
+  wall: "Drag from end to end.", path: "Draw: the policies follow your line. End near its beginning to close it." };
+const SPACING = 0.1; // m between the points of a drawn path
+
+// A drawn line as a path: its points evenly spaced, corners cut, closed where it comes back to its beginning.
+function drawnPath(points) {
+  const length = (line) => line.slice(1).reduce((sum, [x, y], k) => sum + Math.hypot(x - line[k][0], y - line[k][1]), 0);
+  if (points.length < 2 || length(points) < 0.5) return null;
+  const [first, last] = [points[0], points[points.length - 1]];
+  const closed = length(points) > 3 && Math.hypot(last[0] - first[0], last[1] - first[1]) < 0.4;
+  let line = spaced(points, SPACING);
+  for (let round = 0; round < 4; round++) line = line.map(([x, y], k) => {
+    const [a, b] = closed ? [line[(k + line.length - 1) % line.length], line[(k + 1) % line.length]] : [line[k - 1], line[k + 1]];
+    return a && b ? [0.5 * x + 0.25 * (a[0] + b[0]), 0.5 * y + 0.25 * (a[1] + b[1])] : [x, y];
+  });
+  line = spaced(line, SPACING);
+  const [p, q] = [line[0], line[line.length - 1]];
+  if (closed && Math.hypot(p[0] - q[0], p[1] - q[1]) < 0.5 * SPACING) line = line.slice(0, -1);
+  return { path: line.map((point) => point.map((each) => Math.round(1000 * each) / 1000)), closed }; // mm: links stay short
+}
+
+function spaced(points, spacing) {
+  const found = [points[0]];
+  let left = spacing;
+  for (let k = 1; k < points.length; k++) {
+    let [ax, ay] = points[k - 1];
+    const [bx, by] = points[k];
+    let rest = Math.hypot(bx - ax, by - ay);
+    while (rest >= left && rest > 0) {
+      [ax, ay] = [ax + ((bx - ax) * left) / rest, ay + ((by - ay) * left) / rest];
+      rest -= left;
+      left = spacing;
+      found.push([ax, ay]);
+    }
+    left -= rest;
+  }
+  const [x, y] = points[points.length - 1];
+  const [lx, ly] = found[found.length - 1];
+  if (Math.hypot(x - lx, y - ly) > 0.3 * spacing) found.push([x, y]);
+  return found;
+}
+
+const shapeOf = {
+  disc: ([ax, ay], [bx, by]) => [ax, ay, 1, 0, 0, 0, Math.max(Math.hypot(bx - ax, by - ay), 0.05), 0],
+  box: ([ax, ay], [bx, by]) => [0.5 * (ax + bx), 0.5 * (ay + by), 1, 0, Math.max(0.5 * Math.abs(bx - ax), 0.05), Math.max(0.5 * Math.abs(by - ay), 0.05), 0, 0],
+  wall: ([ax, ay], [bx, by]) => {
+    const length = Math.max(Math.hypot(bx - ax, by - ay), 0.1);
+    const [c, s] = [(bx - ax) / length || 0, (by - ay) / length || 0];
+    return [0.5 * (ax + bx), 0.5 * (ay + by), ...(c || s ? [c, s] : [1, 0]), 0.5 * length, 0, 0, 0];
+  },
+};
+
+class Editor {
+  constructor(drive) {
+    this.drive = drive;
+    this.replay = drive.replay;
+    this.tool = null;
+    this.handle = null; // what was grabbed last
+    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
+    this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, () => this.take(this.tool === tool ? null : tool), { "aria-pressed": "false" })]));
+    this.file = el("input", { type: "file", accept: ".json,application/json,image/*", class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load(this.file.files[0]) } });
+    this.part = el("details", { open: true }, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
+      el("div", { class: "files" }, button("remove", () => this.remove()), button("undo all", () => this.undo()), button("save scenario", () => this.save()),
+        button("load scenario or image", () => this.file.click()), this.file));
+    this.replay.overlay = (context, pixel) => this.marks(context, pixel);
+    this.replay.grab = (event) => this.grab(event);
+    this.replay.drag = (event) => this.drag(event);
+    this.replay.drop = () => this.dropped();
+    const { board } = this.replay;
+    board.addEventListener("dragover", (event) => { event.preventDefault(); board.classList.add("drop"); });
+    board.addEventListener("dragleave", () => board.classList.remove("drop"));
+    board.addEventListener("drop", (event) => { event.preventDefault(); board.classList.remove("drop"); this.load(event.dataTransfer.files[0]); });
+  }
+
+  say(text) {
+    this.drive.result.textContent = text;
+  }
+
+  take(tool) {
+    if (tool && tool !== "path" && tool !== "move" && this.replay.world.path) { this.say("Nothing stands beside a path; draw it, or move its points."); return; }
+    this.tool = tool;
+    for (const [name, each] of Object.entries(this.buttons)) each.setAttribute("aria-pressed", name === tool);
+    const { canvas, hint } = this.replay;
+    canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
+    canvas.classList.toggle("draws", tool !== null && tool !== "move");
+    hint.hidden = tool === null;
+    hint.textContent = tool === null ? "" : HINTS[tool];
+    this.replay.refresh();
+  }
+
+  change(apply) {
+    const { replay, drive } = this;
+    if (replay.world === drive.original) {
+      replay.world = structuredClone(drive.original);
+      delete replay.world.made; // what was moved by hand stays there for every hull
+      delete replay.world.closing;
+      replay.world.edited = true;
+      for (const actor of replay.actors) if (actor.told) actor.ghost = true;
+      replay.listActors();
+    }
+    apply(replay.world);
+    drive.world = replay.world;
+  }
+
+  undo() {
+    const { replay, drive } = this;
+    if (replay.world === drive.original) return;
+    replay.world = drive.world = drive.original;
+    for (const actor of replay.actors) actor.ghost = false;
+    this.handle = null;
+    drive.changed();
+    replay.listActors();
+  }
+
+  remove() {
+    const { handle } = this;
+    if (!handle || handle.kind !== "obstacle") { this.say("Choose an obstacle first: with “move”, click on it."); return; }
+    this.change((world) => {
+      world.obstacles.splice(handle.index, 1);
+      if (world.patrols.length) world.patrols.splice(handle.index, 1);
+    });
+    this.handle = null;
+    this.drive.changed();
+  }
+
+  // What can be grabbed: things, and the knobs of the one that was grabbed last.
+  handles() {
+    const { world, step } = this.replay;
+    const found = [];
+    const turned = ([x, y, heading], kind) => found.push({ kind: "heading", of: kind, at: [x + 0.45 * Math.cos(heading), y + 0.45 * Math.sin(heading)], reach: 0.05, knob: true });
+    if (world.goal) { found.push({ kind: "goal", at: world.goal, reach: 0.15 }); turned(world.goal, "goal"); }
+    if (world.start) { found.push({ kind: "start", at: world.start, reach: 0.2 }); turned(world.start, "start"); }
+    (world.waypoints || []).forEach((at, index) => found.push({ kind: "waypoint", index, at, reach: 0.15 }));
+    const standing = obstaclesAt(world, step * DT);
+    standing.forEach((at, index) => found.push({ kind: "obstacle", index, at, shape: at }));
+    const chosen = this.handle && ["obstacle", "size", "turn", "end"].includes(this.handle.kind) ? standing[this.handle.index] : null;
+    if (chosen) {
+      const { index } = this.handle;
+      const [x, y, c, s, l, w, r] = chosen;
+      const knob = (kind, a, b, more = {}) => found.push({ kind, index, at: [x + a * c - b * s, y + a * s + b * c], reach: 0.02, knob: true, ...more });
+      if (l === 0 && w === 0) knob("size", r, 0);
+      else if (w === 0) { knob("end", l, 0, { sign: 1 }); knob("end", -l, 0, { sign: -1 }); } else { knob("size", l, w); knob("turn", l + 0.25, 0); }
+    }
+    (world.path || []).forEach((at, index) => found.push({ kind: "path", index, at, reach: 0.05 }));
+    return found;
+  }
+
+  grab(event) {
+    if (!this.tool) return false;
+    const { replay } = this;
+    const point = replay.view.metres(event);
+    if (this.tool === "move") {
+      const slack = (event.pointerType === "touch" ? 22 : 10) / replay.view.pixels;
+      let best = null;
+      for (const each of this.handles()) {
+        const distance = (each.shape ? distanceTo(each.shape, ...point) : Math.hypot(point[0] - each.at[0], point[1] - each.at[1]) - each.reach) - (each.knob ? Math.min(slack, 0.12) : 0);
+        if (distance < slack && (!best || distance < best.distance)) best = { ...each, distance };
+      }
+      this.handle = best;
+      if (!best) { replay.refresh(); return false; }
+    }
+    this.grabbed = point;
+    this.line = [point];
+    this.before = structuredClone(replay.world);
+    replay.toggle(false);
+    replay.canvas.setPointerCapture(event.pointerId);
+    replay.refresh();
+    return true;
+  }
+
+  drag(event) {
+    if (!this.grabbed) return false;
+    const [x, y] = this.replay.view.metres(event);
+    this.to = [x, y];
+    if (this.tool === "path") {
+      const [lx, ly] = this.line[this.line.length - 1];
+      if (Math.hypot(x - lx, y - ly) > 3 / this.replay.view.pixels) this.line.push([x, y]);
+    } else if (this.tool === "move") {
+      this.moved(x, y);
+      this.live();
+    }
+    this.replay.refresh();
+    return true;
+  }
+
+  // The run that is looked at is driven again while one pulls, as often as there is time.
+  live() {
+    const now = performance.now();
+    if (now - (this.drivenAt || 0) < 120) return;
+    this.drivenAt = now;
+    this.drive.changed();
+  }
+
+  moved(x, y) {
+    const { handle, before } = this;
+    const [dx, dy] = [x - this.grabbed[0], y - this.grabbed[1]];
+    const { kind, index } = handle;
+    this.change((world) => {
+      if (kind === "goal" || kind === "start") world[kind] = [before[kind][0] + dx, before[kind][1] + dy, before[kind][2]];
+      else if (kind === "heading") world[handle.of] = [before[handle.of][0], before[handle.of][1], Math.atan2(y - before[handle.of][1], x - before[handle.of][0])];
+      else if (kind === "waypoint") world.waypoints[index] = [before.waypoints[index][0] + dx, before.waypoints[index][1] + dy];
+      else if (kind === "path") {
+        const [cx, cy] = before.path[index];
+        // neighbours come along, the less the farther they are
+        world.path = before.path.map(([px, py], k) => {
+          const share = k === index ? 1 : Math.exp(-((px - cx) ** 2 + (py - cy) ** 2) / 0.5);
+          return before.path.length < 40 && k !== index ? [px, py] : [px + share * dx, py + share * dy];
+        });
+      } else if (kind === "obstacle") {
+        const [ox, oy, ...rest] = before.obstacles[index];
+        world.obstacles[index] = [ox + dx, oy + dy, ...rest];
+        if (before.patrols.length && before.patrols[index][4] > 0) {
+          const [px, py, ...way] = before.patrols[index];
+          world.patrols[index] = [px + dx, py + dy, ...way];
+        }
+      } else this.shaped(world, kind, index, x, y);
+    });
+  }
+
+  shaped(world, kind, index, x, y) {
+    const [ox, oy, c, s, l, w, r, mass] = this.before.obstacles[index];
+    const [u, v] = [c * (x - ox) + s * (y - oy), c * (y - oy) - s * (x - ox)];
+    if (kind === "size" && l === 0 && w === 0) world.obstacles[index] = [ox, oy, 1, 0, 0, 0, Math.max(Math.hypot(x - ox, y - oy), 0.05), mass];
+    else if (kind === "size") world.obstacles[index] = [ox, oy, c, s, Math.max(Math.abs(u), 0.05), Math.max(Math.abs(v), 0.05), r, mass];
+    else if (kind === "turn") {
+      const length = Math.hypot(x - ox, y - oy) || 1;
+      world.obstacles[index] = [ox, oy, (x - ox) / length, (y - oy) / length, l, w, r, mass];
+    } else world.obstacles[index] = shapeOf.wall([ox - this.handle.sign * l * c, oy - this.handle.sign * l * s], [x, y]);
+    if (kind === "end" && this.handle.sign < 0) { // the other end keeps its place
+      const [nx, ny, nc, ns, ...rest] = world.obstacles[index];
+      world.obstacles[index] = [nx, ny, -nc, -ns, ...rest];
+    }
+  }
+
+  dropped() {
+    if (!this.grabbed) return;
+    const { tool, grabbed, to } = this;
+    this.grabbed = null;
+    this.to = null;
+    if (tool === "path") { this.follow(drawnPath(this.line)); return; }
+    if (tool !== "move") {
+      if (!to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5) { this.say("Drag to give it a size."); return; }
+      this.change((world) => {
+        world.obstacles.push(shapeOf[tool](grabbed, to));
+        if (world.patrols.length) world.patrols.push([0, 0, 0, 0, 0, 0]);
+        this.handle = { kind: "obstacle", index: world.obstacles.length - 1 };
+      });
+    }
+    if (this.replay.world !== this.drive.original) this.drive.changed();
+  }
+
+  // A drawn line is a scenario of its own, and the policies that follow paths drive along it.
+  follow(drawn) {
+    if (!drawn) { this.say("The line is shorter than 0.5 m; draw a longer one."); this.replay.refresh(); return; }
+    const { drive, replay } = this;
+    const world = { kind: "path", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, ...drawn, laps: 1, corridor: 1, start: null, start_offset: 0, start_turn: 0, edited: true };
+    this.open(world, "A path that you drew.");
+    drive.all();
+  }
+
+  open(world, about) {
+    const { drive, replay } = this;
+    drive.clear();
+    drive.world = drive.original = world;
+    this.handle = null;
+    replay.show(world, replay.robot, [], about);
+  }
+
+  marks(context, pixel) {
+    if (!this.tool) return;
+    context.strokeStyle = ink("--accent");
+    context.lineWidth = 2 * pixel;
+    if (this.grabbed && this.to && this.tool !== "move") {
+      if (this.tool === "path") {
+        context.beginPath();
+        for (const point of this.line) context.lineTo(...point);
+        context.stroke();
+      } else drawObstacle(context, shapeOf[this.tool](this.grabbed, this.to), pixel);
+    }
+    if (this.tool !== "move") return;
+    context.strokeStyle = ink("--accent");
+    for (const each of this.handles()) {
+      if (each.kind === "path" && each.index % Math.ceil((this.replay.world.path.length || 1) / 60)) continue;
+      const chosen = this.handle && this.handle.kind === each.kind && this.handle.index === each.index;
+      context.beginPath();
+      if (each.knob) context.rect(each.at[0] - 5 * pixel, each.at[1] - 5 * pixel, 10 * pixel, 10 * pixel);
+      else context.arc(each.at[0], each.at[1], (chosen ? 9 : 5) * pixel, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+
+  save() {
+    const blob = new Blob([fileOf(this.replay.world)], { type: "application/json" });
+    const link = el("a", { href: URL.createObjectURL(blob), download: `${(this.replay.world.name || "scenario").replace(/[^\w.-]/g, "_")}.json` });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+
+  async load(file) {
+    if (!file) return;
+    try {
+      if (file.size > 20e6) throw new Error(`it has ${file.size} bytes; a scenario has at most 20 million`);
+      const name = file.name.replace(/\.\w+$/, "");
+      const image = file.type.startsWith("image/");
+      const text = image ? "" : await file.text();
+      if (/"(wheels|hull)"\s*:/.test(text)) { this.drive.adopt(JSON.parse(text)); this.file.value = ""; return; }
+      const world = image ? await worldOfImage(file, name) : worldOf(text, name);
+      this.open(world, image ? `${name}: a map from an image, ${IMAGE_SIDE} m along its longer side; move start and goal as you like.` : `${name}: a scenario of your own.`);
+      this.say("");
+    } catch (error) {
+      this.say(`${file.name} cannot be driven in: ${error.message}.`);
+    }
+    this.file.value = "";
+  }
+}

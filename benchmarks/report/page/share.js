@@ -1,0 +1,214 @@
+// Shares what is shown: a link that holds all of it, and the Python that drives the same run.
+
+const LINK = 1; // version of what a link holds
+const EMBEDS = ["law", "scenes"]; // what a small simulator is about: its gains, or what there is to drive in
+
+class Share {
+  constructor(drive) {
+    this.drive = drive;
+    this.replay = drive.replay;
+    const button = (text, click) => el("button", { type: "button", on: { click } }, text);
+    this.told = el("p", { class: "note", role: "status" });
+    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", () => this.link()), button("copy Python", () => this.python())), this.told);
+  }
+
+  // All that decides what is shown, as plain values.
+  state() {
+    const { drive, replay } = this;
+    const { world } = replay;
+    const place = picks.state();
+    const runs = drive.runs.filter((run) => !run.reference && run.asked.label !== KEYBOARD && !run.asked.from).map(({ asked: { label, conditions, gains } }) => (
+      { policy: label, actuators: conditions.actuators, disturbance: conditions.disturbance, ...(Object.keys(gains).length ? { gains } : {}) }));
+    const own = world.edited || !place;
+    return { v: LINK, robot: replay.robot, actuators: drive.tier.value, disturbance: drive.disturbance.value, policy: drive.who.value,
+      ...(replay.robot in drive.sheets ? { sheet: drive.sheets[replay.robot] } : {}), ...(place ? { place } : {}), ...(own ? { world: stripped(world) } : {}), runs, step: replay.step, ...(drive.looks.on ? { overlay: true } : {}), ...(replay.other ? { beside: replay.other.label } : {}) };
+  }
+
+  async link() {
+    const state = JSON.stringify(this.state());
+    const url = `${location.href.split("#")[0]}#${encodeURIComponent(state)}`;
+    history.replaceState(null, "", `#${encodeURIComponent(state)}`);
+    this.told.textContent = (await copied(url)) ? `Link copied: ${url.length} characters.` : "The link is in the address bar.";
+  }
+
+  // Shows what a link holds; an Error says what is wrong with it.
+  restore(text) {
+    const { drive, replay } = this;
+    let state;
+    try {
+      state = JSON.parse(decodeURIComponent(text));
+    } catch {
+      throw new Error("it is cut off or was changed");
+    }
+    if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${JSON.stringify(state && state.v)}; this page reads ${LINK}`);
+    const known = (field, options) => {
+      if (!options.includes(state[field])) throw new Error(`${field} is ${JSON.stringify(state[field])}; it must be one of ${options.join(", ")}`);
+    };
+    if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
+    if (drive.free) known("robot", robotsOf(drive.kernels));
+    known("actuators", drive.kernels.tables.tiers);
+    known("disturbance", Object.keys(drive.kernels.tables.disturbances));
+    if (state.embed !== undefined && !EMBEDS.includes(state.embed)) throw new Error(`embed is ${JSON.stringify(state.embed)}; it must be one of ${EMBEDS.join(", ")}`);
+    if (state.embed) this.embed(state.embed);
+    if (!Array.isArray(state.runs) || state.runs.length > 60) throw new Error("runs must be a list of at most 60");
+    const world = state.world === undefined ? null : checkedWorld(state.world);
+    if (state.place === undefined && !world) throw new Error("it names no scenario");
+    if (drive.free) { replay.robot = state.robot; drive.robot.value = state.robot; }
+    if (state.place !== undefined) picks.restore(state.place, !world);
+    if (world) {
+      const { original } = drive;
+      drive.editor.open(world, world.name === "drawn" ? "A path that was drawn." : "A scene that was edited.");
+      if (state.place !== undefined && original) { drive.original = original; drive.world = world; }
+    }
+    drive.tier.value = state.actuators;
+    drive.disturbance.value = state.disturbance;
+    drive.offer();
+    const able = drive.able();
+    for (const run of state.runs) {
+      if (!able.includes(run.policy)) throw new Error(`policy is ${JSON.stringify(run.policy)}; here drive ${able.join(", ")}`);
+      known.call(null, "actuators", drive.kernels.tables.tiers);
+      drive.tier.value = drive.kernels.tables.tiers.includes(run.actuators) ? run.actuators : state.actuators;
+      drive.disturbance.value = run.disturbance in drive.kernels.tables.disturbances ? run.disturbance : state.disturbance;
+      const gains = checkedGains(run.gains, drive.gains.recipe(run.policy));
+      drive.who.value = run.policy;
+      drive.gains.offer();
+      if (Object.keys(gains).length) drive.gains.setAll(gains);
+      else drive.add({ label: run.policy });
+    }
+    drive.tier.value = state.actuators;
+    drive.disturbance.value = state.disturbance;
+    if (able.includes(state.policy)) drive.who.value = state.policy;
+    drive.chosenPolicy();
+    if (state.beside !== undefined) {
+      const other = replay.actors.find((actor) => actor.label === state.beside);
+      if (!other) throw new Error(`beside is ${JSON.stringify(state.beside)}; the runs are ${replay.actors.map((actor) => actor.label).join(", ")}`);
+      replay.split(other);
+    }
+    if (state.overlay === true) drive.looks.turn(true);
+    drive.pump(AHEAD);
+    replay.stretch();
+    replay.seek(Number.isInteger(state.step) ? state.step : 0);
+    drive.wake();
+    if (state.embed && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) replay.toggle(true);
+  }
+
+  // A small simulator inside another page: the picture and what that page is about.
+  embed(kind) {
+    const { drive, replay } = this;
+    document.body.dataset.embed = kind;
+    drive.gains.part.open = kind === "law";
+    const whole = el("a", { href: "#", target: "_blank", class: "whole-page", on: { click: () => {
+      whole.href = `${location.href.split("#")[0]}#${encodeURIComponent(JSON.stringify(this.state()))}`;
+    } } }, "whole simulator ↗");
+    replay.bar.append(whole);
+    replay.fit();
+  }
+
+  async python() {
+    const { drive, replay } = this;
+    const run = drive.runs.find((each) => each.actor === replay.chosen) || drive.runs[0];
+    if (!run) { this.told.textContent = "Let a policy drive in the page first: the code drives that run."; return; }
+    if (run.asked.from) { this.told.textContent = "This run began in the middle of another; the code drives runs from the start."; return; }
+    const text = pythonOf(drive, run);
+    this.told.textContent = (await copied(text)) ? `Python copied: it drives “${run.actor.label}” again${run.asked.conditions.disturbance === "none" ? ", to the last bit." : "; disturbed runs draw other noise than the page."}` : "The browser allows no copy.";
+  }
+}
+
+// A world without what the page adds by itself.
+function stripped(world) {
+  const { made, closing, hull, ...rest } = world;
+  return rest;
+}
+
+// A world that came by a link: only numbers, lists and the few words that worlds have.
+function checkedWorld(world) {
+  const fields = { kind: "string", name: "string", family: "string", tier: "string", steps: "number", start_offset: "number", start_turn: "number" };
+  if (typeof world !== "object" || world === null) throw new Error("its scene is no object");
+  for (const [name, type] of Object.entries(fields)) if (typeof world[name] !== type) throw new Error(`its scene's ${name} is ${JSON.stringify(world[name])}`);
+  if (!["path", "goal", "dock"].includes(world.kind)) throw new Error(`its scene's kind is ${JSON.stringify(world.kind)}`);
+  const finite = (value, field) => { if (typeof value !== "number" || !Number.isFinite(value) || Math.abs(value) > FARTHEST) throw new Error(`its scene's ${field} holds ${JSON.stringify(value)}`); };
+  const rows = (field, width, most) => {
+    const value = world[field] || [];
+    if (!Array.isArray(value) || value.length > most) throw new Error(`its scene's ${field} is no list of at most ${most}`);
+    for (const row of value) {
+      if (!Array.isArray(row) || row.length !== width) throw new Error(`its scene's ${field} has a row that is not ${width} numbers`);
+      row.forEach((each) => finite(each, field));
+    }
+  };
+  rows("path", 2, MOST_POINTS); rows("obstacles", 8, MOST_OBSTACLES); rows("patrols", 6, MOST_OBSTACLES); rows("waypoints", 2, MOST_OBSTACLES); rows("walls", 8, MOST_POINTS);
+  for (const field of ["start", "goal"]) if (world[field]) { asNumbers(field, world[field], 3); }
+  for (const field of ["corridor", "laps", "position_tolerance", "heading_tolerance", "waypoint_radius"]) if (world[field] !== undefined) finite(world[field], field);
+  if (world.kind === "path" ? (world.path || []).length < 2 : !world.goal || !world.start) throw new Error("its scene lacks a path, or a start and a goal");
+  if (world.draws !== undefined) { if (!Array.isArray(world.draws)) throw new Error("its scene's draws are no list"); world.draws.forEach((each) => finite(each, "draws")); }
+  return { ...world, steps: Math.min(world.steps, 12000), edited: true, grid: undefined };
+}
+
+function checkedGains(gains, recipe) {
+  if (gains === undefined) return {};
+  for (const [name, value] of Object.entries(gains)) {
+    const gain = ((recipe && recipe.gains) || []).find((each) => each.name === name);
+    if (!gain) throw new Error(`its policy has no gain ${JSON.stringify(name)}`);
+    const { low, high } = gain;
+    if (typeof value !== "number" || !(value >= low && value <= high)) throw new Error(`${name} is ${JSON.stringify(value)}; it must be from ${short(low)} to ${short(high)}`);
+  }
+  return gains;
+}
+
+const tuple = (values) => `(${values.join(", ")}${values.length === 1 ? "," : ""})`;
+const rowsOf = (rows) => `[\n${rows.map((row) => `        ${tuple(row)},\n`).join("")}    ]`;
+const value = (x) => (x === "inf" ? 'float("inf")' : x === true ? "True" : x === false ? "False" : JSON.stringify(x));
+
+// The Python that drives a run of the page again: the scene as numbers, the start where the page's draw put it.
+function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
+  const { world } = drive.replay;
+  const tables = drive.kernels.tables.tasks[drive.task];
+  const probe = new Simulator(drive.kernels, world, { ...conditions, disturbance: "none" });
+  probe.reset();
+  const start = probe.pose;
+  probe.free();
+  const field = (name) => `    ${name}=${value(world[name])},`;
+  const still = !world.start_offset && !world.start_turn;
+  const lines = ["import gymnasium", "import numpy as np", "import wayfield", "from wayfield.policies import Pilot, make"];
+  let scene;
+  if (world.kind === "path") {
+    lines.push("from wayfield.envs.scenarios import PathScenario", "from wayfield.envs.world.paths import Path");
+    scene = [`scenario = PathScenario(`, `    ${value(world.name)},`, `    Path(np.array(${rowsOf(world.path)}), closed=${value(world.closed)}),`, field("laps"), field("corridor"),
+      ...(still && !world.start ? [] : [`    start=${tuple(start)},`]), ")"];
+  } else {
+    const [room, kind] = tables.scenario;
+    lines.push(`from ${room} import ${kind}`, "from wayfield.envs.world.geometry import OBSTACLE", "from wayfield.envs.world.patrols import PATROL");
+    const solids = solidsOf(world);
+    const patrols = world.patrols && world.patrols.length ? [`    patrols=np.array(${rowsOf(solids.map((_, k) => world.patrols[k] || [0, 0, 0, 0, 0, 0]))}, PATROL),`] : [];
+    scene = [`scenario = ${kind}(`, `    ${value(world.name)},`, `    goal=${tuple(world.goal)},`, `    start=${tuple(start)},`,
+      `    waypoints=${tuple(world.waypoints.map(tuple))},`.replace("((),)", "()"), `    obstacles=np.array(${solids.length ? rowsOf(solids) : "[]"}, OBSTACLE),`, ...patrols,
+      field("position_tolerance"), field("heading_tolerance"), field("waypoint_radius"), ")"];
+  }
+  const kwargs = Object.entries(tables.kwargs).map(([name, each]) => `, ${name}=${value(each)}`).join("");
+  const disturbed = conditions.disturbance === "none" ? "" : `, disturbance=${value(conditions.disturbance)}`;
+  const id = tables.ids[conditions.robot];
+  const made = [`env = gymnasium.make(`, `    ${value(id)}, scenario=scenario, robot=${value(conditions.robot in drive.sheets ? `${conditions.robot}.json` : conditions.robot)}, actuators=${value(conditions.actuators)}${disturbed},`,
+    `    max_episode_steps=${world.steps}${kwargs},`, ")"];
+  const recipe = drive.kernels.tables.pilots[`${drive.task} ${conditions.robot} ${conditions.actuators} ${label}`];
+  const mine = recipe ? { ...recipe.make.gains, ...gains } : {};
+  const told = Object.entries(mine).map(([name, each]) => `, ${name}=${value(each)}`).join("");
+  const byHand = label === KEYBOARD;
+  const axes = tables.robots[conditions.robot].axes;
+  const loop = byHand ? [`commands = [${tape.map((twist) => tuple(axes.map((axis) => twist[axis]))).join(", ")}]`, "observation, info = env.reset(seed=0)", "for command in commands:",
+    "    observation, reward, terminated, truncated, info = env.step(np.array(command))"]
+    : [`pilot = Pilot(make(${value(recipe.make.name)}${told}), env)`, "observation, info = env.reset(seed=0)", "pilot.reset()", "terminated = truncated = False", "while not (terminated or truncated):",
+      "    observation, reward, terminated, truncated, info = env.step(pilot.command(observation))"];
+  return [`# ${actor.label}, ${world.name}: the run of the page`, ...lines, "", ...scene, ...made, ...loop, `print(info["success"], info["time"])`, ""].join("\n");
+}
+
+// Whether the page was opened by a link, and shows what that holds.
+function restored() {
+  const text = location.hash.slice(1);
+  if (!text.startsWith("%7B")) return false;
+  try {
+    drive.share.restore(text);
+    return true;
+  } catch (error) {
+    problem(`The link cannot be opened: ${error.message}. The page shows its first scenario.`);
+    return false;
+  }
+}

@@ -1,0 +1,1 @@
+"""How a contest is driven: its cases in shards, over threads, processes or machines."""

@@ -1,0 +1,143 @@
+"""From cases to rows: rolls out every case of a suite and measures its episodes."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from wayfield.benchmarks.contests import OF_KIND
+from wayfield.benchmarks.episodes import crowds
+from wayfield.benchmarks.episodes.metrics import measure
+from wayfield.benchmarks.episodes.rollout import roll_out
+from wayfield.benchmarks.records.cases import Case
+from wayfield.benchmarks.records.episode import Episodes, Row
+from wayfield.benchmarks.records.progress import tell_of_compiling, tracked
+from wayfield.benchmarks.records.results import readable
+from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.envs import goal_reaching
+from wayfield.envs.scenarios import spec_of
+from wayfield.envs.tasks.specs import CROWDS
+
+Episode = tuple[dict[str, Any], Trajectory]
+WORST = 3  # episodes of each entry of a contest that are shown
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """A case under the conditions of a run."""
+
+    suite: str
+    case: Case
+    dynamics: str
+    actuators: str
+    seed: int
+    episodes: int
+    keep: int | None = WORST  # of the worst episodes of an entry of a contest, their trajectories; None: all, whole
+    members: tuple[int, ...] = ()  # of the bank, an episode each, in place of the first ones
+    given: Case | None = None  # the case as it was asked for, where another machine keeps its files elsewhere
+
+    def __str__(self) -> str:
+        return f"{self.case.policy} on {self.case.scenario}"
+
+
+AsDone = Callable[[list[Setting]], Iterator[tuple[int, list[Episode]]]]  # the numbers of settings, and their episodes
+
+
+def run(settings: Sequence[Setting], as_done: AsDone, done: dict[int, list[Episode]]) -> None:
+    """Drives all settings.
+
+    Args:
+        done: receives the episodes of each setting, by its number, as soon as they are there.
+    """
+    order = heads_first(settings)
+    compiles = tell_of_compiling(goal_reaching.step_rows)
+    for k, found in tracked(as_done([settings[i] for i in order]), len(settings), "cases", compiles):
+        done[order[k]] = found
+
+
+def gathered(done: Mapping[int, list[Episode]]) -> tuple[Episodes, dict[str, Trajectory]]:
+    """Returns the episodes of settings, and the trajectories by the key in the rows' column `trajectory`."""
+    rows: list[Row] = []
+    trajectories: dict[str, Trajectory] = {}
+    for i in sorted(done):
+        for row, trajectory in done[i]:
+            key = f"{len(rows):05d}"
+            trajectories[key] = trajectory
+            rows.append({"trajectory": key} | row)
+    return Episodes(rows), trajectories
+
+
+def episodes(setting: Setting) -> list[Episode]:
+    """Returns the episodes of a setting, each as its row and its trajectory."""
+    case = setting.case
+    how: dict[str, Any] = {
+        "dynamics": setting.dynamics,
+        "actuators": setting.actuators,
+        "seed": setting.seed,
+        "episodes": setting.episodes,
+        "members": setting.members,
+    }
+    if spec_of(case.env_id) in CROWDS.values():
+        worlds = crowds.roll_out_worlds(case, **how)
+        return [(_row(setting, i, crowds.measured(world)), world.shown()) for i, world in enumerate(worlds)]
+    metrics = OF_KIND[spec_of(case.env_id).kind].metrics
+    return [
+        (
+            _row(
+                setting,
+                i,
+                measure(trajectory, case.arrival_radius)
+                | {column.name: metric(trajectory) for column, metric in metrics.items()},
+            ),
+            trajectory,
+        )
+        for i, trajectory in enumerate(roll_out(case, **how))
+    ]
+
+
+def _row(setting: Setting, episode: int, measured: Mapping[str, float]) -> dict[str, Any]:
+    case = setting.given or setting.case
+    conditions = {
+        "suite": setting.suite,
+        **case.place,
+        "scenario": case.scenario,
+        "robot": str(case.env_kwargs.get("robot", "")),
+        "disturbance": case.env_kwargs.get("disturbance", "none"),
+        "policy": case.policy,
+        "gains_name": case.gains_name,
+        "gains": case.gains_text,
+        "dynamics": setting.dynamics,
+        "actuators": setting.actuators,
+    }
+    numbers = {
+        "seed": setting.seed + episode,
+        "episode": episode,
+        "arrival_radius": math.nan if case.arrival_radius is None else case.arrival_radius,
+        **measured,
+    }
+    return {name: readable(value) for name, value in conditions.items()} | numbers
+
+
+def heads_first(settings: Sequence[Setting]) -> list[int]:
+    """Returns the order in which workers shall take the settings: those that compile on a first run before the rest.
+
+    The kernels of scenes take longest, so that whoever comes first compiles them. Meanwhile the others meet paths, with
+    all that drive there, and only then scenes: nobody waits for what another one compiles. What is left is short.
+    """
+    plants: set[tuple[str, str]] = set()
+    drivers: set[tuple[str, str, str]] = set()
+    ranked = []
+    for i, setting in enumerate(settings):
+        case = setting.case
+        on_path = spec_of(case.env_id).on_path
+        plant, driver = (str(on_path), setting.dynamics), (case.document, case.policy, setting.dynamics)
+        if plant not in plants:
+            rank = 1 if on_path else 0
+        elif driver not in drivers:
+            rank = 2 if on_path else 3
+        else:
+            rank = 4
+        plants.add(plant)
+        drivers.add(driver)
+        ranked.append((rank, i))
+    return [i for _, i in sorted(ranked)]

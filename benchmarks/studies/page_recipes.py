@@ -1,0 +1,690 @@
+"""What the page hands to the compiled functions, in the order in which Python does: found by watching Python do it."""
+
+import base64
+import contextlib
+import dataclasses
+import importlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from page_looks import ALONG_PATHS as LOOKS_ALONG_PATHS
+from page_looks import TO_POSES as LOOKS_TO_POSES
+from page_looks import Look
+
+from wayfield.benchmarks.contests import CONTESTS, Contest
+from wayfield.envs import scenarios
+from wayfield.envs.batch import ALONE, Results
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.robots.disturbances import DISTURBANCES
+from wayfield.envs.robots.records import MAX_WHEELS
+from wayfield.envs.scenarios import TASKS
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.world.geometry import OBSTACLE
+from wayfield.envs.world.grids import NO_GRIDS
+from wayfield.envs.world.paths import RUN, VERTEX
+from wayfield.envs.world.patrols import PATROL
+from wayfield.policies import Pilot, make
+from wayfield.policies.gain import Gain, gains_of
+from wayfield.policies.learned.conditions import effective_actuators, network_speed
+from wayfield.policies.learned.perception import limits_of
+from wayfield.policies.parts.params import PLANT
+from wayfield.policies.parts.stopping import NEAR_ENOUGH
+from wayfield.policies.policy import lacks
+from wayfield.system.compiled import compiled
+from wayfield.system.elementary import bearing
+
+# The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
+# twist is read from afterwards. "unicycle" is a speed and a yaw rate, "planar" a twist of three; a field is one of a
+# record of memory.
+Decision = tuple[str, str, str, str]
+ALONG_PATHS: Mapping[str, Decision] = {
+    "pure_pursuit": ("pure_pursuit", "pursue", "twists", "unicycle"),
+    "regulated_pure_pursuit": ("regulated_pure_pursuit", "pursue", "commands", "unicycle"),
+    "smooth_pose": ("smooth_pose", "chase", "twists", "unicycle"),
+    "stanley": ("stanley", "steer_rows", "command", "unicycle"),
+    "lqr": ("lqr", "steer_rows", "command", "unicycle"),
+}
+TO_POSES: Mapping[str, Decision] = {
+    "polar": ("polar", "approach", "twists", "unicycle"),
+    "smooth_pose": ("smooth_pose", "approach", "twists", "unicycle"),
+    "smooth_pose_backward": ("smooth_pose", "approach", "twists", "unicycle"),
+    "reeds_shepp": ("reeds_shepp", "drive", "twists", "unicycle"),
+    "waypoint": ("waypoint", "drive", "twists", "planar"),
+    "apf_corrected": ("potential_field", "steer", "twists", "planar"),
+    "vfh_plus": ("vfh_plus", "steer", "twists", "planar"),
+    "dwa": ("dwa", "choose_twists", "twists", "planar"),
+    "mppi": ("mppi", "decide", "twists", "planar"),
+    "scan_planner": ("scan_planner", "decide", "memory.command", "planar"),
+    "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
+}
+OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
+# Of a trained agent, which puts together what several functions fill.
+AGENT = "ppo"
+NETWORK_ALONG_PATHS = (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward"))
+NETWORK_TO_POSES = (
+    ("perception", "fill_goal"),
+    ("perception", "fill_trails"),
+    ("perception", "fill_crumbs"),
+    ("perception", "fill_moving"),
+    ("perception", "turn"),
+    ("perception", "arrive"),
+    ("perception", "guard"),
+    ("agent", "hold"),
+    ("agent", "forward"),
+)
+NETWORKS: Mapping[str, Sequence[tuple[str, str]]] = {
+    "path": NETWORK_ALONG_PATHS,
+    "goal": NETWORK_TO_POSES,
+    "dock": (*NETWORK_TO_POSES, ("perception", "fill_pose")),
+}  # by kind
+
+# Where those of perception's are called that are not called there; the page knows all by that name.
+CALLED_IN: Mapping[str, str] = {
+    "fill_path": "features_path",
+    **dict.fromkeys(("fill_goal", "arrive", "guard"), "features_goal"),
+    "fill_pose": "features_dock",
+}
+_OF_PERCEPTION = (*CALLED_IN.values(), "arrival", "guard")
+
+# What an argument of a law is, by its name; all else is a constant.
+ROLES = {
+    "course.vertices": "told.vertices",
+    "course.runs": "told.runs",
+    "course.path_index": "told.path_index",
+    "motion.poses": "seen.pose",
+    "motion.twists": "seen.twist",
+    "motion.arc_lengths": "seen.arc_length",
+    "scan.ranges": "seen.ranges",
+    "ranges": "seen.ranges",
+    "scan.older": "memory",
+    "scan.newer": "memory",
+    "seen.poses": "seen.pose",
+    "poses": "seen.pose",
+    "seen.goals": "seen.goal",
+    "goals": "seen.goal",
+    "seen.heading_errors": "seen.goal_heading_error",
+    "heading_errors": "seen.goal_heading_error",
+    "turns": "seen.goal_heading_error",
+    "seen.waypoints_left": "seen.waypoints_left",
+    "waypoints_left": "seen.waypoints_left",
+    "seen.twists": "seen.twist3",
+    "told.obstacles": "told.obstacles",
+    "told.counts": "told.num_obstacles",
+    "told.patrols": "told.patrols",
+    "told.goals": "told.goals",
+    "told.num_goals": "told.num_goals",
+    "told.frames": "told.frames",
+    "told.cells": "told.cells",
+    "memory": "memory",
+    "commands": "memory",
+    "arrived": "memory",
+    "twists": "out",
+    "command": "out",
+}
+
+# What a law's record has of the base besides `plant`, by field: how it comes from a data sheet, and from which number,
+# a gain by its name or the record's own field. Laws that are not here keep tables of their base.
+_BOUNDED = {"deceleration": ("least", "deceleration"), "yaw_acceleration": ("least_yaw", "yaw_acceleration")}
+OF_SHEETS: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "pure_pursuit": {"deceleration": _BOUNDED["deceleration"]},
+    "regulated_pure_pursuit": _BOUNDED,
+    "smooth_pose": _BOUNDED,
+    "smooth_pose_backward": _BOUNDED,
+    "stanley": {"yaw_acceleration": ("share_yaw", "share")},
+    "apf_corrected": {},
+    "vfh_plus": {},
+    "dwa": {},
+    "mppi": {"step_decay": ("decay", "step_time"), "step_mean": ("mean", "step_time")},
+    "polar": {**_BOUNDED, "deceleration": ("least_half", "deceleration")},
+    "reeds_shepp": {**_BOUNDED, "deceleration": ("least_half", "deceleration"), "preview": ("late", "")},
+}
+
+_UNREACHED = 1e9  # m/s and rad/s
+
+Leaf = tuple[str, Any]  # name, and the array or number
+Call = tuple[str, list[Leaf]]  # of an export
+
+
+def leaves(names: Sequence[str], values: Sequence[Any]) -> list[Leaf]:
+    """Returns the arrays and numbers of some arguments, those of a bundle with its name in front."""
+    found: list[Leaf] = []
+    for name, value in zip(names, values, strict=True):
+        if isinstance(value, tuple):
+            found += [(f"{name}.{field}", each) for field, each in zip(value._fields, value, strict=True)]  # type: ignore[attr-defined]
+        else:
+            found.append((name, value))
+    return found
+
+
+def names_of(kernel: Any) -> tuple[str, ...]:
+    """Returns the names of the arguments of a compiled function."""
+    code = kernel.py_func.__code__
+    return tuple(code.co_varnames[: code.co_argcount])
+
+
+@contextlib.contextmanager
+def watched(module: Any, name: str, calls: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
+    """Notes every call of a compiled function of a module, with copies of what it is handed."""
+    kernel = getattr(module, name)
+
+    def noting(*values: Any) -> Any:
+        calls.append((kernel, tuple(_copied(value) for value in values)))
+        return kernel(*values)
+
+    setattr(module, name, noting)
+    try:
+        yield
+    finally:
+        setattr(module, name, kernel)
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return type(value)(*(_copied(each) for each in value))
+    return np.array(value, order="C") if isinstance(value, np.ndarray) else value
+
+
+def contest_of(task: str) -> Contest:
+    """Returns the contest of a task."""
+    return next(contest for contest in CONTESTS.values() if contest.spec.name == task)
+
+
+def decisions(task: str) -> dict[str, Decision]:
+    """Returns the compiled decisions of those that drive in the page in a task."""
+    contest = contest_of(task)
+    known = ALONG_PATHS if contest.spec.on_path else TO_POSES
+    return {name: each for name, each in known.items() if name in (*contest.policies, *OF_ANY_TASK)}
+
+
+def look_of(task: str, name: str) -> Look | None:
+    """Returns what the page draws of a policy's looking ahead in a task."""
+    return (LOOKS_ALONG_PATHS if contest_of(task).spec.on_path else LOOKS_TO_POSES).get(name)
+
+
+def network(task: str) -> Sequence[tuple[str, str]]:
+    """Returns the compiled functions of the agents that ship for a task; none where none ship."""
+    contest = contest_of(task)
+    return NETWORKS[contest.spec.kind] if AGENT in contest.policies else ()
+
+
+def halves(numbers: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Returns numbers of eight bits' precision as two planes of bytes (2, n), the upper ones first.
+
+    They deflate better so; the page's `Network` puts them together.
+
+    Raises:
+        ValueError: if a number has more bits than its upper half holds.
+    """
+    bits = np.ascontiguousarray(numbers, np.float32).view(np.uint32)
+    if (bits & 0xFFFF).any():
+        raise ValueError("weights must be rounded as agents are when they are saved")
+    return np.stack([bits >> 24, bits >> 16 & 0xFF]).astype(np.uint8)
+
+
+def environment(task: str, robot: str, actuators: str, scenario: str, disturbance: str = "none") -> NativeVectorEnv:
+    """Returns an environment as the contest of the task has it, with one robot."""
+    contest = contest_of(task)
+    env = gymnasium.make_vec(
+        contest.env_id(robot),
+        1,
+        vectorization_mode="vector_entry_point",
+        scenario=scenario,
+        robot=robot,
+        actuators=actuators,
+        disturbance=disturbance,
+        max_episode_steps=contest.spec.clock,
+        **contest.env_kwargs,
+    )
+    assert isinstance(env, NativeVectorEnv)
+    return env
+
+
+def first_decision(env: NativeVectorEnv, policy: Any, functions: Sequence[tuple[Any, str]]) -> list[tuple[Any, Any]]:
+    """Returns the calls that a policy's first decision makes, with the memory that it begins with."""
+    calls: list[tuple[Any, tuple[Any, ...]]] = []
+    pilot = Pilot(policy, env)
+    observation, _ = env.reset(seed=0)
+    pilot.reset()
+    with contextlib.ExitStack() as stack:
+        for module, name in functions:
+            stack.enter_context(watched(module, name, calls))
+        pilot.act(observation)
+    return calls
+
+
+def of_policies(name: str, function: str = "") -> Any:
+    """Returns a module of the policies, that of a function where perception's are meant."""
+    if name == "perception":
+        name = CALLED_IN.get(function, name)
+    room = f"learned.{name}" if name in ("perception", "agent", *_OF_PERCEPTION) else name
+    return importlib.import_module(f"wayfield.policies.{room}")
+
+
+class Blobs:
+    """Constants, each kept once, as base64."""
+
+    def __init__(self) -> None:
+        self.index: dict[bytes, int] = {}
+
+    def put(self, array: NDArray[Any]) -> int:
+        """Returns the number of a constant."""
+        return self.index.setdefault(np.ascontiguousarray(array).tobytes(), len(self.index))
+
+    def listed(self) -> list[str]:
+        """Returns all constants in order."""
+        return [base64.b64encode(each).decode() for each in self.index]
+
+
+def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
+    """Returns how the page makes a policy decide: the export, its arguments, and where the twist is."""
+    module, function, out, kind = decisions(task)[name]
+    policy: Any = make(name, **gains)
+    ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
+    arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
+    handed = dict(leaves(names_of(kernel), values))
+    memory = handed.get("memory")
+    fields = (memory.dtype.fields if memory is not None else None) or {}
+    field = 0
+    if "." in out:
+        out, part = out.split(".")
+        field = int(fields[part][1])
+    # a robot rests nearer to goals that ask for it, which the page's visitor may draw
+    rest = [int(fields["stop_radius"][1]), policy.stop_radius, NEAR_ENOUGH] if "stop_radius" in fields else None
+    values = {field: getattr(policy, field) for field in gain_places(task, name, env)}
+    return {
+        "make": {"name": name, "gains": {each: "inf" if value == math.inf else value for each, value in gains.items()}},
+        "gains": {field: value for field, value in values.items() if math.isfinite(value)},
+        "export": export_of(module, function),
+        "arguments": arguments,
+        "out": out,
+        "offset": field,
+        "kind": kind,
+        "knows": policy.knows,
+        "rest": rest,
+        "sheet": of_sheet(name, policy, handed) if name in OF_SHEETS else None,
+        "look": look_table(module, look) if (look := look_of(task, name)) else None,
+    }
+
+
+def of_sheet(name: str, policy: Any, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns where a law's record holds numbers of the base, so that the page can put in those of another one."""
+    fields = arguments["params"].dtype.fields
+    told = []
+    for field, (kind, source) in OF_SHEETS[name].items():
+        number = getattr(policy, source, None) if kind not in ("decay", "mean") else arguments["params"][0][source]
+        told.append([int(fields[field][1]), kind, float(number or 0.0)])
+    return {"plant": int(fields["plant"][1]), "fields": told}
+
+
+def look_table(module: str, look: Look) -> dict[str, Any]:
+    """Returns how the page calls what finds the numbers of a law's overlay."""
+    told = {"kind": look.kind, "title": look.title, "shape": list(look.shape), "places": look.places}
+    return told | {"export": look_export(module, look)}
+
+
+Places = dict[str, list[list[Any]]]  # by gain, where the decision's arguments hold it: the argument, its byte or None
+
+
+def sliders_of(task: str, name: str, env: NativeVectorEnv) -> dict[str, Any]:
+    """Returns the gains of a policy that the page can change, and the names of the others."""
+    places = gain_places(task, name, env)
+    found, fixed = [], []
+    for field, each in gains_of(make(name)).items():
+        if field not in places:
+            fixed.append(field)
+            continue
+        low, high = ends_of(each)
+        above = next((end for end in (each.above, each.least) if isinstance(end, str)), None)
+        about = {"name": field, "unit": "" if each.unit == "1" else each.unit, "about": each.meaning, "above": above}
+        found.append({**about, "low": low, "high": high, "whole": each.kind is int, "places": places[field]})
+    return {"gains": found, "fixed": fixed}
+
+
+def ends_of(each: Gain) -> tuple[float, float]:
+    """Returns between which values a slider changes a gain: where it is searched, or a quarter to four times of it."""
+    bounds = [float(end) for end in (each.above, each.least) if isinstance(end, float | int)]
+    if each.search is not None:
+        low, high = each.search.low, each.search.high
+    elif each.default:
+        low, high = sorted((0.25 * each.default, 4.0 * each.default))
+    else:
+        low, high = 0.0, 1.0
+    low, high = min(low, each.default), max(high, each.default)
+    low, high = max(low, *bounds), min(high, each.below, each.most)
+    return (round(low), round(high)) if each.kind is int else (low, high)
+
+
+_PLACES: dict[tuple[str, str], Places] = {}
+
+
+def gain_places(task: str, name: str, env: NativeVectorEnv) -> Places:
+    """Returns where a policy's gains stand among the arguments of its decision, of those that stand there as they are.
+
+    Found by changing each to the ends of its slider: all numbers that differ then must be the gain itself.
+    """
+    if (task, name) not in _PLACES:
+        before = _numbers(task, name, {}, env)
+        found: Places = {}
+        for field, each in gains_of(make(name)).items():
+            if each.kind not in (int, float) or not math.isfinite(each.default) or field == "seed":
+                continue
+            tried = [_differing(task, name, field, value, before, env) for value in (*ends_of(each), _near(each))]
+            known = [places for places in tried if places is not None]
+            if len(known) >= 2 and known[0] and all(places == known[0] for places in known):
+                found[field] = known[0]
+        _PLACES[task, name] = found
+    return _PLACES[task, name]
+
+
+def _near(each: Gain) -> float:
+    return float(each.default + 1 if each.kind is int else 1.01 * each.default + (each.default == 0.0) * 0.01)
+
+
+def _numbers(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv) -> dict[str, Any]:
+    """Returns the constants, first memory and numbers that a decision is handed, by argument."""
+    module, function, *_ = decisions(task)[name]
+    ((kernel, values),) = first_decision(env, make(name, **gains), [(of_policies(module), function)])
+    return {
+        each: np.frombuffer(np.ascontiguousarray(value).tobytes(), np.uint8) if isinstance(value, np.ndarray) else value
+        for each, value in leaves(names_of(kernel), values)
+        if not isinstance(value, np.ndarray) or ROLES.get(each, "constant") in ("constant", "memory")
+    }
+
+
+def _differing(
+    task: str, name: str, field: str, value: float, before: Mapping[str, Any], env: NativeVectorEnv
+) -> list[list[Any]] | None:
+    """Returns where a decision's numbers are the value once a gain has it; [] if others change too; None if refused."""
+    default = getattr(make(name), field)
+    if value == default:
+        return None
+    try:
+        after = _numbers(task, name, {field: value}, env)
+    except ValueError:
+        return None
+    places: list[list[Any]] = []
+    for each, old in before.items():
+        new = after.get(each)
+        if not isinstance(old, np.ndarray):
+            if old != new:
+                if old != default or new != value:
+                    return []
+                places.append([each, None])
+            continue
+        if new is None or len(old) != len(new):
+            return []
+        if (old == new).all():
+            continue
+        kind = np.int64 if isinstance(default, int) else np.float64
+        rest = len(old) % 8
+        a, b = (numbers[: len(numbers) - rest].view(kind) for numbers in (old, new))
+        other = np.flatnonzero(a.view(np.int64) != b.view(np.int64))
+        if (a[other] != default).any() or (b[other] != value).any():
+            return []
+        places += [[each, 8 * int(k)] for k in other]
+    return places
+
+
+def export_of(module: str, function: str) -> str:
+    """Returns the name of a function in the WebAssembly module."""
+    return f"{module}_{function}"
+
+
+def look_export(module: str, look: Look) -> str:
+    """Returns the name in the WebAssembly module of what finds the numbers of an overlay, for a law's memory."""
+    return export_of(module, look.kernel.py_func.__name__)
+
+
+def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
+    role = ROLES.get(name, "constant")
+    if not isinstance(value, np.ndarray):
+        return {"name": name, "role": "number", "value": float(value)}
+    told: dict[str, Any] = {"name": name, "role": role, "shape": list(value.shape), "size": value.dtype.itemsize}
+    if role in ("constant", "memory"):
+        told["blob"] = blobs.put(value)
+    return told
+
+
+def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
+    """Returns how the page makes a trained agent decide."""
+    policy: Any = make(AGENT, seed=seed)
+    functions = [(of_policies(module, name), name) for module, name in network(task)]
+    calls = {
+        kernel.py_func.__name__: dict(leaves(names_of(kernel), values))
+        for kernel, values in first_decision(env, policy, functions)
+    }
+    pilot = Pilot(policy, env)
+    env.reset(seed=0)
+    pilot.reset()
+    agent = policy.agent(pilot.briefing)
+    actuators = effective_actuators(agent.card, pilot.briefing)
+    memory = agent.perception(pilot.briefing).fresh(1)
+    forward = calls["forward"]
+    features = agent.features
+    told: dict[str, Any] = {
+        "make": {"name": AGENT, "gains": {"seed": seed}},
+        "network": True,
+        "knows": policy.knows,
+        "speed": network_speed(agent.card, pilot.briefing, agent.speed),
+        "kind": agent.actions.kind,
+        "yaw_rate": agent.actions.yaw_rate,
+        "reverse": agent.actions.reverse,
+        "previous": features.previous,
+        "frames": features.frames,
+        "stride": features.stride,
+        "limits": limits_of(features, actuators).tolist() if features.limits else [],
+        "trails": len(features.trails),
+        "crumbs": features.crumbs,
+        "crumbed": features.crumbed,
+        "moved": features.moved,
+        "width": features.width(len(env.task.robot.twist_axes)),
+        "inputs": int(forward["sizes"][0]),
+        "memory": memory.nbytes // 4,
+        "rectified": bool(forward["rectified"]),
+        "sizes": blobs.put(forward["sizes"]),
+        "layers": len(forward["sizes"]),
+        "widest": int(forward["sizes"].max()),
+        "numbers": blobs.put(halves(forward["numbers"])),
+        "count": len(forward["numbers"]),
+        "task": task,
+    }
+    for name, call in calls.items():
+        if "scales" in call:
+            told[f"{name}_scales"] = np.asarray(call["scales"]).tolist()
+    if "fill_trails" in calls:
+        told["shares"] = calls["fill_trails"]["shares"].tolist()
+    if "fill_goal" in calls:
+        goal = calls["fill_goal"]
+        told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
+    if features.posed:
+        told |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
+    if "guard" in calls:
+        told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
+    if "hold" in calls:
+        # JSON has no infinity: a limit that nothing reaches serves as well
+        told["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
+        told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
+    return told
+
+
+def layout(dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Returns the size of a record, and the place and type of each of its fields."""
+    fields = {name: [int(place[1]), place[0].base.str] for name, place in (dtype.fields or {}).items()}
+    return {"size": dtype.itemsize, "fields": fields}
+
+
+def rows_of(env: NativeVectorEnv) -> str:
+    """Returns what step and reset of a task are called in the module: tasks share them that differ in numbers alone."""
+    kernel: Any = type(env.task).step_rows
+    return str(kernel.py_func.__module__).rpartition(".")[2]
+
+
+def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
+    """Returns what the page needs to step a task: layouts, and the constants of each robot, tier and disturbance."""
+    contest = contest_of(task)
+    scenario = f"{contest.timed_on}/test"
+    told: dict[str, Any] = {"kind": contest.spec.kind, "steps": contest.spec.clock, "params": {}, "robots": {}}
+    for robot in FITTING:
+        for actuators in ACTUATORS:
+            for disturbance in DISTURBANCES:
+                env = environment(task, robot, actuators, scenario, disturbance)
+                told["params"][f"{robot} {actuators} {disturbance}"] = blobs.put(env.task.params)
+        axes = list(env.task.robot.twist_axes)
+        fields = [[field.name, list(field.shape)] for field in env.task.layout.fields]
+        told["robots"][robot] = {
+            "axes": axes,
+            "size": env.task.layout.size,
+            "fields": fields,
+            "max_twist": env.task.robot.max_twist.tolist(),
+            "hull": env.task.robot.hull_radius,
+            "requested": env.task.options.num_requested,  # numbers behind an action, of a base with a delay
+        }
+    told["ids"] = {robot: contest.env_id(robot) for robot in FITTING}
+    told["kwargs"] = dict(contest.env_kwargs)
+    kind = contest.spec.scenario
+    told["scenario"] = [
+        "wayfield.envs.scenarios" if hasattr(scenarios, kind.__name__) else kind.__module__,
+        kind.__name__,
+    ]
+    told["rows"] = rows_of(env)
+    told["sheet"] = layout(env.task.params.dtype)["fields"]
+    told["state"] = layout(env.task.state_dtype)
+    told["course"] = layout(env.task.world[0].dtype)
+    told["numbers"] = [*env.task.info_names, "reward"]
+    told["flags"] = [*env.task.flag_names, "ended"]
+    told["draws"] = env.task.draws
+    told["beams"] = env.task.num_beams
+    told["directions"] = blobs.put(env.task.world[-1]) if env.task.num_beams else None
+    return told
+
+
+def disturbance_tables() -> dict[str, Any]:
+    """Returns what the page itself does of each disturbance: delays, drawn shoves, empty beams."""
+    return {
+        name: {"delay": each.action_delay, "shove": each.shove, "drops": each.range_dropout > 0.0,
+               "noisy": max(each.pose_noise, each.encoder_noise, each.range_noise, each.range_dropout) > 0.0}
+        for name, each in DISTURBANCES.items()
+    }  # fmt: skip
+
+
+def tables() -> dict[str, Any]:
+    """Returns all that the page needs beside the WebAssembly module."""
+    blobs = Blobs()
+    told: dict[str, Any] = {
+        "tasks": {},
+        "pilots": {},
+        "sliders": {},
+        "disturbances": disturbance_tables(),
+        "tiers": list(ACTUATORS),
+        "sheet": {
+            "base": BASE,
+            "plant": layout(PLANT)["fields"],
+            "wheels": MAX_WHEELS,
+            "sensors": dataclasses.asdict(ROBOTS[BASE].sensors),
+            "tiers": {
+                # None: without a limit
+                name: [each.at_rated_speed, *(_finite(a) for a in (each.acceleration, each.yaw_acceleration)), each.lag]
+                for name, each in ACTUATORS.items()
+            },
+        },
+        "records": {name: layout(each) for name, each in _RECORDS.items()},
+    }
+    for task in TASKS:
+        told["tasks"][task] = task_tables(task, blobs)
+        contest = contest_of(task)
+        for robot in FITTING:
+            for actuators in ACTUATORS:
+                env = environment(task, robot, actuators, f"{contest.timed_on}/test")
+                for name in decisions(task):
+                    if lacks(make(name), ROBOTS[robot]):
+                        continue
+                    if f"{task} {name}" not in told["sliders"]:
+                        told["sliders"][f"{task} {name}"] = sliders_of(task, name, env)
+                    sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
+                    for gains_name, gains in sets:
+                        label = name if gains_name == "default" else f"{name} ({gains_name})"
+                        told["pilots"][f"{task} {robot} {actuators} {label}"] = recipe(task, name, gains, env, blobs)
+                for gains_name, gains in contest.gain_sets(AGENT, robot, ()):
+                    if gains["seed"] == 0 and network(task):
+                        key = f"{task} {robot} {actuators} {AGENT} ({gains_name})"
+                        told["pilots"][key] = network_recipe(task, robot, 0, env, blobs)
+    told["blobs"] = blobs.listed()
+    return told
+
+
+BASE = "p3dx"  # whose records those of a differential data sheet are made from, in the page
+
+
+def _finite(number: float) -> float | None:
+    return number if math.isfinite(number) else None
+
+
+# the robots that fit where the frozen scenarios leave room
+FITTING = tuple(name for name, robot in ROBOTS.items() if robot.hull_radius <= LARGEST_HULL)
+
+_RECORDS = {"obstacle": OBSTACLE, "patrol": PATROL, "vertex": VERTEX, "run": RUN, "frame": NO_GRIDS.frames.dtype}
+
+
+@compiled
+def fill_bearings(y: Any, x: Any, angles: Any) -> None:
+    """Fills the angles (k,) of vectors with these components, (k,) each."""
+    for i in range(angles.shape[0]):
+        angles[i] = bearing(y[i], x[i])
+
+
+Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an example of what it is handed
+
+
+def jobs() -> list[tuple[str, str]]:
+    """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
+    return [(task, name) for task in TASKS for name in ("", *decisions(task), *((AGENT,) if network(task) else ()))]
+
+
+def exports(task: str, policy: str) -> dict[str, Export]:
+    """Returns the functions of the WebAssembly module that a job of `jobs` stands for, by their names there."""
+    contest = contest_of(task)
+    timed_on = f"{contest.timed_on}/test"
+    if policy == AGENT:
+        functions = [(of_policies(module, name), name) for module, name in network(task)]
+        found: dict[str, Export] = {}
+        for robot in FITTING:  # agents of one may call more than those of another
+            if not any(contest.gain_sets(policy, robot, ())):
+                continue
+            # a quick base shows all that an agent calls: it is held to what the agent knows
+            env = environment(task, robot, "ideal", timed_on)
+            for kernel, values in first_decision(env, make(policy), functions):
+                module = kernel.py_func.__module__.rpartition(".")[2]
+                name = export_of("perception" if module in _OF_PERCEPTION else module, kernel.py_func.__name__)
+                found.setdefault(name, (kernel, leaves(names_of(kernel), values), values))
+        return found
+    env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)
+    if policy:
+        module, function, *_ = decisions(task)[policy]
+        ((kernel, values),) = first_decision(env, make(policy), [(of_policies(module), function)])
+        found = {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
+        if (look := look_of(task, policy)) is not None:
+            known = dict(zip(names_of(kernel), values, strict=True))
+            known |= {"places": np.zeros((look.places, 2)), "looked": np.zeros(look.shape)}
+            handed = tuple(known[each] for each in names_of(look.kernel))
+            found[look_export(module, look)] = (look.kernel, leaves(names_of(look.kernel), handed), handed)
+        return found
+    batch, kinds = env.batch, type(env.task)
+    results = Results(env.task, 1)
+    outputs = (results.observations, results.numbers, results.flags)
+    rows, draws = np.zeros(1, np.int64), np.zeros((1, batch.draws))
+    reset = (env.task.params, batch.states, batch.obstacles, rows, draws, batch.noise, *env.task.world, *outputs)
+    step = (7, 0, ALONE, *batch._inputs, *outputs)
+    corners = (np.zeros(2), np.zeros(2), np.zeros(2))
+    return {
+        name: (kernel, leaves(names_of(kernel), values), values)
+        for name, kernel, values in (
+            ("fill_bearings", fill_bearings, corners),
+            (f"{rows_of(env)}_step", kinds.step_rows, step),
+            (f"{rows_of(env)}_reset", kinds.reset_rows, reset),
+        )
+    }

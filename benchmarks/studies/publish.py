@@ -1,0 +1,234 @@
+"""Runs the suites and makes the page of results: python benchmarks/studies/publish.py
+
+One call does it all, and goes on where an earlier one was interrupted: suites that the installed code has finished are
+not run again. Of a run the repository keeps the episodes, packed, in docs/results/rows, the tables that are made from
+them in docs/results, and what made them (.json). From those files alone come docs/results.md and, between markers, the
+tables of README.md, so that a test can make them again.
+"""
+
+import datetime
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import click
+from kept_rows import SUFFIX, packed, thinned, unpacked
+from reproduction import check, stamped
+from results_page import PAGE, README, Kept, Made, pages
+from sections import DOCUMENTS, KEPT, ROWS, SECTIONS, Section
+
+from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.leaderboards.document_tables import document_tables
+from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
+from wayfield.benchmarks.records.episode import Episodes, Row
+from wayfield.benchmarks.records.results import EPISODES, TABLE, read_rows
+from wayfield.benchmarks.records.run_folder import MANIFEST, file_digest, read_manifest
+from wayfield.system.command_line import Names, OneLineErrors
+from wayfield.system.identity import source_digest
+from wayfield.system.storage import write_whole
+
+FILM = "docs/drive.gif"
+MOST_FRAMES, FRAME_PX, FRAME_SKIP = 110, 400, 4  # of the film
+
+
+@click.command("publish", cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--run/--no-run", "first", default=True, help="Run the suites that are not done first.  [default: run]")
+@click.option("--only", type=Names("--only", [each.name for each in SECTIONS]), help="Only these.  [default: all]")
+@click.option("--stale", is_flag=True, help="Take results that come out otherwise today; the page says so.")
+@click.option("--film", is_flag=True, help=f"Also make {FILM}, the README's moving picture.")
+@click.option("--pages", "again", is_flag=True, help="Only make tables and pages anew from the rows that are kept.")
+@click.option("--results", default="results", show_default=True, metavar="DIR", help="Where the runs' folders are.")
+@click.option("--root", default=".", show_default=True, metavar="DIR", help="The repository, with README.md and docs.")
+@click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
+def main(
+    first: bool,
+    only: tuple[str, ...] | None,
+    stale: bool,
+    film: bool,
+    again: bool,
+    results: str,
+    root: str,
+    count: int | None,
+) -> None:
+    """Runs the suites and makes docs/results.md and the README's tables.
+
+    A section without a folder keeps the tables that it had. A folder that other code made is run again, or with
+    --no-run taken if a sample of its episodes comes out the same today, and refused otherwise.
+    """
+    above, home = Path(results), Path(root)
+    wanted = [each for each in SECTIONS if only is None or each.name in only]
+    try:
+        if again:
+            write(home, made_again(home))
+            return
+        left = [each for each in wanted if first and not stale and not done(above / each.name)]
+        for section in left:
+            if section.needs:
+                print(f"{section.name}: not run, it needs {section.needs}: `{section.command}`", file=sys.stderr)
+            else:
+                run(section, above, home, count)
+        files: dict[str, bytes] = {}
+        for section in wanted:
+            if section.needs and section in left and only is None:
+                continue
+            if (above / section.name / MANIFEST).is_file():
+                files |= gathered(section, above / section.name, home)
+            elif only is not None:
+                raise ValueError(f"--only {section.name}: {above / section.name} holds no finished run")
+        store = Kept(home, files)
+        for section, made in store.sections():
+            found = check(section, store)
+            if f"{KEPT}/{section.name}.json" in files and not (stale or found.shown or done(above / section.name)):
+                raise ValueError(
+                    f"{above / section.name} was made by other code, and {found.words}: leave --no-run away to make it "
+                    "anew, or give --stale to publish it as that"
+                )
+            store.changed[f"{KEPT}/{section.name}.json"] = stamped(made, found).content()
+        write(home, store.changed | pages(store))
+    except (OSError, ValueError) as error:
+        raise click.ClickException(str(error)) from None
+    if film:
+        write_whole(home / FILM, moving_picture())
+    print(f"{home / PAGE} and {home / README} are made from {len(list((home / KEPT).glob('*.json')))} runs")
+
+
+def made_again(home: Path) -> dict[str, bytes]:
+    """Returns the tables and the pages that the kept rows make, by their place; ValueError if rows are damaged."""
+    store = Kept(home)
+    for section, made in store.sections():
+        if (name := f"{ROWS}/{section.name}{SUFFIX}") in store:
+            store.changed |= tables(section, unpacked(store.content(name), section.name), made.command)
+    return store.changed | pages(store)
+
+
+def write(home: Path, files: Mapping[str, bytes]) -> None:
+    """Writes files into the repository."""
+    for name, content in files.items():
+        (home / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(home / name, content)
+
+
+def done(folder: Path) -> bool:
+    """Returns whether a folder holds a finished run of the installed code; OSError or ValueError if it is damaged."""
+    return (folder / MANIFEST).is_file() and read_manifest(folder).get("code") == source_digest()
+
+
+def run(section: Section, above: Path, home: Path, count: int | None = None) -> None:
+    """Runs a section's command in the repository; what an earlier run left unfinished goes on."""
+    out = ["--out", str((above / section.name).resolve()), *([] if count is None else ["--workers", str(count)])]
+    start = time.monotonic()
+    status = subprocess.run([sys.executable, *section.command.split()[1:], *out], cwd=home, check=False).returncode
+    if status:
+        raise click.ClickException(f"`{section.command}` ended with status {status}; nothing was published")
+    print(f"{section.name}: {time.monotonic() - start:.0f} s", file=sys.stderr)
+
+
+def gathered(section: Section, folder: Path, home: Path) -> dict[str, bytes]:
+    """Returns the files that the repository keeps of a finished run, by their place.
+
+    Raises:
+        ValueError: if one was changed or is missing.
+        OSError: if one cannot be read.
+    """
+    manifest = read_manifest(folder)
+    listed, code, command = (manifest.get(name) for name in ("files", "code", "command"))
+    if not isinstance(listed, dict) or not isinstance(code, str) or not isinstance(command, str):
+        raise ValueError(f"{folder / MANIFEST} must tell command, code and files of a run")
+    found: dict[str, bytes] = {}
+    for name in (*section.tables, *section.pictures, EPISODES):
+        file = folder / name
+        if name not in listed:
+            continue  # a run of some policies alone has no table of them all
+        if not file.is_file() or file_digest(file) != listed[name]:
+            raise ValueError(f"{file} is not as the run wrote it: run `{section.command}` again")
+        if name != EPISODES and not (section.from_rows and name in section.tables):
+            found[section.place(name)] = file.read_bytes()
+    rows = read_rows(folder) if EPISODES in listed else Episodes()
+    if rows:
+        kept = thinned(rows) if section.of_contest else {name: rows.texts(name) for name in rows.names}
+        found[f"{ROWS}/{section.name}{SUFFIX}"] = content = packed(kept)
+        found |= tables(section, unpacked(content, section.name), command)
+    if not any(section.place(name) in found for name in section.tables):
+        raise ValueError(f"{folder} has none of the tables {', '.join(section.tables)}")
+    date = datetime.datetime.fromtimestamp((folder / MANIFEST).stat().st_mtime, datetime.UTC).date().isoformat()
+    commit = described(home) if code == source_digest() else ""
+    command = re.sub(r" --(?:out|workers) \S+", "", command)  # where and how fast is not what
+    made = Made(command, version("wayfield"), commit, date, scenarios(rows))
+    found[f"{KEPT}/{section.name}.json"] = made.content()
+    return found
+
+
+def tables(section: Section, rows: Sequence[Row], command: str) -> dict[str, bytes]:
+    """Returns the tables of contests and documents, made from the rows that are kept, by their place."""
+    if section.name == DOCUMENTS:
+        told = document_tables(Episodes.of(rows), documents())
+        return {section.place(TABLE): "\n".join(table.markdown() for table in told).encode()}
+    if not section.of_contest:
+        return {}
+    made = contest_tables(rows, [], command, section.ladder)
+    there = {name: made[name.removesuffix(".csv")] for name in section.tables if name.removesuffix(".csv") in made}
+    return {section.place(name): table.csv().encode() for name, table in there.items()}
+
+
+def scenarios(rows: Episodes) -> int:
+    """Returns how many different scenarios the rows of the standings are about."""
+    # contests have rows of the validation split and of the front too
+    tested = rows.where(split=("test", "claims", "")) if "split" in rows.names else rows
+    names = [name for name in ("document", "contest", "scenario", "episode") if name in tested.names]
+    return int(tested.numbered(*names).max()) + 1 if tested else 0
+
+
+def described(home: Path) -> str:
+    """Returns the commit of the code as git describes it, marked where the code differs from it; "" without git."""
+    try:
+        told = ["describe", "--always", "--tags"], ["status", "--porcelain", "--", "envs", "policies", "benchmarks"]
+        name, changed = (
+            subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
+            for words in told
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return name + ("-dirty" if changed else "")
+
+
+def moving_picture() -> bytes:
+    """Returns a GIF of tuned VFH+ that drives through clutter by its scan."""
+    import gymnasium
+    from PIL import Image
+
+    import wayfield.policies
+    from wayfield.benchmarks.figures.video import gif
+
+    env = gymnasium.make(
+        "wayfield/DiffDriveGoalObstacles-v0",
+        render_mode="rgb_array",
+        scenario="clutter_10/test",
+        actuators="lagged",
+        num_beams=72,
+        max_range=5.0,
+    )
+    policy = wayfield.policies.make("vfh_plus", **wayfield.policies.tuned_gains("vfh_plus", "goal-obstacles"))
+    pilot = wayfield.policies.Pilot(policy, env)
+    observation, _ = env.reset(seed=0, options={"scenario": 0})
+    pilot.reset()
+    frames, ended = [], False
+    for step in range(MOST_FRAMES * FRAME_SKIP):
+        if step % FRAME_SKIP == 0 or ended:
+            frame: Any = env.render()
+            image = Image.fromarray(frame)
+            frames.append(image.resize((FRAME_PX, FRAME_PX * image.height // image.width), Image.Resampling.LANCZOS))
+        if ended:
+            break
+        observation, _, terminated, truncated, _ = env.step(pilot.act(observation))
+        ended = terminated or truncated
+    env.close()
+    return gif(frames, 0.025 * FRAME_SKIP)  # twice the robot's pace
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,555 @@
+"""The page of results and the README's part of it, from the files that the repository keeps and from nothing else."""
+
+import csv
+import dataclasses
+import functools
+import io
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from kept_rows import SUFFIX
+from sections import KEPT, ROWS, SECTIONS, Section
+from tabulate import tabulate
+
+from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
+from wayfield.benchmarks.leaderboards.entries import grouped, label
+from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, judged, shown
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies.learned.agent import CARD, read_card
+from wayfield.policies.learned.ppo import shipped
+
+PAGE = "docs/results.md"
+CARDS = f"{KEPT}/cards.md"
+README = "README.md"
+BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"
+
+CHOOSING = "docs/choosing.md"
+MOST = 6  # rows a task
+NO_MAP, ONLY_MAP = "no map", "map"
+
+# What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
+Task = tuple[str, str, str, tuple[str, ...]]
+TASKS: tuple[Task, ...] = (
+    ("Follow a path", "path-following", "path_following_p3dx", ("",)),
+    ("Reach a goal among what stands still", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
+    ("Reach a goal while others move", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
+    (
+        *("Dock at a pose", "docking-claims", "claims/docking_p3dx"),
+        ("nothing around", "at a wall or in a berth", "moving"),
+    ),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """What made a section's tables."""
+
+    command: str
+    version: str
+    commit: str  # as git describes it; "" where it is not known
+    date: str
+    scenarios: int
+    sampled: int = 0  # episodes, or lines, that were driven again since
+    same: int = 0  # of those
+    checked: str = ""  # date of that
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, field.type):  # type: ignore[arg-type]
+                raise ValueError(f"{field.name!r} must be of type {field.type.__name__}, got {value!r}")  # type: ignore[union-attr]
+
+    def content(self) -> bytes:
+        """Returns the file that it is kept in."""
+        return (json.dumps(dataclasses.asdict(self), indent=1) + "\n").encode()
+
+    @property
+    def stale(self) -> bool:
+        """Returns whether the code has come to drive episodes of the sample otherwise."""
+        return self.same < self.sampled
+
+    def sentence(self) -> str:
+        """Returns what made the tables, and how a sample of them came out since."""
+        where = f", commit {self.commit}" if self.commit else ""
+        told = f"Made by `{self.command}`, wayfield {self.version}{where}, {self.date}; {self.scenarios} scenarios."
+        if not self.sampled:
+            return f"{told} No sample of it was driven again."
+        if self.stale:
+            other = self.sampled - self.same
+            return f"**Stale: on {self.checked}, {other} of {self.sampled} samples came out otherwise.** {told}"
+        return f"{told} On {self.checked}, {self.same} of {self.sampled} samples reproduced."
+
+
+class Kept:
+    """The repository's files as they will be: those that change, else those that are there."""
+
+    def __init__(self, home: Path, changed: Mapping[str, bytes] | None = None) -> None:
+        self.home = home
+        self.changed = dict(changed or {})
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.changed or (self.home / name).is_file()
+
+    def content(self, name: str) -> bytes:
+        """Returns a file's bytes; OSError if there is none."""
+        return self.changed[name] if name in self.changed else (self.home / name).read_bytes()
+
+    def text(self, name: str) -> str:
+        """Returns a file's text; OSError if there is none."""
+        return str(self.content(name), "utf-8")
+
+    def rows(self, stem: str) -> list[Mapping[str, str]]:
+        """Returns the rows of a kept table, none where there is no such table; ValueError if it is damaged."""
+        name = f"{KEPT}/{stem}.csv"
+        if name not in self:
+            return []
+        rows: list[Mapping[str, str]] = list(csv.DictReader(io.StringIO(self.text(name), newline=""), strict=True))
+        if not rows or any(None in row or None in row.values() for row in rows):
+            raise ValueError(f"{self.home / name} is empty, or has rows that are longer or shorter than its header")
+        return rows
+
+    def sections(self) -> list[tuple[Section, Made]]:
+        """Returns the sections that there are tables of, in the order of the page.
+
+        Raises:
+            ValueError: if a file is damaged; the message names it.
+        """
+        found = []
+        for section in SECTIONS:
+            name = f"{KEPT}/{section.name}.json"
+            if name in self:
+                try:
+                    found.append((section, Made(**json.loads(self.text(name)))))
+                except (TypeError, ValueError) as error:
+                    raise ValueError(f"{self.home / name}: {error}") from None
+        return found
+
+
+def pages(kept: Kept) -> dict[str, bytes]:
+    """Returns the index of results, a page each, and the parts of README.md and choosing.md, as kept tables make them.
+
+    Raises:
+        ValueError: if a table is damaged, or README.md has lost its markers.
+        OSError: if a file cannot be read.
+    """
+    sections = kept.sections()
+    found = {f"{KEPT}/{section.name}.md": _page(kept, section, made).encode() for section, made in sections}
+    if cards := _cards():
+        found[CARDS] = _cards_page(cards).encode()
+    found[PAGE] = _index(kept).encode()
+    found[README] = _marked(kept, README, _front(kept, "docs/results/")).encode()
+    if CHOOSING in kept:
+        found[CHOOSING] = _marked(kept, CHOOSING, _advice(kept)).encode()
+    return found
+
+
+def _marked(kept: Kept, name: str, lines: Sequence[str]) -> str:
+    """Returns a page with what stands between its markers made anew."""
+    text = kept.text(name)
+    start, end = text.find(BEGIN), text.find(END)
+    if start < 0 or end < start:
+        raise ValueError(f"{kept.home / name} needs a line {BEGIN!r} and after it a line {END!r}")
+    return text[:start] + "\n".join([BEGIN, *lines, END]) + text[end + len(END) :]
+
+
+def _index(kept: Kept) -> str:
+    """Returns the page that leads to all others, with a leaderboard a task."""
+    there = {section.name for section, _ in kept.sections()}
+    blocks = [
+        "# Results",
+        "Made by `python benchmarks/studies/publish.py` from the episodes in [results/](results/), which come from "
+        "the folders of finished runs; edited by hand, it fails a test. `python benchmarks/studies/audit.py` makes "
+        "the tables a second time with other formulas, and asks what a sceptic would.",
+        "\n".join(_front(kept, "results/")),
+        "## Every page",
+        "Each has its leaderboard, the verdicts on trained agents, and its full tables as files.",
+        "\n".join(f"- [{each.title}](results/{each.name}.md)" for each in SECTIONS if each.name in there)
+        + ("\n- [What the agents' cards say](results/cards.md)" if _cards() else ""),
+        "## How to read it",
+        "Every policy meets the same scenarios, starts and disturbances. `default` are the gains of the policy's file, "
+        "`tuned` those found by search for the condition that they are shown in, `robust` those found under "
+        "disturbances, `by hand` those that somebody compared, `paper` a law as published, `trained` all seeds of the "
+        "agents that ship. Brackets are 95 % intervals. What the columns mean is in [evaluate.md](evaluate.md).",
+        READING,
+    ]
+    missing = [section for section in SECTIONS if section.name not in there]
+    if missing:
+        rest = "\n".join(f"- {section.title}: `{section.command}`" for section in missing)
+        blocks += ["## Not run on this version", rest]
+    return "\n\n".join(blocks) + "\n"
+
+
+READING = (
+    "Success is ranked first, then the time or the error of the runs that succeeded, each entry at its own speed. A "
+    "verdict is on success, as a paired difference; where the 95 % interval of that holds zero, it is on the time or "
+    "the error of the scenarios that both solve. `not significantly` says that a difference does not outlast Holm's "
+    "correction, which is for all comparisons of the page. Who errs less at a lower speed, by over "
+    f"{100.0 * PACE_TOLERANCE:.0f} %, has not won."
+)
+
+
+def _page(kept: Kept, section: Section, made: Made) -> str:
+    """Returns the page of a section: its leaderboard, its verdicts, and where its full tables are."""
+    blocks = [
+        f"# {section.title}",
+        made.sentence(),
+        f"What it does not show: {section.not_shown}",
+        "[All results](../results.md)",
+    ]
+    for name, alt in section.pictures.items():
+        if f"docs/{name}" in kept:
+            blocks.append(f"![{alt}](../{name})")
+    there = {name: section.place(name) for name in section.tables if section.place(name) in kept}
+    files = []
+    for name, place in there.items():
+        stem = place.removeprefix(f"{KEPT}/").removesuffix(".csv")
+        heading = section.tables[name]
+        if name.endswith("_board.csv"):
+            blocks += [f"## {heading}", *_boards(kept.rows(stem))]
+        elif name.endswith("_pairs.csv"):
+            blocks += [f"## {heading}", READING, *_verdicts(kept.rows(stem))]
+        elif name.endswith(".csv") and len(there) > 1:
+            files.append(f"- [{heading}]({place.removeprefix(f'{KEPT}/')})")
+            continue
+        else:
+            blocks += [f"## {heading}", _shown(kept, place)]
+            continue
+        files.append(f"- [{heading}, as a file]({place.removeprefix(f'{KEPT}/')})")
+    if f"{ROWS}/{section.name}{SUFFIX}" in kept:
+        files.append(f"- [Every episode](rows/{section.name}{SUFFIX}), packed")
+    if files:
+        blocks += ["## Full tables", "\n".join(files)]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _entry(row: Mapping[str, str]) -> tuple[str, str]:
+    return row["policy"], row["gains"]
+
+
+def _named(entry: tuple[str, str]) -> str:
+    """Returns how a sentence or a table calls an entry."""
+    policy, gains = entry
+    return f"`{policy}`" if gains in ("default", "trained") else f"`{policy}`, {gains}"
+
+
+def _label(entry: tuple[str, str]) -> str:
+    return label(entry)
+
+
+def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yields the leaderboard of each kind of scenes."""
+    for scenes, mine in grouped(rows, "scenes").items():
+        if scenes:
+            yield f"### {scenes[0].upper()}{scenes[1:]}"
+        header = ["policy", *list(mine[0])[3:]]
+        yield _table(header, [[_named(_entry(row)), *list(row.values())[3:]] for row in mine])
+
+
+def _verdicts(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yields every comparison of a page, a table a condition and policy."""
+    judgements = iter(judged(rows))
+    told: dict[tuple[str, str, str], list[list[str]]] = {}
+    units = {row["unit"] for row in rows}
+    for row, verdict in zip(rows, judgements, strict=True):
+        words, success, p_success, cost, p_cost, _ = shown(row, verdict)
+        cost = cost.removesuffix(f" {row['unit']}")
+        line = [row["beside"], row["which has"], words, _with_p(success, p_success), _with_p(cost, p_cost)]
+        told.setdefault((row["condition"], row["scenes"], row["policy"]), []).append(line)
+    yield (
+        f"{2 * len(rows)} tests, one correction. Differences are those of the policy in the heading less the other's, "
+        "with the corrected p."
+    )
+    unit = " or ".join(sorted(units))
+    for (condition, scenes, policy), lines in told.items():
+        where = f"{condition}, {scenes}" if scenes else condition
+        yield f"### {where}: {policy}"
+        yield _table(["beside", "has access to", "is", "success (points)", f"where both succeed ({unit})"], lines)
+
+
+def _with_p(cell: str, p: str) -> str:
+    return f"{cell}, p {p}" if p else cell
+
+
+def _front(kept: Kept, folder: str) -> list[str]:
+    """Returns who wins at what, in two sentences and a table a task."""
+    found = [(each, kept.rows(f"{each[2]}_board"), kept.rows(f"{each[2]}_pairs")) for each in TASKS]
+    found = [each for each in found if each[1]]
+    if not found:
+        return ["No run of this version is published."]
+    made = {section.name: each for section, each in kept.sections()}
+    blocks = [_sentences(found)]
+    for (heading, section, _, kinds), board, lines in found:
+        page = f"[{heading}]({folder}{section}.md)"
+        stale = f" {made[section].sentence()}" if made[section].stale else ""
+        blocks += [f"**{page}.**{stale}", _front_table(board, lines, kinds)]
+    return ["\n\n".join(blocks)]
+
+
+_TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "until held (s, mm s)"  # in one column
+
+
+def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> str:
+    """Returns the first rows of a leaderboard, the best set of each policy, with the verdict beside the first agent."""
+    agents = {row["policy"]: _entry(row) for row in board if row["gains"] == "trained"}
+    agent = next((agents[policy] for policy in TRAINED if policy in agents), None)
+    several = len(kinds) > 1
+    rows = []
+    for kind in kinds:
+        mine = _best_sets([row for row in board if row["scenes"] == kind])
+        first, upper = _first(mine), next((row for row in mine if row["has access to"] == ONLY_MAP), None)
+        trained = [row for row in mine if row["gains"] == "trained"]
+        if several:
+            rivals = [row for row in mine if not _has_map(row)]
+            few = list(rivals[:2] if first in trained else [row for row in rivals if row in (first, *trained[:1])])
+        else:
+            must = [first, *trained, *([upper] if upper else [])]
+            rest = [row for row in mine if row not in must][: MOST - len(must)]
+            few = [row for row in mine if row in must or row in rest]
+        rows += few
+    cost, *between = [name for name in list(board[0])[4:] if name != "learned from"]
+    columns = [_BOTH if name == _TIME else name for name in between if name != _AREA]
+    header = [*(["scenes"] if several else []), "policy", "success (%)", cost, *columns]
+    beside = f"beside `{agent[0]}`" if agent else ""
+    cells = []
+    for row in rows:
+        verdict = _beside(lines, row, agent) if agent else ""
+        own = [row["success (%)"], row[cost], *(row[name] for name in between)]
+        if _TIME in between:
+            own[2:4] = [f"{row[_TIME].partition(' ')[0]}, {row[_AREA].partition(' ')[0]}"]
+        cells.append([*([row["scenes"]] if several else []), _named(_entry(row)), *own, *([verdict] if agent else [])])
+    return _table([*header, *([beside] if agent else [])], cells)
+
+
+def _best_sets(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
+    """Returns the row of each policy that stands first, in their order."""
+    return [mine[0] for mine in grouped(rows, "policy").values()]
+
+
+def _first(rows: Sequence[Mapping[str, str]]) -> Mapping[str, str]:
+    """Returns the first row without the map, or the first."""
+    return next((row for row in rows if row["has access to"] != ONLY_MAP), rows[0])
+
+
+def verdict_of(
+    lines: Sequence[Mapping[str, str]], scenes: str, one: tuple[str, str], other: tuple[str, str]
+) -> tuple[str, Mapping[str, str], bool] | None:
+    """Returns what is said of an entry beside another on a leaderboard, its line, and whether that is turned round."""
+    main = lines[0]["condition"]
+    for line, verdict in zip(lines, judged(lines), strict=True):
+        if line["scenes"] == scenes and line["condition"] == main:
+            if (line["policy"], line["beside"]) == (_label(one), _label(other)):
+                return verdict.words, line, False
+            if (line["policy"], line["beside"]) == (_label(other), _label(one)):
+                return verdict.reversed_words, line, True
+    return None
+
+
+def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: tuple[str, str]) -> str:
+    found = verdict_of(lines, row["scenes"], _entry(row), agent)
+    return "" if found is None else found[0].replace(f"{OPEN}; ", "").replace(OPEN, "no difference in success")
+
+
+Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
+
+
+def _sentences(found: Sequence[Told]) -> str:
+    """Returns which policy comes first at what without a map, in a sentence for ways and one for docks.
+
+    Where the next is not significantly behind, it is named as well.
+    """
+    first: dict[str, str] = {}
+    for (heading, _, _, kinds), board, lines in found:
+        for kind in kinds:
+            mine = [row for row in _best_sets([row for row in board if row["scenes"] == kind]) if not _has_map(row)]
+            names = f"`{mine[0]['policy']}`"
+            verdict = verdict_of(lines, kind, _entry(mine[0]), _entry(mine[1])) if len(mine) > 1 else None
+            if verdict and not _ahead(verdict[0]):
+                names += f" or `{mine[1]['policy']}`"
+            first[f"{heading}, {kind}"] = names
+    told = []
+    for places in (_WAYS, _DOCKS):
+        parts = [words.format(first[place]) for place, words in places.items() if place in first]
+        if parts:
+            told.append(", ".join(parts[:-1]) + (", and " if len(parts) > 1 else "") + parts[-1] + ".")
+    return " ".join(told)
+
+
+# Where policies come first, and how a sentence says so.
+_WAYS = {
+    "Follow a path, ": "{} tracks paths most closely",
+    "Reach a goal among what stands still, still": "without a map {} reaches most goals among what stands still",
+    "Reach a goal while others move, moving": "{} where others move",
+}
+_DOCKS = {
+    "Dock at a pose, nothing around": "{} docks most often with nothing around",
+    "Dock at a pose, at a wall or in a berth": "{} at a wall or in a berth",
+    "Dock at a pose, moving": "{} where others move",
+}
+
+
+def _ahead(words: str) -> bool:
+    """Returns whether words of a verdict say that one is ahead."""
+    return words == "more successes" or words.endswith(("quicker", "errs less"))
+
+
+def _has_map(row: Mapping[str, str]) -> bool:
+    return row["has access to"] == ONLY_MAP
+
+
+def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
+    """Returns what to take: the task, the kind of scenes, the access, the row that is best there, and its lead."""
+    found = []
+    for task, _, stem, kinds in TASKS:
+        board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
+        for kind in kinds if board else ():
+            mine = [row for row in board if row["scenes"] == kind]
+            accesses = {row["has access to"] for row in mine}
+            groups = (NO_MAP, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses))
+            for access in groups:
+                able = [
+                    row
+                    for row in mine
+                    if access == row["has access to"] or (access == NO_MAP and row["has access to"] != ONLY_MAP)
+                ]
+                sets = _best_sets(able)
+                if len(sets) < 2:
+                    lead = "alone there"
+                else:
+                    verdict = verdict_of(lines, kind, _entry(sets[0]), _entry(sets[1]))
+                    lead = f"{_named(_entry(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")
+                found.append((task, kind, access, sets[0], lead))
+    return found
+
+
+# What the prose of the advice says of a policy, and the kind of scenes in which that must hold.
+SAID = {
+    "the error counts": "",
+    "what stands around stands still": "still",
+    "others move": "moving",
+    "the space is free": "nothing around",
+    "at a wall": "at a wall or in a berth",
+}
+
+
+def disagreements(kept: Kept, advice: str) -> list[str]:
+    """Returns where the prose of the advice sends to a policy that is behind, a line each.
+
+    It is compared with the first entry of the same access in those scenes; who was not measured there is left out.
+    """
+    found = []
+    for policy, told in re.findall(r"^\| `(\w+)` \| (.+?) \|$", advice, re.MULTILINE):
+        for words, kind in SAID.items():
+            for task, _, stem, kinds in TASKS if words in told else ():
+                board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
+                if kind not in kinds or (kind == "moving" and len(kinds) > 1):
+                    continue  # who moves past a dock is not what stands around a goal
+                mine = [row for row in board if row["scenes"] == kind]
+                own = next((row for row in _best_sets(mine) if row["policy"] == policy), None)
+                if own is None:
+                    continue
+                first = next(row for row in mine if _has_map(row) == _has_map(own))
+                verdict = None if own == first else verdict_of(lines, kind, _entry(own), _entry(first))
+                if verdict and (
+                    verdict[0].startswith("fewer successes") or verdict[0].endswith(("slower", "errs more"))
+                ):
+                    found.append(
+                        f"{policy} where {words!r} ({task}): beside {_named(_entry(first))} it has {verdict[0]}"
+                    )
+    return found
+
+
+def _lead(found: tuple[str, Mapping[str, str], bool]) -> str:
+    words, line, turned = found
+    on_success = "successes" in words
+    value, low, high = (
+        line[name] for name in (("success (points)", "from", "to") if on_success else (COST, "cost from", "cost to"))
+    )
+    if not value or not low:
+        return words
+    numbers = [-float(each) if turned else float(each) for each in (value, low, high)]
+    ends = sorted(numbers[1:])
+    unit = "points" if on_success else line["unit"]
+    return f"{words}, {numbers[0]:+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}] {unit}"
+
+
+def _advice(kept: Kept) -> list[str]:
+    """Returns the table of what to take where, from the leaderboards of the splits that tell most."""
+    lines = []
+    found = advised(kept)
+    for task, kind, access, row, lead in found:
+        cost = next(name for name in list(row)[4:])
+        unit = cost.partition("(")[2].rstrip(")")
+        reached = f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
+        several = sum(each[0] == task and each[2] == access for each in found) > 1
+        lines.append([f"{task}, {kind}" if several else task, access, _named(_entry(row)), reached, lead])
+    return [_table(["to", "with access to", "take", "which comes to", "beside the next"], lines)] if lines else []
+
+
+_CARD_HEADER = ["agents", "seeds", "driven", "success (%)", "collision (%)", "mm or s", "mean speed (m/s)"]
+
+
+def _cards_page(lines: list[list[str]]) -> str:
+    """Returns the page of what the agents' cards say."""
+    told = (
+        "Measured on the validation split, by which an agent is chosen among those of its training, or on default "
+        "scenarios, when it was trained: no result of a contest. Means of the seeds, in brackets the least and the "
+        "greatest; of paths the error is the mean RMS cross-track error in mm, else it is the time in s, both of the "
+        "successes. Every card is in the package."
+    )
+    return "\n\n".join(("# What the agents' cards say", told, _table(_CARD_HEADER, lines))) + "\n"
+
+
+@functools.cache
+def _cards() -> list[list[str]]:
+    """Returns what the cards of the agents that ship hold of their validation and of what else was measured."""
+    lines = []
+    for contest in CONTESTS.values():
+        for robot in ROBOTS:
+            cards = [read_card(folder / CARD) for folder in shipped(contest.spec.name, robot).values()]
+            factor = 1e3 if contest.spec.on_path else 1.0  # to mm; s
+            conditions: dict[str, list[Mapping[str, Any]]] = {}
+            for card in cards:
+                own = {"env_kwargs": card["env_kwargs"], "asked_speed": card["speed"], **card["validation"]}
+                for each in (own, *card["measured"]):
+                    conditions.setdefault(_driven(each), []).append(each)
+            for driven, found in conditions.items():
+                cells = [
+                    _spread([scale * each[name] for each in found], decimals)
+                    for name, scale, decimals in (
+                        *(("success", 100.0, 1), ("collision", 100.0, 1)),
+                        *(("error", factor, 1), ("speed", 1.0, 2)),
+                    )
+                ]
+                lines.append([f"{contest.spec.title}, {robot}", str(len(found)), driven, *cells])
+    return lines
+
+
+def _driven(measured: Mapping[str, Any]) -> str:
+    """Returns where and how an agent was measured, in words."""
+    how = measured["env_kwargs"]
+    beams = f", {how['num_beams']} beams" if "num_beams" in how else ""
+    return f"{how['scenario']}, {how['actuators']}{beams}, asked for {measured['asked_speed']:g} m/s"
+
+
+def _spread(numbers: Sequence[float], decimals: int) -> str:
+    mean = f"{sum(numbers) / len(numbers):.{decimals}f}"
+    ends = f"{min(numbers):.{decimals}f}", f"{max(numbers):.{decimals}f}"
+    return mean if ends[0] == ends[1] else f"{mean} [{ends[0]} to {ends[1]}]"
+
+
+def _shown(kept: Kept, place: str) -> str:
+    """Returns a kept table as Markdown."""
+    if place.endswith(".md"):  # of several tables the last, which says what the others come to
+        whole = place.removeprefix(f"{KEPT}/")
+        return f"### {kept.text(place).strip().rpartition('## ')[2]}\n\nEvery run is in [the full tables]({whole})."
+    rows = kept.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
+    return _table(list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _table(header: list[str], lines: list[list[str]]) -> str:
+    """Returns a table as Markdown; the bars in a cell do not end it."""
+    cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
+    return str(tabulate(cells, header, tablefmt="github", disable_numparse=True))

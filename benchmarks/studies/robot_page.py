@@ -1,0 +1,168 @@
+"""The page of the robots that ship, with a drawing to scale: python benchmarks/studies/robot_page.py
+
+What stands above the mark in `docs/robots.md` is written by hand; what stands below it, and the drawing, come from the
+data sheets.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc, Circle, Polygon, Rectangle
+from numpy.typing import NDArray
+
+from wayfield.benchmarks.commands.lists import hull_words
+from wayfield.benchmarks.figures.drawing import RC, colour, plt
+from wayfield.benchmarks.records.table import Table
+from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors, Wheel
+from wayfield.system.command_line import OneLineErrors
+from wayfield.system.storage import write_whole
+
+MARK = "<!-- Below: written by python benchmarks/studies/robot_page.py -->\n"
+PAGE, DRAWING = "robots.md", "robots.png"
+_COLUMNS = 4  # of the drawing
+_WIDE = 0.5  # of a wheel, times its radius; data sheets do not say
+_ROLLERS = 5  # drawn on a wheel
+_BODY, _INK, _SOFT = "#E3EDF7", "#2B3440", "#9AA2AC"
+
+
+def _corners(wheel: Wheel) -> NDArray[np.float64]:
+    """Returns the corners (4, 2) of a wheel seen from above, m."""
+    c, s = math.cos(wheel.direction), math.sin(wheel.direction)
+    half = np.array([[1.0, _WIDE], [-1.0, _WIDE], [-1.0, -_WIDE], [1.0, -_WIDE]]) * wheel.radius
+    corners: NDArray[np.float64] = half @ np.array([[c, s], [-s, c]]) + (wheel.x, wheel.y)
+    return corners
+
+
+def _rollers(axis: Any, wheel: Wheel) -> None:
+    """Draws the axes of some rollers as they lie on the floor: the direction in which the wheel pulls."""
+    along = np.array([math.cos(wheel.direction), math.sin(wheel.direction)])
+    across = np.array([-along[1], along[0]])
+    pull = along * math.cos(wheel.roller_angle) + across * math.sin(wheel.roller_angle)
+    spread = along if wheel.roller_angle else across * _WIDE
+    reach = min(_WIDE / max(abs(math.sin(wheel.roller_angle)), 1e-9), 0.35) * wheel.radius
+    for k in range(_ROLLERS):
+        share = (2.0 * k / (_ROLLERS - 1) - 1.0) * 0.75
+        middle = np.array([wheel.x, wheel.y]) + share * wheel.radius * spread
+        ends = np.array([middle - reach * pull, middle + reach * pull])
+        axis.plot(*ends.T, color="white", linewidth=0.7, solid_capstyle="butt", zorder=4)
+
+
+def _robot(axis: Any, robot: Robot, most: float) -> None:
+    """Draws a robot from above, ahead to the right: hull, wheels as built and as they act, rollers, encoders, scan."""
+    if robot.hull_box is None:
+        hull: Any = Circle((0.0, 0.0), robot.hull_radius)
+    else:
+        length, width = robot.hull_box
+        hull = Rectangle((-0.5 * length, -0.5 * width), length, width)
+    hull.set(facecolor=_BODY, edgecolor=colour(1), linewidth=1.2)
+    axis.add_patch(hull)
+    for wheel in robot.built:
+        axis.add_patch(Polygon(_corners(wheel), facecolor=_INK, edgecolor=_INK, linewidth=0.5, zorder=3))
+        if robot.holonomic:
+            _rollers(axis, wheel)
+    if robot.built != robot.wheels:
+        for wheel in robot.wheels:
+            axis.add_patch(Polygon(_corners(wheel), fill=False, edgecolor=colour(0), linestyle="--", zorder=3))
+    for wheel in robot.encoders:
+        axis.add_patch(Polygon(_corners(wheel), facecolor=_SOFT, edgecolor=_SOFT, zorder=3))
+    head = 0.45 * robot.hull_radius
+    axis.annotate("", (head, 0.0), (-0.25 * head, 0.0), arrowprops={"arrowstyle": "-|>", "color": colour(1)}, zorder=5)
+    half = math.degrees(0.5 * robot.sensors.angle)
+    around = 2.0 * robot.hull_radius + 0.04
+    axis.add_patch(Arc((0.0, 0.0), around, around, theta1=-half, theta2=half, color=colour(5), linewidth=1.6))
+    axis.set(xlim=(-most, most), ylim=(-most, most), aspect="equal")
+    axis.axis("off")
+    axis.set_title(f"{robot.name}\n{robot.drive}, hull {hull_words(robot)}", fontsize=9)
+
+
+def drawing() -> Figure:
+    """Returns all robots, each to the same scale."""
+    most = 1.08 * max(robot.hull_radius for robot in ROBOTS.values()) + 0.02
+    rows = math.ceil(len(ROBOTS) / _COLUMNS)
+    figure, axes = plt.subplots(rows, _COLUMNS, figsize=(2.5 * _COLUMNS, 2.75 * rows + 0.3), squeeze=False)
+    for axis, robot in zip(axes.flat, ROBOTS.values(), strict=False):
+        _robot(axis, robot, most)
+    for axis in axes.flat[len(ROBOTS) :]:
+        axis.axis("off")
+    first = axes[0, 0]
+    low = 0.06 - most
+    first.plot((-most, 0.1 - most), (low, low), color=_INK, linewidth=2.0, solid_capstyle="butt")
+    first.text(0.12 - most, low, "0.1 m", va="center", fontsize=8)
+    note = (
+        "From above, ahead to the right; widths of wheels are not on the sheets. Lines on wheels: axes of the rollers "
+        "on the floor.\nGrey: encoder wheels. Dashed: where a skid steer's wheels act. "
+        "Light blue: field of view of the scan, not its range."
+    )
+    figure.text(0.01, 0.01, note, fontsize=7.5)
+    figure.tight_layout(rect=(0.0, 0.05, 1.0, 1.0))
+    return figure
+
+
+def _row(robot: Robot) -> list[str]:
+    """Returns a robot's row of the table."""
+    radii = sorted({wheel.radius for wheel in robot.wheels})
+    twist = ", ".join(f"{value:.3g}" for value in robot.max_twist)
+    scan = robot.sensors
+    angle = "round" if scan.angle == FULL_TURN else f"{scan.angle:.3g} rad"
+    return [
+        f"`{robot.name}`",
+        robot.title,
+        robot.drive,
+        ", ".join(f"{radius:g}" for radius in radii),
+        twist,
+        f"{robot.acceleration:g}, {robot.yaw_acceleration:g}, {robot.actuators('lagged').lag:g}",
+        f"{robot.mass:g}, {robot.inertia:g}, {robot.friction:g}",
+        f"{scan.beams}, {scan.range:g} m, {angle}" if scan != Sensors() else "",
+    ]
+
+
+def generated() -> str:
+    """Returns what stands below the mark: the drawing, the table, and the source of every number."""
+    header = [
+        "name",
+        "robot",
+        "drive",
+        "wheel radius (m)",
+        "most: v_x, (v_y,) yaw rate",
+        "lagged: m/s², rad/s², lag (s)",
+    ]
+    header += ["mass (kg), inertia (kg m²), friction", "scan"]
+    note = (
+        "The most is at rated wheel speed, each alone. No scan: 32 beams round, 5 m, as the documents'. A robot whose "
+        "hull is larger than 0.3 m has no frozen families of goal reaching: they were searched for ways of 0.3 m."
+    )
+    table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
+    parts = [f"![Every robot to scale]({DRAWING})\n", table, "## Sources\n"]
+    for robot in ROBOTS.values():
+        lines = "\n".join(f"- `{field}`: {source}" for field, source in robot.sources.items())
+        parts.append(f"### {robot.name}: {robot.title}\n\n{lines}\n")
+    return "\n".join(parts)
+
+
+@click.command("robot_page", cls=OneLineErrors)
+@click.option(
+    "--docs",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=Path("docs"),
+    show_default=True,
+    help="The folder with robots.md.",
+)
+def main(docs: Path) -> None:
+    """Writes the page of the robots that ship below its mark, and their drawing to scale, from their data sheets."""
+    page = docs / PAGE
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    head, mark, _ = text.partition(MARK)
+    if not mark:
+        raise click.ClickException(f"{page} has no line {MARK.strip()}")
+    with plt.rc_context(RC):
+        drawing().savefig(docs / DRAWING, dpi=110)
+    write_whole(page, (head + MARK + "\n" + generated()).encode())
+    click.echo(f"{len(ROBOTS)} robots in {page}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""The sections of the page of results: the run behind each, and what is shown of it."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+from interval_coverage import COVERAGE, SUITE
+from learners import LEARNERS
+from learners import SUITE as LEARNED
+from transfer import SUITE as TRANSFERRED
+from transfer import TRANSFER
+
+from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
+from wayfield.benchmarks.records.results import TABLE
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies.learned.ppo import shipped
+
+KEPT = "docs/results"  # folder of the tables and of what made them
+ROWS = f"{KEPT}/rows"  # of the episodes behind them, packed
+DOCUMENTS = "documents"
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """One run of the page."""
+
+    name: str  # of its folder
+    title: str
+    command: str
+    tables: Mapping[str, str]  # file of the run: heading on the page
+    not_shown: str
+    pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
+    within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
+    needs: str = ""  # what its command takes and does not ship: it is run by hand
+
+    @property
+    def of_contest(self) -> bool:
+        """Returns whether it shows contests, whose tables are made from the rows that are kept."""
+        return any(f"--suite {name}" in self.command for name in (*CONTESTS, DISTURBANCES))
+
+    @property
+    def from_rows(self) -> bool:
+        """Returns whether its tables are made from the rows that are kept."""
+        return self.of_contest or self.name == DOCUMENTS
+
+    @property
+    def ladder(self) -> bool:
+        """Returns whether it is about the levels of disturbance."""
+        return f"--suite {DISTURBANCES}" in self.command
+
+    def place(self, file: str) -> str:
+        """Returns where the repository keeps a file of the run."""
+        if file in self.pictures:
+            return f"docs/{file}"
+        return f"{KEPT}/{self.name}_table.md" if file == TABLE else f"{KEPT}/{self.within}{file}"
+
+
+_MAP_TOLD = "Policies that know the map are told what the others must find out. Simulation only."
+_SPEED = "Simulation only; noise and disturbances are in the section of their own."
+BOARD = "Leaderboard"
+CLAIMS = "What the agents win, and what they do not"
+
+
+def _goals(robot: str, wheels: str) -> Section:
+    """Returns the section of goal reaching with a robot."""
+    name = "goal-obstacles" + ("" if robot == "p3dx" else f"-{robot}")
+    stem = f"goal_obstacles_{robot}"
+    return Section(
+        name,
+        f"Goal reaching among obstacles, {wheels}",
+        "python evaluate.py --suite goal-obstacles" + ("" if robot == "p3dx" else f" --robot {robot}"),
+        {
+            f"{stem}_board.csv": BOARD,
+            f"{stem}_pairs.csv": CLAIMS,
+            f"{stem}.csv": "Every number of every entry",
+            f"{stem}_told.csv": "What each has",
+            f"{stem}_families.csv": "By family",
+            f"{stem}_seeds.csv": "Each agent by itself",
+            f"{stem}_better.csv": "Better than, in pairs",
+        },
+        _MAP_TOLD,
+    )
+
+
+_MAIN = (
+    Section(
+        "path-following",
+        "Path following",
+        "python evaluate.py --suite path-following",
+        {
+            "path_following_p3dx_board.csv": BOARD,
+            "path_following_p3dx_pairs.csv": CLAIMS,
+            "path_following_p3dx.csv": "Every number of every entry",
+            "path_following_p3dx_front.csv": "Asked for a speed (m/s)",
+            "path_following_p3dx_told.csv": "What each has",
+            "path_following_p3dx_families.csv": "By family",
+            "path_following_p3dx_seeds.csv": "Each agent by itself",
+            "path_following_p3dx_better.csv": "Better than, in pairs",
+        },
+        _SPEED,
+        {"path_following_p3dx_front.png": "Speed and accuracy of the path followers, each swept over its speed"},
+    ),
+    _goals("p3dx", "P3DX"),
+    _goals("omni3", "three omni wheels"),
+    _goals("omni4", "four omni wheels"),
+)
+
+
+def _claims(contest: Contest) -> Section:
+    """Returns the section of a contest on the split that tells small differences."""
+    stem = f"{contest.stem}_p3dx"
+    return Section(
+        f"{contest.name}-claims",
+        f"{contest.spec.title}, P3DX, a hundred other scenarios a family",
+        f"python evaluate.py --suite {contest.name} --split claims --policies {','.join(contest.claims)}",
+        {
+            f"{stem}_board.csv": BOARD,
+            f"{stem}_pairs.csv": CLAIMS,
+            f"{stem}.csv": "Every number of every entry",
+            f"{stem}_families.csv": "By family",
+            f"{stem}_seeds.csv": "Each agent by itself",
+        },
+        "Only the policies that are near the best; the section of the contest has all.",
+        within="claims/",
+    )
+
+
+def _others() -> Iterator[Section]:
+    """Yields a section for each contest that none above is about, with every robot that agents of it ship for."""
+    there = {section.command.split()[-1] for section in _MAIN}
+    for contest in CONTESTS.values():
+        if contest.name in there:
+            continue
+        for robot in (name for name in ROBOTS if shipped(contest.spec.name, name)):
+            default = robot == "p3dx"
+            yield Section(
+                contest.name if default else f"{contest.name}-{robot}",
+                contest.spec.title if default else f"{contest.spec.title}, {robot}",
+                f"python evaluate.py --suite {contest.name}" + ("" if default else f" --robot {robot}"),
+                {
+                    f"{contest.stem}_{robot}_board.csv": BOARD,
+                    f"{contest.stem}_{robot}_pairs.csv": CLAIMS,
+                    f"{contest.stem}_{robot}.csv": "Every number of every entry",
+                    f"{contest.stem}_{robot}_told.csv": "What each has",
+                },
+                "Simulation only.",
+            )
+
+
+SECTIONS = (
+    *_MAIN,
+    *_others(),
+    *(_claims(contest) for contest in CONTESTS.values() if contest.claims),
+    Section(
+        DISTURBANCES,
+        "Under disturbances",
+        f"python evaluate.py --suite {DISTURBANCES}",
+        {
+            file: heading
+            for contest in CONTESTS.values()
+            for file, heading in (
+                (f"{contest.stem}_p3dx_ladder.csv", contest.spec.title),
+                (f"{contest.stem}_p3dx_ladder_pairs.csv", f"{contest.spec.title}: {CLAIMS[0].lower()}{CLAIMS[1:]}"),
+            )
+        },
+        "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart.",
+    ),
+    Section(
+        TRANSFERRED,
+        "Do gains hold where they were not tuned?",
+        "python benchmarks/studies/transfer.py --data BARN",
+        {TRANSFER: "Goals reached (%)"},
+        "Only policies with a tuned set for the robot; rooms are of our drawing, BARN's worlds those that we have.",
+        needs="the official worlds of BARN",
+    ),
+    Section(
+        LEARNED,
+        "Learners beside each other",
+        "python benchmarks/studies/learners.py",
+        {LEARNERS: "Path following, P3DX"},
+        "One task, few seeds, one set of numbers for all of PPO, chosen for the learner that begins with nothing; none "
+        "of these agents ships.",
+        needs="training runs, a dozen",
+    ),
+    Section(
+        SUITE,
+        "How often the intervals hold",
+        "python benchmarks/studies/interval_coverage.py",
+        {COVERAGE: "Measured by simulation"},
+        "The populations are made up after those of the suites; no interval tells of families that are not driven.",
+    ),
+    Section(
+        DOCUMENTS,
+        "The three documents",
+        "python evaluate.py --suite documents",
+        {TABLE: "Ours beside theirs"},
+        "The documented gain of A is weak by design of the document, and C's field as printed never arrives: beating "
+        "either alone proves nothing.",
+        {"document_a_trajectories.png": "Document A: the look-ahead controller as documented and retuned"},
+    ),
+)

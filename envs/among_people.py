@@ -1,0 +1,66 @@
+"""The environments of robots among people that walk by laws of their own."""
+
+from typing import Any
+
+from wayfield.envs.tasks.sheets import sheet_like, signature_like
+from wayfield.envs.tasks.specs import CROWDS
+from wayfield.envs.team_worlds import Teams
+from wayfield.envs.teams import DiffDriveTeam, OmniTeam, TeamVectorEnv
+
+
+class AmongPeople(Teams):
+    """The task of one robot, or several, among people."""
+
+    belongs_to = CROWDS["people"]
+
+
+class OmniPeople(OmniTeam):
+    __doc__ = sheet_like(
+        OmniTeam,
+        "An omni robot reaches a goal among people.",
+        {
+            "Description": """
+                One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
+                three social forces, at a constant velocity, or not at all. They see the robot or not (`visible`).
+                Everything else is as in a team, which this is one of.
+            """
+        },
+        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), or `TeamScenario`s'},
+    )
+
+    asks = AmongPeople
+    __signature__ = signature_like(OmniTeam, scenario="crowdnav_5")
+
+    def __init__(self, scenario: Any = "crowdnav_5", *options: Any, **named: Any) -> None:
+        super().__init__(scenario, *options, **named)
+
+
+class OmniPeopleVector(TeamVectorEnv):
+    """Many `OmniPeople` worlds stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(OmniPeople, num_envs, **kwargs)
+
+
+class DiffDrivePeople(OmniPeople):
+    __doc__ = sheet_like(
+        DiffDriveTeam,
+        "A differential drive reaches a goal among people.",
+        {
+            "Description": """
+                One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
+                three social forces, at a constant velocity, or not at all. They see the robot or not (`visible`).
+                Everything else is as in a team, which this is one of.
+            """
+        },
+        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), or `TeamScenario`s'},
+    )
+
+    robots = DiffDriveTeam.robots
+
+
+class DiffDrivePeopleVector(TeamVectorEnv):
+    """Many `DiffDrivePeople` worlds stepped by one compiled call; the same keyword arguments."""
+
+    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
+        super().__init__(DiffDrivePeople, num_envs, **kwargs)

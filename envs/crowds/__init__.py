@@ -1,0 +1,1 @@
+"""Worlds of several bodies: who is near whom, half-planes of velocities, and how people walk."""

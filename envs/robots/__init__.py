@@ -1,0 +1,43 @@
+"""What a robot is and how it moves and senses: data sheets, wheels, plants of motion, scans."""
+
+from wayfield.envs.robots.robot import (
+    ACTUATORS,
+    CASTER_LOAD,
+    FULL_TURN,
+    MOST_ENCODERS,
+    MOST_WHEELS,
+    ROBOTS,
+    Actuators,
+    AnyRobot,
+    Response,
+    Robot,
+    Sensors,
+    Wheel,
+    offered,
+    read_robot,
+    robot_of,
+    robots_with,
+    shipped_name,
+    wheel_matrix,
+)
+
+__all__ = [
+    "ACTUATORS",
+    "CASTER_LOAD",
+    "FULL_TURN",
+    "MOST_ENCODERS",
+    "MOST_WHEELS",
+    "ROBOTS",
+    "Actuators",
+    "AnyRobot",
+    "Response",
+    "Robot",
+    "Sensors",
+    "Wheel",
+    "offered",
+    "read_robot",
+    "robot_of",
+    "robots_with",
+    "shipped_name",
+    "wheel_matrix",
+]

@@ -1,0 +1,35 @@
+"""The option of commands that names a robot.
+
+Only commands import this module: it needs click, which the core install does without.
+"""
+
+from typing import Any
+
+import click
+
+from wayfield.envs.robots.robot import ROBOTS, Robot, robot_of
+
+
+class RobotChoice(click.ParamType):  # type: ignore[type-arg]
+    """A robot that ships, by its name, or one of a data sheet, by its file."""
+
+    name = "robot"
+
+    def __init__(self, field: str) -> None:
+        self.field = field
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Returns the choices as the help shows them."""
+        del param, ctx
+        return "|".join((*ROBOTS, "FILE.json"))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Robot:
+        """Returns the robot, or fails."""
+        del param, ctx
+        try:
+            return robot_of(value, self.field)
+        except OSError as error:
+            raise click.UsageError(f"{self.field} {value!r} cannot be read: {error.strerror or error}") from None
+        except ValueError as error:
+            text = str(error)
+            raise click.UsageError(text if text.startswith("--") else f"{self.field} {text}") from None

@@ -1,0 +1,319 @@
+"""The families of robots among people: from a seed, a field, a robot's start and goal, and how people walk.
+
+Every scenario is decided by its seed alone, people included: two policies meet the same people until they differ. The
+tier is read from how dense the people are. "waiting" proves a scenario: within 20 s the robot's straight way at 0.6 m/s
+is clear of the people as they walk without it; people who react would do otherwise. Of streams and queues, which may
+never leave it clear, only the ends are proven.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.crowds.people import (
+    HELBING_FARKAS_VICSEK,
+    LEAVES,
+    MOUSSAID,
+    ORCA,
+    STANDING,
+    STAYS,
+    TURNS_BACK,
+    WALK,
+    stroll,
+)
+from wayfield.envs.scenarios.draws import Draw, rounded
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
+from wayfield.envs.scenarios.team_proofs import prove
+from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
+from wayfield.envs.tasks.specs import Repertoire
+from wayfield.system.elementary import bearing, sin_cos
+
+_PACE = 0.6  # m/s, of the robot on its straight way
+_LONGEST_WAIT = 20.0  # s
+_PERIOD = 0.1  # s, of what is proven
+_GAP = 0.1  # m, at start, between hulls
+
+Point = tuple[float, float]
+# the robot's start and goal, people and what stands; m^2 that they share
+Field = tuple[Point, Point, list[dict[str, float]], list[np.void], float]
+
+
+def walks_of(people: list[dict[str, float]]) -> NDArray[np.void]:
+    """Returns WALK records of people, each a dict of fields; those not said are a person's of 0.25 m at 1.3 m/s."""
+    walks = np.zeros(len(people), WALK)
+    usual = {"speed": 1.3, "radius": 0.25, "horizon": 2.0, "wall_horizon": 0.5, "margin": 0.05, "share": 0.5}
+    for walk, person in zip(walks, people, strict=True):
+        for name, value in (usual | person).items():
+            walk[name] = value
+    return walks
+
+
+def _family(name: str, field: Callable[[Draw], "Field | None"], reach: float = 5.0) -> Callable[[int], TeamScenario]:
+    """Returns the family of a random field; the robot looks at its goal."""
+
+    def scenario(seed: int) -> TeamScenario:
+        draw = Draw(name, seed)
+        drawn = field(draw)
+        while drawn is None:
+            drawn = field(draw)
+        start, goal, people, obstacles, area = drawn
+        ahead = rounded(bearing.py_func(goal[1] - start[1], goal[0] - start[0]))
+        return TeamScenario.made(
+            f"{name}_{seed}",
+            [(*start, ahead)],
+            [(*goal, ahead)],
+            obstacle_field(*obstacles),
+            walks=walks_of(people),
+            reach=reach,
+            bound=rounded(len(people) / area),
+            family=name,
+        )
+
+    return scenario
+
+
+def _clear(x: float, y: float, radius: float, start: Point, people: list[dict[str, float]]) -> bool:
+    """Returns whether a person may begin here."""
+    if math.hypot(x - start[0], y - start[1]) < LARGEST_HULL + radius + 4.0 * _GAP:
+        return False
+    return all(math.hypot(x - p["x"], y - p["y"]) >= radius + p["radius"] + _GAP for p in people)
+
+
+def _speed(draw: Draw, mean: float = 1.29, deviation: float = 0.19) -> float:
+    """Returns a wanted speed (m/s): about normal, the sum of twelve uniform numbers, cut to 0.5..2."""
+    z = sum(draw.number(0.0, 1.0) for _ in range(12)) - 6.0
+    return rounded(min(max(mean + deviation * z, 0.5), 2.0))
+
+
+def _crowdnav(n: int) -> Callable[[Draw], Field]:
+    """Returns CrowdNav's circle crossing: all change sides of a circle of 4 m, by ORCA, blind to the robot."""
+
+    def field(draw: Draw) -> Field:
+        start, goal = (0.0, -4.0), (0.0, 4.0)
+        people: list[dict[str, float]] = []
+        while len(people) < n:
+            sine, cosine = sin_cos.py_func(draw.heading())
+            x, y = (rounded(4.0 * each + draw.number(-0.5, 0.5)) for each in (cosine, sine))
+            ends = [(start, goal), *(((p["x"], p["y"]), (p["goal_x"], p["goal_y"])) for p in people)]
+            if any(math.hypot(x - u, y - v) < 0.8 for pair in ends for u, v in pair):
+                continue
+            orca = {"speed": 1.0, "radius": 0.3, "horizon": 5.0, "wall_horizon": 5.0, "margin": 0.01, "blind": 1.0}
+            people.append({"law": ORCA, "x": x, "y": y, "goal_x": -x, "goal_y": -y, "then": STAYS, **orca})
+        return start, goal, people, [], math.pi * 16.0
+
+    return field
+
+
+def _lanes(n: int) -> Callable[[Draw], "Field | None"]:
+    """Returns two streams in a corridor of 4.8 by 15 m; the robot goes along it."""
+
+    def field(draw: Draw) -> "Field | None":
+        start, goal = (0.6, draw.number(1.0, 3.8)), (14.4, draw.number(1.0, 3.8))
+        people: list[dict[str, float]] = []
+        for k in range(n):
+            for _ in range(300):
+                x, y, radius = draw.number(0.5, 14.5), draw.number(0.5, 4.3), draw.number(0.2, 0.3)
+                if _clear(x, y, radius, start, people):
+                    break
+            else:
+                return None
+            goal_x = 13.3 if k % 2 == 0 else 1.7
+            person = {"law": MOUSSAID, "x": x, "y": y, "goal_x": goal_x, "goal_y": y, "radius": radius}
+            people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
+        walls = [wall(0.0, 0.0, 15.0, 0.0), wall(0.0, 4.8, 15.0, 4.8)]
+        return start, goal, people, walls, 72.0
+
+    return field
+
+
+def _crossing_flow(n: int) -> Callable[[Draw], "Field | None"]:
+    """Returns a stream 5 m wide at a right angle to the robot's way."""
+
+    def field(draw: Draw) -> "Field | None":
+        start, goal = (-4.5, draw.number(-0.5, 0.5)), (4.5, draw.number(-0.5, 0.5))
+        people: list[dict[str, float]] = []
+        law = MOUSSAID if draw.sign() > 0.0 else ORCA
+        for _ in range(n):
+            for _ in range(300):
+                x, y, radius = draw.number(-2.5, 2.5), draw.number(-6.0, 6.0), draw.number(0.2, 0.3)
+                if _clear(x, y, radius, start, people):
+                    break
+            else:
+                return None
+            person = {"law": law, "x": x, "y": y, "goal_x": x, "goal_y": math.copysign(6.5, -y), "radius": radius}
+            people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
+        return start, goal, people, [], 60.0
+
+    return field
+
+
+def _few(along: float, speed: tuple[float, float]) -> Callable[[Draw], Field]:
+    """Returns one to three people on the robot's line: ahead of it in its direction, or towards it."""
+
+    def field(draw: Draw) -> Field:
+        start, goal, law = (0.0, 0.0), (9.0, 0.0), (MOUSSAID if draw.sign() > 0.0 else ORCA)
+        people = []
+        for k in range(draw.whole(1, 3)):
+            x, y = 2.0 + 1.5 * k if along > 0.0 else 9.0 - 1.2 * k, draw.number(-0.4, 0.4)
+            # who comes towards the robot leaves before its start
+            goal_x, then = (16.0, STAYS) if along > 0.0 else (1.2, LEAVES)
+            person = {"law": law, "x": x, "y": y, "goal_x": goal_x, "goal_y": y, "then": then}
+            people.append(person | {"speed": draw.number(*speed)})
+        return start, goal, people, [], 36.0
+
+    return field
+
+
+def _blind_corner(draw: Draw) -> Field:
+    """Returns people that come from behind the corner that the robot passes."""
+    start, goal = (0.0, 0.0), (7.0, 0.0)
+    x, people = 3.5 + draw.number(0.2, 0.8), []
+    for k in range(draw.whole(1, 3)):
+        person = {"law": ORCA, "x": x, "y": 2.5 + 1.0 * k, "goal_x": x, "goal_y": -6.0, "speed": draw.number(0.9, 1.4)}
+        people.append(person | {"then": STAYS})
+    return start, goal, people, [wall(-1.0, 0.9, 3.3, 0.9), wall(3.3, 0.9, 3.3, 6.0)], 30.0
+
+
+def _queue(draw: Draw) -> "Field | None":
+    """Returns 10 to 20 people who push through a door of 1 m that the robot follows them through."""
+    start, goal = (-5.5, draw.number(-1.0, 1.0)), (4.0, 0.0)
+    people: list[dict[str, float]] = []
+    for _ in range(draw.whole(10, 20)):
+        for _ in range(300):
+            x, y, radius = draw.number(-4.0, -0.8), draw.number(-2.2, 2.2), draw.number(0.22, 0.28)
+            if _clear(x, y, radius, start, people):
+                break
+        else:
+            return None
+        gate = {"gate_x": 0.0, "gate_y": -0.5, "gate_to_x": 0.0, "gate_to_y": 0.5}
+        person = {"law": HELBING_FARKAS_VICSEK, "x": x, "y": y, "goal_x": 9.0, "goal_y": y, "radius": radius}
+        people.append(person | gate | {"speed": _speed(draw, 1.0), "then": STAYS})
+    walls = [
+        wall(0.0, -4.0, 0.0, -0.5),
+        wall(0.0, 0.5, 0.0, 4.0),
+        wall(-7.0, -4.0, 0.0, -4.0),
+        wall(-7.0, 4.0, 0.0, 4.0),
+    ]
+    return start, goal, people, walls, 48.0
+
+
+def _standing_groups(draw: Draw) -> "Field | None":
+    """Returns groups of 2 to 5 that stand on circles of 0.6 to 1 m, about the robot's way."""
+    start, goal = (0.0, 0.0), (9.0, 0.0)
+    centres: list[tuple[float, float, float]] = []
+    people: list[dict[str, float]] = []
+    for _ in range(draw.whole(2, 4)):
+        x, y, reach = draw.number(2.0, 7.0), draw.number(-2.0, 2.0), draw.number(0.6, 1.0)
+        if any(math.hypot(x - u, y - v) < reach + r + 1.3 for u, v, r in centres):
+            return None
+        centres.append((x, y, reach))
+        count, phase = draw.whole(2, 5), draw.heading()
+        for k in range(count):
+            sine, cosine = sin_cos.py_func(phase + 2.0 * math.pi * k / count)
+            u, v = rounded(x + reach * cosine), rounded(y + reach * sine)
+            people.append({"law": STANDING, "x": u, "y": v, "goal_x": u, "goal_y": v})
+    return start, goal, people, [], 54.0
+
+
+FIELDS: dict[str, tuple[Callable[[Draw], "Field | None"], str]] = {
+    **{f"crowdnav_{n}": (_crowdnav(n), f"CrowdNav's circle crossing, {n} blind to the robot") for n in (5, 10)},
+    **{f"lanes_{n}": (_lanes(n), f"two streams of {n} in a corridor of 4.8 m") for n in (12, 24, 48)},
+    **{f"crossing_flow_{n}": (_crossing_flow(n), f"a stream of {n} across the way") for n in (8, 16)},
+    "overtaking": (_few(1.0, (0.3, 0.5)), "one to three people, slower than the robot, on its line"),
+    "head_on": (_few(-1.0, (0.9, 1.4)), "one to three people towards the robot on its line"),
+    "blind_corner": (_blind_corner, "one to three people from behind a corner"),
+    "queue_at_door": (_queue, "10 to 20 people who push through a door of 1 m"),
+    "standing_groups": (_standing_groups, "groups of 2 to 5 that stand on circles"),
+}
+PEOPLE_FAMILIES: Mapping[str, Callable[[int], TeamScenario]] = {
+    name: _family(name, field, 10.0 if name.startswith("crowdnav") else 5.0) for name, (field, _) in FIELDS.items()
+}
+
+
+def density(scenario: TeamScenario) -> float:
+    """Returns the quantity of a tier: people a square metre of the field."""
+    return float(scenario.bound)
+
+
+@functools.lru_cache(maxsize=4)
+def feasible(scenario: TeamScenario) -> bool:
+    """Returns whether the robot's straight way is clear of the people within 20 s, as they walk without it: proven.
+
+    Of streams and queues only that its start and goal are clear of walls.
+    """
+    check_team(scenario, LARGEST_HULL)
+    if (scenario.walks["then"] == TURNS_BACK).any() or (scenario.walks["law"] == HELBING_FARKAS_VICSEK).any():
+        return True
+    if (scenario.walks["law"] == STANDING).all():
+        standing = obstacle_field(*(circle(w["x"].item(), w["y"].item(), w["radius"].item()) for w in scenario.walks))
+        robot = TeamScenario.made(scenario.name, scenario.starts.tolist(), scenario.goals.tolist(), standing)
+        return math.isfinite(prove(robot, LARGEST_HULL)[1])
+    start, goal = scenario.starts[0, :2], scenario.goals[0, :2]
+    length = float(scenario.straight[0])
+    steps = round((_LONGEST_WAIT + length / _PACE) / _PERIOD)
+    walked = stroll(scenario.walks, steps, _PERIOD, scenario.obstacles, scenario.tracks, scenario.reach)
+    room = scenario.walks["radius"] + LARGEST_HULL
+    going = round(length / _PACE / _PERIOD)
+    way = start + np.linspace(0.0, 1.0, going + 1)[:, None] * (goal - start)
+    there = walked[:, :, 4] > 0.0
+    at_start = np.sqrt(((walked[:, :, :2] - start) ** 2).sum(axis=2)) - room
+    waits = np.where(there, at_start, np.inf).min(axis=1) > 0.0
+    for wait in range(0, round(_LONGEST_WAIT / _PERIOD), 5):
+        if not waits[: wait + 1].all():
+            return False
+        part = walked[wait : wait + going + 1]
+        gaps = np.sqrt(((part[:, :, :2] - way[: len(part), None]) ** 2).sum(axis=2)) - room
+        if np.where(part[:, :, 4] > 0.0, gaps, np.inf).min() > 0.0:
+            return True
+    return False
+
+
+CROWDNAV_CASES = 500  # of its test, whose generators are seeded 1000 and up
+
+
+def crowdnav_tests(hull_radius: float) -> tuple[TeamScenario, ...]:
+    """Returns the 500 test cases of CrowdNav to the letter: five people on its circle, a goal within 0.3 m.
+
+    Source: Chen, Liu, Kreiss and Alahi, ICRA 2019; github.com/vita-epfl/CrowdNav (crowd_sim.py, env.config).
+    """
+    del hull_radius
+    return tuple(_crowdnav_test(k) for k in range(CROWDNAV_CASES))
+
+
+def _crowdnav_test(k: int) -> TeamScenario:
+    random = np.random.RandomState(1000 + k).random_sample  # the legacy generator, as there
+    start, goal = (0.0, -4.0), (0.0, 4.0)
+    ends = [(start, goal)]
+    while len(ends) < 6:
+        angle = random() * np.pi * 2
+        x, y = 4.0 * np.cos(angle) + random() - 0.5, 4.0 * np.sin(angle)
+        y += random() - 0.5
+        if all(math.hypot(x - u, y - v) >= 0.8 for pair in ends for u, v in pair):
+            ends.append(((float(x), float(y)), (-float(x), -float(y))))
+    orca = {"law": ORCA, "speed": 1.0, "radius": 0.3, "horizon": 5.0, "wall_horizon": 5.0, "margin": 0.01, "blind": 1.0}
+    people = [{"x": x, "y": y, "goal_x": u, "goal_y": v, "then": STAYS, **orca} for (x, y), (u, v) in ends[1:]]
+    ahead = 0.5 * math.pi
+    return TeamScenario.made(
+        f"crowdnav_{k}",
+        [(*start, ahead)],
+        [(*goal, ahead)],
+        walks=walks_of(people),
+        reach=10.0,
+        position_tolerance=0.3,
+        bound=rounded(5.0 / (16.0 * math.pi)),
+        family="crowdnav",
+    )
+
+
+REPERTOIRE = Repertoire(
+    scenario=TeamScenario,
+    presets={"crowdnav": crowdnav_tests},
+    families=PEOPLE_FAMILIES,
+    about={name: what for name, (_, what) in FIELDS.items()},
+    quantity=density,
+    feasible=feasible,
+)

@@ -1,0 +1,161 @@
+"""What a scenario of several bodies is: a start and a goal a robot, people, and the proof that it can be done."""
+
+import copy
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.crowds.people import WALK
+from wayfield.envs.scenarios.scenario import GoalScenario, check_clear
+from wayfield.system.checks import number, shown
+
+MOST_ROBOTS = 4096
+MOST_PEOPLE = 4096
+SIGHT = 5.0  # m, within which bodies are neighbours
+
+Pose = tuple[float, float, float]
+
+
+def _nobody() -> NDArray[np.void]:
+    return np.zeros(0, WALK)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TeamScenario:
+    """Robots that each have a goal, in one world, among people.
+
+    Raises:
+        ValueError: if there is no robot, or a value is out of its range; the message names the field and the value.
+    """
+
+    name: str
+    robots: tuple[GoalScenario, ...]  # what each is asked; all stand in the same field
+    walks: NDArray[np.void] = dataclasses.field(default_factory=_nobody)  # (q,) WALK records
+    tracks: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))  # of who is replayed
+    reach: float = SIGHT  # m, within which bodies are neighbours
+    proof: str = ""  # "rigid turn", "one after another", "waiting"; "": none was looked for
+    bound: float = math.nan  # s, the proven makespan over the longest straight way at the same speed
+    family: str = ""
+    tier: str = ""
+    quantity: float = math.nan  # what the tier is read from: the bound
+
+    # no file holds one yet
+    file_fields: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.robots) <= MOST_ROBOTS:
+            raise ValueError(f"robots are {len(self.robots)}; there must be from 1 to {MOST_ROBOTS}")
+        for i, each in enumerate(self.robots):
+            if not isinstance(each, GoalScenario):
+                raise ValueError(f"robots[{i}] is {shown(each)}; it must be a GoalScenario")
+        if self.walks.dtype != WALK or self.walks.ndim != 1 or len(self.walks) > MOST_PEOPLE:
+            raise ValueError(f"walks is {shown(self.walks)}; it must be an array of at most {MOST_PEOPLE} WALK records")
+        for name in WALK.names or ():
+            bad = np.flatnonzero(~np.isfinite(self.walks[name].astype(np.float64)))
+            if len(bad):
+                raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be finite")
+        for name, most in (("speed", 3.0), ("radius", 0.5)):
+            bad = np.flatnonzero((self.walks[name] < 0.0) | (self.walks[name] > most))
+            if len(bad):
+                raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most:g}")
+        number("reach", self.reach, above=0.0)
+
+    @classmethod
+    def made(
+        cls, name: str, starts: Sequence[Pose], goals: Sequence[Pose], obstacles: Any = (), **fields: Any
+    ) -> "TeamScenario":
+        """Returns a scenario from starts and goals, x, y (m), heading (rad), a robot each, all in one field.
+
+        Goals are reached within 0.2 m at any heading, as in the goal families.
+        """
+        if len(starts) != len(goals):
+            raise ValueError(f"starts are {len(starts)} and goals are {len(goals)}; there must be as many of either")
+        own: dict[str, Any] = {
+            key: fields.pop(key) for key in ("position_tolerance", "heading_tolerance") if key in fields
+        }
+        own = {"position_tolerance": 0.2, "heading_tolerance": math.pi} | own
+        robots: list[GoalScenario] = []
+        for start, goal in zip(starts, goals, strict=True):
+            if not robots:
+                first = (
+                    GoalScenario(name, goal=goal, start=start, obstacles=obstacles, **own)
+                    if len(obstacles)
+                    else (GoalScenario(name, goal=goal, start=start, **own))
+                )
+                robots.append(first)
+                continue
+            # the field is checked once, and shared
+            bare = GoalScenario(name, goal=goal, start=start, **own)
+            robot = copy.copy(robots[0])
+            object.__setattr__(robot, "start", bare.start)
+            object.__setattr__(robot, "goal", bare.goal)
+            robots.append(robot)
+        return cls(name, tuple(robots), **fields)
+
+    @property
+    def team(self) -> int:
+        """Returns how many robots there are."""
+        return len(self.robots)
+
+    @property
+    def starts(self) -> NDArray[np.float64]:
+        """Returns where the robots start, (n, 3)."""
+        return np.array([each.start for each in self.robots])
+
+    @property
+    def goals(self) -> NDArray[np.float64]:
+        """Returns where they shall go, (n, 3)."""
+        return np.array([each.goal for each in self.robots])
+
+    @property
+    def obstacles(self) -> NDArray[np.void]:
+        """Returns the obstacles (m,) of the field."""
+        return self.robots[0].obstacles
+
+    @property
+    def straight(self) -> NDArray[np.float64]:
+        """Returns the length (m) of each robot's straight way, (n,)."""
+        apart: NDArray[np.float64] = np.sqrt(((self.goals - self.starts)[:, :2] ** 2).sum(axis=1))
+        return apart
+
+    def of(self, team: int) -> "TeamScenario":
+        """Returns the scenario of the first robots alone; ValueError if there are not so many."""
+        if team > len(self.robots):
+            raise ValueError(
+                f"team={team} is larger than scenario {self.name!r} allows; it must be at most {len(self.robots)}"
+            )
+        return self if team == len(self.robots) else dataclasses.replace(self, robots=self.robots[:team])
+
+    def fitted(self, shrinkage: float) -> "TeamScenario":
+        """Returns the scenario for a smaller hull: itself, with more room."""
+        del shrinkage
+        return self
+
+    def decisive(self) -> list[Any]:
+        """Returns all numbers that decide an episode, in an order of their own."""
+        walks = [self.walks[name] for name in WALK.names or ()]
+        each = [part for robot in self.robots[:1] for part in robot.decisive()]
+        return [len(self.robots), *each, self.starts, self.goals, len(self.walks), *walks, self.tracks, self.reach]
+
+
+def check_team(scenario: TeamScenario, hull_radius: float) -> None:
+    """Checks that discs of `hull_radius` (m) fit at all starts and goals, and overlap nobody.
+
+    Raises:
+        ValueError: naming the scenario, the robots and the places.
+    """
+    for robot in scenario.robots:
+        check_clear(robot, hull_radius)
+    for what, places in (("starts", scenario.starts), ("goals", scenario.goals)):
+        for i in range(1, len(places)):
+            gaps = np.sqrt(((places[:i, :2] - places[i, :2]) ** 2).sum(axis=1)) - 2.0 * hull_radius
+            if gaps.min() < 0.0:
+                k = int(gaps.argmin())
+                raise ValueError(
+                    f"scenario {scenario.name!r}: {what}[{k}] and {what}[{i}] overlap by {-gaps[k]:.3g} m for hulls of "
+                    f"radius {hull_radius:g} m; they must be {2.0 * hull_radius:g} m apart"
+                )

@@ -1,0 +1,237 @@
+"""What a task is made of, and the options that all tasks share."""
+
+import abc
+import dataclasses
+import math
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered, records
+from wayfield.envs.robots.disturbances import DISTURBANCES, Disturbance
+from wayfield.envs.tasks.observation import Layout
+from wayfield.envs.tasks.specs import TaskSpec
+from wayfield.envs.world.grids import NO_GRIDS, Grids
+from wayfield.system.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown
+
+CONTROL_PERIOD = 0.05  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """The options of every task, looked up and checked."""
+
+    robot: Robot
+    dynamics: str
+    actuators: Actuators
+    action_mode: str
+    noise: float
+    pose_source: str
+    shove: tuple[float, float, float, float] | None
+    disturbance: Disturbance
+    dt: float = CONTROL_PERIOD
+    address: str | None = None  # host:port of the simulator, of the plant that has one
+
+    @classmethod
+    def of(cls, robots: tuple[str, ...], **asked: Any) -> "Options":
+        """Returns the options whose values and names are those of the registered classes' arguments.
+
+        Args:
+            robots: the names that the environment offers; the first is the default. A data sheet or a `Robot` with a
+                drive of their kind will do as well.
+            asked: a value for each field but `dt`. shove: (time s, dx m, dy m, turn rad): the pose is displaced by this
+                at that time, in the world frame.
+
+        Raises:
+            ValueError: if a name is unknown or a number out of range, or a data sheet is wrong; the message names the
+                field and the choices.
+            OSError: if a data sheet cannot be opened.
+        """
+        asked["robot"] = robot = offered(asked["robot"], robots)
+        for field, choices in _CHOICES.items():
+            choose(field, asked[field], choices)
+        asked["actuators"] = robot.actuators(asked["actuators"])
+        if asked["dynamics"] == "coppelia" and asked["actuators"].response is not None:
+            raise ValueError(
+                f'robot {robot.name!r} has a delay or a response of its own; dynamics="coppelia" has no such motors'
+            )
+        asked["disturbance"] = DISTURBANCES[asked["disturbance"]]
+        if asked["address"] is not None and asked["dynamics"] != "coppelia":
+            raise ValueError(f'address={asked["address"]!r} belongs to dynamics="coppelia"')
+        noise = asked["noise"]
+        if not 0.0 <= real(noise) < math.inf:
+            raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {shown(noise)}")
+        asked["noise"] = number("noise", noise, least=0.0, most=MOST_NOISE)
+        if asked["shove"] is not None:
+            asked["shove"] = _shove(asked["shove"])
+        return cls(**asked)
+
+    def robot_params(self) -> dict[str, Any]:
+        """Returns the values of records.ROBOT_PARAMS, but for the beams, which a task sets."""
+        robot, actuators, disturbance, dt = self.robot, self.actuators, self.disturbance, self.dt
+        true_pose = self.pose_source == "ground_truth"
+        encoders, odometry, passive = records.odometry_matrices(robot, "odometry" if true_pose else self.pose_source)
+        decay, mean = records.lag_factors(actuators.lag, dt)
+        when, shove_x, shove_y, shove_heading = self.shove or (-dt, 0.0, 0.0, 0.0)
+        pose_noise, encoder_noise = self.noise + disturbance.pose_noise, self.noise + disturbance.encoder_noise
+        right = pose_noise == encoder_noise == 0.0 and not disturbance.distorts
+        return {
+            **records.motor_numbers(robot, actuators, dt),
+            "twist_action": self.action_mode == "twist",
+            "holonomic": robot.holonomic,
+            "lag_decay": decay,
+            "lag_mean": mean,
+            "requests": len(self.max_action),
+            "hull_radius": robot.hull_radius,
+            "hull_length": robot.hull_box[0] if robot.hull_box else 0.0,
+            "hull_width": robot.hull_box[1] if robot.hull_box else 0.0,
+            "perfect_pose": true_pose and right,
+            "pose_from_odometry": not true_pose,
+            "passive_encoders": passive,
+            "num_encoders": len(encoders),
+            "encoder_matrix": records.padded(encoders, (records.MAX_WHEELS, 3)),
+            "odometry_matrix": records.padded(odometry, (3, records.MAX_WHEELS)),
+            "position_noise": records.POSITION_NOISE * pose_noise,
+            "heading_noise": records.HEADING_NOISE * pose_noise,
+            "encoder_noise": records.ENCODER_NOISE * encoder_noise,
+            "range_noise": records.RANGE_NOISE * (self.noise + disturbance.range_noise),
+            "dropout_below": disturbance.dropout_below,
+            "distorted": disturbance.distorts,
+            "distortion": disturbance.distortion(robot),
+            "side_slip": disturbance.side_slip,
+            "drawn_shove": disturbance.shove,
+            "shove_step": round(when / dt),
+            "shove_x": shove_x,
+            "shove_y": shove_y,
+            "shove_heading": shove_heading,
+        }
+
+    @property
+    def num_requested(self) -> int:
+        """Returns how many numbers of what was requested lie behind an action."""
+        return records.num_requests(self.actuators.response, self.dt)
+
+    @property
+    def max_action(self) -> NDArray[np.float64]:
+        """Returns the bound of the action space, (a,): m/s and rad/s, or rad/s of each wheel."""
+        if self.action_mode == "twist":
+            return self.robot.max_twist
+        return np.full(len(self.robot.wheel_matrix), self.robot.rated_wheel_speed)
+
+
+_CHOICES: Mapping[str, Collection[str]] = {
+    "dynamics": ("kinematic", "pymunk", "coppelia"),
+    "actuators": ACTUATORS,
+    "action_mode": ("twist", "wheel_speeds"),
+    "pose_source": records.POSE_SOURCES,
+    "disturbance": DISTURBANCES,
+}
+
+
+def _shove(shove: Any) -> tuple[float, float, float, float]:
+    """Returns (time s, dx m, dy m, turn rad) of a displacement; ValueError if it is none."""
+    listed = isinstance(shove, tuple | list) or (isinstance(shove, np.ndarray) and shove.ndim == 1)
+    values = [real(each) for each in shove] if listed and len(shove) == 4 else []
+    if not values or not all(map(math.isfinite, values)) or values[0] < 0.0:
+        raise ValueError(f"shove must be (time >= 0, dx, dy, turn), four finite numbers, got {shown(shove)}")
+    return (
+        number("shove[0]", values[0], least=0.0, most=LONGEST),
+        number("shove[1]", values[1], most=FARTHEST_SHOVE),
+        number("shove[2]", values[2], most=FARTHEST_SHOVE),
+        heading("shove[3]", values[3]),
+    )
+
+
+class Task(abc.ABC):
+    """A task: its records, its compiled step over all robots, and the bank of scenarios it draws from.
+
+    The compiled functions take the arrays that `Batch` passes, then those of `world`, which describe the bank.
+    """
+
+    state_dtype: ClassVar[np.dtype[np.void]]
+    info_names: ClassVar[tuple[str, ...]]
+    flag_names: ClassVar[tuple[str, ...]]
+    draws: int
+    step_rows: ClassVar[Callable[..., int]]
+    reset_rows: ClassVar[Callable[..., None]]
+
+    scenarios: tuple[Any, ...]
+    options: Options
+    robot: Robot
+    layout: Layout[Any]
+    params: NDArray[np.void]
+    world: tuple[NDArray[Any], ...]
+    beam_angles: NDArray[np.float64]
+    max_obstacles: int
+    patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
+    grids: Grids = NO_GRIDS
+    # where none moves or is pushed, those of the bank: (scenarios, max_obstacles), and as `blocks.in_blocks` puts them
+    fields: NDArray[np.void] | None = None
+    shared_obstacles: NDArray[np.void] | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
+        """Returns the task itself: it never changes, and the maps of its bank are large."""
+        del memo
+        return self
+
+    @property
+    def spec(self) -> TaskSpec:
+        """Returns what tells the task from others: the one that its observations belong to."""
+        assert self.layout.task is not None
+        return self.layout.task
+
+    @property
+    def num_beams(self) -> int:
+        """Returns how many beams the range scan has."""
+        return len(self.beam_angles)
+
+    def own_arrays(self, num_envs: int) -> tuple[NDArray[Any], ...]:
+        """Returns arrays that the step of `num_envs` robots keeps besides their states; most tasks have none."""
+        del num_envs
+        return ()
+
+    def others(
+        self, states: NDArray[np.void], own: tuple[NDArray[Any], ...], i: int
+    ) -> tuple[list[tuple[int, tuple[float, float, float], tuple[float, float], bool]], NDArray[np.float64]]:
+        """Returns who else is in robot i's world: of each robot number, pose, goal and whether it left, and the people.
+
+        People are (q, 4): x, y (m), heading (rad), radius (m).
+        """
+        del states, own, i
+        return [], np.zeros((0, 4))
+
+    @abc.abstractmethod
+    def obstacle_counts(self, states: NDArray[np.void]) -> NDArray[np.int64]:
+        """Returns how many obstacles each robot has around it."""
+
+    def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+        """Returns the greatest value (b,) of each field of a task's own states that is an index, by its name.
+
+        Args:
+            scenarios: (b,) of the bank.
+        """
+        del scenarios
+        return {}
+
+    def scenario_of(self, states: NDArray[np.void]) -> NDArray[np.int64]:
+        """Returns which scenario (b,) of the bank robots are in."""
+        return np.asarray(states["scenario"])
+
+    def same_world(self, name: str, values: NDArray[Any], there: NDArray[Any]) -> NDArray[np.bool_]:
+        """Returns whether robots (b,) with these values of what a scenario decides are where those with others are."""
+        del name
+        return np.asarray(values == there)
+
+    def check_own(self, own: tuple[NDArray[Any], ...], there: tuple[NDArray[Any], ...]) -> None:
+        """Raises ValueError, naming the field, unless arrays like `own_arrays` may take the place of those there."""
+        del own, there
+
+    @abc.abstractmethod
+    def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
+        """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
+
+    @abc.abstractmethod
+    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+        """Returns the task's part of the briefing of a policy that knows `knows`."""

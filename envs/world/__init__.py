@@ -1,0 +1,1 @@
+"""What stands in the plane: points, paths, obstacles, grids, moving obstacles."""

@@ -1,0 +1,275 @@
+"""The `wayfield` command: what it hands over, what it says without an extra, its lists, films and the game."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygame
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+import wayfield
+from wayfield import command, starting
+from wayfield.benchmarks.commands import lists, play
+from wayfield.benchmarks.figures import video
+from wayfield.benchmarks.figures.one_drive import Place
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
+from wayfield.policies import ABOUT, POLICIES
+
+NOT_THERE = """
+import builtins, sys
+missing = {missing!r}
+real = builtins.__import__
+def imported(name, *rest, **more):
+    if name.partition(".")[0] in missing:
+        raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+    return real(name, *rest, **more)
+builtins.__import__ = imported
+sys.argv = ["wayfield", *{words!r}]
+from wayfield.command import main
+main()
+"""
+
+
+def said(*words: str, missing: tuple[str, ...] = (), folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Returns what a new process says, as if some packages were not installed."""
+    program = NOT_THERE.format(missing=missing, words=words)
+    return subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_the_version_is_that_of_the_install_and_needs_nothing_more() -> None:
+    told = said("--version", missing=("click", "rich", "numba", "scipy"))
+    assert told.stdout == f"wayfield {wayfield.__version__}\n"
+    assert wayfield.__version__[0].isdigit()
+
+
+def test_the_help_names_every_command_without_any_extra() -> None:
+    for words in ((), ("--help",), ("-h",)):
+        told = said(*words, missing=("click", "rich", "numba"))
+        assert told.returncode == 0, told.stderr
+        assert all(f"  {name} " in told.stdout for name in command.COMMANDS)
+
+
+@pytest.mark.parametrize("name", command.COMMANDS)
+def test_without_its_extra_a_command_says_one_line(name: str) -> None:
+    told = said(name, "--help", missing=("click",))
+    assert told.returncode == 1
+    assert told.stderr == (
+        f'wayfield {name}: click is missing: pip install "wayfield[{command.COMMANDS[name].extra}]"\n'
+    )
+
+
+def test_without_pygame_the_game_says_one_line() -> None:
+    told = said("play", missing=("pygame",))
+    assert told.stderr == 'wayfield play: pygame is missing: pip install "wayfield[render]"\n'
+
+
+def test_films_and_games_need_no_more_than_their_extra() -> None:
+    for name in ("play", "render"):
+        told = said(name, "--help", missing=("rich", "matplotlib", "tabulate", "optuna", "torch"))
+        assert told.returncode == 0, told.stderr
+        assert told.stdout.startswith(f"Usage: wayfield {name} ")
+
+
+def test_a_wrong_name_is_answered_with_the_nearest() -> None:
+    assert "'evalute' is no command. Did you mean 'evaluate'? Choose from evaluate, train" in said("evalute").stderr
+    assert "comes behind its command: wayfield evaluate --suite" in said("--suite", "documents").stderr
+
+
+def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
+    for what, source in ((each.what, each.source) for each in ABOUT.values()):
+        assert source == "" or re.search(r"(19|20)\d\d|^document [ABC]$|Nav2|Rajamani", source), source
+        assert not re.search(r"(19|20)\d\d", what), what
+    families = [family for spec in TASKS.values() for family in spec.families]
+    assert all(list(spec.repertoire.about) == list(spec.families) for spec in TASKS.values())
+    # below each stands what its columns mean, and what else may be named
+    below = {
+        lists.policies: ["Is told:", "Needs:", "wayfield.policies.make(NAME)"],
+        lists.scenarios: [*(f"{name} ({count})" for name, count in SPLITS.items()), *PATH_SCENARIOS, *GOAL_SCENARIOS],
+        lists.robots: ["Hull:", "At most:"],
+    }
+    for listed, names in ((lists.policies, POLICIES), (lists.scenarios, families), (lists.robots, ROBOTS)):
+        for width in (80, 100, 1000):
+            shown = CliRunner(env={"COLUMNS": str(width)}).invoke(listed, [])
+            assert shown.exit_code == 0, shown.output
+            lines = shown.output.splitlines()
+            firsts = {line.split()[0] for line in lines if line.strip()}
+            assert set(names) <= firsts
+            assert max(map(len, lines)) <= width
+            told = " ".join(shown.output.split())
+            assert all(each in told for each in below[listed])
+
+
+PATH = ("DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--seconds", "1")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".gif", ".mp4"])
+def test_a_policy_is_filmed(suffix: str, tmp_path: Path) -> None:
+    file = tmp_path / f"film{suffix}"
+    shown = CliRunner().invoke(video.main, [*PATH, "--ghost", "stanley", "--size", "300", "--out", str(file)])
+    assert shown.exit_code == 0, shown.output
+    assert "pure_pursuit: under way for 1.00 s; stanley: under way for 1.00 s; written to" in shown.output
+    if suffix == ".mp4":
+        from moviepy import VideoFileClip
+
+        with VideoFileClip(str(file)) as clip:
+            assert clip.duration == pytest.approx(2.0, abs=0.2)  # the last moment is shown for a second
+    elif suffix == ".gif":
+        with Image.open(file) as film:
+            assert film.n_frames > 5  # type: ignore[attr-defined]
+    assert file.stat().st_size > 1000
+    again = CliRunner().invoke(video.main, [*PATH, "--out", str(file)])
+    assert "is there already; --force replaces it" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--policy", "pure_persuit", "--out", "a.png"], "Did you mean 'pure_pursuit'?"),
+        (["--policy", "pure_pursuit speed=-1", "--out", "a.png"], "speed"),
+        (["--policy", "pure_pursuit", "--out", "a.avi"], "must end in .mp4, .gif, .png"),
+        (["--policy", "pure_pursuit", "--out", "nowhere/a.png"], "there is no folder"),
+        (["DiffDriveGoalObstacle-v0", "--policy", "dwa", "--out", "a.png"], "Did you mean"),
+        (["DiffDriveGoalObstacles-v0", "--policy", "stanley", "--out", "a.png"], "Stanley reads"),
+        (["--policy", "stanley", "--robot", "p3dxx", "--out", "a.png"], "robot"),
+        (["--policy", "stanley", "--scenario", "s_curv", "--out", "a.png"], "s_curve"),
+        (["--policy", "stanley", "--scenario", "s_curve", "--index", "7", "--out", "a.png"], "from 0 to 0"),
+        (["--policy", "stanley", "--set", "num_previews=3", "--out", "a.png"], "num_previews"),
+        (["--policy", "waypoint", "--robot", "p3dx", "--out", "a.png"], "holonomic"),
+    ],
+)
+def test_wrong_words_are_one_line(
+    words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = CliRunner().invoke(video.main, words)
+    assert shown.exit_code == 2, shown.output
+    assert message in shown.stderr
+    assert shown.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+# The game.
+
+
+def place(env_id: str, **other: Any) -> Place:
+    """Returns an easy place."""
+    nothing = dict.fromkeys(("scenario", "index", "robot", "dynamics", "disturbance"))
+    return Place(
+        **{"env_id": env_id, **nothing, "actuators": "ideal", "settings": (), "seed": 0, "gains": "tuned"} | other
+    )
+
+
+def press(key: int, up: bool = False) -> pygame.event.Event:
+    return pygame.event.Event(pygame.KEYUP if up else pygame.KEYDOWN, key=key)
+
+
+def moved(game: play.Game, keys: list[int], steps: int = 10) -> np.ndarray[Any, Any]:
+    """Returns how far the robot goes in its own frame (ahead, left, turned) while keys are held."""
+    game.begin()
+    x, y, heading = game.mine.pose
+    for key in keys:
+        game.hear(press(key))
+    for _ in range(steps):
+        game.step()
+    for key in keys:
+        game.hear(press(key, up=True))
+    to_x, to_y, to_heading = game.mine.pose
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return np.array(
+        [cosine * (to_x - x) + sine * (to_y - y), cosine * (to_y - y) - sine * (to_x - x), to_heading - heading]
+    )
+
+
+def test_keys_drive_where_they_say() -> None:
+    """Half a second at 0.6 m/s and 1.5 rad/s, without lag."""
+    game = play.Game(place("OmniPathFollowing-v0"), None, 0.6, 1.5)
+    for keys, way in (
+        ([pygame.K_UP], (0.3, 0.0, 0.0)),
+        ([pygame.K_s], (-0.3, 0.0, 0.0)),
+        ([pygame.K_a], (0.0, 0.3, 0.0)),
+        ([pygame.K_d], (0.0, -0.3, 0.0)),
+        ([pygame.K_LEFT], (0.0, 0.0, 0.75)),
+        ([pygame.K_w, pygame.K_UP], (0.3, 0.0, 0.0)),
+        ([pygame.K_w, pygame.K_s], (0.0, 0.0, 0.0)),
+        ([pygame.K_w, pygame.K_d], (0.3 / 2**0.5, -0.3 / 2**0.5, 0.0)),
+    ):
+        np.testing.assert_allclose(moved(game, keys), way, atol=1e-6)
+    game = play.Game(place("DiffDrivePathFollowing-v0"), None, 0.6, 1.5)
+    np.testing.assert_allclose(moved(game, [pygame.K_a]), (0.0, 0.0, 0.75), atol=1e-6)
+    np.testing.assert_allclose(moved(game, [pygame.K_RIGHT]), (0.0, 0.0, -0.75), atol=1e-6)
+    game.close()
+
+
+def test_the_ghost_meets_what_the_player_meets() -> None:
+    game = play.Game(place("DiffDrivePathFollowing-v0", disturbance="moderate"), "pure_pursuit", 0.6, 1.5)
+    assert game.ghost is not None
+    for _ in range(2):
+        assert game.mine.single.batch.states.tobytes() == game.ghost.single.batch.states.tobytes()
+        for _ in range(3):
+            game.step()  # before the first key nothing moves
+        assert game.mine.steps == game.ghost.steps == 0
+        game.hear(press(pygame.K_UP))
+        for _ in range(20):
+            game.step()
+        assert game.mine.steps == game.ghost.steps == 20
+        (ghost,) = game.scene().ghosts
+        assert ghost.pose == game.ghost.pose != game.mine.pose
+        game.hear(press(pygame.K_n))
+    game.close()
+
+
+def test_an_episode_ends_and_is_told_and_begins_again() -> None:
+    game = play.Game(place("DiffDrivePathFollowing-v0", scenario="s_curve"), None, 1.2, 3.0)
+    game.hear(press(pygame.K_DOWN))
+    told = [line for line in (game.step() for _ in range(200)) if line]
+    assert len(told) == 1
+    assert told[0].startswith("seed 0: you: left corridor after")
+    assert "R again" in game.scene().caption
+    game.hear(press(pygame.K_r))
+    assert not game.mine.ended
+    assert not game.hands.held
+    game.hear(press(pygame.K_n))
+    assert game.seed == 1
+    game.close()
+
+
+def test_without_a_display_the_game_says_one_line(tmp_path: Path) -> None:
+    bare = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    bare = {key: value for key, value in bare.items() if not key.startswith("SDL_")}
+    told = subprocess.run(
+        [sys.executable, "-m", "wayfield.command", "play"], env=bare, capture_output=True, text=True, cwd=tmp_path
+    )
+    assert told.returncode == 1
+    assert told.stderr.startswith("play: there is no display")
+    assert told.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("number", "raised"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)])
+def test_a_signal_that_falls_into_a_destructor_is_not_lost(
+    number: int, raised: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def handler(*_: object) -> None:
+        raise raised
+
+    class Late:
+        def __del__(self) -> None:
+            raise raised
+
+    monkeypatch.setattr(sys, "unraisablehook", starting.again)
+    before = signal.signal(number, handler)
+    try:
+        late = [Late()]
+        late.clear()
+        with pytest.raises(raised):
+            time.sleep(10.0)
+    finally:
+        signal.signal(number, before)

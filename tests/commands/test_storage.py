@@ -1,0 +1,148 @@
+"""Files are whole or not there, whoever writes beside and whenever a process is killed; children end with parents."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from wayfield.system import storage
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    file = tmp_path / "gains.json"
+    storage.write_whole(file, b"old")
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        storage.write_whole(file, b"new")
+    assert file.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="counts descriptors as Linux tells them")
+def test_writing_leaves_no_file_open(tmp_path):
+    before = len(os.listdir("/proc/self/fd"))
+    for k in range(20):
+        storage.write_whole(tmp_path / f"{k}", b"new")
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def _write_many(file, content):
+    for _ in range(100):
+        storage.write_whole(file, content)
+
+
+def test_racing_writers_never_fail_and_never_mix(tmp_path):
+    file = tmp_path / "state"
+    contents = [bytes([65 + k]) * 10_000 for k in range(2)]
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=_write_many, args=(file, content)) for content in contents]
+    for writer in writers:
+        writer.start()
+    while any(writer.is_alive() for writer in writers):
+        if file.exists():
+            assert file.read_bytes() in contents
+    assert [writer.exitcode for writer in writers] == [0, 0]
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("clear", [storage.clear_stale, lambda folder: storage.write_whole(folder / "a", b"")])
+def test_what_a_dead_process_left_is_cleared_and_what_a_living_one_writes_is_not(tmp_path, clear):
+    child = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"from wayfield.system import storage; import pathlib, os\n"
+            f"storage.temporary_folder(pathlib.Path({str(tmp_path)!r})); os._exit(9)",
+        ],
+        check=False,
+    )
+    assert child.returncode == 9
+    ours = storage.temporary_folder(tmp_path)
+    foreign = tmp_path / ".wayfield-notes"
+    foreign.write_text("mine")
+    assert len(list(tmp_path.iterdir())) == 3
+    clear(tmp_path)
+    assert sorted({*tmp_path.iterdir()} - {tmp_path / "a"}) == sorted([ours, foreign])
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+def test_a_dead_process_that_nobody_has_waited_for_is_gone(tmp_path):
+    made = f"storage.temporary_folder(pathlib.Path({str(tmp_path)!r}))"
+    code = f"from wayfield.system import storage; import pathlib; {made}"
+    child = subprocess.Popen([sys.executable, "-c", code])
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    assert list(tmp_path.iterdir())
+    storage.clear_stale(tmp_path)
+    assert not list(tmp_path.iterdir())
+    child.wait()
+
+
+def test_a_lock_is_refused_to_a_second_and_free_after_the_first(tmp_path):
+    file = tmp_path / "lock"
+    code = (
+        f"from wayfield.system import storage\n"
+        f"try:\n    with storage.locked({str(file)!r}, 'busy here'): print('held')\n"
+        f"except BlockingIOError as error: print(error)"
+    )
+    with storage.locked(file, "busy"):
+        told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout == "busy here\n"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout == "held\n"
+
+
+@pytest.mark.parametrize("kind", ["text", "folder", "link"])
+def test_what_is_no_lock_is_refused_and_stays_as_it_is(tmp_path, kind):
+    file, there = tmp_path / "lock", tmp_path / "mine.txt"
+    there.write_text("mine")
+    if kind == "folder":
+        file.mkdir()
+    elif kind == "link":
+        file.symlink_to(there)
+    else:
+        file.write_text("mine")
+    with pytest.raises(FileExistsError, match="is not a lock of ours"), storage.locked(file, "busy"):
+        pass
+    assert file.is_dir() if kind == "folder" else file.read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == [file, there]
+
+
+def test_the_digest_is_of_the_content_not_of_the_order():
+    assert storage.digest({"a": 1, "b": [2.5]}) == storage.digest({"b": [2.5], "a": 1})
+    assert storage.digest({"a": 1}) != storage.digest({"a": 2})
+
+
+_PARENT = """
+import os, subprocess, sys, time
+child = subprocess.Popen([sys.executable, "-c",
+    "import os, time; from wayfield.system.processes import end_with_parent; end_with_parent(os.getppid());"
+    "print(os.getpid(), flush=True); time.sleep(60)"])
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_child_ends_with_its_parent_however_that_ends(how):
+    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, text=True) as parent:
+        child = int(parent.stdout.readline())
+        parent.send_signal(how)
+        parent.wait()
+        for _ in range(1200):
+            try:
+                os.kill(child, 0)
+            except ProcessLookupError:
+                return
+            with open(f"/proc/{child}/stat") as stat:
+                if stat.read().split()[2] == "Z":
+                    return
+            time.sleep(0.05)
+        pytest.fail(f"process {child} goes on after its parent")

@@ -1,0 +1,195 @@
+"""Intervals and tests against other formulas, hand-made cases, and their own promise: how often they hold."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.stats
+from audit_formulas import binomial_ends, counted_ends
+from hypothesis import given
+from hypothesis import strategies as st
+from interval_coverage import HOLDS, covered, designs
+from scipy.stats.mstats import trimmed_mean_ci
+
+from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm, mean
+from wayfield.benchmarks.statistics.crossed import LEAST, enough, exact_interval, share_interval, spread, winsorised
+from wayfield.benchmarks.statistics.paired import advantage, difference, holm
+
+STRATA = [f"{k}" for k in range(6) for _ in range(10)]
+
+
+def column(values: object) -> np.ndarray:
+    return np.asarray(values, np.float64).reshape(-1, 1)
+
+
+def test_with_fewer_than_five_scenarios_a_stratum_nothing_is_said() -> None:
+    few = ["a"] * 10 + ["b"] * (LEAST - 1)
+    values = np.random.default_rng(0).normal(size=len(few))
+    assert not enough(few)
+    assert interval(values, few, mean) is None
+    assert share_interval((values > 0.0).astype(float), few) is None
+    found = difference(column(values), column(-values), few)
+    assert math.isnan(found.low)
+    assert math.isnan(found.p)
+    assert found.value == pytest.approx(2.0 * values.mean())
+    assert enough([*few, "b"])
+
+
+def test_agents_and_scenarios_both_add_to_the_variance() -> None:
+    """In a population whose parts are known: the estimate is right on average, and never below either part."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(300):
+        agents, scenes = rng.normal(size=(1, 8)), 2.0 * rng.normal(size=(60, 1))
+        table = agents + scenes + 3.0 * rng.normal(size=(60, 8))
+        each = spread(table, STRATA).variance
+        assert each >= table.mean(axis=0).var(ddof=1) / 8.0 - 1e-12
+        found.append(each)
+    assert np.mean(found) == pytest.approx(1.0 / 8 + 4.0 / 60 + 9.0 / 480, rel=0.07)
+
+
+@given(st.lists(st.floats(-100.0, 100.0), min_size=8, max_size=40))
+def test_winsorised_values_have_the_mean_that_is_reported(values: list[float]) -> None:
+    array = np.array(values)
+    assert winsorised(array).mean() == pytest.approx(float(iqm(array)), abs=1e-9)
+
+
+def test_a_paired_difference_of_errors_is_the_trimmed_t_test() -> None:
+    values = np.random.default_rng(1).gamma(1.0, size=40)
+    found = difference(column(values), column(np.zeros(40)), ["a"] * 40, "iqm")
+    low, high = trimmed_mean_ci(values, limits=(0.25, 0.25), inclusive=(True, True), alpha=0.05)
+    assert found.value == pytest.approx(float(iqm(values)))
+    # ours has more degrees of freedom than Yuen's, which counts what is trimmed as not there
+    assert found.low == pytest.approx(low, abs=0.15 * (high - low))
+    assert found.high == pytest.approx(high, abs=0.15 * (high - low))
+
+
+def test_a_paired_difference_of_times_is_the_paired_t_test() -> None:
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(10.0, 2.0, 30), rng.normal(9.0, 2.0, 30)
+    found = difference(column(a), column(b), ["a"] * 30)
+    wanted = scipy.stats.ttest_rel(a, b)
+    ends = wanted.confidence_interval()
+    assert (found.value, found.p) == pytest.approx(((a - b).mean(), wanted.pvalue))
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high))
+
+
+def test_two_policies_that_never_fail_are_not_told_apart_to_the_last_digit() -> None:
+    found = difference(np.ones((60, 1)), np.ones((60, 10)), STRATA, "share")
+    assert found.value == 0.0
+    assert found.low < -0.01
+    assert found.high > 0.01
+    assert found.p == 1.0
+
+
+def test_a_difference_of_shares_is_that_with_a_win_and_a_loss_more() -> None:
+    """Agresti and Min: of n pairs with b wins and c losses the interval lies about (b - c) / (n + 2)."""
+    a, b = np.ones((60, 1)), np.ones((60, 1))
+    a[:3], b[3:15] = 0.0, 0.0
+    found = difference(a, b, STRATA, "share")
+    assert found.value == pytest.approx((12 - 3) / 60)
+    assert 0.5 * (found.low + found.high) == pytest.approx((12 - 3) / 62)
+    reverse = difference(b, a, STRATA, "share")
+    assert (reverse.low, reverse.high, reverse.p) == pytest.approx((-found.high, -found.low, found.p))
+
+
+def test_the_interval_of_a_share_is_of_one_kind_and_never_a_point() -> None:
+    one = np.ones(60)
+    assert share_interval(one, STRATA) == share_interval(np.ones((60, 10)), STRATA)
+    low, high = exact_interval(1.0, 60)
+    assert (low, high) == (pytest.approx(0.025 ** (1.0 / 60.0)), 1.0)
+    assert share_interval(one, STRATA) == (low, high)
+    # of one policy it is as wide wherever it fails, in one family or in all
+    for failed in (slice(0, 6), slice(0, 60, 10)):
+        one = np.ones(60)
+        one[failed] = 0.0
+        wanted = scipy.stats.binomtest(54, 60).proportion_ci(method="exact")
+        assert share_interval(one, STRATA) == pytest.approx((wanted.low, wanted.high))
+
+
+def test_agents_that_differ_widen_the_interval_of_their_share() -> None:
+    rng = np.random.default_rng(3)
+    alike = (rng.random((60, 10)) < 0.6).astype(float)
+    apart = (rng.random((60, 10)) < np.linspace(0.2, 1.0, 10)).astype(float)
+    widths = [np.subtract(*share_interval(each, STRATA)[::-1]) for each in (alike, apart)]  # type: ignore[index]
+    assert widths[1] > 1.1 * widths[0]
+    # ten agents in a scenario are no ten scenarios
+    single = np.subtract(*exact_interval(float(alike.mean()), 60)[::-1])
+    assert widths[0] == pytest.approx(single, rel=0.2)
+
+
+def timed(failed: int, agents: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the times of 60 runs, so many of which failed and count as 60 s, and who succeeded."""
+    values = np.random.default_rng(6).uniform(5.0, 9.0, (60, agents))
+    won = np.ones(values.shape)
+    won[:failed] = 0.0
+    return np.where(won == 1.0, values, 60.0), won
+
+
+@given(st.integers(0, 55), st.floats(0.01, 100.0), st.floats(-50.0, 50.0))
+def test_the_interval_of_such_a_mean_has_no_unit_and_holds_the_mean(failed: int, scale: float, shift: float) -> None:
+    values, won = timed(failed, 3)
+    low, high = counted_interval(values, won, 60.0, STRATA, resamples=50)  # type: ignore[misc]
+    assert low < values.mean() < high
+    found = counted_interval(scale * values + shift, won, scale * 60.0 + shift, STRATA, resamples=50)
+    assert found == pytest.approx((scale * low + shift, scale * high + shift), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("failed", [0, 1, 6, 30])
+def test_the_audit_finds_the_ends_of_such_a_mean_by_itself(failed: int) -> None:
+    values, won = timed(failed)
+    runs = [(float(value), bool(each)) for value, each in zip(values.ravel(), won.ravel(), strict=True)]
+    families = [runs[first : first + 10] for first in range(0, 60, 10)]
+    assert counted_interval(values, won, 60.0, STRATA) == pytest.approx(counted_ends(families, 60.0), rel=0.03)
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
+def test_holm_is_between_each_p_and_bonferroni_and_keeps_the_order(ps: list[float]) -> None:
+    found = holm(ps)
+    for p, corrected in zip(ps, found, strict=True):
+        assert p <= corrected <= min(1.0, len(ps) * p) + 1e-12
+    order = np.argsort(ps, kind="stable")
+    assert (np.diff(np.array(found)[order]) >= 0.0).all()
+
+
+def test_holm_by_hand_and_with_what_was_not_tested() -> None:
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm([math.nan, 0.02]) == pytest.approx([math.nan, 0.02], nan_ok=True)
+
+
+def test_an_advantage_is_its_own_complement_and_sure_of_what_always_happens() -> None:
+    won, cheap, dear = np.ones((60, 1)), np.full((60, 1), 1.0), np.full((60, 1), 2.0)
+    found, other = advantage(won, cheap, won, dear, STRATA), advantage(won, dear, won, cheap, STRATA)
+    assert found.value == 0.5 == -other.value
+    assert found.p == other.p < 1e-6
+    assert found.low > 0.0
+
+
+def test_differences_of_nothing_are_rarely_called_differences() -> None:
+    rng = np.random.default_rng(5)
+    called = 0
+    for _ in range(400):
+        agents = rng.normal(size=(60, 1)) + 0.5 * rng.normal(size=(1, 10)) + rng.normal(size=(60, 10))
+        called += difference(agents, rng.normal(size=(60, 1)), STRATA).p < 0.05
+    assert called / 400 < 0.08
+
+
+# the narrowest of each kind; the command measures all of them
+@pytest.mark.parametrize(
+    "what", ["error, IQM, 7 % lost", "success, 99 %", "paired difference of success, 85 %", "time, 98 % reached"]
+)
+def test_intervals_hold_as_often_as_they_say(what: str) -> None:
+    (index, *_) = [k for k, each in enumerate(designs()) if each.what == what and each.agents == 1]
+    assert covered((index, 300, 1)) / 300 >= HOLDS - 0.02  # of 300 samples
+
+
+@pytest.mark.slow
+def test_all_intervals_hold() -> None:
+    for index, design in enumerate(designs()):
+        assert covered((index, 600, 2)) / 600 >= HOLDS - 0.015, design
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (3, 10), (10, 10), (195, 200), (9_700, 10_000)])
+def test_the_audit_finds_the_ends_of_a_share_by_itself_of_ten_thousand_trials_too(successes: int, trials: int) -> None:
+    exact = scipy.stats.binomtest(successes, trials).proportion_ci(method="exact")
+    assert binomial_ends(successes, trials) == pytest.approx((exact.low, exact.high), abs=2e-6)

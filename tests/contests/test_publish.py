@@ -1,0 +1,187 @@
+"""Publishing: finished runs become the page of results and README's tables, or nothing is written."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import publish
+import pytest
+import results_page
+import sections
+from click.testing import CliRunner, Result
+from oracles.contest_rows import made
+
+from wayfield.benchmarks.records.results import write_rows
+from wayfield.benchmarks.records.run_folder import file_digest
+from wayfield.system.identity import source_digest
+
+STUDIES = Path(__file__).parents[2] / "benchmarks" / "studies"
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """Returns a repository with a README and one finished run of path following."""
+    home = tmp_path / "repository"
+    (home / "docs").mkdir(parents=True)
+    (home / "README.md").write_text(
+        f"before\n{results_page.BEGIN}\nas it was\n{results_page.END}\nafter\n", encoding="utf-8"
+    )
+    folder = home / "results/path-following"
+    folder.mkdir(parents=True)
+    errors = 0.0123 + 1e-4 * (np.arange(16) - 7.5)
+    cells = {"success": 1.0, "mean_speed": 0.6, "cross_track_rms": errors, "tracking_rms": errors}
+    cells |= {"acquisition_time": 1.25, "acquisition_area": 0.042}
+    rows = made("path-following", "mpc", cells, gains_name="tuned", learned_from="0.8 M frames")
+    agents = cells | dict.fromkeys(("cross_track_rms", "tracking_rms"), 0.0234 + 0.001 * np.arange(16))
+    for seed in ("0", "1"):
+        rows += made(
+            "path-following", "ppo", agents, gains_name="trained", agent_seed=seed, learned_from="1.0 M frames"
+        )
+    write_rows(folder, rows)
+    manifest = {
+        "command": "python evaluate.py --workers 3 --suite path-following --out somewhere",
+        "code": source_digest(),
+        "files": {file.name: file_digest(file) for file in folder.iterdir()},
+    }
+    (folder / "run.json").write_text(json.dumps(manifest))
+    return home
+
+
+def whole(home: Path) -> dict[str, bytes]:
+    """Returns every file of a repository."""
+    return {str(file.relative_to(home)): file.read_bytes() for file in home.rglob("*") if file.is_file()}
+
+
+def run_publish(home: Path, *words: str) -> Result:
+    """Runs the command in this process, on a repository."""
+    return CliRunner().invoke(publish.main, ["--root", str(home), "--results", str(home / "results"), *words])
+
+
+def test_a_finished_run_becomes_page_and_readme(repository: Path) -> None:
+    done = run_publish(repository, "--no-run")
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout.endswith("are made from 1 runs\n")
+    assert not (repository / "docs/drive.gif").exists()
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+    assert readme.startswith("before\n")
+    assert readme.endswith("after\n")
+    assert "| 12.30 " in readme
+    assert "as it was" not in readme
+    shown = (repository / sections.KEPT / "path-following.md").read_text(encoding="utf-8")
+    assert "16 scenarios" in shown
+    # where it was run and how fast is not what was run
+    assert "Made by `python evaluate.py --suite path-following`, wayfield" in shown
+    assert "somewhere" not in shown
+    assert "--workers" not in shown
+    # what was kept is enough to make them again, without the run's folder
+    shutil.rmtree(repository / "results")
+    before = whole(repository)
+    command = [sys.executable, str(STUDIES / "publish.py"), "--root", str(repository), "--no-run"]
+    assert subprocess.run(command, cwd=repository, capture_output=True, check=False).returncode == 0
+    assert whole(repository) == before
+
+
+def test_what_is_run_is_published_and_what_is_done_is_not_run_again(repository: Path) -> None:
+    shutil.move(repository / "results", repository / "finished")
+    # a stand-in for a suite: it notes that it ran, and leaves a finished run where it is told to
+    (repository / "evaluate.py").write_text(
+        "import shutil, sys\n"
+        "out = sys.argv[sys.argv.index('--out') + 1]\n"
+        "assert sys.argv[1:3] == ['--suite', 'path-following']\n"
+        "assert sys.argv[-2:] == ['--workers', '3']\n"
+        "shutil.copytree('finished/path-following', out)\n"
+        "print('ran', file=open('log', 'a'))\n"
+    )
+    for _ in range(2):
+        ran = run_publish(repository, "--only", "path-following", "--workers", "3")
+        assert ran.exit_code == 0, ran.stderr
+        assert (repository / "log").read_text() == "ran\n"
+    assert "| 12.30 " in (repository / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_section_that_needs_files_of_others_is_not_run_and_keeps_what_it_had(repository: Path) -> None:
+    folder = repository / "results/transfer"
+    folder.mkdir()
+    kept = "robot,policy,gains,validation\np3dx,dwa,tuned,91.5\n"
+    (folder / "transfer.csv").write_text(kept)
+    manifest = {"command": "python benchmarks/studies/transfer.py", "code": source_digest()}
+    digests = {"transfer.csv": file_digest(folder / "transfer.csv")}
+    (folder / "run.json").write_text(json.dumps(manifest | {"files": digests}))
+    assert run_publish(repository, "--no-run").exit_code == 0
+    assert "| 91.5" in (repository / sections.KEPT / "transfer.md").read_text(encoding="utf-8")
+    (folder / "run.json").write_text(json.dumps(manifest | {"files": digests, "code": "0" * 64}))
+    refused = run_publish(repository, "--only", "transfer")
+    assert refused.exit_code == 1
+    assert "it needs the official worlds of BARN" in refused.stderr
+    (repository / "evaluate.py").write_text("raise SystemExit(3)\n")  # the first of the others that is run
+    assert "status 3" in run_publish(repository).stderr
+    assert (repository / "docs/results/transfer.csv").read_text() == kept
+
+
+def test_a_suite_that_fails_publishes_nothing(repository: Path) -> None:
+    shutil.rmtree(repository / "results")
+    (repository / "evaluate.py").write_text("raise SystemExit(3)\n")
+    before = whole(repository)
+    ran = run_publish(repository)
+    assert ran.exit_code == 1
+    assert "status 3" in ran.stderr
+    assert whole(repository) == before
+
+
+def test_results_of_other_code_that_come_out_otherwise_are_refused_or_marked(repository: Path) -> None:
+    file = repository / "results/path-following/run.json"
+    file.write_text(file.read_text().replace(source_digest(), "0" * 64))
+    before = whole(repository)
+    refused = run_publish(repository, "--no-run")
+    assert refused.exit_code == 1
+    assert "--stale" in refused.stderr.splitlines()[-1]
+    assert "Traceback" not in refused.stderr
+    assert whole(repository) == before
+    assert run_publish(repository, "--stale").exit_code == 0
+    for name in (f"{sections.KEPT}/path-following.md", "README.md"):
+        assert "**Stale: on 20" in (repository / name).read_text(encoding="utf-8")
+
+
+def test_rows_that_were_edited_are_refused(repository: Path) -> None:
+    file = repository / "results/path-following/episodes.csv"
+    file.write_text(file.read_text().replace("0.0123", "0.0001"))
+    before = whole(repository)
+    refused = run_publish(repository, "--no-run")
+    assert refused.exit_code == 1
+    assert "episodes.csv" in refused.stderr
+    assert whole(repository) == before
+
+
+def test_the_losing_agents_are_told(repository: Path) -> None:
+    assert run_publish(repository, "--no-run").exit_code == 0
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+    (line,) = [each for each in readme.splitlines() if each.startswith("| `mpc`, tuned")]
+    assert line.strip("| ").rpartition("|")[2].strip() == "errs less"
+    assert "1.25, 42 " in line  # of acquisition
+    assert "\n`mpc` tracks paths most closely.\n" in readme
+    page = (repository / sections.KEPT / "path-following.md").read_text(encoding="utf-8")
+    (line,) = [
+        each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
+    ]
+    assert "no significant difference in success; errs more" in line
+
+
+@pytest.mark.slow
+def test_the_audit_agrees_with_what_was_published_and_sees_a_changed_cell(repository: Path) -> None:
+    assert run_publish(repository, "--no-run").exit_code == 0
+    command = [sys.executable, str(STUDIES / "audit.py"), str(repository / sections.KEPT)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 findings" in done.stdout
+    table = repository / sections.KEPT / "path_following_p3dx.csv"
+    for right, wrong in (("0.0123", "0.0124"), ("79.4", "81.4"), ("0.600", "0.600‡")):
+        text = table.read_text(encoding="utf-8")
+        assert right in text
+        table.write_text(text.replace(right, wrong, 1), encoding="utf-8")
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert "mpc" in done.stdout.partition("disagrees:")[2].splitlines()[0]
+        table.write_text(text, encoding="utf-8")

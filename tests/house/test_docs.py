@@ -1,0 +1,177 @@
+"""README and docs: their links lead somewhere, their numbers come from the kept tables."""
+
+import importlib
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import interval_coverage
+import learners
+import publish
+import pytest
+import results_page
+import sections
+import transfer
+from kept_rows import SUFFIX, read_packed
+
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.episodes.metrics import HELD
+from wayfield.benchmarks.records.table import Table
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TASKS
+from wayfield.policies import POLICIES
+
+ROOT = Path(__file__).parents[2]
+TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+RESULTS = sorted((ROOT / "docs/results").glob("*.md"))
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), *TUTORIALS, *RESULTS]
+
+FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+NUMBER = re.compile(r"\d+(?:,\d{3})*(?:\.\d+)?")
+
+
+def prose(page: Path) -> str:
+    """Returns a page without its fenced blocks."""
+    return FENCED.sub("", page.read_text(encoding="utf-8"))
+
+
+def anchors(page: Path) -> set[str]:
+    """Returns what a link may name behind the hash: the headings, as GitHub writes them."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in LINK.findall(prose(page)):
+        if link.startswith("http"):
+            continue
+        file, _, heading = link.partition("#")
+        target = (page.parent / file).resolve() if file else page
+        assert target.exists(), f"{page.name}: {link}"
+        assert not heading or heading in anchors(target), f"{page.name}: {link}"
+
+
+REGISTRIES = {
+    *("wayfield.envs.robots.ROBOTS", "wayfield.envs.tasks.specs.TASKS", "wayfield.policies.POLICIES"),
+    *("wayfield.benchmarks.contests.CONTESTS", "wayfield.policies.training.presets.PRESETS"),
+    "wayfield.envs.scenarios.path_families.PATH_FAMILIES",
+    "wayfield.envs.scenarios.goal_families.GOAL_FAMILIES",
+}
+
+
+def test_contributing_names_files_that_are_there() -> None:
+    named = re.findall(r"`([\w.]+(?:/[\w.]*)+|[\w]+\.(?:toml|md|txt))`", prose(ROOT / "CONTRIBUTING.md"))
+    assert len(set(named)) > 20
+    # those in angle brackets are new, build/ comes with an installation
+    missing = [name for name in named if not (ROOT / name).exists() and not name.startswith("build/")]
+    assert not missing
+
+
+def test_contributing_names_every_registry_by_its_right_name() -> None:
+    named = set(re.findall(r"`(wayfield(?:\.\w+)+\.[A-Z_]+)`", prose(ROOT / "CONTRIBUTING.md")))
+    assert named == REGISTRIES
+    for name in named:
+        module, _, registry = name.rpartition(".")
+        assert len(getattr(importlib.import_module(module), registry)) > 0
+
+
+def test_every_task_and_policy_is_in_the_pages() -> None:
+    listed = (ROOT / "docs/policies.md").read_text(encoding="utf-8")
+    assert [name for name in POLICIES if f"| `{name}`" not in listed and f", `{name}`" not in listed] == []
+    ids = {each for spec in TASKS.values() for each in spec.ids.values()}
+    for file in ("README.md", "docs/environments.md"):
+        told = (ROOT / file).read_text(encoding="utf-8")
+        assert [each for each in ids if f"| `{each}`" not in told] == [], file
+        assert [name for name in ROBOTS if f"`{name}`" not in told] == [], file
+    families = {family for spec in TASKS.values() for family in spec.families}
+    told = (ROOT / "docs/scenarios.md").read_text(encoding="utf-8")
+    assert [family for family in families if family not in told] == []
+
+
+def test_every_page_is_linked_from_the_readme() -> None:
+    linked = {(ROOT / link.partition("#")[0]).resolve() for link in LINK.findall(prose(ROOT / "README.md"))}
+    assert set((ROOT / "docs").glob("*.md")) <= linked
+
+
+def test_every_number_of_the_readme_stands_in_the_results() -> None:
+    text = prose(ROOT / "README.md").partition("## Install")
+    rest = text[2].partition("\n## ")[2]  # what an install asks for is no result
+    told = re.sub(r"`[^`]*`|\]\([^)]*\)|<!--.*?-->", "", text[0] + rest)
+    known = set(NUMBER.findall(prose(ROOT / results_page.PAGE)))
+    for name in ("path-following", "goal-obstacles"):
+        contest = CONTESTS[name]
+        known |= set(NUMBER.findall(f"{contest.notes} {contest.counted} {contest.pace}"))
+    known.add(f"{100.0 * HELD:g}")  # cm, by definition
+    # names of methods and "95 %" are in the page's own words
+    assert set(NUMBER.findall(re.sub(r"\b(?:P3DX|ROS 2|Nav2)\b", "", told))) <= known
+
+
+def test_page_and_readme_are_what_the_kept_tables_make() -> None:
+    for name, content in results_page.pages(results_page.Kept(ROOT)).items():
+        assert (ROOT / name).read_text(encoding="utf-8") == content.decode(), f"{name}: run {publish.__name__}"
+
+
+def kept_sections() -> list[sections.Section]:
+    there = {section.name for section, _ in results_page.Kept(ROOT).sections()}
+    return [section for section in sections.SECTIONS if section.from_rows and section.name in there]
+
+
+def test_the_advice_sends_to_nobody_who_is_behind() -> None:
+    kept = results_page.Kept(ROOT)
+    text = kept.text(results_page.CHOOSING)
+    assert results_page.disagreements(kept, text) == []
+    # as it once was
+    for policy, words in (("stanley", "the error counts more"), ("scan_planner", "others move"), ("ppo", "at a wall")):
+        (wrong,) = results_page.disagreements(kept, f"| `{policy}` | {words} |")
+        assert wrong.startswith(f"{policy} where")
+
+
+# Tables of a hundred scenarios a family, and those of other robots, take as long as all others and are made in the same
+# way.
+KEPT = [
+    pytest.param(each, id=each.name, marks=pytest.mark.slow if each.within == "claims/" or "omni" in each.name else ())
+    for each in kept_sections()
+]
+
+
+@pytest.mark.parametrize("section", KEPT)
+def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> None:
+    rows = read_packed(ROOT / sections.ROWS / f"{section.name}{SUFFIX}")
+    made = {kept.name: made for kept, made in results_page.Kept(ROOT).sections()}[section.name]
+    for name, content in publish.tables(section, rows, made.command).items():
+        assert (ROOT / name).read_bytes() == content, f"{name}: run {publish.__name__}"
+
+
+@pytest.mark.parametrize(
+    ("suite", "table", "name"),
+    [
+        (transfer.SUITE, transfer.transfer_table, transfer.TRANSFER),
+        (learners.SUITE, learners.learners_table, learners.LEARNERS),
+    ],
+)
+def test_a_measurement_s_table_is_what_its_kept_rows_make(suite: str, table: Callable[..., Table], name: str) -> None:
+    rows = read_packed(ROOT / sections.ROWS / f"{suite}{SUFFIX}")
+    made = {kept.name: made for kept, made in results_page.Kept(ROOT).sections()}[suite]
+    assert table(rows, made.command).csv() == (ROOT / sections.KEPT / name).read_text(encoding="utf-8")
+
+
+def test_every_published_table_has_its_rows_and_they_are_small() -> None:
+    files = list((ROOT / sections.ROWS).glob(f"*{SUFFIX}"))
+    assert sum(file.stat().st_size for file in files) < 3_000_000
+    made_up = {interval_coverage.SUITE}  # a measurement of its own
+    there = {section.name for section, _ in results_page.Kept(ROOT).sections()} - made_up
+    assert {file.name.removesuffix(SUFFIX) for file in files} >= there
+
+
+def test_every_kept_file_belongs_to_a_section() -> None:
+    known = {f"{sections.KEPT}/README.md", results_page.CARDS}
+    known |= {f"{sections.KEPT}/flocks.{kind}" for kind in ("csv", "md")}  # by a study of its own
+    known |= {f"{sections.KEPT}/{each.name}.{kind}" for each in sections.SECTIONS for kind in ("json", "md")}
+    for section in sections.SECTIONS:
+        places = {section.place(name) for name in section.tables}
+        assert not places & known, "two sections would write one file"
+        known |= places | {f"{sections.ROWS}/{section.name}{SUFFIX}"}
+    there = {file.relative_to(ROOT).as_posix() for file in (ROOT / sections.KEPT).rglob("*") if file.is_file()}
+    assert there <= known

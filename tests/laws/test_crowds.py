@@ -1,0 +1,332 @@
+"""How people walk and teams avoid each other, against closed forms, published numbers and laws of motion."""
+
+import itertools
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield import policies
+from wayfield.envs.crowds import people
+from wayfield.envs.crowds.half_planes import shared_half_plane
+from wayfield.envs.crowds.people import stroll
+from wayfield.envs.scenarios.team_scenario import TeamScenario
+from wayfield.policies import Pilot
+
+Array = NDArray[np.float64]
+SOCIAL = ("helbing_molnar", "moussaid", "helbing_farkas_vicsek")
+
+
+def walks(law: str, starts: Array, goals: Array, **fields: Any) -> NDArray[np.void]:
+    found = np.zeros(len(starts), people.WALK)
+    found["law"] = people.LAWS[law]
+    found["x"], found["y"], found["goal_x"], found["goal_y"] = starts[:, 0], starts[:, 1], goals[:, 0], goals[:, 1]
+    usual = {"speed": 1.0, "radius": 0.3, "horizon": 2.0, "wall_horizon": 0.5, "share": 0.5}
+    for name, value in (usual | fields).items():
+        found[name] = value
+    return found
+
+
+def scattered(n: int, seed: int, side: float) -> Array:
+    rng = np.random.default_rng(seed)
+    places: list[Array] = []
+    while len(places) < n:
+        place = rng.uniform(0.0, side, 2)
+        if all(math.hypot(*(place - other)) > 0.7 for other in places):
+            places.append(place)
+    return np.array(places)
+
+
+# CrowdNav's test of ORCA, restated: Chen, Liu, Kreiss and Alahi 2019.
+
+
+def crowdnav(seed: int, visible: bool) -> tuple[str, float]:
+    """Returns how a case of CrowdNav's circle crossing ends, and when (s)."""
+    random = np.random.RandomState(seed)
+    ends = [(0.0, -4.0, 0.0, 4.0)]
+    while len(ends) < 6:
+        angle = random.random_sample() * np.pi * 2
+        x, y = 4.0 * np.cos(angle) + random.random_sample() - 0.5, 4.0 * np.sin(angle)
+        y += random.random_sample() - 0.5
+        if all(min(np.hypot(x - a, y - b), np.hypot(x - c, y - d)) >= 0.8 for a, b, c, d in ends):
+            ends.append((x, y, -x, -y))
+    found = np.array(ends)
+    walk = walks("orca", found[:, :2], found[:, 2:], horizon=5.0, wall_horizon=5.0, margin=0.01)
+    walk["blind"][1:] = not visible
+    out = stroll(walk, 98, 0.25, reach=10.0, robots=(0,))
+    for k in range(98):
+        before, after = out[k], out[k + 1]
+        if 0.25 * k >= 24.0:
+            return "timeout", 0.25 * k
+        way = 0.25 * (before[1:, 2:4] - after[0, 2:4])
+        apart = before[1:, :2] - before[0, :2]
+        share = np.clip(-(apart * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-300), 0.0, 1.0)
+        if np.hypot(*(apart + share[:, None] * way).T).min() < 0.6:
+            return "collision", 0.25 * (k + 1)
+        if np.hypot(*(after[0, :2] - (0.0, 4.0))) < 0.3:
+            return "success", 0.25 * (k + 1)
+    raise AssertionError
+
+
+def test_orca_has_the_outcomes_of_rvo2_in_crowdnav() -> None:
+    """RVO2 in float32 gives 0.426, 0.568 and 0.006 with 10.863 s unseen, and 1, 0, 0 with 10.018 s seen."""
+    for visible, shares, time in ((False, (0.426, 0.568, 0.006), 10.863), (True, (1.0, 0.0, 0.0), 10.018)):
+        found = [crowdnav(1000 + k, visible) for k in range(500)]
+        outcomes = [outcome for outcome, _ in found]
+        assert tuple(outcomes.count(each) / 500 for each in ("success", "collision", "timeout")) == shares
+        assert np.mean([t for outcome, t in found if outcome == "success"]) == pytest.approx(time, abs=0.002)
+
+
+# Exact laws.
+
+
+@pytest.mark.parametrize("apart", [4.0, 8.0])
+def test_two_who_meet_head_on_close_in_by_one_factor_a_step(apart: float) -> None:
+    ends = np.array([[0.0, 0.0], [apart, 0.0]])
+    out = stroll(walks("orca", ends, ends[::-1]), 90, 0.1, reach=15.0)
+    assert (out[:, :, 1] == 0.0).all()  # nobody leaves the line
+    gaps = out[:, 1, 0] - out[:, 0, 0] - 0.6
+    bound = int(np.argmax(gaps < 2.0 * 1.0 * 2.0)) + 1
+    np.testing.assert_allclose(gaps[bound + 1 : 60] / gaps[bound:59], 1.0 - 0.1 / 2.0, atol=1e-9)
+    assert (gaps > 0.0).all()
+
+
+@pytest.mark.parametrize("n", [3, 5, 8, 16])
+def test_a_symmetric_circle_stands_still_unless_all_turn_aside(n: int) -> None:
+    angles = 2.0 * np.pi * np.arange(n) / n
+    radius = max(4.0, 0.24 * n)
+    starts = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    stuck = stroll(walks("orca", starts, -starts), 600, 0.1, reach=15.0)[-1]
+    assert np.hypot(*(stuck[:, :2] + starts).T).min() > 1.0
+    ring = np.hypot(stuck[:, 0], stuck[:, 1])
+    np.testing.assert_allclose(ring, 0.3 / math.sin(math.pi / n), rtol=0.02)
+    turned = stroll(walks("orca", starts, -starts, turn=0.05), 900, 0.1, reach=15.0)
+    assert np.hypot(*(turned[-1, :, :2] + starts).T).max() < 0.3
+    gaps = np.hypot(*(turned[:, :, None, :2] - turned[:, None, :, :2]).transpose(3, 0, 1, 2)) + 9.0 * np.eye(n)
+    assert gaps.min() >= 0.6 - 1e-6
+
+
+def test_what_two_give_way_by_is_exactly_opposite() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        px, py, *v = rng.uniform(-2.0, 2.0, 6)
+        mine = shared_half_plane(px, py, 0.6, (v[0], v[1]), (v[2], v[3]), 2.0, 0.1, 0.5)
+        other = shared_half_plane(-px, -py, 0.6, (v[2], v[3]), (v[0], v[1]), 2.0, 0.1, 0.5)
+        assert mine[0] == -other[0]
+        assert mine[1] == -other[1]
+        give = [n[2] - n[0] * u - n[1] * w for n, (u, w) in ((mine, v[:2]), (other, v[2:]))]
+        assert give[0] == pytest.approx(give[1], abs=1e-12)
+
+
+@pytest.mark.parametrize("law", ["orca", *SOCIAL])
+@pytest.mark.parametrize("n", [12, 100])
+def test_no_numbering_and_no_cells_change_a_bit(law: str, n: int) -> None:
+    starts = scattered(n, 3, math.sqrt(n / 0.3))
+    goals = starts[np.random.default_rng(1).permutation(n)]
+    steps, dt = (20, 0.1) if law != "helbing_farkas_vicsek" else (3, 0.05)
+    walk = walks(law, starts, goals)
+    out = stroll(walk, steps, dt, cells_from=1)
+    assert out.tobytes() == stroll(walk, steps, dt, cells_from=10_000).tobytes()
+    order = np.random.default_rng(2).permutation(n)
+    assert np.ascontiguousarray(out[:, order]).tobytes() == stroll(walk[order], steps, dt).tobytes()
+    # mirrored at the x axis, and turned by a quarter
+    flipped = stroll(walks(law, starts * (1.0, -1.0), goals * (1.0, -1.0)), steps, dt)
+    np.testing.assert_array_equal(out, flipped * (1.0, -1.0, 1.0, -1.0, 1.0))
+    turned = stroll(walks(law, starts[:, ::-1] * (-1.0, 1.0), goals[:, ::-1] * (-1.0, 1.0)), steps, dt)
+    tolerance = 0.0 if law == "orca" else 1e-9
+    np.testing.assert_allclose(turned[:, :, 0], -out[:, :, 1], atol=tolerance)
+    np.testing.assert_allclose(turned[:, :, 1], out[:, :, 0], atol=tolerance)
+
+
+@pytest.mark.parametrize(("law", "tau"), [("helbing_molnar", 0.5), ("moussaid", 0.54), ("helbing_farkas_vicsek", 0.5)])
+def test_one_person_alone_takes_up_the_wanted_speed_exponentially(law: str, tau: float) -> None:
+    out = stroll(walks(law, np.zeros((1, 2)), np.array([[100.0, 0.0]])), 100, 0.01)
+    time = 0.01 * np.arange(101)
+    np.testing.assert_allclose(out[:, 0, 2], 1.0 - np.exp(-time / tau), atol=0.011)
+    assert (out[:, 0, 3] == 0.0).all()
+
+
+def test_forces_of_contact_are_action_and_reaction() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(100):
+        overlap, angle, vx, vy = rng.uniform(-0.3, 0.1), rng.uniform(-3.0, 3.0), *rng.uniform(-1.0, 1.0, 2)
+        n = math.cos(angle), math.sin(angle)
+        mine = people.pushed_2000(overlap, *n, vx, vy)
+        assert people.pushed_2000(overlap, -n[0], -n[1], -vx, -vy) == (-mine[0], -mine[1])
+
+
+def test_the_force_of_1995_is_the_gradient_of_its_potential() -> None:
+    rng = np.random.default_rng(5)
+
+    def potential(x: float, y: float, vx: float, vy: float) -> float:
+        sx, sy = 2.0 * vx, 2.0 * vy
+        both = math.hypot(x, y) + math.hypot(x - sx, y - sy)
+        return 2.1 * math.exp(-0.5 * math.sqrt(both**2 - sx**2 - sy**2) / 0.3)
+
+    for _ in range(50):
+        x, y, vx, vy = rng.uniform(-1.0, 1.0, 4)
+        h = 1e-6
+        gradient = [
+            (potential(x + h, y, vx, vy) - potential(x - h, y, vx, vy)) / (2 * h),
+            (potential(x, y + h, vx, vy) - potential(x, y - h, vx, vy)) / (2 * h),
+        ]
+        np.testing.assert_allclose(people.pushed_1995(x, y, vx, vy), -np.array(gradient), rtol=1e-4, atol=1e-6)
+
+
+def test_the_interaction_of_2009_restated() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        x, y, vx, vy = rng.uniform(-2.0, 2.0, 4)
+        distance = math.hypot(x, y)
+        d = np.array([2.0 * vx + x / distance, 2.0 * vy + y / distance])
+        b, t = 0.35 * math.hypot(*d), d / math.hypot(*d)
+        angle = math.atan2(t[0] * y - t[1] * x, t[0] * x + t[1] * y)
+        left = np.array([-t[1], t[0]])
+        along = math.exp(-distance / b - (3.0 * b * angle) ** 2)
+        aside = math.exp(-distance / b - (2.0 * b * angle) ** 2) * np.sign(angle)
+        np.testing.assert_allclose(people.pushed_2009(x, y, vx, vy), -4.5 * (along * t + aside * left), atol=1e-12)
+
+
+def test_a_recorded_person_moves_as_the_track_says() -> None:
+    time = np.arange(6.0) * 0.4
+    track = np.column_stack([1.3 * time, 0.5 * time**2, np.full(6, 1.3 * 0.4), 0.4 * time])
+    walk = walks("replay", np.zeros((1, 2)), np.ones((1, 2)), frame_time=0.4, begins=0.5, rows=6)
+    out = stroll(walk, 60, 0.05, tracks=track)
+    seconds = 0.05 * np.arange(61)
+    there = (seconds >= 0.5 - 1e-9) & (seconds <= 2.5 + 1e-9)
+    assert (out[:, 0, 4] == there).all()
+    s = seconds[there] - 0.5
+    expected = np.column_stack([1.3 * s, 0.5 * s**2, np.full(len(s), 1.3), s])
+    np.testing.assert_allclose(out[there, 0, :4], expected, atol=1e-9)
+
+
+# Statistical laws.
+
+
+def door(speed: float, seed: int) -> float:
+    """Returns the time (s) until 80 of 100 have left a room of 10 m by a door of 1 m (Helbing et al. 2000)."""
+    from wayfield.envs.scenarios.obstacles import obstacle_field, wall
+
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(np.arange(10), np.arange(10)), -1).reshape(-1, 2)
+    starts = 0.5 + grid * (0.93, 0.98) + rng.uniform(-0.05, 0.05, (100, 2))
+    goals = np.column_stack([np.full(100, 16.0), starts[:, 1]])
+    walk = walks("helbing_farkas_vicsek", starts, goals, speed=speed, radius=rng.uniform(0.25, 0.35, 100))
+    walk["gate_x"] = walk["gate_to_x"] = 10.0
+    walk["gate_y"], walk["gate_to_y"] = 4.5, 5.5
+    corners = [(10.0, 4.5), (10.0, 0.0), (0.0, 0.0), (0.0, 10.0), (10.0, 10.0), (10.0, 5.5)]
+    walls = obstacle_field(*(wall(*a, *b) for a, b in itertools.pairwise(corners)))
+    out = stroll(walk, 1500, 0.1, walls, reach=2.0)
+    left = (out[:, :, 0] > 10.5).sum(axis=1)
+    return float(0.1 * np.argmax(left >= 80)) if (left >= 80).any() else 150.0
+
+
+@pytest.mark.slow
+def test_faster_is_slower() -> None:
+    hurry, best, calm = (np.mean([door(speed, seed) for seed in range(2)]) for speed in (6.0, 2.5, 0.8))
+    assert hurry > 1.3 * best
+    assert calm > 1.8 * best
+
+
+def lane_order(there: Array) -> float:
+    """Returns how much strips of 0.6 m belong to one stream each: the mean of ((n+ - n-)/(n+ + n-))^2, weighted."""
+    middle = there[(there[:, 0] > 2.0) & (there[:, 0] < 13.0)]
+    strip, way = (middle[:, 1] / 0.6).astype(int), np.sign(middle[:, 2])
+    return sum(way[strip == k].sum() ** 2 / (strip == k).sum() for k in np.unique(strip)) / len(middle)
+
+
+@pytest.mark.parametrize("n", [36, 72])
+def test_two_streams_of_people_form_lanes(n: int) -> None:
+    from wayfield.envs.scenarios.obstacles import obstacle_field, wall
+
+    sides = obstacle_field(wall(-2.0, 0.0, 17.0, 0.0), wall(-2.0, 4.8, 17.0, 4.8))
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        places: list[Array] = []
+        while len(places) < n:
+            place = rng.uniform((0.4, 0.4), (14.6, 4.4))
+            if all(math.hypot(*(place - other)) > 0.5 for other in places):
+                places.append(place)
+        starts = np.array(places)
+        way = np.where(np.arange(n) % 2 == 0, 1.0, -1.0)
+        goals = np.column_stack([np.where(way > 0.0, 15.5, -0.5), starts[:, 1]])
+        speed = np.maximum(rng.normal(1.29, 0.19, n), 0.6)
+        walk = walks("moussaid", starts, goals, speed=speed, radius=0.2, then=people.TURNS_BACK)
+        out = stroll(walk, 1200, 0.05, sides, velocities=np.column_stack([0.5 * way * speed, np.zeros(n)]))
+        late = np.mean([lane_order(there) for there in out[900::20]])
+        assert late > 1.5 * lane_order(out[1])
+
+
+# Teams.
+
+
+def test_a_robot_pushed_by_nothing_takes_up_its_speed_as_people_do() -> None:
+    scenario = TeamScenario.made("alone", [(0.0, 0.0, 0.0)], [(30.0, 0.0, 0.0)])
+    env: Any = gymnasium.make("wayfield/OmniTeam-v0", scenario=scenario, sees="bodies", actuators="ideal")
+    pilot = Pilot(policies.make("social_force"), env)
+    seen, _ = env.reset(seed=0)
+    pilot.reset()
+    for k in range(60):
+        seen, *_ = env.step(pilot.act(seen))
+        twist = env.unwrapped.batch.states[0]
+        assert twist["vx"] == pytest.approx(0.6 * (1.0 - math.exp(-0.05 * (k + 1) / 0.54)), abs=0.02)
+        assert twist["vy"] == 0.0
+
+
+def test_orca_team_turns_all_circles_and_lets_nobody_touch() -> None:
+    for env_id, n in (
+        ("wayfield/DiffDriveTeam-v0", 4),
+        ("wayfield/DiffDriveTeam-v0", 16),
+        ("wayfield/OmniTeam-v0", 8),
+    ):
+        scenario = f"circle_exact_{n}"
+        env: Any = gymnasium.make_vec(env_id, num_envs=3 * n, scenario=scenario, sees="bodies", max_episode_steps=2400)
+        pilot = Pilot(policies.make("orca_team"), env)
+        seen, _ = env.reset(seed=0, options={"scenario": np.repeat(np.arange(3), n)})
+        pilot.reset()
+        arrived = np.zeros(3 * n, np.bool_)
+        for _ in range(2400):
+            seen, _, terminated, _, info = env.step(pilot.act(seen))
+            assert not info["collision"].any()
+            arrived |= terminated & info["success"]
+            if arrived.all():
+                break
+        assert arrived.all()
+
+
+def test_who_has_no_access_to_bodies_is_not_shown_them() -> None:
+    options = {"scenario": "circle_4", "max_episode_steps": 60}
+    drives = []
+    for sees in ("scan", "bodies"):
+        env: Any = gymnasium.make_vec("wayfield/DiffDriveTeam-v0", num_envs=4, sees=sees, **options)
+        pilot = Pilot(policies.make("vfh_plus"), env)
+        seen, _ = env.reset(seed=0)
+        pilot.reset()
+        actions = []
+        for _ in range(30):
+            actions.append(pilot.act(seen))
+            seen, *_ = env.step(actions[-1])
+        drives.append(np.array(actions))
+    assert drives[0].tobytes() == drives[1].tobytes()
+    with pytest.raises(TypeError, match='needs bodies; make the environment with sees="bodies"'):
+        Pilot(policies.make("orca_team"), gymnasium.make("wayfield/DiffDriveTeam-v0", scenario="circle_4"))
+
+
+def test_people_see_the_robot_or_not() -> None:
+    walk = walks("orca", np.array([[3.0, 0.02]]), np.array([[-6.0, 0.02]]), speed=1.0)
+    world = TeamScenario.made("meet", [(0.0, 0.0, 0.0)], [(9.0, 0.0, 0.0)], walks=walk)
+    ends = {}
+    for visible in (True, False):
+        env: Any = gymnasium.make("wayfield/DiffDrivePeople-v0", scenario=world, visible=visible)
+        env.reset(seed=0)
+        for _ in range(120):
+            _, _, terminated, _, info = env.step(np.zeros(2))
+            if terminated:
+                break
+        ends[visible] = terminated, info["touched"], info["caused"]
+    assert ends[True][0] is False
+    assert ends[False] == (True, 3.0, False)  # a person ran into a robot that stood

@@ -1,0 +1,458 @@
+"""Every policy behind the one door: what it is told, what it remembers, alone and in a batch."""
+
+import dataclasses
+import itertools
+import json
+import math
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield import policies
+from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.records.cases import Case
+from wayfield.envs import goal_reaching, path_following, team_worlds
+from wayfield.envs.robots import ACTUATORS
+from wayfield.envs.tasks.briefing import KNOWS, Briefing
+from wayfield.envs.tasks.specs import TASKS
+from wayfield.policies import POLICIES, Pilot
+from wayfield.policies.gain import Gains, gain, gains_of
+from wayfield.policies.learned.ppo import shipped
+
+PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
+GOAL_ID = "wayfield/OmniGoalObstacles-v0"
+OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
+DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
+IDS = [name for spec in TASKS.values() for name in spec.ids.values()]  # of one robot; teams have tests of their own
+IDS_OF = {path_following.Observation: (PATH_ID, OMNI_PATH_ID), goal_reaching.Observation: (GOAL_ID, DIFF_GOAL_ID)}
+IDS_OF[team_worlds.Observation] = ()  # tests/laws/test_crowds.py drives them
+# The law of document B is that of one kind of robot, and agents ship for the robots that they were trained on.
+OTHER_ROBOT = {("waypoint", DIFF_GOAL_ID)} | {
+    (name, env_id)
+    for name in ("ppo", "hybrid")
+    for task, env_id, robot in (("path_following", OMNI_PATH_ID, "omni3"), ("goal_reaching", GOAL_ID, "omni3"))
+    if not shipped(task, robot)
+}
+EVERY_PAIR = [
+    (name, env_id)
+    for name in POLICIES
+    for kind in policies.make(name).observes
+    for env_id in IDS_OF[kind]
+    if (name, env_id) not in OTHER_ROBOT
+]
+ROBOTS_OF = {PATH_ID: ("p3dx",), OMNI_PATH_ID: ("omni3", "omni4"), GOAL_ID: ("omni3", "omni4"), DIFF_GOAL_ID: ("p3dx",)}
+DOCUMENT_CASES = {case.key: case for case in documents()}.values()
+every_policy = pytest.mark.parametrize("name", POLICIES)
+every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:-3]}" for a, b in EVERY_PAIR])
+
+
+def senses(name: str, env_id: str) -> dict[str, Any]:
+    """Returns what an environment needs for a policy to see: agents look with the scan that they were trained with."""
+    return {"num_beams": 72} if name in ("ppo", "hybrid") and env_id in IDS_OF[goal_reaching.Observation] else {}
+
+
+# By name.
+
+
+@every_policy
+def test_a_policy_is_a_frozen_dataclass_that_says_what_it_is(name: str) -> None:
+    policy = policies.make(name)
+    assert dataclasses.is_dataclass(policy)
+    field = next((field.name for field in dataclasses.fields(policy)), "gain")  # type: ignore[arg-type]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(policy, field, 1.0)
+    assert policy.knows in KNOWS
+    assert set(policy.observes) <= set(IDS_OF)
+    assert policies.make(name) == policy
+    assert all(field.default is not dataclasses.MISSING for field in dataclasses.fields(policy))  # type: ignore[arg-type]
+    # not the signature that dataclasses write where there is no docstring
+    assert not (type(policy).__doc__ or "").startswith((type(policy).__name__ + "(", "Policy("))
+
+
+@every_policy
+def test_gains_go_in_by_name_and_others_are_refused(name: str) -> None:
+    with pytest.raises(TypeError, match="no_such_gain"):
+        policies.make(name, no_such_gain=1.0)
+
+
+def test_an_unknown_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(ValueError, match=r"'apf_escpae' is unknown\. Did you mean 'apf_escape'\?"):
+        policies.make("apf_escpae")
+    with pytest.raises(ValueError, match="Choose from 'lookahead_documented'"):
+        policies.make("")
+
+
+POSITIVE = {
+    "lookahead_documented": ("lookahead_distance", "mode_distance", "window"),
+    "lookahead_retuned": ("lookahead_distance", "mode_distance", "window"),
+    "waypoint": ("lam", "switching_radius"),
+    "apf_documented": ("k_att", "k_rep", "tau", "tau_l", "max_speed"),
+    "apf_escape": ("k_att", "k_rep", "tau", "tau_l", "max_speed"),
+    "apf_corrected": ("k", "eta", "rho_0", "max_speed"),
+}
+
+
+@pytest.mark.parametrize(("name", "gain"), [(name, gain) for name, gains in POSITIVE.items() for gain in gains])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, "a", None, True])
+def test_gains_out_of_range_are_refused(name: str, gain: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=rf"{gain} must be a (finite )?number > 0, got {value!r}"):
+        policies.make(name, **{gain: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "gain", "value"),
+    [
+        ("lookahead_documented", "search", "windows"),
+        ("lookahead_documented", "k_ang", math.nan),
+        ("lookahead_documented", "reference_heading", math.inf),
+        ("waypoint", "lam", math.inf),
+        ("waypoint", "final_tolerance", -0.1),
+        ("waypoint", "final_tolerance", math.nan),
+        ("apf_documented", "stop_radius", -0.1),
+    ],
+)
+def test_other_bad_gains_are_refused(name: str, gain: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=gain):
+        policies.make(name, **{gain: value})
+
+
+@every_policy
+def test_no_gain_takes_what_is_no_value_of_it(name: str) -> None:
+    for field in dataclasses.fields(policies.make(name)):  # type: ignore[arg-type]
+        for value in (math.nan, "no such thing", [1.0]):
+            with pytest.raises(ValueError, match=field.name):
+                policies.make(name, **{field.name: value})
+
+
+# At the wheel.
+
+
+@every_pair
+@pytest.mark.parametrize("action_mode", ["twist", "wheel_speeds"])
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: str, dynamics: str) -> None:
+    options: dict[str, Any] = {"action_mode": action_mode, "dynamics": dynamics, "actuators": "lagged"}
+    options |= senses(name, env_id)
+    many: Any = gymnasium.make_vec(env_id, 3, **options)
+    singles = [gymnasium.make(env_id, **options) for _ in range(3)]
+    seen, _ = many.reset(seed=8)
+    each = [env.reset(seed=8 + i)[0] for i, env in enumerate(singles)]
+    pilot = Pilot(policies.make(name), many)
+    pilot.reset()
+    # robot i of a batch draws its own random numbers
+    pilots = [Pilot(policies.make(name, **({"seed": 0} if name == "random" else {})), env) for env in singles]
+    for each_pilot in pilots:
+        each_pilot.reset()
+    # what a law remembers and plans anew shows in the first of the four, what the others change in every step
+    for _ in range(25 if (action_mode, dynamics) == ("twist", "kinematic") else 8):
+        actions = pilot.act(seen)
+        assert actions.shape == many.action_space.shape
+        assert np.isfinite(actions).all()
+        assert actions.dtype == np.float32
+        for i, env in enumerate(singles):
+            if name == "random" and i > 0:
+                continue
+            action = pilots[i].act(each[i])
+            assert action.shape == env.action_space.shape
+            assert action.tobytes() == actions[i].tobytes()
+            each[i], _, terminated, _, _ = env.step(action)
+            assert not terminated
+        seen, _, terminated, _, _ = many.step(actions)
+    assert not terminated[0]
+
+
+def _vector(env_id: str, num_envs: int = 4, **options: Any) -> Any:
+    return gymnasium.make_vec(env_id, num_envs, vectorization_mode="vector_entry_point", **options)
+
+
+def _started(name: str, env: Any, seed: int = 0) -> tuple[Pilot, Any]:
+    pilot = Pilot(policies.make(name), env)
+    seen, _ = env.reset(seed=seed)
+    pilot.reset()
+    return pilot, seen
+
+
+@every_pair
+@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
+def test_an_action_is_a_member_of_the_space(name: str, env_id: str, actuators: str) -> None:
+    for robot, mode in itertools.product(ROBOTS_OF[env_id], ("twist", "wheel_speeds")):
+        # what a law asks for is largest at the start, far from goals and beside paths
+        env = _vector(env_id, robot=robot, action_mode=mode, actuators=actuators, **senses(name, env_id))
+        pilot, seen = _started(name, env)
+        for _ in range(4):
+            action = pilot.act(seen)
+            assert action.dtype == env.action_space.dtype
+            assert env.action_space.contains(action)
+            seen, *_ = env.step(action)
+
+
+@pytest.mark.parametrize("case", DOCUMENT_CASES, ids=lambda case: "-".join(case.key).replace(" ", "_"))
+def test_the_documents_own_policies_act_within_the_space_too(case: Case) -> None:
+    for actuators in ACTUATORS:
+        env = gymnasium.make(case.env_id, scenario=case.scenario, actuators=actuators, **case.env_kwargs)
+        seen, _ = env.reset(seed=0)
+        pilot = Pilot(policies.make(case.policy, **case.gains), env)
+        pilot.reset()
+        for _ in range(40):
+            action = pilot.act(seen)
+            assert env.action_space.contains(action)
+            seen, _, terminated, _, _ = env.step(action)
+            if terminated:
+                break
+
+
+@settings(max_examples=settings().max_examples // 4)
+@given(
+    asked=arrays(np.float64, 3, elements=st.floats(-40.0, 40.0)),
+    drive=st.sampled_from([("p3dx", "twist"), ("p3dx", "wheel_speeds"), ("omni4", "twist"), ("omni3", "wheel_speeds")]),
+)
+def test_both_doors_drive_the_same_motion(asked: NDArray[np.float64], drive: tuple[str, str]) -> None:
+    """Whatever is asked for: where the wheels saturate, scaling it before keeps what they make of it."""
+    robot, mode = drive
+    moved = _moved(robot, mode, asked[: 3 if robot != "p3dx" else 2])
+    assert np.abs(moved["act"] - moved["command"]).max() < 1e-6
+
+
+def _moved(robot: str, mode: str, asked: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Returns where both doors lead in two seconds of the same twist."""
+    env_id = OMNI_PATH_ID if robot != "p3dx" else PATH_ID
+    poses = {}
+    for door in ("act", "command"):
+        env: Any = gymnasium.make(env_id, scenario="s_curve", robot=robot, action_mode=mode, actuators="lagged")
+        seen, _ = env.reset(seed=0)
+        pilot = Pilot(Steady(tuple(asked.tolist())), env)
+        pilot.reset()
+        for _ in range(40):
+            seen, *_ = env.step(getattr(pilot, door)(seen))
+        state = env.unwrapped.batch.states[0]
+        poses[door] = np.array([state["x"], state["y"], state["heading"]])
+    return poses
+
+
+@dataclasses.dataclass(frozen=True)
+class Steady:
+    """Asks for the same twist at all times."""
+
+    twist: tuple[float, ...]
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        return np.zeros((briefing.num_envs, 0))
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        return np.tile(self.twist, (briefing.num_envs, 1))
+
+
+def test_what_is_not_finite_is_left_for_the_environment_to_refuse() -> None:
+    env: Any = gymnasium.make(OMNI_PATH_ID)
+    for twist in ((math.nan, 9.0, 0.0), (math.inf, 0.0, 0.0)):
+        seen, _ = env.reset(seed=0)
+        pilot = Pilot(Steady(twist), env)
+        pilot.reset()
+        with pytest.raises(ValueError, match="is not finite"):
+            env.step(pilot.act(seen))
+
+
+@every_pair
+def test_acting_twice_is_acting_the_same(name: str, env_id: str) -> None:
+    env: Any = gymnasium.make_vec(env_id, 4, **senses(name, env_id))
+    actions = []
+    for _ in range(2):
+        seen, _ = env.reset(seed=3)
+        pilot = Pilot(policies.make(name), env)
+        pilot.reset()
+        run = []
+        for _ in range(30):
+            run.append(pilot.act(seen))
+            seen, *_ = env.step(run[-1])
+        actions.append(np.array(run))
+    assert actions[0].tobytes() == actions[1].tobytes()
+
+
+@pytest.mark.parametrize("name", dict.fromkeys(name for name, _ in EVERY_PAIR))
+def test_rows_are_reset_one_by_one(name: str) -> None:
+    env_id = next(env_id for policy, env_id in EVERY_PAIR if policy == name)
+    env: Any = gymnasium.make_vec(env_id, 3, **senses(name, env_id))
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(policies.make(name), env)
+    pilot.reset()
+    first = pilot.act(seen)
+    for _ in range(10):
+        seen, *_ = env.step(pilot.act(seen))
+    used = pilot.memory.copy()
+    pilot.reset(np.array([True, False, True]))
+    assert str(pilot.memory[1]) == str(used[1])
+    if name == "random":
+        # rows that are reset draw their first action again, the other goes on
+        again = (pilot.act(seen) == first).all(axis=1)
+        assert again.tolist() == [True, False, True]
+    else:
+        fresh = pilot.policy.reset(pilot.briefing)
+        assert pilot.memory[[0, 2]].tobytes() == fresh[[0, 2]].tobytes()
+
+
+FOR_ANOTHER_TASK = [("lookahead_documented", GOAL_ID), ("waypoint", PATH_ID), ("apf_corrected", PATH_ID)]
+
+
+@pytest.mark.parametrize(("name", "env_id"), FOR_ANOTHER_TASK)
+def test_a_policy_for_another_task_is_refused(name: str, env_id: str) -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(TypeError, match=f"{type(policies.make(name)).__name__} reads .*Observation.* gives"):
+            Pilot(policies.make(name), make(env_id))
+
+
+def test_a_policy_is_refused_by_a_robot_that_cannot_do_what_it_needs() -> None:
+    able = "omni3, omni4, mecanum4"
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(ValueError, match=rf"Waypoint drives holonomic robots only \({able}\), not 'p3dx'"):
+            Pilot(policies.make("waypoint"), make(DIFF_GOAL_ID))
+        Pilot(policies.make("waypoint"), make(GOAL_ID))
+
+
+# What they are told.
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("knows", KNOWS)
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, make: Any) -> None:
+    env = make(env_id).unwrapped
+    env.reset(seed=0)
+    told = env.briefing(knows)
+    path, goal = (told.paths, told.path_index), (told.goals, told.num_goals)
+    own, other = (path, goal) if env_id in IDS_OF[path_following.Observation] else (goal, path)
+    assert all(part is None for part in other)
+    assert all((part is None) == (knows in ("sensors", "bodies")) for part in own)
+    for part in (told.obstacles, told.num_obstacles, told.patrols):
+        assert (part is None) == (knows != "map")
+    with pytest.raises(ValueError, match="knows='everything' is unknown"):
+        env.briefing("everything")
+
+
+def test_each_row_is_told_of_its_own_path() -> None:
+    env: Any = gymnasium.make_vec(PATH_ID, 6)
+    seen, _ = env.reset(seed=0)
+    told = env.briefing("path")
+    assert len(set(told.path_index.tolist())) > 1
+    for i, k in enumerate(told.path_index):
+        first = told.paths.vertices[told.paths.runs["first"][k]]
+        # starts are scattered by 0.1 m
+        assert math.hypot(seen[i, 0] - first["x"], seen[i, 1] - first["y"]) <= 0.11
+
+
+def test_a_gain_is_a_number_of_its_range_and_of_a_size_to_reckon_with() -> None:
+    values = [-(10**400), -1e300, -1.1e9, -1e9, -6.0, -5, -1e-300, -0.0, 0, 1e-300, np.float32(0.5), 5, 5.1, 1e9, 1.1e9,
+              10**400, math.inf, math.nan, True, "1", None]  # fmt: skip
+    seen = set()
+    for bounds in ({}, {"above": 0.0}, {"least": 0.0}, {"least": -5.0, "most": 5.0}, {"above": 0.0, "finite": False}):
+        above, least = bounds.get("above", -math.inf), bounds.get("least", -math.inf)
+        law = dataclasses.make_dataclass("Law", [("k", float, gain(5.0, "1", **bounds))], bases=(Gains,), frozen=True)
+        for value in values:
+            number = isinstance(value, int | float | np.floating) and not isinstance(value, bool)
+            inside = number and value > above and value >= least  # type: ignore[operator]
+            sized = number and abs(value) <= bounds.get("most", 1e9)  # type: ignore[arg-type]
+            fine = inside and (sized or (value == math.inf and not bounds.get("finite", True)))
+            seen.add((fine, inside))
+            with nullcontext() if fine else pytest.raises(ValueError, match=r"^Law: k must be "):
+                law(value)
+    assert len(seen) == 3
+
+
+@pytest.mark.parametrize("name", policies.POLICIES)
+def test_every_gain_declares_its_unit_meaning_and_range(name: str) -> None:
+    policy = policies.make(name)
+    declared = gains_of(policy)
+    assert list(declared) == [field.name for field in dataclasses.fields(policy)]  # type: ignore[arg-type]
+    for gain_name, each in declared.items():
+        assert (each.meaning and each.range) or gain_name == "home", gain_name
+        assert each.unit or each.kind not in (int, float), gain_name
+        if each.search is not None:
+            assert each.search.low < each.search.high, gain_name
+            for end in each.search[:2]:
+                # beside gains that go with it
+                below = {other: 0.5 * end for other in (each.above, each.least) if isinstance(other, str)}
+                beyond = {other: 1.1 * end for other, its in declared.items() if gain_name in (its.above, its.least)}
+                policies.make(name, **{**below, **beyond, gain_name: end})
+
+
+def test_agent_is_another_name_of_a_trained_policy() -> None:
+    assert policies.make("agent", seed=1) == policies.make("ppo", seed=1)
+
+
+# What they do.
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_zero_stands_still_and_random_uses_all_that_the_robot_can(env_id: str) -> None:
+    env: Any = gymnasium.make_vec(env_id, 50)
+    seen, _ = env.reset(seed=0)
+    still, lively = Pilot(policies.make("zero"), env), Pilot(policies.make("random"), env)
+    still.reset()
+    lively.reset()
+    assert not still.act(seen).any()
+    drawn = np.array([lively.act(seen) for _ in range(40)])
+    most = env.single_action_space.high
+    assert (np.abs(drawn) <= most * (1.0 + 1e-6)).all()
+    np.testing.assert_allclose(drawn.std(axis=(0, 1)), most / math.sqrt(3.0), rtol=0.05)
+    assert abs(np.corrcoef(drawn[:, 0, 0], drawn[:, 1, 0])[0, 1]) < 0.7
+    # no robot of another seed does what one of this does, in whichever rows they are
+    firsts = [drawn[0]]
+    for seed in (1, 2):
+        other = Pilot(policies.make("random", seed=seed), env)
+        other.reset()
+        firsts.append(other.act(seen))
+    assert len(np.unique(np.concatenate(firsts), axis=0)) == 150
+
+
+@pytest.mark.parametrize("name", ["lookahead_documented", "lookahead_retuned"])
+def test_path_followers_finish_random_paths(name: str) -> None:
+    env: Any = gymnasium.make_vec(PATH_ID, 32)
+    assert finished(env, name) == 32
+
+
+@pytest.mark.parametrize("robot", ["omni3", "omni4"])
+@pytest.mark.parametrize("name", ["waypoint", "apf_documented", "apf_escape", "apf_corrected"])
+def test_goal_seekers_reach_goals_in_the_open(name: str, robot: str) -> None:
+    env: Any = gymnasium.make_vec(GOAL_ID, 32, scenario="open_field", robot=robot, num_beams=0)
+    assert finished(env, name) == 32
+
+
+# of the printed field no heading is known for a base that it does not have
+ARRIVING = {name for name in POLICIES if goal_reaching.Observation in policies.make(name).observes}
+ARRIVING -= {"zero", "random", "waypoint", "apf_documented", "apf_escape"}
+
+
+@pytest.mark.parametrize("name", sorted(ARRIVING))
+def test_a_differential_drive_comes_to_a_pose_that_a_file_asks_for(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "pose.json"
+    file.write_text(json.dumps({"goal": [1.3, 0.4, -0.9]}))  # with the tolerances of a file that names none
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveGoalObstacles-v0", 1, scenario=str(file), actuators="lagged", num_beams=72
+    )
+    assert finished(env, name) == 1
+
+
+def finished(env: Any, name: str) -> int:
+    """Returns how many robots of a vector end their first episode in success."""
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(policies.make(name), env)
+    pilot.reset()
+    ended = np.zeros(env.num_envs, bool)
+    succeeded = 0
+    for _ in range(1200):
+        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+        succeeded += int((info["success"] & ~ended).sum())
+        ended |= terminated | truncated
+        if ended.all():
+            break
+    return succeeded

@@ -1,0 +1,166 @@
+"""Figures show obstacles where they stand, curves that differ, and of a large world what is driven in."""
+
+import dataclasses
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+from matplotlib.patches import Circle, Polygon
+from oracles.drawn_tables import rows_of
+
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.figures import contest_figures, document_figures
+from wayfield.benchmarks.figures.drawing import MANY_WALLS, colour, look, obstacle_patches, plt, wall_lines
+from wayfield.benchmarks.records.episode import Episodes
+from wayfield.benchmarks.records.results import write_trajectories
+from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.envs.scenarios import box, circle, obstacle_field, wall
+
+NOWHERE = Path("nowhere")
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Any:
+    yield
+    plt.close("all")
+
+
+def driven(seed: int, path: bool) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    n = 20
+    poses = np.column_stack([np.cumsum(rng.normal(0.1, 0.1, (n, 2)), axis=0), np.cumsum(rng.normal(0.0, 0.9, n))])
+    return Trajectory(
+        times=0.05 * np.arange(n),
+        poses=poses,
+        cross_track_errors=rng.normal(size=n) if path else np.empty(0),
+        references=0.001 * rng.normal(size=(n, 5)) if seed == 1 else rng.normal(size=(n, 5)),
+        path=np.cumsum(rng.normal(1.0, 0.2, (5, 2)), axis=0) if path else np.empty((0, 2)),
+        goals=rng.normal(size=(3, 3)),
+        obstacles=obstacle_field(circle(1.0, 2.0, 0.3), box(0.0, 1.0, 0.4, 0.2, 0.5), wall(0.0, 0.0, 3.0, 4.0)),
+        walls=rng.normal(size=(2, 2, 2)),
+    )
+
+
+def test_obstacles_are_drawn_where_they_stand() -> None:
+    _, axis = plt.subplots()
+    obstacles = driven(0, False).obstacles
+    obstacle_patches(axis, obstacles)
+    disc, cuboid, thin = axis.patches
+    assert isinstance(disc, Circle)
+    assert (*disc.center, disc.radius) == pytest.approx((1.0, 2.0, 0.3))
+    for patch, at, turn, sides in ((cuboid, 1j, 0.5, (0.4, 0.2)), (thin, 1.5 + 2.0j, math.atan2(4.0, 3.0), (5.0, 0.0))):
+        assert isinstance(patch, Polygon)
+        corners = {complex(*np.round(xy, 9)) for xy in patch.get_xy()}
+        signs = itertools.product((-0.5, 0.5), repeat=2)
+        wanted = [at + complex(a * sides[0], b * sides[1]) * np.exp(1j * turn) for a, b in signs]
+        assert corners == {complex(round(each.real, 9), round(each.imag, 9)) for each in wanted}
+        first, second, third = (complex(*xy) for xy in patch.get_xy()[:3])
+        assert abs(abs(second - first) - sides[0]) < 1e-9  # around, not across
+        assert abs(abs(third - second) - sides[1]) < 1e-9
+    assert (cuboid.get_linewidth(), thin.get_linewidth()) == (0.0, 2.0)
+    walls = np.arange(8.0).reshape(2, 2, 2)
+    wall_lines(axis, walls)
+    wall_lines(axis, np.empty(0))
+    (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
+    np.testing.assert_array_equal(np.array(lines.get_segments()), walls)
+    assert (lines.get_linewidth().tolist(), lines.get_rasterized()) == ([1.0], False)
+    wall_lines(axis, np.zeros((4 * MANY_WALLS, 2, 2)))
+    lines = axis.collections[-1]  # a picture in a drawing of lines
+    assert (lines.get_linewidth().tolist(), lines.get_rasterized()) == ([0.5], True)
+
+
+def test_no_two_of_three_dozen_curves_look_alike() -> None:
+    looks = [(each["color"], each["linestyle"]) for each in map(look, range(36))]
+    assert len(set(looks)) == 36
+    assert len({colour(k) for k in range(9)}) == 9
+    assert looks[9] == (colour(0), "--")
+    assert len({look(k)["marker"] for k in range(9)}) == 9
+    # where a colour comes again, the marker is another too
+    assert all(look(k)["marker"] != look(k - 9)["marker"] for k in range(9, 36))
+
+
+# the same in every part of a figure, as its one legend has them
+STYLE_OF = {("p", ""): "-", ("q", "k=2"): "-", ("q", ""): "--"}
+
+
+def legend_of(figure: Any) -> list[str]:
+    return [each.get_text() for each in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize("path", [True, False])
+def test_no_two_of_a_dozen_policies_look_alike_and_the_legend_says_which(path: bool) -> None:
+    policies = CONTESTS["goal-obstacles"].policies
+    rows = [{"policy": name, "gains": ""} for name in policies]
+    told = {"one": [(row, driven(k, path)) for k, row in enumerate(rows)], "two": [(rows[-1], driven(0, path))]}
+    for draw in document_figures.figures_of("path" if path else "goal").values():
+        figure = draw(told)
+        said = dict(zip(legend_of(figure), figure.legends[0].get_lines(), strict=True))
+        looks = {name: (to_hex(said[name].get_color()), said[name].get_linestyle()) for name in policies}
+        assert len(set(looks.values())) == len(policies) == 12
+        # two dashes and the gap between them, at least
+        assert figure.legends[0].handlelength * figure.legends[0].get_texts()[0].get_fontsize() >= 2.0 * 3.7 + 1.6
+        for axis in figure.axes:
+            for line in axis.lines:
+                if line.get_label() in looks:
+                    assert (to_hex(line.get_color()), line.get_linestyle()) == looks[line.get_label()]
+
+
+def short_drive(goal: tuple[float, float], side: float) -> Trajectory:
+    """Returns a straight drive from (1, 1) within the four walls of a square world, in which a disc stands far away."""
+    corners = np.array([[0.0, 0.0], [side, 0.0], [side, side], [0.0, side], [0.0, 0.0]])
+    cells = np.array([[[x, y], [x + 0.1, y]] for x in np.arange(0.5, side, 1.0) for y in np.arange(0.5, side, 1.0)])
+    poses = np.column_stack([np.linspace((1.0, 1.0), goal, 9), np.zeros(9)])
+    return dataclasses.replace(
+        driven(0, False),
+        times=0.05 * np.arange(9),
+        poses=poses,
+        goals=np.array([[*goal, 0.0]]),
+        obstacles=obstacle_field(circle(side - 1.0, side - 1.0, 0.3), circle(2.0, 1.5, 0.2)),
+        walls=np.concatenate([np.stack([corners[:-1], corners[1:]], axis=1), cells]),
+    )
+
+
+def test_of_a_large_world_what_lies_around_the_drives_is_shown(tmp_path: Path) -> None:
+    world = short_drive((4.0, 1.0), 60.0)
+    farther = short_drive((4.0, 4.0), 60.0)
+    row = {"policy": "p", "gains": ""}
+    both = {"one": [(row, world), (row | {"policy": "q"}, farther)]}
+    write_trajectories(tmp_path, {"00000": world})
+    contest = CONTESTS["goal-obstacles"]
+    told = rows_of(contest, 4)[0] | {"split": "test", "trajectory": "00000", "left_corridor": "", "timeout": ""}
+    figures = document_figures.goal_seekers(both), document_figures.waypoints(both)
+    plans = [(figure.axes[0], 4.0) for figure in figures]
+    plans += [(contest_figures.worst(contest, Episodes([told]), tmp_path).axes[0], 1.0)]
+    for axis, top in plans:
+        axis.figure.draw_without_rendering()
+        (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+        # the extent of the drives is 3 m; on each side at least 2 m, unless the world ends
+        assert right == pytest.approx(6.0, abs=0.01)
+        assert -0.5 < left < 0.0
+        assert -0.5 < low < 0.0
+        assert high == pytest.approx(0.5 * (1.0 + top) + 3.5)
+        box = axis.get_window_extent()
+        assert 0.7 <= box.width / box.height <= 1.5
+        assert len(axis.patches) == 1
+        (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
+        drawn = np.array(lines.get_segments())
+        cells = math.floor(right + 0.5) * math.floor(high + 0.5)
+        assert len(drawn) == 2 + cells
+    # a margin of a third where that is more, and the whole of a world that is not large
+    far = short_drive((10.0, 1.0), 60.0)
+    assert document_figures.goal_seekers({"one": [(row, far)]}).axes[0].get_xlim()[1] == pytest.approx(13.0)
+    for side, goal in ((13.0, (4.0, 1.0)), (60.0, (30.0, 1.0))):
+        drive = short_drive(goal, side)
+        (axis, _) = document_figures.goal_seekers({"one": [(row, drive)]}).axes
+        axis.figure.draw_without_rendering()
+        for ends in (axis.get_xlim(), axis.get_ylim()):
+            assert ends[0] <= 0.0
+            assert ends[1] >= side
+        assert len(axis.patches) == 2
+        (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
+        assert len(lines.get_segments()) == len(drive.walls)

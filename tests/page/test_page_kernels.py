@@ -1,0 +1,173 @@
+"""The simulator in the page: bit for bit the one in Python, with its gains, data sheets and agents."""
+
+import base64
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import page_recipes
+import pytest
+from gymnasium.utils.seeding import np_random
+from numpy.typing import NDArray
+from page_recipes import AGENT, contest_of, environment
+
+from wayfield.benchmarks import report
+from wayfield.benchmarks.report.page import TABLES
+from wayfield.benchmarks.report.worlds import DRAWS, plain
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TASKS
+from wayfield.policies import Pilot, make
+
+PAGE = Path(report.__path__[0]) / "page"
+RUNNER = Path(__file__).with_name("page_runner.js")
+STEPS = 200
+node = pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+
+
+def tables() -> Any:
+    return json.loads((PAGE / TABLES).read_text(encoding="utf-8"))
+
+
+REBUILD = (
+    "build the page's kernels anew: python benchmarks/studies/page_kernels.py, then benchmarks/studies/page_demo.py"
+)
+
+
+def by_value(told: Any, blobs: list[str]) -> Any:
+    """Returns tables with each constant in place of its number."""
+    if isinstance(told, dict):
+        inner = ("blob", "sizes", "numbers", "directions")
+        return {
+            key: blobs[each] if key in inner and isinstance(each, int) else by_value(each, blobs)
+            for key, each in told.items()
+        }
+    return [by_value(each, blobs) for each in told] if isinstance(told, list) else told
+
+
+def entries(content: dict[str, Any]) -> dict[str, Any]:
+    """Returns what the page is handed, each policy and each task's robots by their name."""
+    blobs = content["blobs"]
+    for task in content["tasks"].values():
+        task["params"] = {name: blobs[k] for name, k in task["params"].items()}
+    return {
+        **{f"policy {name}": by_value(each, blobs) for name, each in content["pilots"].items()},
+        **{f"task {name}": by_value(each, blobs) for name, each in content["tasks"].items()},
+        **{name: content[name] for name in ("disturbances", "tiers", "records")},
+    }
+
+
+def test_the_page_has_the_gains_data_sheets_and_agents_of_the_package() -> None:
+    shipped, package = entries(tables()), entries(json.loads(json.dumps(page_recipes.tables())))
+    other = sorted(name for name in shipped.keys() | package.keys() if shipped.get(name) != package.get(name))
+    assert not other, f"{REBUILD}\nother numbers in {len(other)} of {len(package)}: {', '.join(other[:8])}"
+
+
+def labels(task: str, robot: str, actuators: str) -> list[str]:
+    start = f"{task} {robot} {actuators} "
+    return [key.removeprefix(start) for key in tables()["pilots"] if key.startswith(start)]
+
+
+def cases(every: bool) -> Iterator[dict[str, Any]]:
+    """Yields the runs that are compared: each policy on five scenarios, or one of them."""
+    for task in TASKS:
+        contest = contest_of(task)
+        families = list(contest.families("kinematic"))
+        for robot in ROBOTS:
+            for n, policy in enumerate(labels(task, robot, "lagged")):
+                if not every and "(" in policy and not policy.startswith(AGENT):
+                    continue
+                chosen = [families[(n + 4 * k) % len(families)] for k in range(5 if every else 1)]
+                for family in chosen:
+                    yield {"task": task, "robot": robot, "actuators": "lagged", "policy": policy, "family": family}
+
+
+def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np.float64]]:
+    """Returns the world of a run as the page has it, and the poses (n + 1, 3) that Python drives."""
+    contest = contest_of(case["task"])
+    env = environment(case["task"], case["robot"], case["actuators"], case.get("file", f"{case['family']}/test"))
+    name, _, gains_name = case["policy"].partition(" ")
+    wanted = gains_name.strip("()") or "default"
+    sets = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))) if name != AGENT else {}
+    pilot = Pilot(make(name, **(sets.get(wanted, {}) if name != AGENT else {"seed": 0})), env)
+    observation, _ = env.reset(seed=0, options={"scenario": [0]})
+    pilot.reset()
+    world = plain(env.task.scenarios[0], contest.spec.clock) | {"draws": np_random(0)[0].random(DRAWS).tolist()}
+    poses = [env.batch.states[0][["x", "y", "heading"]].item()]
+    for _ in range(steps):
+        observation, _, terminated, _, _ = env.step(pilot.command(observation))
+        poses.append(env.batch.states[0][["x", "y", "heading"]].item())
+        if terminated[0]:
+            break
+    env.close()
+    return world, np.array(poses)
+
+
+def compare(chosen: list[dict[str, Any]], steps: int) -> None:
+    """Asserts that page and Python drive the same poses to the last bit."""
+    python = [driven(case, steps) for case in chosen]
+    asked = [case | {"world": world, "steps": steps} for case, (world, _) in zip(chosen, python, strict=True)]
+    run = subprocess.run(
+        ["node", str(RUNNER), str(PAGE)], input=json.dumps(asked), capture_output=True, text=True, check=True
+    )
+    off = []  # a line each
+    for case, (_, poses), result in zip(chosen, python, json.loads(run.stdout), strict=True):
+        name = " ".join((case["task"], case["robot"], case["policy"], case["family"]))
+        if "error" in result:
+            off.append(f"{name}: {result['error']}")
+            continue
+        found = np.frombuffer(base64.b64decode(result["poses"])).reshape(-1, 3)
+        if found.shape != poses.shape or found.tobytes() != poses.tobytes():
+            n = min(len(found), len(poses))
+            first = np.flatnonzero((found[:n] != poses[:n]).any(axis=1))
+            off.append(f"{name}: from step {first[0] if len(first) else n} on")
+    told = "\n".join([REBUILD, f"the page drives otherwise in {len(off)} of {len(chosen)} episodes:", *off[:8]])
+    assert not off, told
+
+
+@node
+def test_the_page_drives_what_python_drives() -> None:
+    compare(list(cases(every=False)), 100)
+
+
+ROOM = ("." * 40 + "\n") * 12 + ("." * 18 + "@@@@" + "." * 18 + "\n") * 8 + ("." * 40 + "\n") * 12
+
+
+@node
+def test_the_page_drives_among_the_cells_of_a_map(tmp_path: Path) -> None:
+    (tmp_path / "room.map").write_text(f"type octile\nheight 32\nwidth 40\nmap\n{ROOM}")
+    chosen = []
+    for task, word, policies in (
+        ("goal_reaching", "goal", ("vfh_plus", "scan_planner", "astar_tracker", "apf_corrected")),
+        ("docking", "dock", ("reeds_shepp", "polar")),
+    ):
+        file = tmp_path / f"{word}.json"
+        content = {word: [7.0, 2.0, 0.3], "start": [1.0, 4.0, 0.2], "map": {"file": "room.map", "resolution": 0.25}}
+        content["obstacles"] = [{"kind": "circle", "x": 3.0, "y": 3.0, "radius": 0.2}]
+        file.write_text(json.dumps(content))
+        case = {"task": task, "robot": "p3dx", "actuators": "lagged", "family": "map", "file": str(file)}
+        chosen += [case | {"policy": policy} for policy in policies]
+    world, _ = driven(chosen[0], 1)
+    assert world["grid"]
+    assert len(world["obstacles"]) == 1
+    compare(chosen, 120)
+
+
+@node
+def test_the_page_comes_as_near_to_a_goal_as_that_asks(tmp_path: Path) -> None:
+    file = tmp_path / "near.json"
+    file.write_text(json.dumps({"goal": [0.5, 0.1, 0.3], "position_tolerance": 0.06, "heading_tolerance": 0.02}))
+    case = {"task": "goal_reaching", "robot": "p3dx", "actuators": "lagged", "family": "near", "file": str(file)}
+    chosen = [case | {"policy": policy} for policy in ("dwa", "dwa (by hand)", "vfh_plus")]
+    _, poses = driven(chosen[1], 120)
+    assert np.hypot(*(poses[-1, :2] - (0.5, 0.1))) < 0.06  # which its gain, 0.15 m, would not have come to
+    compare(chosen, 120)
+
+
+@node
+@pytest.mark.slow
+def test_the_page_drives_what_python_drives_for_every_task_robot_and_compiled_policy() -> None:
+    compare(list(cases(every=True)), STEPS)

@@ -1,0 +1,190 @@
+"""The report: what it keeps of episodes, what it says, and that text from files stays text."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import page_demo
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from oracles.hostile_page import HOSTILE, hostile
+
+from wayfield.benchmarks import report
+from wayfield.benchmarks.records.replays import QUANTUM, drive_of, packed, read_drives, write_drives
+from wayfield.benchmarks.records.results import write_rows
+from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.benchmarks.report import page
+from wayfield.benchmarks.report.__main__ import main
+from wayfield.benchmarks.report.page import Section, rendered, write_page
+from wayfield.benchmarks.report.worlds import plain, read_worlds
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TASKS, splits, wall
+
+PAGE = Path(report.__path__[0]) / "page"
+
+
+def payload(text: str) -> tuple[dict[str, Any], bytes]:
+    """Returns what a page embeds: its JSON and its bytes."""
+    found = re.search(r'<script type="text/plain" id="payload">([^<]*)</script>', text)
+    assert found is not None
+    content = zlib.decompress(base64.b64decode(found[1]))
+    length = int.from_bytes(content[:4], "little")
+    return json.loads(content[4 : 4 + length]), content[4 + length :]
+
+
+@given(
+    st.lists(
+        st.tuples(*(st.floats(-1e3, 1e3, allow_nan=False) for _ in range(2)), st.floats(-3.1, 3.1)),
+        min_size=2,
+        max_size=40,
+    )
+)
+def test_a_drive_is_the_trajectory_to_half_a_quantum(poses: list[tuple[float, ...]]) -> None:
+    trajectory = Trajectory(times=np.arange(len(poses)) * 0.05, poses=np.array(poses))
+    drive = drive_of(trajectory)
+    assert np.abs(drive[:, :2] * QUANTUM - trajectory.poses[:, :2]).max() <= 0.5 * QUANTUM + 1e-9
+    # the heading may go on over half a turn, but it points the same way
+    turn = drive[:, 2] * QUANTUM - trajectory.poses[:, 2]
+    assert np.abs(np.exp(1j * turn) - 1.0).max() <= 0.5 * QUANTUM + 1e-6
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+def test_the_page_unpacks_what_was_packed() -> None:
+    rng = np.random.default_rng(0)
+    drive = np.cumsum(rng.integers(-40_000, 40_000, (50, 4)), axis=0).astype(np.int32)
+    code = (
+        (PAGE / "data.js").read_text()
+        + f"const bytes = bytesOf('{base64.b64encode(packed(drive)).decode()}');"
+        + "const d = unpacked(bytes, [0, 50, 4]);"
+        + "console.log(JSON.stringify([d.x, d.y, d.heading, d.error].map((c) => Array.from(c))));"
+    )
+    run = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=True)
+    assert (np.rint(np.array(json.loads(run.stdout)).T / QUANTUM) == drive).all()
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+def test_of_a_large_world_the_page_shows_where_one_drives() -> None:
+    walls = [wall(*ends).tolist() for ends in ((0, 0, 60, 0), (60, 0, 60, 60), (60, 60, 0, 60), (0, 60, 0, 0))]
+    places = [([10.0, 9.0, 0.0], [13.0, 9.0, 0.0]), ([2.0, 9.0, 0.0], [40.0, 9.0, 0.0])]
+    worlds = [{"start": start, "goal": goal, "walls": [list(each) for each in walls]} for start, goal in places]
+    code = (PAGE / "scene.js").read_text() + (
+        f"const actors = [{{ x: [10, 10], y: [9, 9.5] }}]; const worlds = {json.dumps(worlds)};"
+        "console.log(JSON.stringify(worlds.map((world) => boundsOf(world, actors))));"
+    )
+    run = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=True)
+    (short, long) = json.loads(run.stdout)
+    x0, y0, x1, y1 = short["shown"]
+    # of 3 m, with 0.6 m around start and goal, and 2 m at least around that
+    assert (x0, y0, x1, y1) == pytest.approx((7.4, 9.0 - 4.1, 15.6, 9.0 + 4.1))
+    for ends in (short["whole"], long["whole"], long["shown"]):
+        assert ends[0] == ends[1] == pytest.approx(60.0 - ends[2]) == pytest.approx(60.0 - ends[3])
+        assert -3.0 < ends[0] < 0.0
+
+
+def test_drives_come_back_as_they_were_written(tmp_path: Path) -> None:
+    drives = {3: np.arange(12, dtype=np.int32).reshape(4, 3), 7: -np.arange(8, dtype=np.int32).reshape(2, 4)}
+    write_drives(tmp_path, drives)
+    found = read_drives(tmp_path)
+    assert list(found) == [3, 7]
+    assert all((found[k] == drives[k]).all() for k in drives)
+
+
+def test_a_world_keeps_every_bit() -> None:
+    for spec in TASKS.values():
+        for family in list(spec.families)[:3]:
+            scenario = splits.split(spec.name, family, "test")[0]
+            world = json.loads(json.dumps(plain(scenario, spec.clock)))
+            assert world == plain(scenario, spec.clock)
+            assert world["kind"] == spec.kind
+
+
+def test_text_from_files_is_escaped() -> None:
+    text = rendered(HOSTILE, hostile(), [["command", HOSTILE]], page.BUDGET)
+    assert "<script>alert" not in text
+    assert text.count("<script") == 2  # the payload and the page's own
+    told, _ = payload(text)
+    assert told["tables"][0]["title"] == HOSTILE
+
+
+@pytest.mark.parametrize("budget", [page.SMALL_BUDGET, page.BUDGET])
+def test_a_page_of_any_run_keeps_to_its_budget(budget: int) -> None:
+    """Trajectories of noise do not deflate: as many are left out as have to be."""
+    rng = np.random.default_rng(1)
+    content = hostile()
+    content.drives = [rng.integers(-(2**20), 2**20, (400, 3)).astype(np.int32) for _ in range(3000)]
+    content.episodes = [content.episodes[0] | {"agent": str(k % 10), "episode": k} for k in range(3000)]
+    text = rendered("full", content, [], budget)
+    assert 0.7 * budget < len(text.encode()) <= budget
+    kept = [each for each in payload(text)[0]["episodes"] if "drive" in each]
+    assert 0 < len(kept) < 3000
+    # of trained agents the first seeds come first
+    assert {each["agent"] for each in kept} >= {"0"}
+
+
+def test_a_page_asks_for_nothing_from_outside() -> None:
+    text = rendered("page", hostile(), [], page.BUDGET)
+    shown = re.sub(r'id="payload">[^<]*<', "", text).replace("http://www.w3.org/2000/svg", "")
+    assert not re.search(r"https?://|src=|@import|url\(", shown)
+    assert "default-src 'none'" in text
+
+
+def test_a_folder_without_trajectories_gives_a_page_that_says_so(tmp_path: Path) -> None:
+    row = {
+        **{"suite": "path", "document": "path", "experiment": "way", "scenario": "way", "robot": "", "policy": "lqr"},
+        **{"gains": "", "gains_name": "default", "dynamics": "kinematic", "actuators": "ideal", "seed": "0"},
+        **{"disturbance": "none", "episode": "0", "success": "1", "collision": "0", "left_corridor": "0"},
+        **{"timeout": "0", "time": "3.5", "mean_speed": "0.5", "cross_track_rms": "0.01"},
+    }
+    write_rows(tmp_path, [row])
+    write_page(tmp_path / "report.html", "t", [Section(tmp_path, [])], "evaluate")
+    told, _ = payload((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "nothing of it can be replayed" in told["missing"][0]
+
+
+def test_the_command_refuses_a_folder_without_a_run(tmp_path: Path) -> None:
+    run = CliRunner().invoke(main, [str(tmp_path)])
+    assert run.exit_code == 2
+    assert "episodes.csv" in run.output
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "[]", '{"worlds": 3, "rows": []}', '{"worlds": {}, "rows": ["a"]}'),
+        *('{"worlds": {}, "rows": [], "hulls": [0.3]}', '{"worlds": {}, "rows": [""], "hulls": ["a"]}'),
+        *('{"worlds": {}, "rows": [""], "hulls": [[0.3]]}', '{"worlds": {}, "rows": [""], "hulls": [[0.3, -1]]}'),
+        *(
+            f'{{"worlds": {{}}, "rows": [""], "hulls": {each}}}'
+            for each in ("[true]", "[Infinity]", "[[1, 1, 1]]", "0.3")
+        ),
+        *('{"worlds": {"a": {}}, "rows": ["a"]}', '{"worlds": {"a": 1}, "rows": ["a"]}', '{"worlds": {}, "rows": ""}'),
+    ],
+)
+def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "worlds.json").write_text(text)
+    with pytest.raises(ValueError, match=re.escape(str(tmp_path))):
+        read_worlds(tmp_path)
+
+
+def kernels_of(told: dict[str, Any], content: bytes) -> dict[str, Any]:
+    """Returns what a page drives with: its module and constants as bytes, and the tables."""
+    pieces = [content[first : first + size] for first, size in (told["module"], *told["blobs"])]
+    return {name: told[name] for name in ("orders", "tasks", "pilots", "records")} | {"pieces": pieces}
+
+
+def test_the_demo_drives_with_the_kernels_of_the_package() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "demo.html").read_text(encoding="utf-8")
+    assert len(text.encode()) <= page_demo.BUDGET
+    told, content = payload(text)
+    shipped = page.kernel_part(set(ROBOTS))
+    assert kernels_of(told["kernels"], content) == kernels_of(*shipped), (
+        "the kernels were built anew: python benchmarks/studies/page_demo.py"
+    )

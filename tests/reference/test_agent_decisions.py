@@ -1,0 +1,249 @@
+"""Reference implementation of an agent's decision, part by part, and of the base that it drives as."""
+
+import dataclasses
+import itertools
+import math
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import wayfield
+from wayfield import policies
+from wayfield.envs.robots import ACTUATORS, Actuators
+from wayfield.policies.learned.agent import Network, held_law, load_agent
+from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
+from wayfield.policies.learned.perception import hold
+from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
+from wayfield.policies.learned.residual import Base, controller_at
+from wayfield.policies.pilot import Pilot
+
+PATH, GOAL = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
+TIERS: Any = (*ACTUATORS.values(), *(Actuators(True, a, w, lag) for a, w, lag in itertools.product(
+    (0.3, 1.0, 1.5), (1.0, 3.0, 4.0), (0.05, 0.1, 0.3))))  # fmt: skip
+
+
+def briefing_of(env_id: str, **kwargs: Any) -> Any:
+    env = gymnasium.make(env_id, **kwargs)
+    env.reset(seed=0)
+    return env.unwrapped.briefing("sensors")  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="module")
+def told() -> Any:
+    return briefing_of(PATH)
+
+
+def stopping(speed: float, base: Actuators) -> float:
+    """Returns the way (m) on which a base stops."""
+    return speed * base.lag + speed**2 / (2.0 * base.acceleration)
+
+
+@pytest.mark.parametrize("known", [("lagged",), ("slow",), ("lagged", "slow"), ("ideal",), ("slow", "ideal", "lagged")])
+def test_which_base_an_agent_drives_a_base_as_and_how_fast(known: tuple[str, ...], told: Any) -> None:
+    cruises = {"lagged": [[0.4, 0.3], [0.8, 0.5]], "slow": [[0.5, 0.4]]}
+    card = {"trained_on": {"actuators": [*known], "speeds": [0.8, 0.4], "disturbances": [], "beams": []}}
+    card["cruises"] = {tier: each for tier, each in cruises.items() if tier in known}
+    bases = [ACTUATORS[tier] for tier in known]
+    for own, speed in itertools.product(TIERS, (0.2, 0.45, 0.7, 0.9)):
+        here = dataclasses.replace(told, actuators=own)
+        best = max(bases, key=lambda each: each.acceleration)
+        is_quicker = (
+            own.acceleration >= best.acceleration
+            and own.yaw_acceleration >= best.yaw_acceleration
+            and own.lag <= best.lag
+        )
+        wanted = own if own in bases or not is_quicker else best
+        assert effective_actuators(card, here) == wanted
+        if wanted in bases:
+            pairs = card["cruises"].get(known[bases.index(wanted)], [])
+            asked = speed
+            if pairs and speed <= pairs[-1][1]:
+                steps = [[0.0, 0.0], *pairs]
+                for (a, b), (c, d) in itertools.pairwise(steps):
+                    if b <= speed <= d:
+                        asked = a + (c - a) * (speed - b) / (d - b)
+            elif pairs:
+                asked = pairs[-1][0] if pairs[-1][0] < 0.8 else max(pairs[-1][0], speed)
+            assert network_speed(card, here, speed) == pytest.approx(asked)
+            continue
+        worst = min(bases, key=lambda each: each.acceleration)
+        slowed = network_speed(card, here, speed)
+        if worst.acceleration == math.inf or stopping(speed, own) <= stopping(speed, worst):
+            assert slowed == speed
+        else:
+            assert slowed < speed
+            assert stopping(slowed, own) == pytest.approx(stopping(speed, worst))
+    assert effective_actuators({}, told) is told.actuators
+    assert network_speed({}, told, 0.33) == 0.33
+    assert out_of_distribution({}, told, 9.0) == ""
+
+
+MEASURED = [
+    {"asked_speed": 0.6, "env_kwargs": {"actuators": "slow", "num_beams": 72}, "success": 0.91, "collision": 0.04,
+     "error": 13.37},
+    {"asked_speed": 1.05, "env_kwargs": {"actuators": "lagged"}, "success": 0.8, "collision": 0.1, "error": 0.01234},
+    {"asked_speed": 0.6, "env_kwargs": {}, "success": 0.5, "collision": 0.2, "error": None},
+]  # fmt: skip
+SAID = [
+    "91 % succeeded, 4 % failed badly, 13.4 s (slow, 0.6 m/s, 72 beams)",
+    "80 % succeeded, 10 % failed badly, 0.0123 m off (lagged, 1.05 m/s)",
+    "50 % succeeded, 20 % failed badly (ideal, 0.6 m/s)",
+]
+VALIDATED = "97 % succeeded, 1 % failed badly, 11.0 s (lagged, 0.6 m/s, 72 beams)"
+
+
+def outputs_of(network: Network, inputs: Any) -> Any:
+    """Returns what a network answers, by matrices of doubles."""
+    values, first = np.asarray(inputs, float), 0
+    pairs = list(itertools.pairwise(network.sizes.tolist()))
+    for k, (come, go) in enumerate(pairs):
+        weight = network.numbers[first : first + come * go].reshape(come, go).astype(float)
+        values = values @ weight + network.numbers[first + come * go : first + (come + 1) * go]
+        first += (come + 1) * go
+        if k < len(pairs) - 1:
+            values = np.maximum(values, 0.0) if network.activation == "relu" else np.tanh(values)
+    return values
+
+
+def cases() -> Iterator[tuple[str, str, str, int]]:
+    yield "path_following", "p3dx", PATH, 0
+    yield "goal_reaching", "p3dx", GOAL, 72
+    yield "goal_reaching", "omni3", "wayfield/OmniGoalObstacles-v0", 72
+    yield "docking", "p3dx", "wayfield/DiffDriveDocking-v0", 72
+
+
+@pytest.mark.parametrize(("task", "robot", "env_id", "beams"), list(cases()))
+@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow", "slower"])
+@pytest.mark.filterwarnings("ignore::wayfield.policies.learned.conditions.NewToAgent")
+def test_an_agent_decides_by_its_parts_one_after_the_other(
+    task: str, robot: str, env_id: str, beams: int, tier: str
+) -> None:
+    agent = dataclasses.replace(shipped_agent(task, robot, 0), speed=0.5)
+    based = task == "path_following" and tier == "lagged"
+    if based:  # a network of its own that adds to a law
+        base = Base("pure_pursuit", {}, 0.3)
+        seen = agent.perception(briefing_of(env_id)).num_inputs + 2
+        rng = np.random.default_rng(2)
+        layers = [(rng.normal(0.0, 0.3, (8, seen)), np.zeros(8)), (rng.normal(0.0, 0.4, (2, 8)), np.zeros(2))]
+        agent = dataclasses.replace(agent, network=Network.of(layers), base=base)
+        assert agent.knows == policies.make("pure_pursuit").knows
+    kwargs = {"num_beams": beams} if beams else {}
+    given_tier = "slow" if tier == "slower" else tier
+    env = gymnasium.make_vec(
+        env_id, 4, vectorization_mode="vector_entry_point", actuators=given_tier, robot=robot, **kwargs
+    )
+    pilot = Pilot(agent, env)
+    observation, _ = env.reset(seed=3)
+    pilot.reset()
+    if tier == "slower":  # than any that it was trained on
+        pilot.briefing = dataclasses.replace(pilot.briefing, actuators=Actuators(True, 0.3, 0.8, 0.25))
+    here = pilot.briefing
+    actuators, speed = effective_actuators(agent.card, here), network_speed(agent.card, here, 0.5)
+    is_held = actuators != here.actuators
+    assert is_held == (tier == "ideal")
+    assert (speed < 0.45) == (tier == "slower")
+    perception, axes = agent.perception(here), list(here.robot.twist_axes)
+    memory, speeds = perception.fresh(4), np.full(4, speed)
+    held, given = np.zeros((4, 2, 3)), np.zeros((4, 3))
+    law = controller_at("pure_pursuit", {}, 0.5) if based else None
+    kept = law.reset(here) if law else None
+    near = np.empty(0, int)
+    if beams:
+        near = here.layout.unpack(np.arange(observation.shape[1], dtype=float)[None]).ranges[0].astype(int)
+    draws = np.random.default_rng(7)
+    for k in range(6):
+        # what stands comes near on one side, so that the guard has to do, and the more the longer a base turns on
+        sides = np.cos(np.linspace(-np.pi, np.pi, len(near)) - draws.uniform(-np.pi, np.pi, (4, 1)))
+        room = (1.5, 1.0, 0.7, 0.4, 0.2, 0.1)[k] * np.exp(1.5 * sides)
+        observation[:, near] = np.minimum(observation[:, near], here.robot.hull_radius + room)
+        seen = here.layout.unpack(observation.astype(float))
+        if is_held:
+            seen = seen._replace(twist=seen.twist + (held[:, 1] - given)[:, axes])
+        asked = law.act(seen, here, kept) if law else None
+        limits = None
+        if agent.features.limits:
+            told = (agent.features.speed_scale / actuators.acceleration,
+                    agent.features.yaw_scale / actuators.yaw_acceleration, actuators.lag / 0.1)  # fmt: skip
+            limits = np.minimum(np.float32(told), np.float32(5.0))
+        inputs, angles = perception.inputs(seen, speeds, memory, asked, limits)
+        actions = np.clip(outputs_of(agent.network, inputs), -1.0, 1.0).astype(np.float32)
+        perception.remember(inputs, actions, memory)
+        if asked is None:
+            twists = agent.actions.twists(actions, speeds, angles, here.robot)
+        else:
+            twists = agent.actions.added(asked, actions, 0.3, speeds, angles, here.robot)
+        twists = agent.features.arrived(seen, twists, speed, actuators)
+        twists = agent.features.guarded(seen, twists, speed, actuators, eased=True)
+        if is_held:
+            hold(*held_law(here, actuators), held, twists)
+            given[:, axes] = twists
+        found = pilot.command(observation)
+        np.testing.assert_allclose(found, twists, atol=2e-5)
+        observation, *_ = env.step(found)
+    env.close()
+
+
+def test_a_base_is_held_by_the_limits_of_the_slower_one(told: Any) -> None:
+    robot = told.robot
+    for own, slower in itertools.product((ACTUATORS["ideal"], Actuators(True, 2.0, 4.0, 0.02)), TIERS[1:3]):
+        law, matrix = held_law(dataclasses.replace(told, actuators=own), slower)
+        decay = math.exp(-told.dt / (slower.lag - own.lag))
+        mean = (1.0 - decay) * (slower.lag - own.lag) / told.dt
+        most = robot.rated_wheel_speed if slower.at_rated_speed else robot.peak_wheel_speed
+        wanted = [slower.acceleration, slower.yaw_acceleration, told.dt, decay, mean, most, robot.turn_speed]
+        assert law.tolist() == pytest.approx(wanted)
+        np.testing.assert_array_equal(matrix, robot.wheel_matrix)
+
+
+def test_agents_are_found_by_their_seeds(tmp_path: Path) -> None:
+    for name in ("seed_10/best", "seed_2/best", "seed_02/best", "seed_x/best", "seed_7", "other/best"):
+        (tmp_path / name).mkdir(parents=True)
+    assert list(trained(str(tmp_path))) == [2, 10]
+    assert trained(str(tmp_path))[10] == tmp_path / "seed_10" / "best"
+    home = Path(wayfield.__file__).parent / "policies" / "agents" / "docking_p3dx"
+    assert shipped("docking", "p3dx") == {k: home / f"seed_{k}" for k in range(len(list(home.iterdir())))}
+    with pytest.raises(ValueError, match="no agent of seed 99 ships for docking with p3dx; there are seeds 0, 1, 2"):
+        shipped_agent("docking", "p3dx", 99)
+    with pytest.raises(ValueError, match="there are none"):
+        shipped_agent("docking", "kobuki", 0)
+    assert shipped_agent("docking", "p3dx", 1, 0.3).speed == 0.3
+    assert shipped_agent("docking", "p3dx", 1).speed == load_agent(home / "seed_1").card["speed"]
+
+
+def test_an_agent_of_ones_own_drives_and_not_the_one_that_ships(tmp_path: Path, told: Any) -> None:
+    home = Path(wayfield.__file__).parent / "policies" / "agents" / "path_following_p3dx"
+    for seed, of in ((0, 1), (3, 0)):  # seed 0 here is another one there
+        shutil.copytree(home / f"seed_{of}", tmp_path / f"seed_{seed}" / "best")
+    for seed, of in ((0, 1), (3, 0)):
+        mine: Any = policies.make("ppo", seed=seed, home=str(tmp_path))
+        assert mine.agent(told).card["sha256"] == load_agent(home / f"seed_{of}").card["sha256"]
+        assert mine.knows == "sensors"
+    slow: Any = policies.make("ppo", seed=3, home=str(tmp_path), speed=0.4)
+    assert slow.agent(told).speed == 0.4
+    ships: Any = policies.make("ppo", seed=0, speed=0.4)
+    assert ships.agent(told).card["sha256"] == load_agent(home / "seed_0").card["sha256"]
+    with pytest.raises(ValueError, match="holds agents for path_following, not for goal_reaching"):
+        slow.agent(briefing_of(GOAL))
+    lost: Any = policies.make("ppo", seed=1, home=str(tmp_path))
+    with pytest.raises(ValueError, match=r"no agent of seed 1 is in .*; there are seeds 0, 3"):
+        lost.agent(told)
+
+
+def test_a_controller_under_an_agent_cruises_at_the_speed_that_is_asked_for() -> None:
+    """Whatever speed its gains were tuned for, and with all else of them."""
+    for policy in ("lqr", "stanley", "mpc", "pure_pursuit", "regulated_pure_pursuit", "lookahead_retuned", "dwa"):
+        gains = policies.tuned_gains(policy, "goal-obstacles" if policy == "dwa" else "path-following", "p3dx")
+        for speed in (0.25, 0.6, 1.05):
+            for law in (controller_at(policy, gains, speed), Base(policy, gains, 0.2).policy(speed)):
+                has: Any = vars(law)
+                cruise = next(name for name in ("k_lin", "speed", "max_speed") if name in has)
+                ahead = has["lookahead_distance"] if cruise == "k_lin" else 1.0  # that law settles at v = k_lin L
+                assert has[cruise] * ahead == pytest.approx(speed)
+                assert {name: has[name] for name in gains if name != cruise} == {
+                    name: each for name, each in gains.items() if name != cruise
+                }

@@ -1,0 +1,193 @@
+"""Blocks of obstacles, rays into grids, and checks of values, in plain Python."""
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wayfield.envs.world import blocks, grids
+from wayfield.envs.world.geometry import OBSTACLE
+from wayfield.system import checks
+from wayfield.system.threads import bounds
+
+# Blocks of obstacles.
+
+
+def scattered(rng: np.random.Generator, count: int) -> Any:
+    field = np.zeros(count, OBSTACLE)
+    field["x"], field["y"] = rng.uniform(-20, 20, count), rng.uniform(-5, 9, count)
+    field["cos"] = 1.0
+    for name in ("half_length", "half_width", "radius"):
+        field[name] = rng.uniform(0.0, 0.5, count)
+    return field
+
+
+def halved(part: Any) -> None:
+    """Asserts that a part is halved across where it is wide, the first half of whole blocks, twice as many each."""
+    if len(part) <= 16:
+        return
+    half = 16 * 2 ** (math.ceil(math.log2(len(part) / 16)) - 1)
+    across = "x" if np.ptp(part["x"]) >= np.ptp(part["y"]) else "y"
+    assert part[across][:half].max() <= part[across][half:].min()
+    halved(part[:half])
+    halved(part[half:])
+
+
+@pytest.mark.parametrize("count", [129, 144, 200, 256, 257, 700])
+def test_many_obstacles_are_halved_into_blocks_with_discs_around_them(count: int) -> None:
+    rng = np.random.default_rng(count)
+    fields = np.zeros((3, count), OBSTACLE)
+    counts = np.array([count, 128, count - 1])
+    for row, number in zip(fields, counts, strict=True):
+        row[:number] = scattered(rng, number)
+    placed, found = blocks.in_blocks(fields, counts)
+    assert found.tolist() == [math.ceil(count / 16), 0, math.ceil((count - 1) / 16) if count > 129 else 0]
+    assert placed[1, :128].tolist() == fields[1, :128].tolist()
+    whole = math.ceil(count / 16)
+    assert placed.shape == (3, count + whole + math.ceil(whole / 16))
+    for row, number, many in zip(placed, counts.tolist(), found.tolist(), strict=True):
+        if not many:
+            continue
+        assert sorted(row[:number].tolist()) == sorted(fields[0 if number == count else 2, :number].tolist())
+        halved(row[:number])
+        of_blocks, of_many = row[number : number + many], row[number + many : number + many + math.ceil(many / 16)]
+        for discs, inside in ((of_blocks, row[:number]), (of_many, of_blocks)):
+            for k, disc in enumerate(discs):
+                part = inside[16 * k : 16 * k + 16]
+                x, y = (0.5 * (part[a].min() + part[a].max()) for a in "xy")
+                far = np.hypot(part["x"] - x, part["y"] - y) + part["half_length"] + part["half_width"] + part["radius"]
+                assert (disc["x"], disc["y"]) == (x, y)
+                assert disc["radius"] == pytest.approx(far.max(), rel=2e-9)
+                assert disc["radius"] >= far.max()
+                assert (disc["cos"], disc["sin"], disc["half_length"], disc["half_width"]) == (1.0, 0.0, 0.0, 0.0)
+    few, none = blocks.in_blocks(fields[:, :128], np.array([128, 5, 0]))
+    assert not none.any()
+    assert few.shape == (3, 128)
+
+
+def test_rows_are_shared_out_alike_in_blocks_that_are_not_small() -> None:
+    for rows in (1, 31, 32, 63, 64, 100, 1000):
+        for most in (1, 2, 3, 8):
+            found = bounds(rows, most)
+            assert len(found) == max(1, min(most, rows // 32))
+            assert [first for first, _ in found] + [rows] == [0] + [last for _, last in found]
+            sizes = [last - first for first, last in found]
+            assert max(sizes) - min(sizes) <= 1
+
+
+# Grids.
+
+
+def test_a_ray_from_beyond_a_grid_enters_it_by_a_side() -> None:
+    rng = np.random.default_rng(6)
+    rows, columns, met = 4, 7, 0
+    for _ in range(400):
+        u, v = rng.choice([-3.0, -0.05, 0.5, 2.5, 6.5, 7.05, 9.0], 1)[0], rng.choice([-2.0, -0.05, 0.5, 3.5, 4.05, 6.0])
+        if 0.0 <= u <= columns and 0.0 <= v <= rows:
+            continue
+        angle = rng.choice([0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi, rng.uniform(-3.0, 3.0)])
+        du, dv = (round(math.cos(angle), 15), round(math.sin(angle), 15))
+        gone, row, column = grids.entry.py_func(rows, columns, u, v, du + 0.0, dv + 0.0)
+        # where it is within the sides of either direction at once
+        low, high = 0.0, math.inf
+        for place, way, side in ((u, du, columns), (v, dv, rows)):
+            if way == 0.0:
+                low = low if 0.0 <= place <= side else math.inf
+            else:
+                ends = sorted(((0.0 - place) / way, (side - place) / way))
+                low, high = max(low, ends[0]), min(high, ends[1])
+        if low < high:
+            met += 1
+            assert gone == pytest.approx(low)
+            assert column == min(max(math.floor(u + (low + 1e-9) * du), 0), columns - 1)
+            assert row == min(max(math.floor(v + (low + 1e-9) * dv), 0), rows - 1)
+        else:
+            assert gone == math.inf
+    assert met > 40
+
+
+# Values.
+
+
+def test_values_are_shown_on_a_line_of_sixty_characters() -> None:
+    assert checks.shown("x" * 58) == repr("x" * 58)
+    assert checks.shown("x" * 59) == "'" + "x" * 56 + "..."
+    assert len(checks.shown("y" * 10_000)) == 60
+    assert checks.shown([1, 2]) == "[1, 2]"
+    assert checks.shown(np.zeros((2, 2))).count("\n") == 0
+    deep: list[Any] = []
+    deep.append([deep])
+    assert checks.shown(deep) == "[" * 57 + "..."
+    assert checks.shown(10**6000) == "a int too long to print"
+
+
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [(1, 1.0), (np.float32(0.5), 0.5), (10**400, math.inf), (-(10**400), -math.inf), (True, math.nan), ("1", math.nan),
+     (None, math.nan), (1j, math.nan), (np.array([1.0]), math.nan)],
+)  # fmt: skip
+def test_what_is_a_real_number(value: Any, found: float) -> None:
+    assert checks.real(value) == pytest.approx(found, nan_ok=True)
+
+
+def refused(words: str, function: Any, *args: Any, **kwargs: Any) -> None:
+    with pytest.raises((ValueError, TypeError), match=re.escape(words)):
+        function(*args, **kwargs)
+
+
+def test_bounds_hold_on_both_sides_and_messages_tell_them() -> None:
+    assert checks.number("f", 1e6) == 1e6
+    assert checks.number("f", -1e6) == -1e6
+    assert checks.number("f", 2, least=2.0, most=3.0) == 2.0
+    assert type(checks.number("f", 2)) is float
+    for value, kwargs, words in (
+        (1.1e6, {}, "f is 1100000.0; it must be a finite number of at most 1e+06 in size"),
+        (-1.1e6, {}, "at most 1e+06 in size"),
+        (1.9, {"least": 2.0}, "it must be a finite number of at least 2"),
+        (2.0, {"above": 2.0}, "it must be a finite number above 2"),
+        (9.0, {"least": 2.0, "most": 8.0}, "a finite number of at least 2, at most 8 in size"),
+        (9.0, {"above": 0.0, "most": 8.0}, "a finite number above 0, at most 8 in size"),
+        (math.nan, {}, "it must be a finite number"),
+        (math.inf, {"most": math.inf}, "it must be a finite number"),
+    ):
+        refused(words, checks.number, "f", value, **kwargs)
+    assert checks.numbers_of("f", [1, 2.5], 2, "a, b") == (1.0, 2.5)
+    for values in ([1], [1, 2, 3], "ab", b"ab", {1: 2, 3: 4}, 5, iter([1, 2])):
+        refused("it must be 2 numbers (a, b)", checks.numbers_of, "f", values, 2, "a, b")
+    refused("f[1] is nan", checks.numbers_of, "f", [1, math.nan], 2, "a, b")
+    turn = 2.0 * math.pi
+    for angle in (0.0, 4.0, -turn, turn):
+        assert checks.heading("f", angle) == angle
+    assert checks.heading("f", turn + 0.5) == pytest.approx(0.5)
+    assert checks.heading("f", -3 * turn - 0.5) == pytest.approx(-0.5)
+    refused("1e+06", checks.heading, "f", 1.1e6)
+    assert checks.pose("f", (1, 2, turn + 0.25)) == (1.0, 2.0, pytest.approx(0.25))
+    refused("f[2]", checks.pose, "f", (1, 2, 1e7))
+    for value in (1e6, 2.0):
+        checks.positive("f", value, least=2.0)
+    for value, words in ((0.0, "> 0"), (-1, "> 0"), (math.inf, "> 0"), (1.9, "from 2 to 1e+06"), (1.1e6, "from 2 to")):
+        refused(words, checks.positive, "f", value, least=2.0)
+    for value in (3, 10_000, np.int64(5)):
+        checks.whole("f", value, 3)
+    for value, words in ((2, "a whole number >= 3"), (True, ">= 3"), (5.0, ">= 3"), (10_001, "from 3 to 10000")):
+        refused(words, checks.whole, "f", value, 3)
+    refused("True or False, got 1", checks.truth, "f", 1)
+    checks.truth("f", np.bool_(False))
+    refused("f='sloow' is unknown. Did you mean 'slow'? Choose from 'slow', 'fast'.", checks.choose, "f", "sloow",
+            ["slow", "fast"])  # fmt: skip
+    for value in (None, 0, 2**128 - 1, np.int64(3)):
+        checks.seed("f", value)
+    for value in (-1, 2**128):
+        refused("from 0 to 2^128 - 1", checks.seed, "f", value)
+    for value in (True, 1.0, "1"):
+        refused("f must be a whole number or None", checks.seed, "f", value)
+    checks.memory("it", checks.machine_memory())
+    refused("it would take", checks.memory, "it", checks.machine_memory() + 1)
+
+
+# Engines.
+
+
+# A cluster's engine, with a stand-in for its client.

@@ -1,0 +1,250 @@
+"""Robots in plain Python: what follows from a data sheet, and bounds up to which its numbers go together."""
+
+import cmath
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wayfield.envs.coppelia.sandbox import Sandbox
+from wayfield.envs.robots import (
+    ACTUATORS,
+    ROBOTS,
+    Robot,
+    Sensors,
+    Wheel,
+    read_robot,
+)
+from wayfield.envs.robots.records import pose_sources
+
+PAIR: dict[str, Any] = {
+    "drive": "differential", "wheels": {"radius": 0.05, "track": 0.3}, "hull": {"radius": 0.25}, "mass": 9.0,
+    "inertia": 0.3, "friction": 0.8, "rated_wheel_speed": 12.0,
+}  # fmt: skip
+RING = [{"x": 0.2 * math.cos(a), "y": 0.2 * math.sin(a), "direction": a - 1.5, "radius": 0.05} for a in (0.5, 2.5, 4.5)]
+OMNI: dict[str, Any] = PAIR | {"drive": "omni", "wheels": RING}
+
+
+def read(folder: Path, content: dict[str, Any], name: str = "mine.json") -> Robot:
+    (folder / name).write_text(json.dumps(content), encoding="utf-8")
+    return read_robot(str(folder / name))
+
+
+def after(value: float) -> float:
+    return math.nextafter(value, math.inf)
+
+
+def before(value: float) -> float:
+    return math.nextafter(value, -math.inf)
+
+
+def test_what_a_sheet_leaves_out(tmp_path: Path) -> None:
+    pair, omni = read(tmp_path, PAIR), read(tmp_path, OMNI, "ring.JSON")
+    assert (pair.name, omni.name) == ("mine", "ring")
+    for robot, load in ((pair, 0.8), (omni, 1.0)):
+        assert (robot.peak_wheel_speed, robot.driven_load, robot.turn_speed) == (12.0, load, math.inf)
+        assert (robot.acceleration, robot.yaw_acceleration, robot.lag) == (1.0, 3.0, 0.1)
+        assert robot.sensors == Sensors(32, 5.0, 2.0 * math.pi)
+        assert (robot.encoders, robot.track, robot.wheelbase, robot.hull_box, robot.title) == ((), None, 0.0, None, "")
+    assert pair.wheels == (Wheel(0.0, -0.15, 0.05), Wheel(0.0, 0.15, 0.05))
+    assert pair.built == pair.wheels
+    assert omni.built == omni.wheels
+    assert [wheel.roller_angle for wheel in omni.wheels] == [0.0] * 3
+    assert (pair.holonomic, pair.twist_axes, omni.holonomic, omni.twist_axes) == (False, (0, 2), True, (0, 1, 2))
+
+
+def test_a_skid_steer_is_built_narrower_than_it_turns(tmp_path: Path) -> None:
+    wheels = {"radius": 0.05, "track": 0.3}
+    wide = read(tmp_path, PAIR | {"wheels": wheels | {"effective_track": 0.4}})
+    assert [wheel.y for wheel in wide.wheels] == [-0.2, 0.2]
+    assert [(wheel.x, wheel.y) for wheel in wide.built] == [(0.0, -0.15), (0.0, 0.15)]
+    long = read(tmp_path, PAIR | {"wheels": wheels | {"wheelbase": 0.2}})
+    corners = {(x, y) for x in (-0.1, 0.1) for y in (-0.15, 0.15)}
+    assert {(wheel.x, wheel.y) for wheel in long.built} == corners
+    assert [wheel.y for wheel in long.wheels] == [-0.15, 0.15]
+    # made in Python: without a track, its wheels stand where they act
+    bare = dataclasses.replace(long, track=None)
+    assert {(wheel.x, wheel.y) for wheel in bare.built} == corners
+    assert dataclasses.replace(long, track=None, wheelbase=0.0).built == long.wheels
+    for drive, more in (("omni", {"track": 0.3}), ("omni", {"wheelbase": 0.2})):
+        with pytest.raises(ValueError, match="belong to the drive differential"):
+            dataclasses.replace(ROBOTS["omni3"], name="odd", drive=drive, **more)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_wheels_turn_as_fast_as_their_contact_points_move(name: str) -> None:
+    robot = ROBOTS[name]
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        twist = rng.normal(size=3) * (1.0, robot.holonomic, 1.0)
+        speeds = robot.wheel_speeds_from_twist(twist[list(robot.twist_axes)])
+        for wheel, speed in zip(robot.wheels, speeds, strict=True):
+            velocity = complex(*twist[:2]) + 1j * twist[2] * complex(wheel.x, wheel.y)
+            axis = cmath.rect(1.0, wheel.direction + wheel.roller_angle)
+            held = (velocity * axis.conjugate()).real  # what the roller does not let go by
+            assert wheel.radius * math.cos(wheel.roller_angle) * speed == pytest.approx(held, abs=1e-12)
+    units = np.eye(len(robot.twist_axes))
+    most = [robot.rated_wheel_speed / np.abs(robot.wheel_speeds_from_twist(unit)).max() for unit in units]
+    assert robot.max_twist == pytest.approx([*most[:-1], min(most[-1], robot.turn_speed)])
+    assert robot.forward_matrix == pytest.approx(np.linalg.pinv(robot.wheel_matrix), abs=1e-12)
+    assert robot.least_half == pytest.approx(min(robot.hull_box) / 2 if robot.hull_box else robot.hull_radius)
+    for tier, (acceleration, yaw_acceleration, lag) in {"lagged": (1.0, 1.0, 1.0), "slow": (0.5, 0.5, 2.5)}.items():
+        found = robot.actuators(tier)
+        assert found.at_rated_speed
+        assert found.acceleration == pytest.approx(acceleration * robot.acceleration)
+        assert found.yaw_acceleration == pytest.approx(yaw_acceleration * robot.yaw_acceleration)
+        assert found.lag == pytest.approx(lag * robot.lag)
+    assert robot.actuators("ideal") == ACTUATORS["ideal"]
+
+
+# the least and the most of each number that nothing else binds
+BOUNDS = [
+    ("mass", 1e-3, 1e6), ("friction", 1e-3, 10.0), ("driven_load", 1e-3, 1.0), ("acceleration", 1e-3, 1e4),
+    ("yaw_acceleration", 1e-3, 1e5), ("turn_speed", 1e-3, 1e4), ("lag", 0.0, 10.0), ("inertia", 1e-9, None),
+    ("rated_wheel_speed", 1e-3, None),
+]  # fmt: skip
+
+
+def test_numbers_that_go_together_do_so_to_their_edge(tmp_path: Path) -> None:
+    assert read(tmp_path, PAIR | {"peak_wheel_speed": 12.0}).peak_wheel_speed == 12.0
+    with pytest.raises(ValueError, match="it must be at least rated_wheel_speed"):
+        read(tmp_path, PAIR | {"peak_wheel_speed": before(12.0)})
+    # all of the mass at the rim
+    rim = 9.0 * 0.25**2
+    assert read(tmp_path, PAIR | {"inertia": rim}).inertia == rim
+    with pytest.raises(ValueError, match="inertia is"):
+        read(tmp_path, PAIR | {"inertia": after(rim)})
+    # wheels stand within the hull
+    for reach, good in ((0.15, True), (0.1499, False)):
+        sheet = PAIR | {"hull": {"radius": reach}, "inertia": 0.01}
+        if good:
+            read(tmp_path, sheet)
+        else:
+            with pytest.raises(ValueError, match=r"at least 0\.15 m, where wheels\[0\] stands"):
+                read(tmp_path, sheet)
+    long = {"radius": 0.05, "track": 0.3, "wheelbase": 0.2}
+    for hull, told in (
+        ({"length": 0.2, "width": 0.3}, ""),
+        ({"length": 0.199, "width": 0.3}, r"hull\.length is 0\.199; it must be at least 0\.2 m, for wheels\[0\]"),
+        ({"length": 0.2, "width": 0.299}, r"hull\.width is 0\.299; it must be at least 0\.3 m, for wheels\[0\]"),
+    ):
+        sheet = PAIR | {"wheels": long, "hull": {"kind": "box"} | hull, "inertia": 0.1}
+        if told:
+            with pytest.raises(ValueError, match=told):
+                read(tmp_path, sheet)
+        else:
+            robot = read(tmp_path, sheet)
+            assert robot.hull_box == (0.2, 0.3)
+            assert robot.hull_radius == pytest.approx(0.5 * math.hypot(0.2, 0.3))
+            assert robot.least_half == 0.1
+
+
+@pytest.mark.parametrize("drive", ["differential", "omni"])
+def test_no_robot_goes_further_than_its_hull_in_a_sub_step(tmp_path: Path, drive: str) -> None:
+    sheet = PAIR if drive == "differential" else OMNI
+    robot = read(tmp_path, sheet)
+    angles = np.linspace(0.0, math.pi, 20_001) if robot.holonomic else np.zeros(1)
+    fastest = 12.0 / min(
+        np.abs(robot.wheel_matrix[:, :2] @ (math.cos(angle), math.sin(angle))).max() for angle in angles
+    )
+    most = 12.0 * (0.25 / 0.01) / fastest
+    assert read(tmp_path, sheet | {"peak_wheel_speed": 0.998 * most}).peak_wheel_speed > 12.0
+    with pytest.raises(ValueError, match=r"would go further than its hull\.radius in 0\.01 s"):
+        read(tmp_path, sheet | {"peak_wheel_speed": 1.002 * most})
+
+
+def test_wheels_are_those_of_a_drive(tmp_path: Path) -> None:
+    right, left = Wheel(0.0, -0.15, 0.05), Wheel(0.0, 0.15, 0.05)
+    robot = read(tmp_path, PAIR)
+    for pair in (
+        (left, right), (right, right), (right, dataclasses.replace(left, x=0.01)), (right, left, left),
+        (dataclasses.replace(right, direction=0.1), left), (dataclasses.replace(right, y=0.0), left),
+        (right, dataclasses.replace(left, y=0.0)), (dataclasses.replace(right, x=-0.01), left),
+        (right, dataclasses.replace(left, direction=-0.1)),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="wheels must be two for the drive differential, right and left"):
+            dataclasses.replace(robot, wheels=pair)
+    with pytest.raises(ValueError, match="wheels has 1 entries; there must be 2 to 8"):
+        dataclasses.replace(robot, wheels=(right,))
+    with pytest.raises(ValueError, match=r"wheels\[0\]\.roller_angle is 0\.1; it belongs to the drive mecanum"):
+        dataclasses.replace(robot, wheels=(dataclasses.replace(right, roller_angle=0.1), left))
+    omni = read(tmp_path, OMNI)
+    # three that all drive towards the middle's left never turn with the base, nor do two pairs alike
+    straight = tuple(dataclasses.replace(wheel, direction=math.atan2(wheel.y, wheel.x)) for wheel in omni.wheels)
+    with pytest.raises(ValueError, match=r"wheel matrix has rank 2, it must have 3; none .* = \(0, 0, 1\)"):
+        dataclasses.replace(omni, wheels=straight)
+    alike = tuple(dataclasses.replace(wheel, direction=0.0) for wheel in omni.wheels)
+    with pytest.raises(ValueError, match=r"rank 2, it must have 3; none .* = \(0, 1, 0\)"):
+        dataclasses.replace(omni, wheels=alike)
+    # of the wheel matrix without units, a singular value above a thousandth of the largest counts
+    first, second, third = alike
+
+    def spread(slant: float) -> float:
+        rows = [(math.cos(a), math.sin(a), (w.x * math.sin(a) - w.y * math.cos(a)) / omni.hull_radius)
+                for w, a in ((first, 0.0), (second, 0.0), (third, slant))]  # fmt: skip
+        sizes = np.linalg.svd([np.array(row) / max(map(abs, row)) for row in rows])[1]
+        return float(sizes[-1] / sizes[0])
+
+    slants = np.linspace(1e-4, 0.1, 4000).tolist()
+    enough = next(slant for slant in slants if spread(slant) > 1.02e-3)
+    few = next(slant for slant in reversed(slants) if spread(slant) < 0.98e-3)
+    tame = dataclasses.replace(omni, rated_wheel_speed=1.0, peak_wheel_speed=1.0)
+    dataclasses.replace(tame, wheels=(first, second, dataclasses.replace(third, direction=enough)))
+    with pytest.raises(ValueError, match="cannot span the twists"):
+        dataclasses.replace(tame, wheels=(first, second, dataclasses.replace(third, direction=few)))
+    # odometry reads the first four of more wheels
+    many = (*(dataclasses.replace(wheel, direction=0.0) for wheel in (*omni.wheels, omni.wheels[0])), *omni.wheels)
+    with pytest.raises(ValueError, match=r"wheels\[0\] to wheels\[3\], which odometry reads, cannot span"):
+        dataclasses.replace(omni, wheels=many)
+    dataclasses.replace(omni, wheels=many[::-1])
+    passive = (Wheel(0.0, 0.1, 0.02), Wheel(-0.1, 0.0, 0.02, 1.5))
+    dataclasses.replace(omni, encoders=passive)
+    for wheels in (passive[:1], (*passive, passive[0])):
+        with pytest.raises(ValueError, match=r"encoders has \d entries; it must have 2"):
+            dataclasses.replace(omni, encoders=wheels)
+    with pytest.raises(ValueError, match="encoders cannot span"):
+        dataclasses.replace(omni, encoders=(passive[0], dataclasses.replace(passive[0], y=-0.1)))
+
+
+@pytest.mark.parametrize("value", [0.5, "ab", {}, (0.5,), [0.5, 0.4, 0.3], (), None, (0.5, "a"), (0.0, 0.4)])
+def test_a_hull_box_is_a_length_and_a_width(value: Any) -> None:
+    sheet = ROBOTS["jackal"]
+    changed = dataclasses.replace(sheet, hull_box=[0.5, 0.4])  # type: ignore[arg-type]
+    assert changed.hull_box == (0.5, 0.4)
+    if value is None:
+        assert ROBOTS["p3dx"].hull_box is None
+        return
+    with pytest.raises(ValueError, match=r"^hull"):
+        dataclasses.replace(sheet, hull_box=value)
+
+
+def test_the_plants_alone_drive_exactly_straight_whatever_the_wheels() -> None:
+    rng = np.random.default_rng(0)
+    p3dx, rounded = ROBOTS["p3dx"], np.zeros(3, int)
+    for _ in range(60):
+        radius, half = round(rng.uniform(0.05, 0.15), 4), round(rng.uniform(0.05, 0.19), 4)
+        wheels = tuple(dataclasses.replace(each, radius=radius, y=math.copysign(half, each.y)) for each in p3dx.wheels)
+        robot = dataclasses.replace(p3dx, wheels=wheels)
+        exact = [[0.5 * radius] * 2, [0.0, 0.0], [radius / (2.0 * half), -radius / (2.0 * half)]]
+        rounded += np.array(robot.forward_matrix != exact).any(axis=1)
+        sandbox = Sandbox(robot, "kinematic", "lagged", 0.05, 0, False)
+        assert sandbox.params["forward_matrix"][0, :3, :2].tolist() == exact
+    assert min(rounded[0], rounded[2]) > 5  # of the pseudo-inverse
+
+
+def test_a_robot_can_measure_its_pose_by_what_it_has() -> None:
+    """Document B's two passive wheels, or the driven ones; the printed sum is of at most four omni wheels."""
+    made = []
+    for n in (4, 5):
+        ways = [2.0 * math.pi * k / n for k in range(n)]
+        wheels = tuple(Wheel(0.13 * math.cos(a), 0.13 * math.sin(a), 0.03, a + 0.5 * math.pi - math.pi) for a in ways)
+        made.append(dataclasses.replace(ROBOTS["omni4"], name=f"ring{n}", wheels=wheels))
+    for robot in (*ROBOTS.values(), *made):
+        wanted = ["ground_truth", "odometry"]
+        wanted += ["odometry_uncorrected"] * bool(robot.encoders)
+        wanted += ["odometry_plain_sum"] * (robot.drive == "omni" and len(robot.wheels) <= 4)
+        assert list(pose_sources(robot)) == wanted, robot.name

@@ -1,0 +1,279 @@
+"""Several robots in one world: what must stay as it was, what no order decides, and who ends when."""
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.crowds.bodies import ROBOT
+from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
+from wayfield.envs.scenarios.team_scenario import TeamScenario
+from wayfield.envs.world.geometry import OBSTACLE
+
+DIFF, OMNI = "wayfield/DiffDriveTeam-v0", "wayfield/OmniTeam-v0"
+ALONE = {DIFF: "wayfield/DiffDriveGoalObstacles-v0", OMNI: "wayfield/OmniGoalObstacles-v0"}
+
+
+def actions_of(env: Any, rng: np.random.Generator) -> Any:
+    space = env.action_space
+    drawn = rng.uniform(-1.0, 1.0, space.shape) * space.high
+    drawn[..., 0] = np.abs(drawn[..., 0])
+    return drawn
+
+
+def driven(env: Any, steps: int, seed: int = 0) -> list[bytes]:
+    """Returns the bits of all that an environment says in some steps."""
+    rng = np.random.default_rng(seed)
+    said = [env.reset(seed=seed)[0].tobytes()]
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = env.step(actions_of(env, rng))
+        said.append(observation.tobytes() + np.asarray([reward, terminated, truncated], object).astype(float).tobytes())
+        said += [np.asarray(info[name]).tobytes() for name in ("gap", "collision", "success", "touched")]
+    return said
+
+
+@pytest.mark.parametrize("env_id", ALONE)
+@pytest.mark.parametrize("options", [{}, {"noise": 1.0, "scenario": "moving_crossing"}, {"disturbance": "moderate"}])
+def test_a_team_of_one_among_nobody_is_goal_reaching(env_id: str, options: dict[str, Any]) -> None:
+    keywords = {"scenario": "discs"} | options
+    team, robot = gymnasium.make(env_id, **keywords), gymnasium.make(ALONE[env_id], **keywords)
+    for seed in range(2):
+        mine, its = team.reset(seed=seed), robot.reset(seed=seed)
+        assert mine[0].tobytes() == its[0].tobytes()
+        rng = np.random.default_rng(seed)
+        for _ in range(80):
+            action = actions_of(team, rng)
+            mine, its = team.step(action), robot.step(action)
+            assert mine[0].tobytes() == its[0].tobytes()
+            assert mine[1:4] == its[1:4]
+            assert {name: mine[4][name] for name in its[4]} == its[4]
+            if mine[2]:
+                break
+
+
+def test_a_world_of_a_batch_is_the_single_world_of_its_seed() -> None:
+    worlds = gymnasium.make_vec(DIFF, num_envs=12, scenario="circle_4", noise=1.0)
+    rng = np.random.default_rng(0)
+    seen, _ = worlds.reset(seed=5)
+    actions = [actions_of(worlds, rng) for _ in range(150)]
+    outputs = [worlds.step(action) for action in actions]
+    for w in range(3):
+        world = gymnasium.make(DIFF, scenario="circle_4", noise=1.0)
+        assert world.reset(seed=5 + w)[0].tobytes() == seen[4 * w : 4 * w + 4].tobytes()
+        for action, (observations, rewards, _, _, info) in zip(actions, outputs, strict=True):
+            part = slice(4 * w, 4 * w + 4)
+            observation, reward, terminated, _, told = world.step(action[part])
+            assert observation.tobytes() == observations[part].tobytes()
+            assert told["gap"].tobytes() == info["gap"][part].tobytes()
+            took_part = told["alive"]
+            assert reward == (rewards[part][took_part].mean() if took_part.any() else 0.0)
+            if terminated:
+                break
+
+
+@pytest.mark.parametrize("ends", ["leave", "respawn"])
+def test_threads_change_no_bit(ends: str) -> None:
+    said = [
+        driven(gymnasium.make_vec(OMNI, num_envs=160, scenario="circle_8", num_threads=k, ends=ends, noise=0.5), 60)
+        for k in (1, 3)
+    ]
+    assert said[0] == said[1]
+
+
+def crowded(cells_from: int, order: Any = None) -> tuple[Any, Any]:
+    """Returns a world of 60 robots in an open field, and where they stand after some steps."""
+    scenario = TEAM_FAMILIES["open_100"](3)
+    robots = scenario.robots[:60]
+    order = np.arange(60) if order is None else order
+    moved = TeamScenario("crowd", tuple(robots[k] for k in order))
+    env: Any = gymnasium.make(OMNI, scenario=moved, robot="omni4", sees="bodies", num_beams=16).unwrapped
+    env.task.params["cells_from"] = cells_from
+    seen, _ = env.reset(seed=0)
+    rng = np.random.default_rng(1)
+    out = [seen]
+    for _ in range(40):
+        drive = rng.uniform(-1.0, 1.0, (60, 3)) * 0.5
+        observation, _, _, _, info = env.step(drive[order])
+        out += [observation, info["gap"][:, None], info["collision"][:, None]]
+    return env, out
+
+
+def test_cells_and_all_pairs_and_any_numbering_give_the_same_bits() -> None:
+    _, by_cells = crowded(1)
+    _, by_pairs = crowded(1000)
+    order = np.random.default_rng(7).permutation(60)
+    _, renumbered = crowded(1, order)
+    for a, b, c in zip(by_cells, by_pairs, renumbered, strict=True):
+        assert a.tobytes() == b.tobytes()
+        assert a[order].tobytes() == c.tobytes()
+
+
+def test_a_body_is_met_by_beams_as_an_obstacle_of_its_shape() -> None:
+    for robot, env_id in (("p3dx", DIFF), ("jackal", DIFF), ("omni3", OMNI)):
+        two = TeamScenario.made("two", [(0.0, 0.0, 0.3), (1.3, 0.4, 0.8)], [(5.0, 0.0, 0.0), (5.0, 3.0, 0.0)])
+        env: Any = gymnasium.make(env_id, scenario=two, robot=robot, num_beams=180).unwrapped
+        seen, _ = env.reset(seed=0)
+        shape = np.zeros(1, OBSTACLE)
+        shape["x"], shape["y"] = 1.3, 0.4
+        hull = env.task.robot.hull_box
+        shape["cos"], shape["sin"] = (np.cos(0.8), np.sin(0.8)) if hull else (1.0, 0.0)
+        if hull:
+            shape["half_length"], shape["half_width"] = hull[0] / 2, hull[1] / 2
+        else:
+            shape["radius"] = env.task.robot.hull_radius
+        one = TeamScenario.made("one", [(0.0, 0.0, 0.3)], [(5.0, 0.0, 0.0)], shape)
+        alone, _ = gymnasium.make(env_id, scenario=one, robot=robot, num_beams=180).reset(seed=0)
+        ranges = env.task.layout.unpack(seen).ranges[0]
+        assert (ranges < 5.0).any()
+        np.testing.assert_allclose(ranges, alone[-180:], rtol=0.0, atol=1e-6 if hull else 0.0)
+
+
+def test_who_meets_head_on_ends_with_both_where_they_were() -> None:
+    robots = TeamScenario.made("meet", [(0.0, 0.0, 0.0), (1.0, 0.0, np.pi)], [(4.0, 0.0, 0.0), (-3.0, 0.0, np.pi)])
+    env: Any = gymnasium.make(DIFF, scenario=robots).unwrapped
+    env.reset(seed=0)
+    before = 0.0
+    for _ in range(40):
+        _, _, terminated, _, info = env.step(np.array([[0.5, 0.0], [0.5, 0.0]]))
+        if info["collision"].any():
+            break
+        before = info["gap"][0]
+        assert info["gap"][0] == info["gap"][1]
+    assert terminated
+    assert info["collision"].tolist() == info["caused"].tolist() == [True, True]
+    assert info["touched"].tolist() == [1 + ROBOT] * 2
+    assert 0.0 <= before < 0.05
+    x = env.batch.states["x"]
+    assert x[1] - x[0] - 0.5 == pytest.approx(before, abs=1e-12)  # they stand where the period began
+
+
+def test_who_stands_has_not_caused_it_and_who_has_ended_waits() -> None:
+    starts = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 5.0, 0.0)]
+    three = TeamScenario.made("three", starts, [(4.0, 0.0, 0.0), (9.0, 0.0, 0.0), (1.0, 5.0, 0.0)])
+    env: Any = gymnasium.make_vec(DIFF, num_envs=3, scenario=three, max_episode_steps=100)
+    env.reset(seed=0)
+    drive = np.array([[0.5, 0.0], [0.0, 0.0], [0.5, 0.0]])
+    rewards, ends, alive = [], [], []
+    for _ in range(60):
+        _, reward, terminated, truncated, info = env.step(drive)
+        rewards.append(reward)
+        ends.append(terminated | truncated)
+        alive.append(info["alive"])
+        if ends[-1][:2].any():
+            assert info["caused"].tolist()[:2] == [True, False]
+    ends_of, alive_of = np.array(ends)[:50], np.array(alive)[:50]
+    assert ends_of.sum(axis=0).tolist() == [1, 1, 1]  # each exactly once
+    hit, arrived = int(ends_of[:, 0].argmax()), int(ends_of[:, 2].argmax())
+    assert hit < arrived
+    assert not alive_of[hit + 1 : arrived + 1, :2].any()
+    assert (np.array(rewards)[hit + 1 : arrived + 1, :2] == 0.0).all()
+    assert alive[arrived + 1].all()  # the world began anew
+
+
+def test_who_has_arrived_leaves_or_parks() -> None:
+    two = TeamScenario.made("pass", [(0.0, 0.0, 0.0), (3.0, 0.0, 0.0)], [(1.0, 0.0, 0.0), (8.0, 0.0, 0.0)])
+    for parks in (False, True):
+        env: Any = gymnasium.make(DIFF, scenario=two, parks=parks, sees="bodies").unwrapped
+        env.reset(seed=0)
+        for _ in range(80):
+            observation, _, _, _, info = env.step(np.array([[0.5, 0.0], [0.0, 0.0]]))
+        assert info["success"][0]
+        assert env.task.layout.unpack(observation).bodies[1, 0, 6] == float(parks)
+
+
+def test_walls_hide_bodies_from_those_who_track_them() -> None:
+    wall = np.zeros(1, OBSTACLE)
+    wall["x"], wall["y"], wall["sin"], wall["half_length"] = 1.0, 0.0, 1.0, 1.0
+    starts = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 3.0, 0.0)]
+    three = TeamScenario.made("wall", starts, [(0.0, -4.0, 0.0), (2.0, -4.0, 0.0), (0.0, 4.0, 0.0)], wall)
+    env: Any = gymnasium.make(OMNI, scenario=three, sees="bodies").unwrapped
+    bodies = env.task.layout.unpack(env.reset(seed=0)[0]).bodies
+    assert bodies[0, :2, 6].tolist() == [1.0, 0.0]
+    np.testing.assert_allclose(bodies[0, 0], [0.0, 3.0, 0.0, 0.0, 0.3, ROBOT, 1.0], atol=1e-6)
+
+
+def test_a_copy_in_mid_episode_goes_on_alike() -> None:
+    for env in (
+        gymnasium.make(DIFF, scenario="circle_4").unwrapped,
+        gymnasium.make_vec(DIFF, num_envs=8, scenario="circle_4", ends="respawn", autoreset_mode="SameStep"),
+    ):
+        env.reset(seed=0)
+        rng = np.random.default_rng(0)
+        for _ in range(20):
+            env.step(actions_of(env, rng))
+        other = pickle.loads(pickle.dumps(env))
+        for _ in range(40):
+            action = actions_of(env, rng)
+            assert env.step(action)[0].tobytes() == other.step(action)[0].tobytes()
+
+
+def test_both_snapshots_agree_after_a_reset_in_what_no_robot_has_done() -> None:
+    env: Any = gymnasium.make_vec(DIFF, num_envs=8, scenario="doorway_4", autoreset_mode="SameStep")
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        env.step(actions_of(env, rng))
+    env.reset(seed=1)
+    places = env.batch.own[0]
+    assert places[0].tobytes() == places[1].tobytes()
+
+
+def test_respawned_robots_stand_clear_and_none_waits() -> None:
+    env: Any = gymnasium.make_vec(OMNI, num_envs=32, scenario="circle_8", ends="respawn", autoreset_mode="SameStep")
+    env.reset(seed=0)
+    rng = np.random.default_rng(3)
+    begun = 0
+    for _ in range(300):
+        _, _, terminated, _, _ = env.step(actions_of(env, rng))
+        rows = np.flatnonzero(terminated)
+        whole = np.bincount(rows // 8, minlength=4)
+        for i in rows:
+            if whole[i // 8] > 1:
+                continue
+            states, w = env.batch.states, i // 8
+            others = [k for k in range(8 * w, 8 * w + 8) if k != i]
+            apart = np.hypot(states["x"][others] - states["x"][i], states["y"][others] - states["y"][i])
+            assert apart.min() >= 0.6 + 0.3 - 1e-9
+            assert states["steps"][i] == 0
+            begun += 1
+    assert begun > 0
+
+
+def test_gymnasium_finds_nothing_to_say() -> None:
+    check_env(gymnasium.make(DIFF, scenario="crossing_2").unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"team": 20}, "team=20 is larger than scenario 'circle_8_0' allows; it must be at most 8"),
+        ({"scenario": "cirle_8"}, "unknown team scenario 'cirle_8'.*Did you mean 'circle_8'"),
+        ({"sees": "all"}, "sees='all' is unknown"),
+        ({"ends": "never"}, "ends='never' is unknown"),
+        ({"num_envs": 20}, "num_envs=20 with team=8: .* must be a multiple of 8"),
+        ({"sight": -1.0}, "sight"),
+        (
+            {"scenario": TeamScenario.made("x", [(0, 0, 0), (0.4, 0, 0)], [(3, 0, 0), (6, 0, 0)])},
+            r"starts\[0\] and starts\[1\] overlap by 0.1 m",
+        ),
+        ({"ends": "respawn", "scenario": "moving_crossing"}, "nothing patrols"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(keywords: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said) as caught:
+        gymnasium.make_vec(DIFF, **({"num_envs": 8} | keywords))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(TEAM_FAMILIES))
+def test_every_family_has_a_world_whose_robots_are_clear(name: str) -> None:
+    scenario = TEAM_FAMILIES[name](0)
+    assert scenario.team == int(name.rsplit("_", 1)[-1]) if name.rsplit("_", 1)[-1].isdigit() else scenario.team == 2
+    assert TEAM_FAMILIES[name](0).decisive()[2:3] == scenario.decisive()[2:3]
+    places = scenario.starts[:, :2]
+    gaps = np.sqrt(((places[:, None] - places[None]) ** 2).sum(axis=2)) + 10.0 * np.eye(len(places))
+    assert gaps.min() >= 0.6

@@ -1,0 +1,188 @@
+"""Threads that share out rows: the same bits for every number of them, and errors before anything has moved."""
+
+import copy
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numba import njit
+
+import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.policies import Pilot, make
+from wayfield.system.sharing import BRIEF, PART, next_rows, shares_of
+from wayfield.system.threads import Crew, bounds, crew
+
+ROWS = 150  # four blocks at most, and not alike
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "path": ("wayfield/DiffDrivePathFollowing-v0", {"scenario": "random_splines"}),
+    "goal": ("wayfield/OmniGoalObstacles-v0", {"scenario": "discs", "num_beams": 32, "disturbance": "moderate"}),
+    "patrols": ("wayfield/DiffDriveGoalObstacles-v0", {"scenario": "moving_crowd/test", "num_beams": 24}),
+    "dock": ("wayfield/DiffDriveDocking-v0", {}),
+    "pymunk": ("wayfield/DiffDrivePathFollowing-v0", {"dynamics": "pymunk"}),
+}
+
+
+def vector(case: str, num_threads: int, **kwargs: Any) -> Any:
+    """Returns a native vector environment."""
+    env_id, options = CASES[case]
+    asked = {"max_episode_steps": 23} | options | kwargs
+    return gymnasium.make_vec(
+        env_id, ROWS, vectorization_mode="vector_entry_point", num_threads=num_threads, **asked
+    )  # fmt: skip
+
+
+def driven(envs: Any, steps: int = 60) -> list[Any]:
+    """Returns all that an environment gives in some steps, ends and resets among them."""
+    envs.action_space.seed(3)
+    found = [*envs.reset(seed=5)]
+    for _ in range(steps):
+        found += envs.step(envs.action_space.sample())
+    return found
+
+
+def alike(a: Any, b: Any) -> bool:
+    """Returns whether two results are the same bit for bit."""
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(alike(a[key], b[key]) for key in a)
+    if a.dtype == object:
+        return all(alike(x, y) if isinstance(x, np.ndarray) else x is y for x, y in zip(a, b, strict=True))
+    return bool(a.dtype == b.dtype and a.tobytes() == b.tobytes())
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("case", CASES)
+def test_every_number_of_threads_gives_the_same_bits(case: str, mode: str) -> None:
+    if case == "pymunk" and mode == "SameStep":
+        pytest.skip("its resets are tested with the other mode")
+    one, *others = (vector(case, n, autoreset_mode=mode) for n in (1, 2, 3))
+    expected = driven(one)
+    assert any(array.any() for array in expected[5::5])  # there were ends by the clock, and so resets
+    for envs in others:
+        assert all(alike(a, b) for a, b in zip(expected, driven(envs), strict=True))
+        assert envs.batch.states.tobytes() == one.batch.states.tobytes()
+
+
+def test_a_copy_goes_on_with_its_threads() -> None:
+    envs = vector("goal", 2)
+    driven(envs, 10)
+    others = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]
+    actions = envs.action_space.sample()
+    expected = envs.step(actions)
+    for other in others:
+        assert other.batch.num_threads == 2
+        assert all(alike(a, b) for a, b in zip(expected, other.step(actions), strict=True))
+
+
+@pytest.mark.parametrize("row", [0, 70, ROWS - 1])
+def test_an_action_that_is_not_finite_is_refused_before_any_block_has_moved(row: int) -> None:
+    envs = vector("path", 2)
+    driven(envs, 5)
+    before = envs.batch.states.copy()
+    actions = np.zeros(envs.action_space.shape, np.float32)
+    actions[row, 1] = np.nan
+    with pytest.raises(ValueError, match=rf"of robot {row} is not finite"):
+        envs.step(actions)
+    assert envs.batch.states.tobytes() == before.tobytes()
+
+
+@pytest.mark.parametrize("value", [0, -1, 1.5, "two", 100_000])
+def test_a_number_of_threads_that_is_none_is_refused_by_name(value: Any) -> None:
+    with pytest.raises((ValueError, TypeError), match="num_threads"):
+        vector("path", value)
+    with pytest.raises((ValueError, TypeError), match="num_threads"):
+        Pilot(make("pure_pursuit"), vector("path", 1), value)
+
+
+@pytest.mark.parametrize(
+    ("case", "policy"),
+    [("path", "regulated_pure_pursuit"), ("path", "lqr"), ("path", "mpc"), ("goal", "dwa"), ("goal", "vfh_plus"),
+     ("goal", "orca"), ("goal", "scan_planner"), ("goal", "random"), ("dock", "polar")],
+)  # fmt: skip
+def test_policies_decide_alike_with_every_number_of_threads(case: str, policy: str) -> None:
+    drivers = []
+    for n in (1, 3):
+        envs = vector(case, n, max_episode_steps=4)
+        observations, _ = envs.reset(seed=1)
+        pilot = Pilot(make(policy), envs, n)
+        pilot.reset()
+        drivers.append((envs, pilot, observations))
+    for _ in range(3 if policy in ("mpc", "scan_planner") else 7):
+        found = []
+        for k, (envs, pilot, observations) in enumerate(drivers):
+            actions = pilot.command(observations)
+            observations, _, terminated, truncated, _ = envs.step(actions)
+            drivers[k] = envs, pilot, observations
+            found.append((actions, observations))
+            if (ended := terminated | truncated).any():
+                drivers[k] = envs, pilot, envs.step(actions)[0]
+                pilot.reset(np.flatnonzero(ended))
+        assert all(alike(a, b) for a, b in zip(*found, strict=True))
+
+
+# The crew.
+
+
+def test_every_block_is_done_once_whoever_is_late() -> None:
+    seen: list[int] = []
+    threads = Crew(3)
+    for count in (1, 2, 7, 100):
+        seen.clear()
+        threads.run(seen.append, count)
+        assert sorted(seen) == list(range(count))
+
+
+@njit
+def taken(shares: Any, thread: int, last: int, count: int) -> Any:
+    """Calls `sharing.next_rows`."""
+    return next_rows(shares, thread, last, count)
+
+
+@given(st.integers(0, 700), st.integers(1, 5), st.booleans(), st.randoms(use_true_random=False))
+def test_whoever_is_next_each_row_is_taken_once(count: int, threads: int, brief: bool, random: Any) -> None:
+    shares = shares_of(threads)
+    shares[BRIEF] = brief
+    done: list[int] = []
+    first_took, at_work = 0, list(range(threads))
+    while at_work:
+        thread = random.choice(at_work)
+        first, last = taken(shares, thread, 0, count)
+        if first == last:
+            at_work.remove(thread)
+            if shares[BRIEF] and thread == 0:  # its turn was brief: it has other work, then takes another
+                parts = -(-count // PART)
+                assert first_took <= parts // threads / 4 + 1
+                shares[BRIEF] = 0
+                at_work.append(0)
+        else:
+            assert first % PART == 0
+            assert last == min(first + PART, count)
+            done += range(first, last)
+            first_took += thread == 0
+    assert sorted(done) == list(range(count))
+
+
+def test_what_a_block_raises_is_raised_once_all_have_ended() -> None:
+    seen: list[int] = []
+
+    def work(k: int) -> None:
+        seen.append(k)
+        if k == 1:
+            raise ArithmeticError("one")
+
+    with pytest.raises(ArithmeticError, match="one"):
+        crew(2).run(work, 5)
+    assert sorted(seen) == [0, 1, 2, 3, 4]
+    crew(2).run(work, 1)
+
+
+@pytest.mark.parametrize(("rows", "blocks"), [(1, 4), (31, 4), (64, 4), (150, 4), (4096, 3)])
+def test_bounds_cover_all_rows_in_blocks_alike(rows: int, blocks: int) -> None:
+    found = bounds(rows, blocks)
+    assert [k for first, last in found for k in range(first, last)] == list(range(rows))
+    sizes = [last - first for first, last in found]
+    assert max(sizes) - min(sizes) <= 1
+    assert len(found) == 1 or min(sizes) >= 32
