@@ -24,6 +24,10 @@ COMMANDS = {
     "train": _Command("wayfield.policies.training.command", "train", "train agents by PPO"),
     "tune": _Command("wayfield.benchmarks.tuning.tune", "tune", "search gains on training scenarios"),
     "record": _Command("wayfield.benchmarks.recordings.record", "record", "episodes as a Minari or MCAP data set"),
+    "submit": _Command(
+        "wayfield.benchmarks.commands.submit", "evaluate", "an entry of a contest as a folder", "submit"
+    ),
+    "verify": _Command("wayfield.benchmarks.commands.submit", "evaluate", "drive a submission again", "verify"),
     "play": _Command("wayfield.benchmarks.commands.play", "render", "drive by the keyboard, beside a policy's ghost"),
     "render": _Command("wayfield.benchmarks.figures.video", "render", "film a policy: .mp4, .gif or .png"),
     "policies": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list them, and what they know", "policies"),

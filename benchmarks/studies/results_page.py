@@ -14,9 +14,11 @@ from kept_rows import SUFFIX
 from sections import KEPT, ROWS, SECTIONS, Section
 from tabulate import tabulate
 
+from wayfield.benchmarks.commands.submission import Submission, read_submission
 from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
-from wayfield.benchmarks.leaderboards.entries import grouped, label
+from wayfield.benchmarks.leaderboards.entries import grouped, label, success_cell, typical, typical_cell
 from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, judged, shown
+from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.learned.agent import CARD, read_card
 from wayfield.policies.learned.ppo import shipped
@@ -27,6 +29,7 @@ README = "README.md"
 BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"
 
 CHOOSING = "docs/choosing.md"
+LEADERBOARD = "docs/leaderboard"  # a folder each accepted submission
 MOST = 6  # rows a task
 NO_MAP, ONLY_MAP = "no map", "map"
 
@@ -141,6 +144,8 @@ def pages(kept: Kept) -> dict[str, bytes]:
         found[CARDS] = _cards_page(cards).encode()
     found[PAGE] = _index(kept).encode()
     found[README] = _marked(kept, README, _front(kept, "docs/results/")).encode()
+    if entries := submitted(kept.home / LEADERBOARD):
+        found[f"{LEADERBOARD}/README.md"] = _leaderboard(entries).encode()
     if CHOOSING in kept:
         found[CHOOSING] = _marked(kept, CHOOSING, _advice(kept)).encode()
     return found
@@ -155,6 +160,43 @@ def _marked(kept: Kept, name: str, lines: Sequence[str]) -> str:
     return text[:start] + "\n".join([BEGIN, *lines, END]) + text[end + len(END) :]
 
 
+def submitted(home: Path) -> dict[str, Submission]:
+    """Returns the accepted submissions by the name of their folder; ValueError if one is damaged."""
+    return {file.parent.name: read_submission(file.parent) for file in sorted(home.glob("*/card.json"))}
+
+
+def _leaderboard(entries: Mapping[str, Submission]) -> str:
+    """Returns the page of accepted submissions, ranked by success and then by cost within a contest and split."""
+    blocks = [
+        "# Leaderboard",
+        "Entries that anyone can drive again: `wayfield verify docs/leaderboard/NAME` drives a sample, or `--all`, "
+        "and compares every bit. `wayfield submit RUN ENTRY --out FOLDER` makes such a folder from a contest run of "
+        "your own policy, agent or model; open a pull request with it here. Nothing in a folder is run: an entry of a "
+        "policy that does not ship is verified with `--policy`. Made by "
+        "`python benchmarks/studies/publish.py --pages`.",
+    ]
+    kinds: dict[tuple[str, str, str], list[tuple[str, Submission, Episodes]]] = {}
+    for name, each in entries.items():
+        told = each.card["entry"]
+        key = told["contest"], told["robot"], told["split"]
+        kinds.setdefault(key, []).append((name, each, Episodes.of([{"agent_seed": "", **row} for row in each.rows])))
+    for (contest_name, robot, split), found in kinds.items():
+        contest = CONTESTS[contest_name]
+        for _, _, rows in found:
+            contest = contest.of_rows(rows)
+        cost = contest.cost
+        lines = []
+        found.sort(key=lambda each: (-each[2]["success"].mean(), typical(each[2], cost.metric, contest)))
+        for name, each, rows in found:
+            told = each.card["entry"]
+            cells = [success_cell(rows), typical_cell(rows, cost.metric, contest), str(len(rows))]
+            lines.append([f"[{name}]({name}/card.json)", _named((told["policy"], told["gains_name"])), *cells])
+        unit = "mm" if cost.unit == "m" else cost.unit
+        header = ["folder", "entry", "success (%)", f"{cost.name} ({unit})", "episodes"]
+        blocks += [f"## {contest.spec.title}, {robot}, split {split}", _table(header, lines)]
+    return "\n\n".join(blocks) + "\n"
+
+
 def _index(kept: Kept) -> str:
     """Returns the page that leads to all others, with a leaderboard a task."""
     there = {section.name for section, _ in kept.sections()}
@@ -165,7 +207,10 @@ def _index(kept: Kept) -> str:
         "the tables a second time with other formulas, and asks what a sceptic would.",
         "\n".join(_front(kept, "results/")),
         "## Every page",
-        "Each has its leaderboard, the verdicts on trained agents, and its full tables as files.",
+        "Each has its leaderboard, the verdicts on trained agents, and its full tables as files. "
+        "[The leaderboard](leaderboard/README.md) takes entries of others."
+        if submitted(kept.home / LEADERBOARD)
+        else "Each has its leaderboard, the verdicts on trained agents, and its full tables as files.",
         "\n".join(f"- [{each.title}](results/{each.name}.md)" for each in SECTIONS if each.name in there)
         + ("\n- [What the agents' cards say](results/cards.md)" if _cards() else ""),
         "## How to read it",
