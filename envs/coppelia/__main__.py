@@ -5,6 +5,7 @@ import logging
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 try:
@@ -73,6 +74,11 @@ class Track(Finite):
 )
 @click.option("--dt", type=Finite(1e-3, 1.0), default=CONTROL_PERIOD, show_default=True, help="The time step, s.")
 @click.option(
+    "--legacy",
+    metavar="FOLDER",
+    help="Writes sim.py and vrep.py there, which bring scripts for the legacy remote API to the server, and ends.",
+)
+@click.option(
     "--setup", metavar="SCRIPT.py", help="A script of yours that is run once, with `sim`, before the first client."
 )
 @click.option("--start", is_flag=True, help="Starts the simulation at once, as the play button does.")
@@ -90,6 +96,7 @@ def main(
     host: str,
     speed: float,
     track: float | None,
+    legacy: str | None,
     setup: str | None,
     start: bool,
     real_time: bool,
@@ -100,6 +107,9 @@ def main(
 
     The log goes to stderr, one line per event. Ctrl-C ends the server.
     """
+    if legacy is not None:
+        _write_legacy(Path(legacy))
+        return
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     conditions = Conditions(robot, half_track=track, number=index, **driven)
     own_track = None if robot not in (None, "p3dx") else track
@@ -137,6 +147,24 @@ def main(
     if window is not None:
         window.close()
     LOG.info("ended")
+
+
+def _write_legacy(folder: Path) -> None:
+    """Writes the stand-in for the legacy remote API into a folder, unless another module of the name is there."""
+    text = (Path(__file__).parent / "legacy.py").read_text(encoding="utf-8")
+    files = [folder / name for name in ("sim.py", "vrep.py")]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in files:
+            if file.exists() and not file.read_text(encoding="utf-8", errors="replace").startswith(text[:80]):
+                raise click.UsageError(
+                    f"--legacy: {file} is there and not ours; move it away, or choose another folder"
+                )
+        for file in files:
+            file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise click.UsageError(f"--legacy {str(folder)!r}: {error.strerror or error}") from None
+    click.echo(f"{files[0]} and {files[1]}: scripts beside them that `import sim` or `import vrep` drive the server")
 
 
 def _load(name: str, conditions: Conditions) -> Any:

@@ -114,7 +114,7 @@ def test_a_page_runs_as_it_is_printed(page: Path, tmp_path: Path) -> None:
                 save(tmp_path / name, text)
             elif language in ("python", "bash") and text.strip() and not left_out(text):
                 command = [sys.executable, "-c", text] if language == "python" else ["bash", "-c", f"exec {text}"]
-                if text.startswith(SERVER):
+                if text.startswith(SERVER) and "--legacy" not in text:
                     stop(servers)
                     servers.append(start(command, tmp_path))
                     time.sleep(20)
