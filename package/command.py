@@ -34,6 +34,7 @@ COMMANDS = {
     "scenarios": _Command(
         "wayfield.benchmarks.commands.lists", "evaluate", "list families, tiers, splits, banks", "scenarios"
     ),
+    "ros": _Command("wayfield.ros.command", "ros", "a simulated robot and a driver as ROS 2 nodes"),
     "compile": _Command(
         "wayfield.benchmarks.commands.compile",
         "",

@@ -48,7 +48,8 @@ class NotTried(Exception):
 @functools.cache
 def entries() -> dict[str, tuple[str, str]]:
     """Returns module and function of every command: those of `wayfield`, and of each module that can be started."""
-    found = {name: (each.module, each.function) for name, each in INSTALLED.items()}
+    found = {name: (each.module, each.function) for name, each in INSTALLED.items() if name != "ros"}
+    found |= {f"ros.{name}": (INSTALLED["ros"].module, name) for name in ("sim", "drive", "excite")}
     for part, module in _PARTS[1:]:
         root = Path(module.__path__[0])
         for file in sorted(root.rglob("*.py")):

@@ -19,7 +19,7 @@ from wayfield.policies import POLICIES
 MOST_LINES = 80  # of a function, without its docstring
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("system", "envs", "policies", "benchmarks")
+PACKAGES = ("system", "envs", "policies", "ros", "benchmarks")
 # Of policies, what is no law.
 NO_LAWS = {"gain", "__init__", "pilot", "policy", "registry", "tuned"}
 # Where a class of one task is asked for, and why that is no second notion of a task.
@@ -91,7 +91,7 @@ def rooms() -> list[str]:
 def room_of(module: str, known: Sequence[str]) -> str | None:
     """Returns the room of a module, the innermost one, by its dotted name without the package's."""
     parts = module.split(".")
-    parts = ["package", *parts] if parts[0] == "system" else parts
+    parts = ["package", *parts] if parts[0] in ("system", "ros") else parts
     names = ("/".join(parts[:count]) for count in range(len(parts), 0, -1))
     return next((name for name in names if name in known), None)
 
