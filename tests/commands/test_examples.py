@@ -1,5 +1,6 @@
 """The scripts of examples/: by default those of the libraries that the tests have, all of them in the slow part."""
 
+import json
 import os
 import re
 import runpy
@@ -46,6 +47,18 @@ def test_an_example_runs(
     monkeypatch.setattr(sys, "argv", [script, *words, "--steps", "8192"])
     runpy.run_path(str(EXAMPLES / script), run_name="__main__")
     assert steps_told(capsys.readouterr().out) == 8192
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_from_its_first_cell_to_its_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((EXAMPLES / "identify_a_log.ipynb").read_text(encoding="utf-8"))["cells"]
+    names = {"__name__": "__main__"}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), "identify_a_log.ipynb", "exec"), names)
+    assert (tmp_path / "mine.json").is_file()
+    assert (tmp_path / "drive.png").is_file()
 
 
 @pytest.mark.parametrize(("task", "seed"), [("path_following", 1), ("goal_reaching", 0)])

@@ -1,0 +1,165 @@
+"""What a log must hold before anything is fitted to it: enough motion, whole, by one clock, in SI units."""
+
+import dataclasses
+
+import numpy as np
+
+from wayfield.benchmarks.identify.recording import Log
+from wayfield.benchmarks.identify.response import Drive, Flags, Floats, held
+
+FASTEST = (50.0, 100.0)  # m/s and rad/s, of a wheeled robot
+LEAST_MOTION = 20.0  # s
+MOVING = 0.05  # share of the largest speed, from which on a base moves
+LONGEST_GAP = 0.5  # s, beyond which the response is cut
+REFUSED_GAP = 1.0  # s, beyond which a log is refused
+SLOWEST = 5.0  # Hz, of odometry
+MOST_JITTER = 0.05  # s, of commands
+SETTLING = 1.0  # s after a cut that do not count: the state there is not known
+EARLIEST = -0.06  # s, of the delay at which commands and odometry agree best
+UNITS = ("m/s", "rad/s")
+NAMES = ("forward speed", "yaw rate")
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked:
+    """A drive that can be fitted, and what a reader of the result should know."""
+
+    drive: Drive
+    warnings: tuple[str, ...]
+    moving: float  # s of motion that counts
+
+
+def check(log: Log, cut: bool = False) -> Checked:
+    """Returns the drive of a log.
+
+    Args:
+        log: what was recorded.
+        cut: whether a log with long gaps is fitted by its pieces.
+
+    Raises:
+        ValueError: in one line, with what is missing or wrong.
+    """
+    warnings: list[str] = []
+    _check_clock("commands", log.command_times)
+    _check_clock("odometry", log.times)
+    commands = _once(log.command_times, log.commands)
+    odometry = _once(log.times, log.speeds)
+    _check_units("commands", commands[1])
+    _check_units("odometry", odometry[1])
+    within = odometry[0] >= commands[0][0]
+    if within.sum() < 20 or commands[0][0] > odometry[0][-1] or commands[0][-1] < odometry[0][0]:
+        raise ValueError(
+            f"commands are from {commands[0][0]:.1f} to {commands[0][-1]:.1f} s, odometry from {odometry[0][0]:.1f} to "
+            f"{odometry[0][-1]:.1f} s: they must overlap; are their stamps of different clocks?"
+        )
+    times, speeds = odometry[0][within], odometry[1][within]
+    rate = 1.0 / float(np.median(np.diff(times)))
+    if rate < SLOWEST:
+        raise ValueError(f"odometry comes at {rate:.2g} Hz; it must come at {SLOWEST:g} Hz or faster")
+    if not np.abs(commands[1]).max() > 0.0:
+        raise ValueError("commands are all zero: drive the base, with steps of both speeds")
+    tops = np.maximum(np.abs(speeds).max(axis=0), (0.01, 0.02))
+    moves = (np.abs(speeds) > MOVING * tops).any(axis=1)
+    if not moves.any() or (np.abs(speeds).max(axis=0) < (0.005, 0.01)).all():
+        raise ValueError("the base never moves by its odometry: drive it, with steps of both speeds")
+    drive, gaps = _cut(commands, times, speeds, moves)
+    longest = [each for each in gaps if each[1] > REFUSED_GAP]
+    if longest and not cut:
+        told = ", ".join(f"{length:.3g} s in {what} at {at:.1f} s" for at, length, what in longest[:5])
+        raise ValueError(
+            f"the log has gaps: {told}; what the base did is not known: record again, or fit the pieces with --cut"
+        )
+    if gaps:
+        warnings.append(f"{len(gaps)} gaps of more than {LONGEST_GAP} s were cut out, the longest of "
+                        f"{max(each[1] for each in gaps):.3g} s")  # fmt: skip
+    moving = float((moves & drive.counted).sum()) / rate
+    if moving < LEAST_MOTION:
+        raise ValueError(f"the base moves for {moving:.1f} s; it must move for {LEAST_MOTION:g} s or more")
+    intervals = np.diff(commands[0])
+    jitter = float(np.quantile(np.abs(intervals - np.median(intervals)), 0.95)) if len(intervals) else 0.0
+    if jitter > MOST_JITTER:
+        warnings.append(f"commands come irregularly: 5 % of their intervals are {1e3 * jitter:.0f} ms or more off")
+    for axis in range(2):
+        lead = _lead(drive, axis)
+        if lead is not None and lead < EARLIEST:
+            raise ValueError(
+                f"the {NAMES[axis]} of odometry is {-lead:.2f} s ahead of its commands: their stamps are of "
+                "different clocks, or the topic is not what drives the base"
+            )
+    return Checked(drive, tuple(warnings), moving)
+
+
+def _check_clock(what: str, times: Floats) -> None:
+    backward = np.flatnonzero(np.diff(times) < 0.0)
+    if len(backward):
+        at = int(backward[0])
+        raise ValueError(
+            f"stamps of {what} run backward {len(backward)} times, first {times[at]:.3f} to {times[at + 1]:.3f} s; "
+            "they must ascend: try --stamps arrival, or sort the table"
+        )
+
+
+def _once(times: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Returns times and values with the last of each time alone."""
+    last = np.append(np.diff(times) > 0.0, True)
+    return times[last], np.ascontiguousarray(values[last])
+
+
+def _check_units(what: str, values: Floats) -> None:
+    for axis in range(2):
+        fastest = float(np.abs(values[:, axis]).max())
+        if fastest > FASTEST[axis]:
+            raise ValueError(
+                f"the {NAMES[axis]} of {what} reaches {fastest:.4g} {UNITS[axis]}; it must be at most "
+                f"{FASTEST[axis]:g}: is it in other units?"
+            )
+
+
+def _cut(
+    commands: tuple[Floats, Floats], times: Floats, speeds: Floats, moves: Flags
+) -> tuple[Drive, list[tuple[float, float, str]]]:
+    """Returns the drive cut at gaps, and the gaps: where, how long, of what.
+
+    A gap of commands is one only where the base had something to do: what holds, and when it stops, is not recorded.
+    """
+    starts = np.zeros(len(times), np.bool_)
+    starts[0] = True
+    unknown = times < times[0] + SETTLING
+    gaps: list[tuple[float, float, str]] = []
+    for k in np.flatnonzero(np.diff(times) > LONGEST_GAP):
+        gaps.append((float(times[k]), float(times[k + 1] - times[k]), "odometry"))
+        starts[k + 1] = True
+        unknown |= (times > times[k]) & (times < times[k + 1] + SETTLING)
+    ends = np.append(commands[0], times[-1])
+    for k in np.flatnonzero(np.diff(ends) > LONGEST_GAP):
+        during = (times > ends[k] + LONGEST_GAP) & (times < ends[k + 1])
+        if k == len(commands[0]) - 1:  # after the last command
+            unknown |= during
+            continue
+        if not np.any(commands[1][k]) and not (moves & during & (times > ends[k] + 2.0 * SETTLING)).any():
+            continue
+        gaps.append((float(ends[k]), float(ends[k + 1] - ends[k]), "commands"))
+        after = np.searchsorted(times, ends[k + 1])
+        starts[after : after + 1] = True
+        unknown |= during | ((times >= ends[k + 1]) & (times < ends[k + 1] + SETTLING))
+    return Drive(*commands, times, np.ascontiguousarray(speeds), starts, ~unknown), sorted(gaps)
+
+
+def _lead(drive: Drive, axis: int) -> float | None:
+    """Returns the delay (s) at which command and measured speed correlate best; None where they hardly do."""
+    step = 0.02
+    grid = np.arange(drive.times[0], drive.times[-1], step)
+    asked = held(drive.command_times, drive.commands[:, axis], grid)
+    measured = np.interp(grid, drive.times, drive.speeds[:, axis])
+    asked, measured = asked - asked.mean(), measured - measured.mean()
+    scale = np.sqrt((asked**2).sum() * (measured**2).sum())
+    if scale <= 0.0:
+        return None
+    most = round(1.0 / step)
+    shifts = range(-most, most + 1)
+    found = [
+        float((asked[max(-k, 0) : len(grid) - max(k, 0)] * measured[max(k, 0) : len(grid) + min(k, 0)]).sum())
+        for k in shifts
+    ]
+    best = int(np.argmax(found))
+    return float(shifts[best]) * step if found[best] > 0.5 * scale else None

@@ -1,0 +1,255 @@
+"""The report of an identification: one HTML page with its plots, which need no network, and what to drive next."""
+
+import base64
+import dataclasses
+import html
+import io
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+from wayfield.benchmarks.identify.estimate import Estimate, Fit
+from wayfield.benchmarks.identify.noise import Noise, Rate
+from wayfield.benchmarks.identify.recording import Log
+from wayfield.benchmarks.identify.response import SATURATIONS, Drive, Floats, held
+from wayfield.system.storage import write_whole
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+AXES_NAMES = (("v", "forward speed", "m/s"), ("w", "yaw rate", "rad/s"))
+ZOOM = 12.0  # s, of the plot in which steps can be seen
+BLUE, RED, GREY = "#0072b2", "#d55e00", "#999999"
+SATURATION = {
+    "axes": "each axis by itself",
+    "twist": "both axes by one factor",
+    "wheels": "each wheel by itself",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """All that a report shows."""
+
+    log: Log
+    drive: Drive
+    fit: Fit
+    odometry: tuple[Estimate, ...]
+    noise: Noise
+    rates: list[Rate]
+    warnings: tuple[str, ...]
+    kept: list[str]  # what the log did not say
+    held_out: tuple[Floats, Floats] | None  # RMS (2,) of the model on what a fit has not seen, and of the ideal base
+    split: float
+    base: str
+    command: str
+
+    @property
+    def next_drives(self) -> list[str]:
+        """Returns what to drive so that what is missing is seen."""
+        found: dict[str, list[str]] = {}
+        for each in (*self.fit.estimates, *self.odometry):
+            if each.missing:
+                found.setdefault(each.missing, []).append(each.name)
+        return [f"{', '.join(names)}: {what}" for what, names in found.items()]
+
+
+def write_report(file: Path, findings: Findings) -> list[Path]:
+    """Writes the page and, beside it, its two plots; returns the files.
+
+    Raises:
+        OSError: if one cannot be written.
+    """
+    plots = {"response": _response(findings), "residuals": _residuals(findings)}
+    files = []
+    for name, content in plots.items():
+        files.append(file.with_name(f"{file.stem}_{name}.png"))
+        write_whole(files[-1], content)
+    write_whole(file, _page(findings, plots).encode())
+    return [file, *files]
+
+
+def _response(found: Findings) -> bytes:
+    """Returns measured and fitted speeds: the whole drive, and the seconds in which most is asked."""
+    drive, fit = found.drive, found.fit
+    figure, panels = plt.subplots(2, 2, figsize=(12, 6), width_ratios=(2, 1), layout="constrained")
+    for axis, (_, name, unit) in enumerate(AXES_NAMES):
+        start = _busiest(drive, axis)
+        for panel, whole in zip(panels[axis], (True, False), strict=True):
+            panel.step(
+                drive.command_times, drive.commands[:, axis], where="post", color=GREY, linewidth=0.8, label="commanded"
+            )
+            panel.plot(
+                drive.times, drive.speeds[:, axis], ".", color=BLUE, markersize=2 if whole else 4, label="measured"
+            )
+            for part in _parts(drive):
+                panel.plot(
+                    drive.times[part], fit.response[axis][part], color=RED, linewidth=0.9 if whole else 1.4,
+                    label="model" if part.start == 0 else None,
+                )  # fmt: skip
+            panel.set_xlim(*((drive.times[0], drive.times[-1]) if whole else (start, start + ZOOM)))
+            panel.grid(alpha=0.3)
+        panels[axis, 0].set_ylabel(f"{name}, {unit}")
+        panels[axis, 1].set_title(f"{ZOOM:g} s of it", fontsize=9)
+    for panel in panels[1]:
+        panel.set_xlabel("time, s")
+    panels[0, 0].legend(loc="upper right", ncols=3, fontsize=8)
+    return _png(figure)
+
+
+def _residuals(found: Findings) -> bytes:
+    """Returns what the fit leaves: over time, as a histogram beside a normal one, and its correlation over time."""
+    drive, fit = found.drive, found.fit
+    figure, panels = plt.subplots(2, 3, figsize=(12, 5), width_ratios=(2, 1, 1), layout="constrained")
+    for axis, (_, name, unit) in enumerate(AXES_NAMES):
+        left = fit.residuals(drive)[axis]
+        over, spread, again = panels[axis]
+        over.plot(drive.times[drive.counted], left, ".", color=BLUE, markersize=2)
+        over.axhline(0.0, color=GREY, linewidth=0.8)
+        over.set_ylabel(f"residual of {name}, {unit}", fontsize=8)
+        deviation = max(float(fit.noise[axis]), 1e-9)
+        reach = np.linspace(-4.0, 4.0, 41) * deviation
+        spread.hist(np.clip(left, reach[0], reach[-1]), reach, density=True, color=BLUE, alpha=0.6)
+        spread.plot(reach, np.exp(-0.5 * (reach / deviation) ** 2) / (deviation * math.sqrt(2.0 * math.pi)), color=RED)
+        spread.set_xlabel(unit)
+        spread.set_yticks([])
+        lags = np.arange(0, min(40, len(left) // 4))
+        centred = left - left.mean()
+        total = max(float(centred @ centred), 1e-300)
+        again.bar(lags, [float(centred[k:] @ centred[: len(left) - k]) / total for k in lags], color=BLUE)
+        again.axhline(0.0, color=GREY, linewidth=0.8)
+        again.set_ylim(-0.5, 1.05)
+    panels[0, 1].set_title("histogram, and a normal one", fontsize=9)
+    panels[0, 2].set_title("correlation with later ones", fontsize=9)
+    panels[1, 0].set_xlabel("time, s")
+    panels[1, 2].set_xlabel("samples later")
+    return _png(figure)
+
+
+def _busiest(drive: Drive, axis: int) -> float:
+    """Returns the time from which on commands of an axis change most, over ZOOM."""
+    grid = np.arange(drive.times[0], max(drive.times[-1] - ZOOM, drive.times[0] + 1.0), 1.0)
+    change = np.abs(np.diff(held(drive.command_times, drive.commands[:, axis], drive.times), prepend=0.0))
+    sums = [change[(drive.times >= start) & (drive.times < start + ZOOM)].sum() for start in grid]
+    return float(grid[int(np.argmax(sums))])
+
+
+def _parts(drive: Drive) -> list[slice]:
+    """Returns the pieces between gaps."""
+    edges = [*np.flatnonzero(drive.starts).tolist(), len(drive.times)]
+    return [slice(*each) for each in itertools.pairwise(edges)]
+
+
+def _png(figure: Any) -> bytes:
+    with io.BytesIO() as stream:
+        figure.savefig(stream, format="png", dpi=110)
+        plt.close(figure)
+        return stream.getvalue()
+
+
+_STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:1000px;margin:2rem auto;padding:0 1rem;color:#222}
+table{border-collapse:collapse;margin:.5rem 0}td,th{padding:.15rem .8rem .15rem 0;text-align:left;
+border-bottom:1px solid #ddd;vertical-align:top}img{max-width:100%}.bound{color:#a33}code{background:#f3f3f3}"""
+
+
+def _page(found: Findings, plots: dict[str, bytes]) -> str:
+    """Returns the page."""
+    e = html.escape
+    fit = found.fit
+    parts = [
+        "<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'>"
+        f"<title>Identified: {e(found.log.name)}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>{e(found.log.name)}</h1><p>{found.drive.times[-1] - found.drive.times[0]:.0f} s of a drive; the sheet of "
+        f"{e(found.base)} fills what the log does not say. Times are {_STAMPS[found.log.stamps]}. "
+        f"Saturation: {SATURATION[SATURATIONS[fit.saturation]]}.</p>",
+    ]
+    if found.warnings:
+        parts.append("<p><b>Warnings.</b> " + " ".join(f"{e(each)}." for each in found.warnings) + "</p>")
+    rows = [
+        (each.name, str(each) if each.seen else f"<span class='bound'>{e(str(each))}</span>") for each in fit.estimates
+    ]
+    parts.append("<h2>Parameters</h2>" + _table(("parameter", "value (95 % interval), or a bound"), rows))
+    parts.append(
+        f"<p>Delay and lag trade against each other; their sum is known better: {_sum(fit, 0)} s forward, "
+        f"{_sum(fit, 1)} s of the yaw rate.</p>"
+    )
+    parts.append(_image(plots["response"], "Commanded, measured and fitted speeds"))
+    parts.append("<h2>How well it predicts</h2>" + _prediction(found))
+    parts.append(_image(plots["residuals"], "Residuals over time, their histogram and correlation"))
+    if found.next_drives:
+        parts.append(
+            "<h2>What to drive next</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.next_drives) + "</ul>"
+        )
+    if found.kept:
+        parts.append(
+            "<h2>Kept from the base's sheet</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.kept) + "</ul>"
+        )
+    parts.append("<h2>Odometry against ground truth</h2>" + _table(
+        ("error", "value (95 % interval)"), [(each.name, e(str(each))) for each in found.odometry]))  # fmt: skip
+    parts.append("<h2>Noise and rates</h2>" + _noises(found.noise) + _table(
+        ("topic", "messages", "rate, Hz", "jitter, ms", "longest gap, s"),
+        [(each.what, str(each.count), f"{each.hertz:.3g}", f"{1e3 * each.jitter:.1f}", f"{each.longest:.3g}")
+         for each in found.rates]))  # fmt: skip
+    parts.append(
+        f"<p><code>{e(found.command)}</code><br>SHA-256 of the log: <code>{found.log.digest}</code></p></body></html>"
+    )
+    return "\n".join(parts)
+
+
+_STAMPS = {
+    "header": "of the messages' headers",
+    "arrival": "of the messages' arrival at the recorder, whose own delay is in them",
+    "table": "those of the table",
+}
+
+
+def _sum(fit: Fit, axis: int) -> str:
+    delay, lag = (fit[f"{name}_{'vw'[axis]}"] for name in ("delay", "lag"))
+    return f"{delay.value + lag.value:.3f}" if math.isfinite(delay.value + lag.value) else "not known"
+
+
+def _prediction(found: Findings) -> str:
+    """Returns tables of held-out errors."""
+    text = ""
+    if found.held_out is not None:
+        model, ideal = found.held_out
+        rows = [
+            (name, f"{model[k]:.3g} {unit}", f"{ideal[k]:.3g} {unit}") for k, (_, name, unit) in enumerate(AXES_NAMES)
+        ]
+        text = f"<p>Fitted on the first {100 * found.split:.0f} % of the drive, tested on the rest.</p>" + _table(
+            ("", "RMS of the model", "RMS of an ideal base"), rows
+        )
+    errors = found.fit.held_out
+    compared = [(SATURATION[name], f"{math.sqrt(error):.3f}") for name, error in zip(SATURATIONS, errors, strict=True)]
+    return (
+        text
+        + "<p>Each saturation, on blocks of 10 s that its fit has not seen:</p>"
+        + _table(("saturation", "RMS, in deviations of the noise of the first"), compared)
+    )
+
+
+def _noises(noise: Noise) -> str:
+    def told(value: float, unit: str) -> str:
+        return f"{value:.3g} {unit}" if math.isfinite(value) else "not known"
+
+    rows = [
+        (f"odometry, {name}", told(noise.resting[k], unit), told(noise.moving[k], unit), f"{noise.correlation[k]:.2f}")
+        for k, (_, name, unit) in enumerate(AXES_NAMES)
+    ]
+    rows.append(("a beam of the scan", told(noise.scan, "m"), f"{100 * noise.dropouts:.1f} % without a return"
+                 if math.isfinite(noise.dropouts) else "no scans", ""))  # fmt: skip
+    return _table(("", "at rest", "moving", "correlation"), rows)
+
+
+def _table(header: tuple[str, ...], rows: list[Any]) -> str:
+    head = "".join(f"<th>{each}</th>" for each in header)
+    body = "".join("<tr>" + "".join(f"<td>{each}</td>" for each in row) + "</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _image(content: bytes, about: str) -> str:
+    return f"<img alt='{about}' src='data:image/png;base64,{base64.b64encode(content).decode()}'>"

@@ -1,0 +1,174 @@
+"""The response of a base against small steps of its equations, and hidden bases that the estimator finds again."""
+
+import math
+
+import numpy as np
+import pytest
+from identification import drive_of, poor, script, skid_steer, spoiled
+
+from wayfield.benchmarks.identify.estimate import fit, intervals
+from wayfield.benchmarks.identify.response import AXES, PAIR, TWIST, WHEELS, Drive, axis_response, pair_response
+
+P3DX = np.array([0.13, 0.9, 1.2, 1.0, 1.7, 0.1])  # delay, gain, limit, acceleration, deceleration, lag
+# a skid steer; at the end a wheel's speed and half of its track
+SKID = np.array([0.30, 1.01, 3.3, 3.3, 0.25, 0.26, 0.77, 7.0, 7.0, 0.30, 3.76, 0.60])
+
+
+def drawn(rng: np.random.Generator, seconds: float = 12.0) -> Drive:
+    """Returns commands at drawn times, and times of measurements; nothing is measured yet."""
+    n = round(4 * seconds)
+    times = np.sort(rng.uniform(0.0, seconds, 12 * round(seconds)))
+    commands = np.stack([rng.uniform(-1.6, 1.6, n), rng.uniform(-4.0, 4.0, n)], axis=1)
+    started = np.arange(len(times)) == 0
+    return Drive(np.sort(rng.uniform(0.0, seconds, n)), commands, times, np.zeros((len(times), 2)), started, ~started)
+
+
+def integrated(drive: Drive, numbers: np.ndarray, step: float = 1e-4) -> list[float]:
+    """Returns the response of the forward axis, integrated in small steps."""
+    delay, gain, limit, rise, fall, lag = numbers.tolist()
+    found, r, v, event = [], 0.0, 0.0, 0
+    t = float(drive.times[0])
+    events = [*(drive.command_times + delay).tolist(), math.inf]
+    target = 0.0
+    for time in drive.times.tolist():
+        while t < time:
+            while events[event] <= t:
+                target = min(max(gain * drive.commands[event, 0], -limit), limit)
+                event += 1
+            most = (fall if r * (target - r) < 0.0 else rise) * step
+            r += min(max(target - r, -most), most)
+            v += (r - v) * step / lag
+            t += step
+        found.append(v)
+    return found
+
+
+def test_the_closed_form_is_what_small_steps_come_to() -> None:
+    drive = drawn(np.random.default_rng(0))
+    v, _ = axis_response(drive, 0, P3DX)
+    np.testing.assert_allclose(v, integrated(drive, P3DX), atol=2e-3 * v.std())
+
+
+@pytest.mark.parametrize("saturation", [AXES, TWIST, WHEELS])
+def test_derivatives_are_those_of_central_differences(saturation: int) -> None:
+    drive = drawn(np.random.default_rng(1))
+    numbers = np.array([0.13, 0.9, 1.0, 1.7, 0.1, 0.2, 0.8, 7.0, 5.0, 0.15, 1.1, 0.3])
+    if saturation == AXES:
+        numbers[11] = 2.0
+    _, slopes = pair_response(drive, saturation, numbers)
+    for j in range(len(PAIR)):
+        step = np.zeros(len(PAIR))
+        step[j] = 1e-6
+        after, before = (pair_response(drive, saturation, each)[0] for each in (numbers + step, numbers - step))
+        np.testing.assert_allclose(slopes[..., j], (after - before) / 2e-6, atol=1e-6)
+
+
+def test_the_response_shifts_scales_and_keeps_its_limits() -> None:
+    drive = drawn(np.random.default_rng(2))
+    v, _ = axis_response(drive, 0, P3DX)
+    later = Drive(drive.command_times + 0.4, drive.commands, drive.times, drive.speeds, drive.starts, drive.counted)
+    sooner, longer = P3DX.copy(), P3DX.copy()
+    sooner[0] -= 0.1
+    longer[0] += 0.3
+    np.testing.assert_allclose(axis_response(later, 0, sooner)[0], axis_response(drive, 0, longer)[0])
+    scaled = P3DX * [1.0, 2.0, 2.0, 2.0, 2.0, 1.0]
+    np.testing.assert_allclose(axis_response(drive, 0, scaled)[0], 2.0 * v, atol=1e-12)
+    assert np.abs(v).max() <= 1.2  # no overshoot
+    assert (np.abs(np.diff(v)) <= 1.7 * np.diff(drive.times) + 1e-12).all()
+    # alone, both axes respond as they do together where nothing saturates
+    free = np.array([*P3DX[[0, 1, 3, 4, 5]], 0.2, 0.8, 7.0, 5.0, 0.15, 100.0, 0.3])
+    unlimited = np.array([*P3DX[:2], 100.0, *P3DX[3:]])
+    for saturation in (AXES, TWIST, WHEELS):
+        np.testing.assert_allclose(pair_response(drive, saturation, free)[0][0], axis_response(drive, 0, unlimited)[0])
+
+
+def both(rng: np.random.Generator, seconds: float = 90.0) -> np.ndarray:
+    """Returns the commands (n, 2) of one who drives by two sticks, often both at once."""
+    commands = np.zeros((round(20 * seconds), 2))
+    for k, top in enumerate((4.2, 9.0)):
+        i, level = 0, 0.0
+        while i < len(commands):
+            wanted = top * rng.choice([0.0, 0.0, 1.0, -1.0, rng.uniform(-1.0, 1.0)])
+            part = np.concatenate(
+                [np.linspace(level, wanted, rng.integers(1, 6)), np.full(rng.integers(5, 60), wanted)]
+            )
+            commands[i : i + len(part), k] = part[: len(commands) - i]
+            i, level = i + len(part), wanted
+    return commands
+
+
+@pytest.mark.parametrize("saturation", [AXES, TWIST, WHEELS])
+def test_a_hidden_base_is_found_within_its_intervals(saturation: int) -> None:
+    rng = np.random.default_rng(3)
+    hidden = SKID.copy()
+    if saturation == AXES:
+        hidden[11] = 6.2
+    drive = drive_of(rng, both(rng), saturation, hidden, (0.06, 0.15), 0.6)
+    found = intervals(drive, fit(drive, half_track=0.35))
+    assert found.saturation == saturation
+    names = {
+        f"{name}_{axis}": 5 * k + i
+        for k, axis in enumerate("vw")
+        for i, name in ((0, "delay"), (2, "acceleration"), (4, "lag"))
+    }
+    limits = {"speed_v": hidden[10], "speed_w": hidden[11], "wheel_speed": hidden[10], "track": 2.0 * hidden[11]}
+    covered = []
+    for each in found.estimates:
+        assert each.seen, each
+        assert each.low <= each.value <= each.high
+        true = limits[each.name] if each.name in limits else hidden[names[each.name]] if each.name in names else None
+        if true is not None:
+            assert each.value == pytest.approx(true, rel=0.1), each
+            covered.append(each.low <= true <= each.high)
+    assert sum(covered) >= len(covered) - 2  # each has its 5 %
+    np.testing.assert_allclose(found.noise, (0.06, 0.15), rtol=0.15)
+
+
+def test_a_deceleration_of_its_own_is_found_where_there_is_one() -> None:
+    rng = np.random.default_rng(4)
+    hidden = np.array([0.1, 1.0, 0.7, 1.4, 0.1, 0.1, 1.0, 3.0, 3.0, 0.1, 1.0, 2.5])
+    commands = np.stack([script(60.0, 1.0), script(60.0, 2.5)[::-1]], axis=1)
+    found = intervals(
+        drive_of(rng, commands, AXES, hidden, (0.02, 0.05), 0.0),
+        fit(drive_of(rng, commands, AXES, hidden, (0.02, 0.05), 0.0)),
+    )
+    assert found.decelerating == (True, False)
+    assert found["deceleration_v"].value == pytest.approx(1.4, rel=0.05)
+    assert found["acceleration_v"].value == pytest.approx(0.7, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("excitation", "unseen"),
+    [
+        ("half speed", {"speed_v"}),
+        ("first seconds", {"speed_v"}),
+        ("small steps", {"speed_v", "acceleration_v"}),
+        ("slow sine", {"speed_v", "acceleration_v", "delay_v", "lag_v"}),
+    ],
+)
+def test_what_was_not_excited_is_a_bound_that_holds(excitation: str, unseen: set[str]) -> None:
+    true = {"delay_v": 0.13, "acceleration_v": 1.0, "lag_v": 0.1, "speed_v": 1.2}
+    for seed in range(3):
+        drive = poor(np.random.default_rng(seed), excitation)
+        found = intervals(drive, fit(drive))
+        for name, value in true.items():
+            each = found[name]
+            assert not (each.seen and name in unseen), each
+            if not each.seen:
+                assert each.low <= value * 1.001, (name, str(each))  # a bound of 1.2001 m/s is one of 1.2
+                assert value <= each.high, (name, str(each))
+                assert each.missing
+        for name in ("delay_w", "acceleration_w", "speed_w"):
+            assert str(found[name]) == "not observable"
+
+
+def test_what_real_logs_have_besides_noise_spoils_no_answer() -> None:
+    """Quantised encoders, a dead band, outliers, lost messages, and late stamps, which are a part of the delay."""
+    rng = np.random.default_rng(7)
+    drive = spoiled(rng, skid_steer(rng))
+    found = {each.name: each for each in intervals(drive, fit(drive, half_track=0.3)).estimates}
+    true = {"delay_v": 0.308, "delay_w": 0.268, "gain_v": 1.01, "gain_w": 0.77, "lag_v": 0.25, "lag_w": 0.30}
+    for name, value in true.items():
+        width = found[name].high - found[name].low
+        assert found[name].low - 0.2 * width <= value <= found[name].high + 0.2 * width
+        assert found[name].value == pytest.approx(value, rel=0.15)

@@ -1,0 +1,354 @@
+"""`wayfield identify` from files of every kind to a sheet that is read; what cannot say is refused in one line."""
+
+import dataclasses
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from identification import drive_of, script
+
+from wayfield.benchmarks.identify.checks import check
+from wayfield.benchmarks.identify.estimate import fit
+from wayfield.benchmarks.identify.noise import measure, rates
+from wayfield.benchmarks.identify.odometry import odometry_errors
+from wayfield.benchmarks.identify.recording import Log, Topics, read_log
+from wayfield.benchmarks.identify.response import AXES, Drive
+from wayfield.envs.robots import ROBOTS, read_robot
+from wayfield.envs.robots.intervals import Interval
+
+TURTLEBOT = np.array([0.12, 1.0, 0.7, 0.7, 0.18, 0.16, 1.0, 3.0, 3.0, 0.18, 0.2, 2.4])
+
+
+def driven(seed: int = 0, seconds: float = 60.0) -> Drive:
+    """Returns a drive of a small base: forward, then turning, then both."""
+    rng = np.random.default_rng(seed)
+    part = script(seconds / 2.0, 1.0)
+    idle = np.zeros_like(part)
+    commands = np.stack([0.2 * np.concatenate([part, idle]), 2.4 * np.concatenate([idle, part])], axis=1)
+    return drive_of(rng, commands, AXES, TURTLEBOT, (0.003, 0.03), 0.3)
+
+
+def table(drive: Drive) -> str:
+    """Returns the drive as a table, a row for each message."""
+    rows = [
+        (t, f"{t:.6f},{a!r},{b!r},,")
+        for t, (a, b) in zip(drive.command_times.tolist(), drive.commands.tolist(), strict=True)
+    ]
+    rows += [
+        (t, f"{t:.6f},,,{a!r},{b!r}") for t, (a, b) in zip(drive.times.tolist(), drive.speeds.tolist(), strict=True)
+    ]
+    return "\n".join(["t,v_cmd,w_cmd,v,w", *(row for _, row in sorted(rows))]) + "\n"
+
+
+def identify(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "wayfield.command", "identify", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("drive") / "drive.csv"
+    file.write_text(table(driven()))
+    return file
+
+
+def test_the_command_writes_a_sheet_that_is_read_and_a_page(good: Path, tmp_path: Path) -> None:
+    sheet, page = tmp_path / "mine.json", tmp_path / "report.html"
+    ended = identify(good, "--robot", "turtlebot3", "--out", sheet, "--report", page)
+    assert ended.returncode == 0, ended.stderr
+    robot = read_robot(str(sheet))
+    assert robot.name == "mine"
+    for found, true in ((robot.delay, (0.12, 0.16)), (robot.lag, (0.18, 0.18))):
+        np.testing.assert_allclose(found, true, rtol=0.15)
+    assert robot.acceleration == pytest.approx(0.7, rel=0.05)
+    assert robot.yaw_acceleration == pytest.approx(3.0, rel=0.05)
+    assert robot.response == "continuous"
+    for field in ("delay", "lag", "acceleration"):
+        source = robot.sources[field]
+        assert isinstance(source, Interval)
+        assert "SHA-256" in source.source
+        assert "wayfield identify" in source.source
+    # what a log cannot say is the base's
+    assert (robot.hull_radius, robot.mass) == (ROBOTS["turtlebot3"].hull_radius, ROBOTS["turtlebot3"].mass)
+    assert "What to drive next" in page.read_text() or "not observable" in page.read_text()
+    assert sorted(each.name for each in tmp_path.iterdir()) == [
+        "mine.json", "report.html", "report_residuals.png", "report_response.png"
+    ]  # fmt: skip
+
+
+def changed(drive: Drive, **columns: Any) -> Drive:
+    """Returns the drive with other arrays."""
+    return dataclasses.replace(drive, **columns)
+
+
+def bad() -> Iterator[tuple[str, str, str]]:
+    """Yields a name, the text of a table, and a part of the line with which it is refused."""
+    drive = driven()
+    yield "short", table(driven(seconds=12.0)), "must move for 20 s or more"
+    yield "still", table(changed(drive, speeds=0.0 * drive.speeds)), "never moves"
+    yield "no commands", table(changed(drive, commands=0.0 * drive.commands)), "commands are all zero"
+    yield "millimetres", table(changed(drive, speeds=drive.speeds * [1500.0, 1.0])), "it must be at most 50"
+    yield "degrees", table(changed(drive, commands=drive.commands * [1.0, 180.0 / math.pi])), "is it in other units"
+    gap = np.where(drive.times > 20.0, drive.times + 14.7, drive.times)
+    later = np.where(drive.command_times > 20.0, drive.command_times + 14.7, drive.command_times)
+    yield "gap", table(changed(drive, times=gap, command_times=later)), "gaps: 14.7 s"
+    few = slice(None, None, 6)
+    yield "slow", table(changed(drive, times=drive.times[few], speeds=drive.speeds[few])), "5 Hz or faster"
+    yield "early", table(changed(drive, command_times=drive.command_times + 0.6)), "different clocks"
+    yield "apart", table(changed(drive, command_times=drive.command_times + 1000.0)), "must overlap"
+    yield "NaN", table(drive).replace(",,,0.0", ",,,nan", 1).replace(",,,-", ",,,nan-", 1), "must be a finite number"
+    lines = table(drive).splitlines()
+    yield "backward", "\n".join([*lines[:300], *lines[100:]]) + "\n", "run backward"
+    yield "cut off", table(drive)[:-25] + '"', "drive.csv:"
+    yield "columns", table(drive).replace("t,v_cmd", "time,v_cmd", 1), "columns are"
+    yield "half", "t,v,w\n0,0,0\n", "holds no commands"
+    yield "empty", "", "columns are"
+
+
+@pytest.mark.parametrize(("name", "text", "told"), list(bad()), ids=[each[0] for each in bad()])
+def test_a_table_that_cannot_say_is_refused_in_a_line(name: str, text: str, told: str, tmp_path: Path) -> None:
+    file = tmp_path / "drive.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=r"\S") as error:
+        check(read_log([file]))
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_refused_log_leaves_the_sheet_that_was_there(tmp_path: Path) -> None:
+    file, sheet = tmp_path / "drive.csv", tmp_path / "robot.json"
+    file.write_text(table(changed(driven(), speeds=driven().speeds * [1500.0, 1.0])))
+    sheet.write_text("before")
+    ended = identify(file, "--out", sheet, "--report", tmp_path / "page.html")
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1
+    assert "it must be at most 50" in ended.stderr
+    assert sheet.read_text() == "before"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["drive.csv", "robot.json"]
+
+
+def test_a_log_with_gaps_is_fitted_by_its_pieces_where_that_is_wanted() -> None:
+    drive = driven()
+    times = np.where(drive.times > 40.0, drive.times + 3.0, drive.times)
+    commands = np.where(drive.command_times > 40.0, drive.command_times + 3.0, drive.command_times)
+    log = Log("a log", "", "table", commands, drive.commands, times, drive.speeds)
+    with pytest.raises(ValueError, match="--cut"):
+        check(log)
+    checked = check(log, cut=True)
+    assert checked.warnings
+    inside = (checked.drive.times > 43.0) & (checked.drive.times < 43.9)
+    assert not checked.drive.counted[inside].any()
+    assert checked.drive.starts.sum() == 2
+
+
+def test_errors_of_odometry_are_found_against_ground_truth() -> None:
+    rng = np.random.default_rng(0)
+    times = np.arange(0.0, 600.0, 0.05)
+    v = 0.3 + 0.2 * np.sin(0.13 * times)
+    w = 0.8 * np.sin(0.31 * times)
+    slip, track, radius, half = 0.05, 0.03, 0.02, 0.16
+    true_v = (1.0 - slip) * v
+    b = (1.0 - slip) / (1.0 + track)
+    true_w = b * w - radius * (1.0 - slip) / (half * (1.0 + track)) * v
+
+    def poses(v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        heading = np.concatenate([[0.0], np.cumsum(w[:-1] * 0.05)])
+        middle = heading + 0.025 * w
+        return np.stack(
+            [np.concatenate([[0.0], np.cumsum((v * f(middle))[:-1] * 0.05)]) for f in (np.cos, np.sin)] + [heading],
+            axis=1,
+        )
+
+    truth = poses(true_v, true_w) + rng.normal(0.0, (0.003, 0.003, 0.01), (len(times), 3))
+    twists = np.stack([v, w], axis=1)
+    log = Log("a log", "", "table", times, twists, times, twists, poses(v, w), times, truth)
+    for found, true in zip(odometry_errors(log, half), (slip, track, radius), strict=True):
+        assert found.low - 0.003 <= true <= found.high + 0.003, found
+        assert found.value == pytest.approx(true, abs=0.006)
+    assert not any(each.seen for each in odometry_errors(Log("a", "", "table", times, twists, times, twists), half))
+
+
+def test_noise_is_that_of_the_sensors() -> None:
+    rng = np.random.default_rng(1)
+    rest = np.zeros((200, 2))
+    drive = drive_of(rng, np.concatenate([rest, driven().commands]), AXES, TURTLEBOT, (0.003, 0.03), 0.3)
+    scans = 2.0 + rng.normal(0.0, 0.01, (300, 36))
+    scans[:, 5] = np.inf
+    log = Log("a log", "", "table", drive.command_times, drive.commands, drive.times, drive.speeds,
+              scan_times=np.linspace(0.0, 70.0, 300), scans=scans)  # fmt: skip
+    found = measure(log, drive, fit(drive, 0.08))
+    assert found.scan == pytest.approx(0.01, rel=0.3)
+    assert found.dropouts == pytest.approx(1.0 / 36.0)
+    np.testing.assert_allclose(found.moving, (0.003, 0.03), rtol=0.1)
+    np.testing.assert_allclose(found.resting, (0.003, 0.03), rtol=0.3)
+    assert {each.what: round(each.hertz) for each in rates(log)}["odometry"] == 20
+
+
+# Bags: written here with the library's writers, and read to equal arrays.
+
+
+def messages(store: Any, first: bool) -> dict[str, list[tuple[int, Any]]]:
+    """Returns topics with messages and their arrival (ns)."""
+    kinds = store.types
+
+    def of(name: str, *values: Any) -> Any:
+        return kinds[name](*values)
+
+    found: dict[str, list[tuple[int, Any]]] = {
+        "/cmd_vel": [],
+        "/stamped": [],
+        "/odom": [],
+        "/pose": [],
+        "/scan": [],
+        "/text": [],
+    }
+    for k in range(40):
+        sec, nanosec = 100 + k // 10, (k % 10) * 10**8
+        arrival = sec * 10**9 + nanosec + 5_000_000
+        stamp = of("builtin_interfaces/msg/Time", sec, nanosec)
+        header = of("std_msgs/msg/Header", *((k, stamp, "odom") if first else (stamp, "odom")))
+        twist = of(
+            "geometry_msgs/msg/Twist",
+            of("geometry_msgs/msg/Vector3", 0.1 * k, 0.0, 0.0),
+            of("geometry_msgs/msg/Vector3", 0.0, 0.0, -0.2 * k),
+        )
+        half = 0.05 * k
+        pose = of(
+            "geometry_msgs/msg/Pose",
+            of("geometry_msgs/msg/Point", 1.0 * k, 2.0, 0.0),
+            of("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half)),
+        )
+        found["/cmd_vel"].append((arrival, twist))
+        found["/stamped"].append((arrival, of("geometry_msgs/msg/TwistStamped", header, twist)))
+        found["/pose"].append((arrival, of("geometry_msgs/msg/PoseStamped", header, pose)))
+        found["/odom"].append(
+            (
+                arrival,
+                of(
+                    "nav_msgs/msg/Odometry",
+                    header,
+                    "base",
+                    of("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36)),
+                    of("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
+                ),
+            )
+        )
+        ranges = np.array([1.0, np.inf, 0.0, 2.5], np.float32)
+        found["/scan"].append(
+            (arrival, of("sensor_msgs/msg/LaserScan", header, 0.0, 6.0, 2.0, 0.0, 0.2, 0.0, 5.0, ranges, ranges))
+        )
+        found["/text"].append((arrival, of("std_msgs/msg/String", "a word")))
+    return found
+
+
+def bag(folder: Path, kind: str, leave_out: str = "") -> Path:
+    """Writes a bag of a kind; returns what is named on the command line."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    first = kind == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.LATEST)
+    plugin = StoragePlugin.SQLITE3 if kind == "sqlite3" else StoragePlugin.MCAP
+    file = folder / ("drive.bag" if first else "bag")
+    writer: Any = Writer1(file) if first else Writer(file, version=9, storage_plugin=plugin)
+    with writer:
+        for topic, rows in messages(store, first).items():
+            if topic == leave_out:
+                continue
+            name = rows[0][1].__msgtype__
+            connection = writer.add_connection(topic, name, typestore=store)
+            for arrival, message in rows:
+                writer.write(
+                    connection,
+                    arrival,
+                    store.serialize_ros1(message, name) if first else store.serialize_cdr(message, name),
+                )
+    if kind == "bare":
+        (file / "bag.mcap").rename(folder / "drive.mcap")
+        return folder / "drive.mcap"
+    return file
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap", "bare"])
+def test_every_kind_of_bag_reads_to_the_same_arrays(kind: str, tmp_path: Path) -> None:
+    k = np.arange(40.0)
+    file = bag(tmp_path, kind)
+    log = read_log([file], Topics(truth="/pose"))
+    np.testing.assert_allclose(log.command_times, 0.1 * k, atol=1e-6)
+    np.testing.assert_allclose(log.commands, np.stack([0.1 * k, -0.2 * k], axis=1))
+    np.testing.assert_allclose(log.speeds, log.commands)
+    expected = np.stack([k, 0 * k + 2.0, np.arctan2(np.sin(0.1 * k), np.cos(0.1 * k))], axis=1)
+    np.testing.assert_allclose(log.poses, expected, atol=1e-12)
+    np.testing.assert_allclose(log.truth, expected, atol=1e-12)
+    np.testing.assert_array_equal(log.scans, np.tile(np.array([1.0, np.inf, 0.0, 2.5]), (40, 1)))
+    assert log.stamps == "arrival"
+    assert len(log.digest) == 64
+    stamped = read_log([file], Topics(cmd="/stamped"))
+    assert stamped.stamps == "header"
+    np.testing.assert_allclose(stamped.commands, log.commands)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap", "bare"])
+def test_a_bag_that_cannot_say_is_refused_in_a_line(kind: str, tmp_path: Path) -> None:
+    file = bag(tmp_path, kind, leave_out="/odom")
+    for topics, told in (
+        (Topics(), r"has no topic /odom; its topics are /cmd_vel \(geometry_msgs/msg/Twist\), /pose"),
+        (Topics(odom="/text"), r"/text is of type std_msgs/msg/String; it must be nav_msgs/msg/Odometry"),
+        (Topics(cmd="/pose"), "it must be geometry_msgs/msg/Twist or"),
+    ):
+        with pytest.raises(ValueError, match=told) as error:
+            read_log([file], topics)
+        assert "\n" not in str(error.value)
+    whole = max(
+        (each for each in ([file] if file.is_file() else file.iterdir()) if each.suffix != ".yaml"),
+        key=lambda each: each.stat().st_size,
+    )
+    content = whole.read_bytes()
+    for share in (0.0, 0.1, 0.5, 0.9):
+        whole.write_bytes(content[: int(share * len(content))])
+        with pytest.raises(ValueError, match=r"\S") as error:
+            read_log([file], Topics(odom="/pose"))
+        assert "\n" not in str(error.value)
+
+
+def test_without_rosbags_a_line_says_how_to_get_it(tmp_path: Path) -> None:
+    (tmp_path / "drive.mcap").write_bytes(b"")
+    code = (
+        "import sys, importlib.util; find = importlib.util.find_spec\n"
+        "importlib.util.find_spec = lambda name, *a: None if name == 'rosbags' else find(name, *a)\n"
+        "sys.argv[0] = 'wayfield'\nfrom wayfield.command import main; main()"
+    )
+    words = ["identify", str(tmp_path / "drive.mcap")]
+    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1
+    assert 'pip install "wayfield[bags]"' in ended.stderr
+
+
+def test_the_sheet_holds_no_value_of_what_was_not_seen(tmp_path: Path) -> None:
+    file, sheet = tmp_path / "drive.csv", tmp_path / "robot.json"
+    drive = driven()
+    slow = 0.1 * np.sin(2.0 * np.pi * 0.1 * drive.command_times)
+    commands = np.stack([slow, 0.0 * slow], axis=1)
+    other = drive_of(np.random.default_rng(2), commands, AXES, TURTLEBOT, (0.003, 0.03), 0.0)
+    file.write_text(table(other))
+    ended = identify(file, "--robot", "turtlebot3", "--out", sheet)
+    assert ended.returncode == 0, ended.stderr
+    base, found = ROBOTS["turtlebot3"], read_robot(str(sheet))
+    assert (found.acceleration, found.yaw_acceleration) == (base.acceleration, base.yaw_acceleration)
+    assert (found.rated_wheel_speed, found.turn_speed) == (base.rated_wheel_speed, base.turn_speed)
+    assert not any(isinstance(each, Interval) for each in found.sources.values())
+    assert json.loads(sheet.read_text())["lag"] == base.lag
+    assert "drive next" in ended.stdout
