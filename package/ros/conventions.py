@@ -70,6 +70,8 @@ def fault_of(scan: Scan) -> str:
     numbers = (scan.angle_min, scan.angle_max, scan.angle_increment, scan.range_min, scan.range_max)
     if not all(map(math.isfinite, numbers)) or (scan.angle_increment == 0.0 and count > 1):
         return f"scan's angles or limits are not finite, or angle_increment is 0: {numbers}"
+    if count == 1 or abs(scan.angle_increment) > AHEAD:
+        return f"scan has {count} beams {abs(scan.angle_increment):.3g} rad apart; they must be {AHEAD:.3g} rad or less"
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"scan's range_min is {scan.range_min:g} and range_max {scan.range_max:g}; 0 <= range_min < range_max"
     asked = (scan.angle_max - scan.angle_min) / scan.angle_increment + 1.0 if count > 1 else 1.0

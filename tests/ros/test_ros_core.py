@@ -91,6 +91,9 @@ def test_a_scan_counts_as_none_where_its_sizes_do_not_agree_or_it_says_nothing_o
     assert fault_of(dataclasses.replace(good, ranges=np.empty(0)))
     assert fault_of(dataclasses.replace(good, angle_increment=math.nan))
     assert fault_of(dataclasses.replace(good, range_max=0.0))
+    for n in (1, 2, 4):  # a ring of sonars sees too little of what is ahead
+        turn = 2.0 * math.pi / n
+        assert "rad apart" in sight().fault(Scan(1.0, 0.0, (n - 1) * turn, turn, 0.0, 3.5, np.full(n, math.inf)))
     angles = good.angle_min + good.angle_increment * np.arange(360)
     ahead = np.flatnonzero(np.abs(angles) <= AHEAD)
     for share, counts in ((0.4, True), (0.6, False)):
