@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from wayfield.benchmarks.identify.estimate import commanded
 from wayfield.benchmarks.identify.recording import Log
 from wayfield.benchmarks.identify.response import Drive, Flags, Floats, held
 
@@ -16,6 +17,8 @@ SLOWEST = 5.0  # Hz, of odometry
 MOST_JITTER = 0.05  # s, of commands
 SETTLING = 1.0  # s after a cut that do not count: the state there is not known
 EARLIEST = -0.06  # s, of the delay at which commands and odometry agree best
+AGREES, UNRELATED = 0.5, 0.3  # correlation from which on they agree, or below which they have nothing in common
+OTHER_UNITS = 20.0  # ratio of odometry to commands that no gain explains
 UNITS = ("m/s", "rad/s")
 NAMES = ("forward speed", "yaw rate")
 
@@ -79,13 +82,7 @@ def check(log: Log, cut: bool = False) -> Checked:
     jitter = float(np.quantile(np.abs(intervals - np.median(intervals)), 0.95)) if len(intervals) else 0.0
     if jitter > MOST_JITTER:
         warnings.append(f"commands come irregularly: 5 % of their intervals are {1e3 * jitter:.0f} ms or more off")
-    for axis in range(2):
-        lead = _lead(drive, axis)
-        if lead is not None and lead < EARLIEST:
-            raise ValueError(
-                f"the {NAMES[axis]} of odometry is {-lead:.2f} s ahead of its commands: their stamps are of "
-                "different clocks, or the topic is not what drives the base"
-            )
+    _check_following(drive)
     return Checked(drive, tuple(warnings), moving)
 
 
@@ -145,16 +142,46 @@ def _cut(
     return Drive(*commands, times, np.ascontiguousarray(speeds), starts, ~unknown), sorted(gaps)
 
 
-def _lead(drive: Drive, axis: int) -> float | None:
-    """Returns the delay (s) at which command and measured speed correlate best; None where they hardly do."""
+def _check_following(drive: Drive) -> None:
+    """Raises ValueError where odometry is ahead of its commands, against them, in other units, or of something else."""
+    best = []
+    for axis in commanded(drive):
+        lead, highest, lowest, ratio = _agreement(drive, axis)
+        best.append(highest)
+        if -lowest > max(AGREES, highest + 0.1):
+            raise ValueError(
+                f"the {NAMES[axis]} of odometry goes against its commands (correlation {lowest:.2f}): "
+                "a sign is the other way round in one of them"
+            )
+        if highest > AGREES and lead < EARLIEST:
+            raise ValueError(
+                f"the {NAMES[axis]} of odometry is {-lead:.2f} s ahead of its commands: their stamps are of "
+                "different clocks, or the topic is not what drives the base"
+            )
+        if highest > AGREES and not 1.0 / OTHER_UNITS < ratio < OTHER_UNITS:
+            raise ValueError(
+                f"the {NAMES[axis]} of odometry is {ratio:.3g} times its commands: one of them is in other units"
+            )
+    if max(best, default=0.0) < UNRELATED:
+        raise ValueError(
+            f"odometry does not follow the commands (correlation {max(best, default=0.0):.2f} at best): the base did "
+            "not move, the topic is not what drives it, or the axes are swapped"
+        )
+
+
+def _agreement(drive: Drive, axis: int) -> tuple[float, float, float, float]:
+    """Returns the delay (s) at which command and measured speed correlate best, that correlation, the lowest, a ratio.
+
+    The last is that of speed to command, by least squares at that delay.
+    """
     step = 0.02
     grid = np.arange(drive.times[0], drive.times[-1], step)
     asked = held(drive.command_times, drive.commands[:, axis], grid)
     measured = np.interp(grid, drive.times, drive.speeds[:, axis])
     asked, measured = asked - asked.mean(), measured - measured.mean()
     scale = np.sqrt((asked**2).sum() * (measured**2).sum())
-    if scale <= 0.0:
-        return None
+    if scale <= 0.0:  # what never changes agrees with anything
+        return 0.0, 0.0 if asked.any() else 1.0, 0.0, 1.0
     most = round(1.0 / step)
     shifts = range(-most, most + 1)
     found = [
@@ -162,4 +189,4 @@ def _lead(drive: Drive, axis: int) -> float | None:
         for k in shifts
     ]
     best = int(np.argmax(found))
-    return float(shifts[best]) * step if found[best] > 0.5 * scale else None
+    return float(shifts[best]) * step, found[best] / scale, min(found) / scale, found[best] / float((asked**2).sum())

@@ -99,6 +99,12 @@ def bad() -> Iterator[tuple[str, str, str]]:
     yield "no commands", table(changed(drive, commands=0.0 * drive.commands)), "commands are all zero"
     yield "millimetres", table(changed(drive, speeds=drive.speeds * [1500.0, 1.0])), "it must be at most 50"
     yield "degrees", table(changed(drive, commands=drive.commands * [1.0, 180.0 / math.pi])), "is it in other units"
+    slow = changed(drive, speeds=drive.speeds * [1.0, 0.2], commands=drive.commands * [1.0, 0.2 * 180.0 / math.pi])
+    yield "slow degrees", table(slow), "one of them is in other units"
+    yield "a sign", table(changed(drive, speeds=drive.speeds * [1.0, -1.0])), "yaw rate of odometry goes against"
+    yield "swapped", table(changed(drive, speeds=drive.speeds[:, ::-1])), "does not follow the commands"
+    noise = np.random.default_rng(1).normal(size=drive.speeds.shape)
+    yield "noise", table(changed(drive, speeds=0.005 * noise)), "does not follow the commands"
     gap = np.where(drive.times > 20.0, drive.times + 14.7, drive.times)
     later = np.where(drive.command_times > 20.0, drive.command_times + 14.7, drive.command_times)
     yield "gap", table(changed(drive, times=gap, command_times=later)), "gaps: 14.7 s"

@@ -388,7 +388,7 @@ def test_a_script_is_driven_recorded_and_left(bench, tmp_path):
         *("excite", "--seconds", "20", "--space", "0.4", "--top-speed", "0.2", "--arm", "--record", str(file)),
         *("--ros-args", "-p", "use_sim_time:=true"),
     )
-    bench.until(lambda: script.poll() is not None, 60.0)
+    bench.until(lambda: script.poll() is not None, 300.0)
     assert script.returncode == 0, bench.said(script)
     assert "done" in bench.said(script)
     rosbags = pytest.importorskip("rosbags.highlevel")
