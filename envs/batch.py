@@ -16,7 +16,7 @@ from wayfield.envs.world.patrols import PATROL
 from wayfield.system.checks import choose, memory, shown
 from wayfield.system.compiled import machine_code
 from wayfield.system.sharing import PART
-from wayfield.system.threads import crew
+from wayfield.system.threads import thread_pool
 
 # The arrays that hold all that decides what comes next, but for the generators and the plant.
 STATE_ARRAYS = ("states", "obstacles", "columns", "skip", "noise", "asked")
@@ -68,7 +68,7 @@ class Batch:
         self.noisy = drops or any(task.params[name][0] > 0.0 for name in noises)
         rows = NOISE_BLOCK if self.noisy else 1
         columns = BEAM_NOISE_COLUMN + task.num_beams * (1 + drops)
-        # two observations are alive at a time, and a policy is told the obstacles once more
+        # two observations are alive at a time, and a briefing holds the obstacles once more
         each = (
             task.state_dtype.itemsize
             + (2 if task.shared_obstacles is None else 1) * OBSTACLE.itemsize * task.max_obstacles
@@ -82,7 +82,7 @@ class Batch:
         self.states = np.zeros(num_envs, task.state_dtype)
         shared = task.shared_obstacles
         self.obstacles = np.zeros((num_envs, task.max_obstacles), OBSTACLE) if shared is None else shared
-        # behind an action, where the base has a delay, what was asked before
+        # behind an action, where the base has a delay, the earlier actions
         count = len(task.options.max_action)
         self.columns = np.zeros((num_envs, count + task.options.num_requested))
         self.actions = self.columns[:, :count]
@@ -291,10 +291,12 @@ class Batch:
             return
         if phases & COMMAND:  # before any robot has moved
             self._check_finite()
-        crew(self.num_threads).share(lambda thread, shares: self._step_rows(phases, thread, shares, *arrays), meanwhile)
+        thread_pool(self.num_threads).share(
+            lambda thread, shares: self._step_rows(phases, thread, shares, *arrays), meanwhile
+        )
 
     def _delay_actions(self) -> None:
-        """Puts in place of the actions just asked those asked some steps ago."""
+        """Replaces the newest actions by those of some steps ago."""
         self._check_finite()
         late = self.asked[0].copy()
         self.asked[:-1] = self.asked[1:]
@@ -333,7 +335,7 @@ class Batch:
         return array
 
     def briefing(self, knows: str) -> Briefing:
-        """Returns what a policy that declares `knows` may be told about the episodes now starting.
+        """Returns the briefing of the episodes now starting, for a policy that declares `knows`.
 
         Raises:
             ValueError: if `knows` is none of KNOWS.

@@ -13,7 +13,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
 from wayfield.policies.policy import Policy, check_robot
 from wayfield.system.checks import MOST_THREADS, whole
-from wayfield.system.threads import bounds, crew
+from wayfield.system.threads import bounds, thread_pool
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Pilot:
                 f"Pilot drives environments of wayfield, single or native vector, not {type(base).__name__}"
             )
         kind = base.task.layout.kind
-        # who has no access to bodies is shown the observation without them
+        # a policy without access to bodies gets the observation without them
         self._less = kind not in policy.observes and getattr(kind, "less", lambda: None)() in policy.observes
         if kind not in policy.observes and not self._less:
             reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
@@ -66,9 +66,9 @@ class Pilot:
         self.memory: NDArray[Any]
 
     def reset(self, rows: NDArray[Any] | None = None) -> None:
-        """Tells the policy of the episodes that have just begun, in all rows or in the given ones (indices or a mask).
+        """Briefs the policy on the episodes that have just begun, in all rows or in the given ones (indices or a mask).
 
-        The other rows keep what they were told and what they remember.
+        The other rows keep their briefing and memory.
 
         Raises:
             RuntimeError: if only some rows are named before all have been.
@@ -91,7 +91,7 @@ class Pilot:
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
         """Returns the action for the observation: float32, a member of the environment's action space.
 
-        What the law asks for beyond the bounds is scaled by one factor, so that the direction of motion stays, as the
+        A command beyond the bounds is scaled by one factor, so that the direction of motion stays, as the
         wheels do with what they cannot turn. The robot so moves as under `command` up to float32 rounding, but in two
         cases, where the space is smaller than what the wheels can do: an omni base in the tier "ideal", and omni3's
         fastest sideways turns. See `command`.
@@ -104,7 +104,7 @@ class Pilot:
         return actions
 
     def command(self, observation: NDArray[Any]) -> Array:
-        """Returns what the law asks for, unrounded: the action in float64, beyond the bounds of the action space too.
+        """Returns the law's command, unrounded: the action in float64, beyond the bounds of the action space too.
 
         Environments take it as it is, and their wheels saturate. Benchmarks drive by it, so that published runs of
         unsaturated wheels stay those; wrappers, replay buffers and other libraries want `act`. Each observation is for
@@ -163,7 +163,7 @@ class Pilot:
             fields = self._shown(observation[first:last], briefing)
             twists[k] = self.policy.act(fields, briefing, self.memory[first:last])
 
-        crew(self._threads).run(work, len(self._parts))
+        thread_pool(self._threads).run(work, len(self._parts))
         return np.concatenate(twists)
 
     def _shown(self, observation: NDArray[Any], briefing: Briefing) -> Any:

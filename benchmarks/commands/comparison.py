@@ -1,12 +1,12 @@
 """A contest as a function: policies in, rows and tables out, nothing written."""
 
+import concurrent.futures
 import contextlib
 import dataclasses
 import importlib.util
 import os
 import warnings
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Executor
 from typing import Any
 
 from wayfield import policies as registry
@@ -26,7 +26,7 @@ from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ACTUATORS, AnyRobot, robot_of
 from wayfield.policies.registry import RENAMED
 from wayfield.system import checks
-from wayfield.system.executors import Engine, Failed
+from wayfield.system.executors import Executor, Failed
 from wayfield.system.executors import workers as processes
 
 
@@ -61,7 +61,7 @@ def compare(
     actuators: str = "lagged",
     gains: str = "best",
     seed: int = 0,
-    workers: int | Executor = 1,
+    workers: int | concurrent.futures.Executor = 1,
 ) -> Comparison:
     """Returns how policies do against each other in the same scenarios. Nothing is written.
 
@@ -94,7 +94,7 @@ def compare(
         checks.choose(field, value, choices)
     robot = robot_of(robot)
     checks.whole("seed", seed, 0, 2**31 - 1)
-    if not isinstance(workers, Executor):
+    if not isinstance(workers, concurrent.futures.Executor):
         checks.whole("workers", workers, 1)
     if episodes is not None:
         checks.whole("episodes", episodes, 1)
@@ -126,22 +126,26 @@ def compare(
         command="wayfield.benchmarks.compare",
     )
     settings = [setting for setting in options.settings() if _ranked(setting)]
-    there = contextlib.nullcontext(Engine.of(workers)) if isinstance(workers, Executor) else processes(workers)
+    there = (
+        contextlib.nullcontext(Executor.of(workers))
+        if isinstance(workers, concurrent.futures.Executor)
+        else processes(workers)
+    )
     failures: list[Failed] = []
-    with there as engine:
-        rows = Episodes(_in_order(engine, settings, failures))
+    with there as executor:
+        rows = Episodes(_in_order(executor, settings, failures))
     for failed in failures:
         failed.done = rows
         raise failed
     return Comparison(rows, contest_tables(rows, [], options.command, ladder=False))
 
 
-def _in_order(engine: Engine, settings: list[Setting], failures: list[Failed]) -> Iterator[Row]:
+def _in_order(executor: Executor, settings: list[Setting], failures: list[Failed]) -> Iterator[Row]:
     """Yields the rows of settings in their order, each as soon as it can be; notes what failed and leaves it out."""
     early: dict[int, list[Row]] = {}
     place = 0
     try:
-        for k, found in engine.as_done(*sent(engine, _rows, settings)):
+        for k, found in executor.as_done(*sent(executor, _rows, settings)):
             early[k] = found
             while place in early:
                 yield from early.pop(place)

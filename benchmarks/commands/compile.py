@@ -65,9 +65,9 @@ def compile(args: Sequence[str], prog_name: str) -> None:
         parser.exit(1, f"{prog_name}: --into {error}\n")
     try:
         for level in chosen:
-            with _settings(level, words.into), workers(max(cores(), 2)) as engine:
+            with _settings(level, words.into), workers(max(cores(), 2)) as executor:
                 folders = set()
-                for item, folder in zip(items, engine(driven, items), strict=True):
+                for item, folder in zip(items, executor(driven, items), strict=True):
                     folders.add(folder)
                     say(f"{level or 'this machine'}: {item} is compiled")
                 print(f"kept in {os.environ.get('NUMBA_CACHE_DIR') or ', '.join(sorted(folders))}")

@@ -21,26 +21,26 @@ from wayfield.benchmarks.report.findings import found
 from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.decisions import DECISIONS, measured, read_decisions, write_decisions
-from wayfield.benchmarks.runs.prefetch import Ahead
+from wayfield.benchmarks.runs.prefetch import Prefetch
 from wayfield.benchmarks.runs.shards import Part, clear_parts, drives_of, parts_of, run_contest
 from wayfield.benchmarks.runs.suite import Setting
-from wayfield.system.executors import Engine, Failed, workers
+from wayfield.system.executors import Executor, Failed, workers
 
-Short = list[tuple[str, Table]]  # of each task: who wins, as a sentence and a small table
+Short = list[tuple[str, Table]]  # of each task: the result as a sentence and a small table
 
 
-def contest_report(options: Options, folder: Path, engine: Engine, count: int) -> tuple[list[Table], Short]:
-    """Plays a contest by an engine, writes its files and its page into the folder; returns tables and what they say.
+def contest_report(options: Options, folder: Path, executor: Executor, count: int) -> tuple[list[Table], Short]:
+    """Plays a contest by an executor, writes its files and its page into the folder; returns tables and what they say.
 
     Args:
-        count: processes of this machine for what needs its files, where the engine has none of them.
+        count: processes of this machine for what needs its files, where the executor has none of them.
     """
-    with contest_section(options, settings_of(options), folder, engine, count) as section:
+    with contest_section(options, settings_of(options), folder, executor, count) as section:
         title = f"wayfield: {options.wanted}"
         return list(section.tables), write_page(section.folder / REPORT, title, [section], options.command)
 
 
-def quick_report(options: Options, folder: Path, engine: Engine) -> Short:
+def quick_report(options: Options, folder: Path, executor: Executor) -> Short:
     """Plays a contest and writes its files with one picture, without decision times or a page; returns what it says."""
     from wayfield.benchmarks.figures.contest_figures import draw_contest, wanted_figures  # which takes a second
 
@@ -48,7 +48,7 @@ def quick_report(options: Options, folder: Path, engine: Engine) -> Short:
     with holding(folder, options.run):
         parts = parts_of(settings, folder)
         with _stopped_in_a_line(parts), staging(folder, options.run) as stage:
-            rows, trajectories = run_contest(settings, folder, engine)
+            rows, trajectories = run_contest(settings, folder, executor)
             write_rows(stage, rows)
             write_trajectories(stage, trajectories)
             written = read_rows(stage)
@@ -59,7 +59,7 @@ def quick_report(options: Options, folder: Path, engine: Engine) -> Short:
 
 
 def short_findings(rows: Episodes) -> Short:
-    """Returns of each contest in the rows of a run on one robot who is best, as a sentence and a small table."""
+    """Returns the result of each contest in the rows of a run on one robot: a sentence and a small table."""
     findings = [
         found(ALL_CONTESTS[name], rows["robot"][0], rows.where(contest=name)) for name in rows.unique("contest")
     ]
@@ -78,7 +78,7 @@ def settings_of(options: Options) -> list[Setting]:
 
 @contextlib.contextmanager
 def contest_section(
-    options: Options, settings: Sequence[Setting], folder: Path, engine: Engine, count: int
+    options: Options, settings: Sequence[Setting], folder: Path, executor: Executor, count: int
 ) -> Iterator[Section]:
     """Plays a contest and writes its files where they are not in the folder yet; that is yielded, with the tables.
 
@@ -89,8 +89,8 @@ def contest_section(
     run = options.run
     with holding(folder, run):
         parts = parts_of(settings, folder)
-        with _stopped_in_a_line(parts), staging(folder, run) as stage, near(engine, count) as here:
-            _play(options, settings, folder, stage, engine)
+        with _stopped_in_a_line(parts), staging(folder, run) as stage, near(executor, count) as here:
+            _play(options, settings, folder, stage, executor)
             rows = read_rows(stage)
             tables = write_tables(stage, rows, options.command, options.ladder)
             with drawing(here, draw_contest, wanted_figures(stage, rows, options.ladder)):
@@ -117,12 +117,12 @@ def _stopped_in_a_line(parts: Sequence[Part]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def drawing(engine: Engine, draw: Callable[[Any], None], wanted: Sequence[Any]) -> Iterator[None]:
-    """Has figures drawn while the block runs, where the engine can, and waits for them at its end."""
-    if isinstance(engine, Ahead):
-        engine.begin(draw, wanted)
+def drawing(executor: Executor, draw: Callable[[Any], None], wanted: Sequence[Any]) -> Iterator[None]:
+    """Has figures drawn while the block runs, where the executor can, and waits for them at its end."""
+    if isinstance(executor, Prefetch):
+        executor.begin(draw, wanted)
     yield
-    for _ in tracked(engine(draw, wanted), len(wanted), "figures"):
+    for _ in tracked(executor(draw, wanted), len(wanted), "figures"):
         pass
 
 
@@ -137,24 +137,24 @@ def holding(folder: Path, run: Run) -> Iterator[None]:
         yield
 
 
-def _play(options: Options, settings: Sequence[Setting], folder: Path, stage: Path, engine: Engine) -> None:
+def _play(options: Options, settings: Sequence[Setting], folder: Path, stage: Path, executor: Executor) -> None:
     """Plays the parts of a contest and writes what they tell."""
-    rows, trajectories = run_contest(settings, folder, engine)
+    rows, trajectories = run_contest(settings, folder, executor)
     write_rows(stage, rows)
     write_trajectories(stage, trajectories)
     write_drives(stage, drives_of(parts_of(settings, folder)))
     write_worlds(stage, settings)
     if not options.ladder:
-        if isinstance(engine, Ahead):
-            engine.settle()  # after the rest, alone on the machine
+        if isinstance(executor, Prefetch):
+            executor.settle()  # after the rest, alone on the machine
         write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
 
 
 @contextlib.contextmanager
-def near(engine: Engine, count: int) -> Iterator[Engine]:
-    """Yields an engine whose workers have the files of this machine: the one that is there, or `count` processes."""
-    if not engine.remote:
-        yield engine
+def near(executor: Executor, count: int) -> Iterator[Executor]:
+    """Yields an executor whose workers have the files of this machine: the one that is there, or `count` processes."""
+    if not executor.remote:
+        yield executor
         return
     with workers(count) as here:
         yield here
@@ -171,7 +171,7 @@ class Stopped(click.ClickException):
 
 
 class Interrupted(Stopped):
-    """The run was asked to end."""
+    """The run was interrupted by a signal."""
 
     exit_code = 130
 

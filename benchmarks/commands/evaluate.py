@@ -66,7 +66,7 @@ from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.payloads import sent
-from wayfield.benchmarks.runs.prefetch import Ahead, ahead
+from wayfield.benchmarks.runs.prefetch import Prefetch, prefetching
 from wayfield.benchmarks.runs.shards import Part, parts_of, play, rows_so_far
 from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run
 from wayfield.envs.robots import ACTUATORS, ROBOTS
@@ -86,7 +86,7 @@ from wayfield.system.command_line import (
     say,
     shared_out,
 )
-from wayfield.system.executors import HERE, Engine
+from wayfield.system.executors import HERE, Executor
 
 SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, *CROWD_SUITES, DISTURBANCES, *PUBLIC)
 MODES = tuple(mode for suite in PUBLIC.values() if len(suite.modes) > 1 for mode in suite.modes)
@@ -228,8 +228,8 @@ def run_quick(options: Options) -> None:
     folder = options.folder(QUICK, options.differing("kinematic", "lagged"))
     few = dataclasses.replace(options, suite=QUICK, policies=QUICK_POLICIES, families=QUICK_FAMILIES)
     few = dataclasses.replace(few, contests=tuple(CONTESTS), gains="best")
-    with _ended_by_signals(), shared_out(options.processes) as engine:
-        told = quick_report(few, folder, engine)
+    with _ended_by_signals(), shared_out(options.processes) as executor:
+        told = quick_report(few, folder, executor)
     print_short(told, _QUICK_WIDTH)
     say("Four scenarios a task, so no claim about who is better. More: wayfield evaluate")
     say(f"Files and a picture: {folder}")
@@ -247,23 +247,25 @@ def run_overview(options: Options) -> None:
         pass
     cases = documents()
     settings = settings_of(inside)
-    parts, engine = parts_of(settings, inner), HERE
+    parts, executor = parts_of(settings, inner), HERE
     done: dict[int, list[Episode]] = {}
     with _ended_by_signals():
         try:
             # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
             with shared_out(options.processes) as processes, contextlib.ExitStack() as stack:
-                engine = ahead(processes)
-                _begin(engine, _settings_of(options, DOCUMENTS, cases), parts)
+                executor = prefetching(processes)
+                _begin(executor, _settings_of(options, DOCUMENTS, cases), parts)
                 stack.enter_context(holding(folder, this))
                 stage = stack.enter_context(staging(folder, this))
-                shown = stack.enter_context(_cases_section(options, DOCUMENTS, cases, folder / DOCUMENTS, engine, done))
-                contests = stack.enter_context(contest_section(inside, settings, inner, engine, options.processes))
+                shown = stack.enter_context(
+                    _cases_section(options, DOCUMENTS, cases, folder / DOCUMENTS, executor, done)
+                )
+                contests = stack.enter_context(contest_section(inside, settings, inner, executor, options.processes))
                 sections = [contests, shown]
                 told = write_page(stage / REPORT, "wayfield: overview", sections, options.command, SMALL_BUDGET)
         except (KeyboardInterrupt, SystemExit, Interrupted):
-            with contextlib.suppress(KeyboardInterrupt, SystemExit):  # who cannot wait for the tables
-                _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, engine)
+            with contextlib.suppress(KeyboardInterrupt, SystemExit):  # a second interrupt, before the tables are shown
+                _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, executor)
             raise Interrupted("interrupted", parts) from None
     _tell(options, [*contests.tables, *shown.tables], told, folder)
 
@@ -274,13 +276,13 @@ def _tell_so_far(
     cases: Sequence[Case],
     done: Mapping[int, list[Episode]],
     parts: Sequence[Part],
-    engine: Engine,
+    executor: Executor,
 ) -> None:
     """Prints what an overview that was interrupted has found, and keeps the parts that are done."""
     ended: Mapping[int, Any] = {}
-    if isinstance(engine, Ahead):
-        done = {**done, **engine.ended(episodes, settings)}
-        ended = engine.ended(play, [part.setting for part in parts])
+    if isinstance(executor, Prefetch):
+        done = {**done, **executor.ended(episodes, settings)}
+        ended = executor.ended(play, [part.setting for part in parts])
     told: Short = []
     if ended or any(part.folder.is_dir() for part in parts):
         with holding(parts[0].folder.parents[1], options.run):
@@ -371,8 +373,8 @@ def _run_contests(options: Options, suite: str, contests: tuple[str, ...], cours
         | {"gains": options.gains if options.gains != "all" else None}
     )
     folder = options.folder(suite, differing)
-    with _ended_by_signals(), shared_out(options.processes) as engine:
-        tables, told = contest_report(here, folder, engine, options.processes)
+    with _ended_by_signals(), shared_out(options.processes) as executor:
+        tables, told = contest_report(here, folder, executor, options.processes)
     _tell(options, tables, told, folder)
 
 
@@ -400,7 +402,7 @@ def _with_agents(options: Options, contests: Sequence[Contest]) -> tuple[str, ..
 
 
 def _tell(options: Options, tables: Sequence[Table], told: Iterable[tuple[str, Table]], folder: Path) -> None:
-    """Prints who wins and a small table a task, or with --full every table; names the report on the last line."""
+    """Prints the result and a small table of each task, with --full every table; the last line names the report."""
     if options.full:
         _print(tables)
     else:
@@ -413,8 +415,8 @@ def _run_cases(options: Options, name: str, cases: Sequence[Case], folder: Path)
     """Runs cases of the documents or of a path; returns their tables and what they say."""
     with (
         _ended_by_signals(),
-        shared_out(options.processes) as engine,
-        _cases_section(options, name, cases, folder, engine, {}) as section,
+        shared_out(options.processes) as executor,
+        _cases_section(options, name, cases, folder, executor, {}) as section,
     ):
         told = write_page(section.folder / REPORT, f"wayfield: {name}", [section], options.command)
     return list(section.tables), told
@@ -434,7 +436,7 @@ def _settings_of(options: Options, name: str, cases: Sequence[Case]) -> list[Set
 
 @contextlib.contextmanager
 def _cases_section(
-    options: Options, name: str, cases: Sequence[Case], folder: Path, engine: Engine, done: dict[int, list[Episode]]
+    options: Options, name: str, cases: Sequence[Case], folder: Path, executor: Executor, done: dict[int, list[Episode]]
 ) -> Iterator[Section]:
     """Runs cases and writes their files where they are not in the folder yet; yields that, as `contest_section`.
 
@@ -448,9 +450,9 @@ def _cases_section(
     films = ("video/*.mp4",) if options.video else ()
     figures = [f"{kind}_*.{suffix}" for kind in kinds for suffix in ("svg", "png")]
     this = Run(name, options.command, (*figures, *films))
-    with holding(folder, this), staging(folder, this) as stage, near(engine, options.processes) as here:
+    with holding(folder, this), staging(folder, this) as stage, near(executor, options.processes) as here:
         try:
-            run(settings, lambda items: engine.as_done(*sent(engine, episodes, items)), done)
+            run(settings, lambda items: executor.as_done(*sent(executor, episodes, items)), done)
         except ValueError as error:  # a damaged agent
             raise click.ClickException(str(error)) from None
         rows, trajectories = gathered(done)
@@ -476,15 +478,15 @@ def write_case_tables(folder: Path, rows: Episodes, cases: Iterable[Case]) -> li
     return shown
 
 
-def _begin(engine: Engine, cases: Sequence[Setting], parts: Sequence[Part]) -> None:
+def _begin(executor: Executor, cases: Sequence[Setting], parts: Sequence[Part]) -> None:
     """Hands over all work of the overview at once, so that no process waits for another before the end."""
-    if not isinstance(engine, Ahead):
+    if not isinstance(executor, Prefetch):
         return
     left = [part.setting for part in parts if not part.folder.is_dir()]
     work = [*((episodes, setting) for setting in cases), *((play, setting) for setting in left)]
     for i in heads_first([setting for _, setting in work]):
         function, setting = work[i]
-        engine.begin(function, [setting])
+        executor.begin(function, [setting])
 
 
 @contextlib.contextmanager
@@ -502,7 +504,7 @@ def _one_line(option: str, value: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Makes the process end in order, with its staging folders cleared away, when it is asked to end."""
+    """Turns termination signals into exceptions, so that staging folders are deleted."""
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         yield

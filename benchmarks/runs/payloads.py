@@ -16,11 +16,11 @@ from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.policies.learned.ppo import trained
-from wayfield.system.executors import Engine
+from wayfield.system.executors import Executor
 
 
 @dataclasses.dataclass(frozen=True)
-class Parcel:
+class Payload:
     """A setting, and the content of the files that it names, by their path on the machine that it comes from."""
 
     setting: Setting
@@ -31,20 +31,20 @@ class Parcel:
 
 
 def sent(
-    engine: Engine, function: Callable[[Setting], Any], settings: Iterable[Setting]
+    executor: Executor, function: Callable[[Setting], Any], settings: Iterable[Setting]
 ) -> tuple[Callable[[Any], Any], Iterable[Any]]:
-    """Returns the function and the items with which an engine does a function with each setting, near or far."""
-    if not engine.remote:
+    """Returns the function and the items with which an executor does a function with each setting, near or far."""
+    if not executor.remote:
         return function, settings
-    return functools.partial(_opened, function), (parcel(setting) for setting in settings)
+    return functools.partial(_opened, function), (payload(setting) for setting in settings)
 
 
-def in_order(engine: Engine, function: Callable[[Setting], Any], settings: Iterable[Setting]) -> Iterator[Any]:
-    """Yields what an engine makes of each setting, in their order."""
-    return engine(*sent(engine, function, settings))
+def in_order(executor: Executor, function: Callable[[Setting], Any], settings: Iterable[Setting]) -> Iterator[Any]:
+    """Yields what an executor makes of each setting, in their order."""
+    return executor(*sent(executor, function, settings))
 
 
-def parcel(setting: Setting) -> Parcel:
+def payload(setting: Setting) -> Payload:
     """Returns a setting with its files: scenarios of one's own, an agent, a model, the module of a policy.
 
     Raises:
@@ -61,29 +61,29 @@ def parcel(setting: Setting) -> Parcel:
         found.append(Path(case.entrant.file))
     if isinstance(case.entrant, OwnClass) and (file := imported(case.entrant.module).__file__):
         found.append(Path(file))
-    return Parcel(setting, {str(file): file.read_bytes() for file in found})
+    return Payload(setting, {str(file): file.read_bytes() for file in found})
 
 
 def _is_file(scenario: str) -> bool:
     return Path(scenario).is_absolute()  # names of banks and splits are not
 
 
-def _opened(function: Callable[[Setting], Any], parcel: Parcel) -> Any:
-    """Returns what a function makes of a parcel's setting, with its files in a folder that is there as long."""
-    with _unpacked(parcel) as setting:
+def _opened(function: Callable[[Setting], Any], payload: Payload) -> Any:
+    """Returns what a function makes of a payload's setting, with its files in a folder that is there as long."""
+    with _unpacked(payload) as setting:
         return function(setting)
 
 
 @contextlib.contextmanager
-def _unpacked(parcel: Parcel) -> Iterator[Setting]:
-    """Yields the setting with its files where they are here; rows are told of them as they were given."""
-    if not parcel.files:
-        yield parcel.setting
+def _unpacked(payload: Payload) -> Iterator[Setting]:
+    """Yields the setting with its files where they are here; rows name them as they were given."""
+    if not payload.files:
+        yield payload.setting
         return
     with tempfile.TemporaryDirectory() as folder:
-        case = parcel.setting.case
-        here = {name: _written(Path(folder), name, content, case.scenario) for name, content in parcel.files.items()}
-        yield dataclasses.replace(parcel.setting, case=_moved(case, here, parcel.files), given=case)
+        case = payload.setting.case
+        here = {name: _written(Path(folder), name, content, case.scenario) for name, content in payload.files.items()}
+        yield dataclasses.replace(payload.setting, case=_moved(case, here, payload.files), given=case)
 
 
 def _written(folder: Path, name: str, content: bytes, scenario: str) -> Path:
@@ -119,7 +119,7 @@ def _moved(case: Case, here: Mapping[str, Path], files: Mapping[str, bytes]) -> 
 
 
 def _loaded(entrant: OwnClass, here: Mapping[str, Path], files: Mapping[str, bytes]) -> None:
-    """Makes the module of a policy be there as it is where the run was asked for.
+    """Makes the module of a policy be the one of the machine where the run was started.
 
     Raises:
         ValueError: if it is part of a package, and another or none here.

@@ -34,7 +34,7 @@ from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.tuned import tuned_set
-from wayfield.system.executors import Engine, say
+from wayfield.system.executors import Executor, say
 from wayfield.system.identity import source_digest
 from wayfield.system.readers import of_folder, reader
 from wayfield.system.storage import clear_stale, temporary_folder
@@ -59,10 +59,12 @@ class Part:
         return f"{self.folder} ({case.policy} on {case.scenario})"
 
 
-def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tuple[Episodes, Mapping[str, Trajectory]]:
+def run_contest(
+    settings: Sequence[Setting], folder: Path, executor: Executor
+) -> tuple[Episodes, Mapping[str, Trajectory]]:
     """Returns one row for each episode, and the trajectories of the worst episodes of each entry, or of all.
 
-    The rows are held by columns, the trajectories are read from the parts as they are asked for.
+    The rows are held by columns, the trajectories are read from the parts on access.
 
     Parts that an earlier, interrupted run of the same settings and the same code left in `folder` are not run again,
     but for those that are damaged, or were played with other files of a policy of the user's own.
@@ -70,8 +72,8 @@ def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tu
     Raises:
         ValueError: if a part is damaged as soon as it is written, an agent or a split is damaged, or a file of a policy
             has changed since it was loaded.
-        OSError: if a part cannot be written, or those who play them are lost.
-        Failed: once all others are played, if parts failed as often as the engine lets them.
+        OSError: if a part cannot be written, or all workers are lost.
+        Failed: once all others are played, if parts failed as often as the executor lets them.
     """
     parts = parts_of(settings, folder)
     _open_parts(folder)
@@ -89,9 +91,9 @@ def run_contest(settings: Sequence[Setting], folder: Path, engine: Engine) -> tu
         missing.append(part)
     if len(missing) < len(parts):
         say(f"{len(parts) - len(missing)} of {len(parts)} parts are there from before")
-    work = sent(engine, play, [part.setting for part in missing])
+    work = sent(executor, play, [part.setting for part in missing])
     compiles = tell_of_compiling(goal_reaching.step_rows)
-    for k, files in tracked(engine.as_done(*work), len(missing), "parts", compiles):
+    for k, files in tracked(executor.as_done(*work), len(missing), "parts", compiles):
         keep(missing[k], files)
     for part in parts:
         if changed := _changed(part):
@@ -148,7 +150,7 @@ class _Place:
 
 
 class _Kept(Mapping[str, Trajectory]):
-    """The trajectories of a run, each read from its part when it is asked for, so that one is held and not all."""
+    """The trajectories of a run, each read from its part on access, so that one is in memory and not all."""
 
     def __init__(self, places: Mapping[str, _Place]) -> None:
         self._places = places
@@ -192,7 +194,7 @@ def played(setting: Setting) -> list[Episode]:
     members = members_of(contest, setting)
     found = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NewToAgent)  # the table is what tells how agents do there
+        warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
         for i, (row, trajectory) in enumerate(episodes(setting)):
             member = members[i % len(members)]
             if setting.members:
@@ -213,7 +215,7 @@ def members_of(contest: Contest, setting: Setting) -> Sequence[Any]:
 
 
 def described(contest: Contest, case: Case) -> dict[str, str]:
-    """Returns what a case's policy is told, how many numbers it is made of, what they come from, and of which seed."""
+    """Returns a policy's privileged information, number of parameters, their origin and the agent's seed."""
     agent_seed = ""
     if case.entrant is not None:
         knows = f"own, {case.entrant.make(case.gains).knows}"

@@ -1,8 +1,8 @@
 """What sharing out costs a part, and how well workers are used: python benchmarks/studies/cluster_cost.py
 
-Parts that do nothing show what the engine itself takes, in time and in processor time of this process, which holds the
-client and the scheduler. Parts of a known work show the efficiency: the time that one process needs for them by itself,
-over the time with n workers times n. The machine must be otherwise idle.
+Parts that do nothing show what the executor itself takes, in time and in processor time of this process, which holds
+the client and the scheduler. Parts of a known work show the efficiency: the time that one process needs for them by
+itself, over the time with n workers times n. The machine must be otherwise idle.
 """
 
 import time
@@ -13,7 +13,7 @@ import rich.table
 
 from wayfield.system.cluster import LOCAL, cluster
 from wayfield.system.command_line import Finite, OneLineErrors
-from wayfield.system.executors import HERE, Engine
+from wayfield.system.executors import HERE, Executor
 
 
 def nothing(k: int) -> int:
@@ -29,18 +29,18 @@ def busy(seconds: float) -> float:
     return seconds
 
 
-def cost(engine: Engine, count: int) -> tuple[float, float]:
+def cost(executor: Executor, count: int) -> tuple[float, float]:
     """Returns the time and the processor time of this process that a part takes which does nothing, s."""
     began, worked = time.perf_counter(), time.process_time()
-    for _ in engine.as_done(nothing, range(count)):
+    for _ in executor.as_done(nothing, range(count)):
         pass
     return (time.perf_counter() - began) / count, (time.process_time() - worked) / count
 
 
-def taken(engine: Engine, count: int, seconds: float) -> float:
+def taken(executor: Executor, count: int, seconds: float) -> float:
     """Returns the time (s) of parts that each keep a core busy."""
     began = time.perf_counter()
-    for _ in engine.as_done(busy, [seconds] * count):
+    for _ in executor.as_done(busy, [seconds] * count):
         pass
     return time.perf_counter() - began
 
@@ -50,9 +50,9 @@ def taken(engine: Engine, count: int, seconds: float) -> float:
 @click.option("--busy", "count", type=click.IntRange(min=2), default=40, show_default=True, help="That do something.")
 @click.option("--seconds", type=Finite(0.01, 60.0), default=0.5, show_default=True, help="Of such a part.")
 def main(parts: int, count: int, seconds: float) -> None:
-    """Prints what the engine of --cluster local costs a part, and how well it uses one and two workers."""
+    """Prints what the executor of --cluster local costs a part, and how well it uses one and two workers."""
     alone = taken(HERE, count, seconds)
-    table = rich.table.Table(title="Engine of --cluster local", title_justify="left")
+    table = rich.table.Table(title="Executor of --cluster local", title_justify="left")
     for header in (
         "workers",
         "a part (ms)",
@@ -63,10 +63,10 @@ def main(parts: int, count: int, seconds: float) -> None:
         table.add_column(header, justify="right")
     table.add_row("none", "", "", f"{alone:.2f}", "1.00")
     for n in (1, 2):
-        with cluster(LOCAL, n) as engine:
-            taken(engine, n, 0.01)  # they are there
-            whole, ours = cost(engine, parts)
-            time_taken = taken(engine, count, seconds)
+        with cluster(LOCAL, n) as executor:
+            taken(executor, n, 0.01)  # they are there
+            whole, ours = cost(executor, parts)
+            time_taken = taken(executor, count, seconds)
         efficiency = f"{alone / time_taken / n:.2f}"
         table.add_row(str(n), f"{1e3 * whole:.2f}", f"{1e3 * ours:.2f}", f"{time_taken:.2f}", efficiency)
     rich.console.Console(width=100).print(table)

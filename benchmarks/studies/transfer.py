@@ -154,7 +154,7 @@ def main(names: tuple[str, ...] | None, rooms: int, data: str | None, seed: int,
             if out is not None:
                 held_open.enter_context(held(Path(out), run))
             folder = held_open.enter_context(tempfile.TemporaryDirectory())
-            engine = held_open.enter_context(shared_out(count))
+            executor = held_open.enter_context(shared_out(count))
             found = write_rooms(Path(folder), rooms, seed)
             of_robot = {
                 robot: list(places(robot, found, os.path.abspath(data) if data else None)) for robot in TUNED_FOR
@@ -162,7 +162,7 @@ def main(names: tuple[str, ...] | None, rooms: int, data: str | None, seed: int,
             wanted = [
                 (entry, place, course) for entry in sets for place in of_robot[entry.robot] for course in place.courses
             ]
-            rows = [row for part in tracked(engine(tried, wanted), len(wanted), "parts") for row in part]
+            rows = [row for part in tracked(executor(tried, wanted), len(wanted), "parts") for row in part]
             table = transfer_table(rows, command)
             if out is not None:
                 with staging(Path(out), run) as stage:

@@ -50,7 +50,7 @@ from wayfield.policies.gain import Range
 from wayfield.policies.policy import check_robot
 from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, on_cluster, say, shared_out
-from wayfield.system.executors import Engine, cores
+from wayfield.system.executors import Executor, cores
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
 
@@ -84,7 +84,7 @@ class Drive:
     costs: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)  # as the task has them
 
     def losses(self, other: "Drive") -> list[str]:
-        """Returns the places in which the other set is told apart as the better one, on the same scenarios."""
+        """Returns the places in which the other set is significantly better, on the same scenarios."""
         found = []
         for name, (families, won) in self.won.items():
             ours, theirs = (np.array(each, np.float64)[:, np.newaxis] for each in (won, other.won[name][1]))
@@ -168,10 +168,10 @@ class Search:
         speed = rounded(factor * self.speed)
         return {**gains, **{k: rounded(v) for k, v in wayfield.policies.cruising(self.policy, gains, speed).items()}}
 
-    def run(self, engine: Engine) -> dict[str, Any]:
+    def run(self, executor: Executor) -> dict[str, Any]:
         """Returns the content of a gains file."""
         with tempfile.TemporaryDirectory() as folder:
-            return dataclasses.replace(self, rooms=self._drawn_rooms(Path(folder)))._run(engine)
+            return dataclasses.replace(self, rooms=self._drawn_rooms(Path(folder)))._run(executor)
 
     def _drawn_rooms(self, folder: Path) -> dict[str, Sequence[Course]]:
         """Returns the rooms of search and choice, written below a folder; none for contests that are not held there."""
@@ -180,10 +180,10 @@ class Search:
         counts = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}
         return {split: searched_rooms(folder, split, count) for split, count in counts.items()}
 
-    def _run(self, engine: Engine) -> dict[str, Any]:
-        found, frames = self._searched(engine)
+    def _run(self, executor: Executor) -> dict[str, Any]:
+        found, frames = self._searched(executor)
         default = self.gains_at({})
-        drives = {"default": self.drive(default, TRANSFER_SPLIT, engine)}
+        drives = {"default": self.drive(default, TRANSFER_SPLIT, executor)}
         slowest = drives["default"].score.mean_speed
         sets: dict[str, dict[str, Any]] = {"default": default}
         if (ships := self._ships) is not None:
@@ -192,7 +192,7 @@ class Search:
         sets |= {f"found {k + 1}": gains for k, gains in enumerate(finalists)}
         for name, gains in sets.items():
             if name not in drives:
-                drives[name] = self.drive(gains, TRANSFER_SPLIT, engine, slowest)
+                drives[name] = self.drive(gains, TRANSFER_SPLIT, executor, slowest)
         losses = {name: each.losses(drives["default"]) for name, each in drives.items()}
         best = min((name for name in sets if not losses[name]), key=lambda name: drives[name].score)
         frames += sum(each.score.frames for each in drives.values())
@@ -268,7 +268,7 @@ class Search:
         return others
 
     def _searched_on(self, split: str) -> dict[str, Any]:
-        """Returns the scenarios of search and choice, as a gains file tells of them."""
+        """Returns the scenarios of search and choice, as a gains file describes them."""
         told: dict[str, Any] = {
             "split": split or SEARCH_SPLIT,
             "scenarios": self.scenarios,
@@ -284,7 +284,7 @@ class Search:
             }
         return told
 
-    def _searched(self, engine: Engine) -> tuple[list[dict[str, Any]], int]:
+    def _searched(self, executor: Executor) -> tuple[list[dict[str, Any]], int]:
         """Returns the sets of the search, the best first, and the frames that were driven for it."""
         import optuna
 
@@ -296,7 +296,7 @@ class Search:
         starts = [start | ({"pace": 1.0} if self.paced else {})]
         starts += [start | known for known in self._known(ranges, fastest)]
         if self.study:
-            return self._searched_together(engine, starts, fastest)
+            return self._searched_together(executor, starts, fastest)
         study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=self.seed))
         for known in starts:
             study.enqueue_trial(known)
@@ -312,7 +312,7 @@ class Search:
                 continue
             # the first are the default gains: no set shall be slower that cannot hold the asked speed either
             least = scored[0][0].mean_speed if scored else 0.0
-            score = self.drive(gains, SEARCH_SPLIT, engine, least).score
+            score = self.drive(gains, SEARCH_SPLIT, executor, least).score
             frames += score.frames
             scored.append((score, gains))
             study.tell(trial, score.value)
@@ -320,7 +320,7 @@ class Search:
         return [gains for _, gains in scored], frames
 
     def _searched_together(
-        self, engine: Engine, starts: Sequence[Mapping[str, float]], fastest: float
+        self, executor: Executor, starts: Sequence[Mapping[str, float]], fastest: float
     ) -> tuple[list[dict[str, Any]], int]:
         """Returns what `_searched` does, of a study that others search along; the budget is that of all.
 
@@ -343,8 +343,8 @@ class Search:
                 continue
             if least is None:  # as with one process, but that the default gains may be under way elsewhere
                 default = self.gains_at({name: starts[0][name] for name in self.ranges}, 1.0)
-                least = 0.0 if trial.number == 0 else self.drive(default, SEARCH_SPLIT, engine).score.mean_speed
-            score = self.drive(gains, SEARCH_SPLIT, engine, 0.0 if trial.number == 0 else least).score
+                least = 0.0 if trial.number == 0 else self.drive(default, SEARCH_SPLIT, executor).score.mean_speed
+            score = self.drive(gains, SEARCH_SPLIT, executor, 0.0 if trial.number == 0 else least).score
             least = score.mean_speed if trial.number == 0 else least
             shared.tell(trial, score, gains)
         if count := shared.others():
@@ -357,7 +357,7 @@ class Search:
 
     @property
     def _study_name(self) -> str:
-        """Returns what tells the search from others in the same place: all but its budget and its seed."""
+        """Returns the key of the search: all of its settings but budget and seed."""
         levels = "+".join((self.level, *self.also))
         what = (self.policy, self.contest.name, self.robot.digest, f"{self.speed:g}", levels, self.actuators)
         rooms = [digest(self.rooms[SEARCH_SPLIT])[:12]] if self.rooms else []
@@ -385,9 +385,11 @@ class Search:
             found.append(known)
         return found
 
-    def drive(self, gains: Mapping[str, Any], split: str, engine: Engine, least: float = 0.0) -> Drive:
+    def drive(self, gains: Mapping[str, Any], split: str, executor: Executor, least: float = 0.0) -> Drive:
         """Returns what becomes of a set in the places of a split; slower than `least` (m/s) is too slow."""
-        driven = in_order(engine, _rows, [each for place in self.places(split) for each in self.settings(place, gains)])
+        driven = in_order(
+            executor, _rows, [each for place in self.places(split) for each in self.settings(place, gains)]
+        )
         rows, scenarios, places, won, costs = [], [], {}, {}, {}
         cost = self.contest.cost
         for place in self.places(split):
@@ -607,9 +609,9 @@ def main(
     search = dataclasses.replace(search, study=study or "", also=also)
     if study is not None and not study.strip():
         raise click.UsageError("--study is empty; it must name a file, or a database by its URL")
-    with shared_out(count or cores()) as engine:
+    with shared_out(count or cores()) as executor:
         try:
-            content = search.run(engine)
+            content = search.run(executor)
         except StillSearched as others:
             say(f"{policy}: {others}")
             return

@@ -59,7 +59,7 @@ def main(
 
     The budget is that of the longest training by default; slow laws get an eighth of it.
     """
-    with shared_out(count) as engine:
+    with shared_out(count) as executor:
         for suite, policy, robot, speed, level in searches():
             file = folder_of(suite) / f"{policy}_{condition(robot, speed, level)}.json"
             if (suites and suite not in suites) or (names and policy not in names) or (file.exists() and not force):
@@ -71,7 +71,7 @@ def main(
             search = Search(
                 policy, CONTESTS[suite], ROBOTS[robot], speed, level, "lagged", budget, trials, scenarios, seed, starts
             )
-            content = search.run(engine)
+            content = search.run(executor)
             write_gains(file, content)
             say(f"{file.stem}: {summary(content)}")
 

@@ -1,8 +1,8 @@
 """Work on many machines, shared out by a scheduler of Dask distributed. Needs the extra `cluster`.
 
-A worker is asked who it is before it is given work, and again with each item, since others may join later: one whose
-code, agents or libraries differ is told by name and gets nothing more. What a lost worker had under way goes to others;
-Dask gives up an item once it has taken four workers with it, and the engine tries that once more.
+A worker's installation is checked before it gets work, and again with each item, since others may join later: one whose
+code, agents or libraries differ is named in a line and gets no work. What a lost worker had under way goes to others;
+Dask gives up an item once it has taken four workers with it, and the executor tries that once more.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any
 
-from wayfield.system.executors import TRIES, Engine, Refused, say
+from wayfield.system.executors import TRIES, Executor, Refused, say
 from wayfield.system.identity import differences, identity
 from wayfield.system.processes import interrupts_held
 
@@ -29,8 +29,8 @@ class NoScheduler(ConnectionError):
 
 
 @contextlib.contextmanager
-def cluster(address: str, count: int) -> Iterator[Engine]:
-    """Yields the engine of a scheduler, and says where its workers can be watched.
+def cluster(address: str, count: int) -> Iterator[Executor]:
+    """Yields the executor of a scheduler, and says where its workers can be watched.
 
     Args:
         address: such as tcp://host:8786 or tls://host:8786, with the certificates of Dask's configuration; or "local".
@@ -42,7 +42,7 @@ def cluster(address: str, count: int) -> Iterator[Engine]:
     """
     distributed = _dask()
     for name in list(logging.root.manager.loggerDict):
-        if name.split(".")[0] in _TALKATIVE:  # what is the user's to know is told in a line
+        if name.split(".")[0] in _TALKATIVE:  # what concerns the user is a line
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with contextlib.ExitStack() as stack:
         if address == LOCAL:
@@ -57,15 +57,15 @@ def cluster(address: str, count: int) -> Iterator[Engine]:
             address = here.scheduler_address
         client = _client(address)
         stack.callback(_quietly, client.close)
-        engine = _Cluster(client, address)
+        executor = _Cluster(client, address)
         told = client.scheduler_info(n_workers=-1)["workers"]
         say(f"scheduler {address}, {len(told)} workers; watch them at {client.dashboard_link}")
-        engine.meet()
-        yield engine
+        executor.meet()
+        yield executor
 
 
 def _dask() -> Any:
-    """Returns Dask distributed, which is loaded by those alone who work with it."""
+    """Returns Dask distributed, which is loaded only where it is used."""
     import distributed
 
     return distributed
@@ -114,8 +114,8 @@ def _presented() -> dict[str, str]:
     return identity()
 
 
-class _Cluster(Engine):
-    """An engine whose items go to the workers of a scheduler, but for those that are refused."""
+class _Cluster(Executor):
+    """An executor whose items go to the workers of a scheduler, but for those that are refused."""
 
     def __init__(self, client: Any, address: str) -> None:
         super().__init__(self._handed_over, TRIES, remote=True)
@@ -126,7 +126,7 @@ class _Cluster(Engine):
         self._executor: Any = _dask().cfexecutor.ClientExecutor(client, pure=False)
 
     def meet(self) -> None:
-        """Asks the workers that are there who they are; NoScheduler if all must be refused."""
+        """Checks the installations of all workers; NoScheduler if all must be refused."""
         found: dict[str, Any] = self._client.run(_presented, on_error="return")
         for worker, who in found.items():
             other = differences(who, self._mine) if isinstance(who, dict) else " ".join(str(who).split())[:300]

@@ -20,10 +20,10 @@ import click
 from wayfield.starting import started
 from wayfield.system.checks import choose, printable
 from wayfield.system.cluster import NoScheduler, cluster
-from wayfield.system.executors import Engine, Failed, workers
+from wayfield.system.executors import Executor, Failed, workers
 
 SEED = click.IntRange(0, 2**31 - 1)  # what every generator that is seeded takes
-_INTERRUPTED = 128 + 2  # statuses as a shell tells them: 128 and the number of the signal
+_INTERRUPTED = 128 + 2  # exit statuses as a shell reports them: 128 and the number of the signal
 _UNREAD = 128 + 13
 _LONGEST = 1000  # characters of a message
 
@@ -86,7 +86,7 @@ class OneLineErrors(click.Command):
             raise
 
     def _warned(self, otherwise: Callable[..., None], message: Any, category: Any, *where: Any, **kwargs: Any) -> None:
-        """Tells what the user should know in a line, and the rest as Python does."""
+        """Prints warnings for the user as a line, and others as Python does."""
         if issubclass(category, UserWarning):
             click.echo(f"{self.name}: {printable(str(message))}", err=True)
         else:
@@ -104,7 +104,7 @@ class OneLineErrors(click.Command):
                 if len(line) > _LONGEST:  # of what was typed; where it begins and what is wrong with it
                     line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
                 click.echo(f"{self.name}: {line}", err=True)
-        except OSError:  # nobody is left to tell
+        except OSError:  # nobody reads it
             pass
         for stream in (sys.stdout, sys.stderr):
             _close_quietly(stream)
@@ -160,8 +160,8 @@ def cluster_given() -> str | None:
 
 
 @contextlib.contextmanager
-def shared_out(count: int) -> Iterator[Engine]:
-    """Yields the engine of --cluster, or of `count` processes of this machine where it was not given.
+def shared_out(count: int) -> Iterator[Executor]:
+    """Yields the executor of --cluster, or of `count` processes of this machine where it was not given.
 
     Raises:
         click.ClickException: if there is no scheduler to work with.
@@ -169,14 +169,14 @@ def shared_out(count: int) -> Iterator[Engine]:
     """
     address = cluster_given()
     if address is None:
-        with workers(count) as engine:
-            yield engine
+        with workers(count) as executor:
+            yield executor
         return
     if importlib.util.find_spec("distributed") is None:
         raise click.ClickException('--cluster needs distributed: pip install "wayfield[cluster]"')
     try:
-        with cluster(address, count) as engine:
-            yield engine
+        with cluster(address, count) as executor:
+            yield executor
     except NoScheduler as error:
         raise click.ClickException(f"--cluster {address!r} {error}") from None
 

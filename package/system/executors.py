@@ -1,4 +1,4 @@
-"""Where work is done: in this process, in others of this machine, or wherever an executor takes it."""
+"""Executors: work in this process, in others of this machine, or wherever another library's executor runs it."""
 
 import concurrent.futures
 import contextlib
@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
@@ -18,14 +18,14 @@ from wayfield.system.checks import printable
 from wayfield.system.identity import differences, identity
 from wayfield.system.processes import end_with_parent, interrupts_held
 
-MOST = 4  # processes, unless more are asked for: with each comes what it imports and compiles
+MOST = 4  # processes, by default: with each comes what it imports and compiles
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 Submit = Callable[[Callable[[Any], Any], Any], "Future[Any]"]
 
 TRIES = 2  # of an item on machines that may fail for reasons of their own
 _AHEAD = 10_000  # items that are handed over before the first has come back: what a scheduler holds with ease
-_LOOK = 5.0  # s without a result, after which an engine looks whether anybody is left
+_LOOK = 5.0  # s without a result, after which an executor looks whether any worker is left
 _KILLED = "a worker process was killed, as a system does that runs out of memory; fewer --workers need less"
 _TOLD = 3  # failed items that are named
 
@@ -65,8 +65,8 @@ class Failed(RuntimeError):
         super().__init__(f"{len(failures)} of {total} failed {often}: {'; '.join(named + more)}")
 
 
-class Engine:
-    """Does a function with each of many items, through a `submit` like that of `concurrent.futures.Executor`.
+class Executor:
+    """Calls a function with each of many items, through a `submit` like that of `concurrent.futures.Executor`.
 
     Args:
         submit: hands over one call and returns its future.
@@ -80,10 +80,10 @@ class Engine:
         self._submit, self._tries, self._ahead, self.remote = submit, tries, ahead, remote
 
     @classmethod
-    def of(cls, executor: Executor) -> "Engine":
-        """Returns the engine of an executor of the user's own: of Dask, Ray, SLURM (submitit), MPI, or processes."""
+    def of(cls, other: concurrent.futures.Executor) -> "Executor":
+        """Returns one that submits to another library's: of Dask, Ray, SLURM (submitit), MPI, or processes."""
         mine = identity()
-        return cls(lambda function, item: executor.submit(_checked, function, item, mine), TRIES, remote=True)
+        return cls(lambda function, item: other.submit(_checked, function, item, mine), TRIES, remote=True)
 
     def __call__(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
         """Yields the results in the order of the items.
@@ -91,7 +91,7 @@ class Engine:
         Raises:
             ChildProcessError: if a process of this machine was killed.
             Failed: once all others are done, if items failed as often as they may; those behind them are not yielded.
-            ConnectionError: if those who do the work are lost.
+            ConnectionError: if all workers are lost.
         """
         early: dict[int, Any] = {}
         place = 0
@@ -106,7 +106,7 @@ class Engine:
 
         Raises:
             Failed: at the end, if items failed as often as they may.
-            ConnectionError: if those who do the work are lost.
+            ConnectionError: if all workers are lost.
         """
         left = enumerate(items)
         running: dict[Future[Any], tuple[int, Any, int]] = {}
@@ -156,7 +156,7 @@ class Engine:
             raise Failed(failures, total, self._tries)
 
     def _look(self) -> None:
-        """Raises ConnectionError where those who do the work are lost."""
+        """Raises ConnectionError if all workers are lost."""
 
     def _elsewhere(self, error: Exception) -> bool:
         """Returns whether an error is the worker's alone, so that the item goes to another and has not failed."""
@@ -170,7 +170,7 @@ def _at_once(function: Callable[[Any], Any], item: Any) -> "Future[Any]":
     return future
 
 
-HERE = Engine(_at_once, ahead=1)  # one after the other in this process
+HERE = Executor(_at_once, ahead=1)  # one after the other in this process
 
 
 def _checked(function: Callable[[Any], Any], item: Any, wanted: dict[str, str]) -> Any:
@@ -181,8 +181,8 @@ def _checked(function: Callable[[Any], Any], item: Any, wanted: dict[str, str]) 
 
 
 @contextlib.contextmanager
-def workers(count: int) -> Iterator[Engine]:
-    """Yields an engine of `count` processes, or of this one when `count` is 1. They end with this one.
+def workers(count: int) -> Iterator[Executor]:
+    """Yields an executor of `count` processes, or of this one when `count` is 1. They end with this one.
 
     Raises:
         ChildProcessError: if a process is killed from outside.
@@ -201,7 +201,7 @@ def workers(count: int) -> Iterator[Engine]:
             raise ChildProcessError(_KILLED) from None
 
     try:
-        yield Engine(submit)
+        yield Executor(submit)
     except BaseException:
         # what is under way may take a minute: nobody who interrupts wants to wait for it
         for child in multiprocessing.active_children():
@@ -223,5 +223,5 @@ def _told(error: BaseException) -> str:
 
 
 def say(line: str) -> None:
-    """Prints a line for whoever watches the run."""
+    """Prints a line on stderr."""
     print(printable(line), file=sys.stderr, flush=True)

@@ -23,7 +23,7 @@ _PAUSE = 1e-4  # s, between looks for threads that take their time
 
 
 class _Job:
-    """What the threads do next: a chain, so that who comes late meets every job, and finds it done."""
+    """The threads' next job, in a linked list: a late thread goes through every job and finds it done."""
 
     def __init__(self, threads: int) -> None:
         self.shares = shares_of(threads)
@@ -43,8 +43,8 @@ class _Job:
                 self.errors.append(error)
 
 
-class Crew:
-    """Threads besides the one that calls; they wait where there is nothing to do, and end with the process."""
+class ThreadPool:
+    """Threads besides the caller's; they wait while there is no work, and end with the process."""
 
     def __init__(self, others: int) -> None:
         self._threads = others + 1
@@ -120,13 +120,13 @@ class Crew:
 
 
 @functools.cache
-def crew(num_threads: int) -> Crew:
-    """Returns the crew of so many threads, the caller's own among them, which all batches of a process share."""
-    return Crew(num_threads - 1)
+def thread_pool(num_threads: int) -> ThreadPool:
+    """Returns the pool of so many threads, the caller's own among them, which all batches of a process share."""
+    return ThreadPool(num_threads - 1)
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=crew.cache_clear)  # threads stay behind in the parent
+    os.register_at_fork(after_in_child=thread_pool.cache_clear)  # threads stay behind in the parent
 
 
 def one_a_thread(make: Callable[..., Made]) -> Callable[..., Made]:

@@ -231,8 +231,8 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
                     click.echo(f"seed {report.seed}: {far}{found}", err=True)
 
         if cluster_given():
-            with shared_out(at_once) as engine:
-                return train_far(engine, jobs, show)
+            with shared_out(at_once) as executor:
+                return train_far(executor, jobs, show)
         return train_all(jobs, at_once, show)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.training.checkpoints import LAST, LOCK, RUN
 from wayfield.policies.training.run import Job, Report, check_folder, held, train
-from wayfield.system.executors import Engine, Failed
+from wayfield.system.executors import Executor, Failed
 from wayfield.system.storage import write_whole
 
 SLICE = 60.0  # s
@@ -70,15 +70,15 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 def train_far(
-    engine: Engine, jobs: Sequence[Job], report: Callable[[Report], None], seconds: float = SLICE
+    executor: Executor, jobs: Sequence[Job], report: Callable[[Report], None], seconds: float = SLICE
 ) -> list[Report]:
-    """Runs the jobs wherever the engine takes them, slice by slice, and returns their last reports in order.
+    """Runs the jobs wherever the executor takes them, slice by slice, and returns their last reports in order.
 
     A job that fails twice says why in `error`; the others go on. What an interruption leaves, --resume goes on from.
 
     Raises:
         ValueError: if a folder holds another run, or files that are damaged.
-        ConnectionError: if those who do the work are lost; what has come back is saved.
+        ConnectionError: if all workers are lost; what has come back is saved.
         OSError: if it cannot be saved.
     """
     for job in jobs:
@@ -90,7 +90,7 @@ def train_far(
     handed: list[Slice] = []
     last = {job.seed: Report(job.seed, 0, job.preset.steps) for job in jobs}
     try:
-        for k, (reached, files) in engine.as_done(train_slice, _Pieces(waiting, handed)):
+        for k, (reached, files) in executor.as_done(train_slice, _Pieces(waiting, handed)):
             job = handed[k].job
             _keep(job, files)
             last[job.seed] = reached

@@ -24,11 +24,11 @@ from click.testing import CliRunner, Result
 from wayfield.benchmarks.commands.evaluate import main
 from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
 from wayfield.benchmarks.runs import shards
-from wayfield.benchmarks.runs.payloads import parcel, sent
+from wayfield.benchmarks.runs.payloads import payload, sent
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.tuning import random_scenes
 from wayfield.envs.robots import ROBOTS
-from wayfield.system.executors import HERE, TRIES, Engine, Failed
+from wayfield.system.executors import HERE, TRIES, Executor, Failed
 
 ROOT = Path(__file__).parents[2]
 CONTEST = ("--suite", "path-following", "--policies", "pure_pursuit,stanley", "--gains", "default")
@@ -48,17 +48,17 @@ def rows_of(setting: Setting) -> list[dict[str, str]]:
     return [row for row, _ in episodes(setting)]
 
 
-# Engines.
+# Executors.
 
 
 @pytest.fixture
-def threads() -> Iterator[Engine]:
-    """Returns an engine of threads, to which this process is far away."""
+def threads() -> Iterator[Executor]:
+    """Returns an executor of threads, to which this process is far away."""
     with ThreadPoolExecutor(4) as pool:
-        yield Engine.of(pool)
+        yield Executor.of(pool)
 
 
-def test_results_come_in_the_order_of_the_work_whoever_is_first(threads: Engine) -> None:
+def test_results_come_in_the_order_of_the_work_whoever_is_first(threads: Executor) -> None:
     late = threading.Event()
 
     def work(k: int) -> int:
@@ -76,7 +76,7 @@ def test_results_come_in_the_order_of_the_work_whoever_is_first(threads: Engine)
 
 
 def test_a_part_that_fails_once_is_done_and_one_that_fails_twice_is_told_while_the_rest_goes_on(
-    threads: Engine,
+    threads: Executor,
 ) -> None:
     calls: list[str] = []
 
@@ -93,7 +93,7 @@ def test_a_part_that_fails_once_is_done_and_one_that_fails_twice_is_told_while_t
     assert (calls.count("bad"), calls.count("unlucky"), calls.count("good")) == (TRIES, 2, 1)
 
 
-@pytest.mark.parametrize("results", [Engine.__call__, Engine.as_done])
+@pytest.mark.parametrize("results", [Executor.__call__, Executor.as_done])
 @pytest.mark.parametrize("fails", [False, True])
 def test_what_was_handed_over_is_taken_back_when_nobody_waits_for_it(results: Any, fails: bool) -> None:
     futures: list[concurrent.futures.Future[Any]] = []
@@ -104,7 +104,7 @@ def test_what_was_handed_over_is_taken_back_when_nobody_waits_for_it(results: An
             futures[0].set_exception(ValueError("zero")) if fails else futures[0].set_result(None)
         return futures[-1]
 
-    found = results(Engine(submit, ahead=7), str, range(50))
+    found = results(Executor(submit, ahead=7), str, range(50))
     if fails:
         with pytest.raises(ValueError, match="zero"):
             next(found)
@@ -127,10 +127,10 @@ def test_work_in_this_process_ends_at_the_first_error() -> None:
     assert seen == [0, 1, 2]
 
 
-# Parcels: what travels.
+# Payloads: what travels.
 
 
-def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Engine) -> None:
+def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Executor) -> None:
     """A drawn room, whose case names a folder with a map and its image; what lies deeper comes along."""
     (room,) = random_scenes.write_rooms(tmp_path / "rooms", 1, 3)
     place = random_scenes.Place("rooms", CONTESTS["goal-obstacles"], ROBOTS["p3dx"], [room])
@@ -139,7 +139,7 @@ def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Engine) ->
     here = rows_of(setting)
     (Path(room.file) / "more").mkdir()
     (Path(room.file) / "more" / "notes.txt").write_text("deeper\n")
-    packed = parcel(setting)
+    packed = payload(setting)
     assert {Path(name).name for name in packed.files} == {"map.yaml", "map.pgm", "cases.csv", "notes.txt"}
     shutil.rmtree(room.file)
     function, _ = sent(threads, rows_of, [])
@@ -147,7 +147,7 @@ def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Engine) ->
     assert here[0]["scenario"] == room.file
 
 
-def test_agents_travel(tmp_path: Path, threads: Engine) -> None:
+def test_agents_travel(tmp_path: Path, threads: Executor) -> None:
     from wayfield.policies.learned.ppo import shipped
 
     agent = shipped("path_following", "p3dx")[3]
@@ -159,7 +159,7 @@ def test_agents_travel(tmp_path: Path, threads: Engine) -> None:
     case = dataclasses.replace(setting.case, policy="ppo", gains={"seed": 3, "home": str(tmp_path / "mine")})
     setting = dataclasses.replace(setting, case=dataclasses.replace(case, max_episode_steps=100))
     here = rows_of(setting)
-    packed = parcel(setting)
+    packed = payload(setting)
     assert all(str(best) in name for name in packed.files)
     for file in best.iterdir():
         file.unlink()
@@ -190,12 +190,12 @@ def test_a_cluster_whose_workers_are_killed_makes_the_same_rows_and_none_twice(t
         kept.append(part.folder)
         keep(part, files)
         if len(kept) in kills:
-            running = list(engine._client.run(os.getpid, on_error="ignore").values())  # type: ignore[attr-defined]
+            running = list(executor._client.run(os.getpid, on_error="ignore").values())  # type: ignore[attr-defined]
             os.kill(chance.choice(running), signal.SIGKILL)
 
-    with pytest.MonkeyPatch.context() as patch, cluster("local", 2) as engine:
+    with pytest.MonkeyPatch.context() as patch, cluster("local", 2) as executor:
         patch.setattr(shards, "keep", noted)
-        rows, worst = shards.run_contest(settings, tmp_path / "cluster", engine)
+        rows, worst = shards.run_contest(settings, tmp_path / "cluster", executor)
     assert len(kept) == len(set(kept)) == len(settings)
     one, alone = shards.run_contest(settings, tmp_path / "one", HERE)
     assert rows == one

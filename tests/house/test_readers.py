@@ -55,7 +55,7 @@ ALLOWED = {
     ("benchmarks/runs/shards.py", "_parsed"): "called by the reader of parts",
     ("benchmarks/runs/shards.py", "_packed"): "takes what it has just written",
     ("policies/training/slices.py", "files_of"): "takes a run's files along, whatever their content",
-    ("benchmarks/runs/payloads.py", "parcel"): "takes files that were read already along, whatever their content",
+    ("benchmarks/runs/payloads.py", "payload"): "takes files that were read already along, whatever their content",
     ("benchmarks/runs/shards.py", "_key"): "takes the digest of an agent's card that was read",
     ("benchmarks/identify/recording.py", "_digest"): "takes a digest, whatever the content",
     ("benchmarks/records/run_folder.py", "_publish"): "flushes what it has just written",

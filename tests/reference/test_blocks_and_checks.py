@@ -187,7 +187,7 @@ def test_bounds_hold_on_both_sides_and_messages_tell_them() -> None:
     refused("it would take", checks.memory, "it", checks.machine_memory() + 1)
 
 
-# Engines.
+# Executors.
 
 
-# A cluster's engine, with a stand-in for its client.
+# A cluster's executor, with a stand-in for its client.

@@ -14,7 +14,7 @@ from numba import njit
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.policies import Pilot, make
 from wayfield.system.sharing import BRIEF, PART, next_rows, shares_of
-from wayfield.system.threads import Crew, bounds, crew
+from wayfield.system.threads import ThreadPool, bounds, thread_pool
 
 ROWS = 150  # four blocks at most, and not alike
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -123,12 +123,12 @@ def test_policies_decide_alike_with_every_number_of_threads(case: str, policy: s
         assert all(alike(a, b) for a, b in zip(*found, strict=True))
 
 
-# The crew.
+# The pool.
 
 
 def test_every_block_is_done_once_whoever_is_late() -> None:
     seen: list[int] = []
-    threads = Crew(3)
+    threads = ThreadPool(3)
     for count in (1, 2, 7, 100):
         seen.clear()
         threads.run(seen.append, count)
@@ -174,9 +174,9 @@ def test_what_a_block_raises_is_raised_once_all_have_ended() -> None:
             raise ArithmeticError("one")
 
     with pytest.raises(ArithmeticError, match="one"):
-        crew(2).run(work, 5)
+        thread_pool(2).run(work, 5)
     assert sorted(seen) == [0, 1, 2, 3, 4]
-    crew(2).run(work, 1)
+    thread_pool(2).run(work, 1)
 
 
 @pytest.mark.parametrize(("rows", "blocks"), [(1, 4), (31, 4), (64, 4), (150, 4), (4096, 3)])
