@@ -216,7 +216,7 @@ def scan_maps(p, lidar, robots, which, out):
 
     Args:
         robots: `stepping.Robots`.
-        which: who has been stepped or reset, as `grids.scan_grids` takes them.
+        which: the robots that were stepped or reset, as `grids.scan_grids` takes them.
     """
     column = out.shape[1] - lidar.beams.shape[1]
     scan_grids(robots.grids.frames, robots.grids.cells, robots.states, which, p.hull_radius, lidar, out, column)
@@ -375,7 +375,7 @@ def scanner(p, beams, cells):
 
 
 def _courses_and_fields(scenarios: tuple[GoalScenario, ...]) -> list[NDArray[Any]]:
-    """Returns what `_laid_out` does, which nobody else has."""
+    """Returns a copy of what `_laid_out` returns, not shared with another batch."""
     few = sum(len(each.obstacles) for each in scenarios) <= _MOST_KEPT
     kept = few and all(each.grid is None for each in scenarios)  # a map is the user's own, and may be large
     return [each.copy() for each in (_laid_out if kept else _laid_out.__wrapped__)(scenarios)]
@@ -482,7 +482,7 @@ class GoalReaching(Task):
         return Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
 
     def courses_of(self) -> tuple[GoalScenario, ...]:
-        """Returns what each robot of each scenario is asked, in the order of states["scenario"]."""
+        """Returns the goals of each robot of each scenario, in the order of states["scenario"]."""
         return self.scenarios
 
     def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:

@@ -22,7 +22,7 @@ except ImportError as error:
 
 
 class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):  # type: ignore[misc]
-    """One world: agents "robot_0", "robot_1", ...; who has ended is no agent any more.
+    """One world: agents "robot_0", "robot_1", ...; a robot that has ended is no agent any more.
 
     World w of the native vector of seed s is this world of seed s + w, bit for bit.
 

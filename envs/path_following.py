@@ -288,7 +288,7 @@ def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices,
 
 
 def _courses_and_paths(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], PathPool]:
-    """Returns the courses of a bank and the pool of its paths, which nobody else has."""
+    """Returns the courses of a bank and the pool of its paths, not shared with another batch."""
     short = sum(len(each.path.points) for each in scenarios) <= _MOST_KEPT
     courses, pool = (_laid_out if short else _laid_out.__wrapped__)(scenarios)
     return courses.copy(), PathPool(pool.vertices.copy(), pool.runs.copy())

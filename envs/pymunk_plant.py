@@ -3,7 +3,7 @@
 A control period is cut into sub-steps. In each, the motors turn the wheels, the floor pulls the body after
 them with no more than friction allows, and pymunk resolves the contacts. Two short cuts cost no accuracy and
 save nearly all of the time: a robot that slips nowhere and can reach nothing in the period moves as the
-kinematic plant's, on the same arc; and pymunk is asked only in the sub-steps that end in contact, or while
+kinematic plant's, on the same arc; and pymunk runs only in the sub-steps that end in contact, or while
 something pushed still moves.
 """
 

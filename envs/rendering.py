@@ -744,7 +744,7 @@ class NoDisplay(RuntimeError):
 
 
 def _check_display(driver: str) -> None:
-    """Raises NoDisplay if SDL, finding no display, took a driver that shows nothing and that nobody asked for."""
+    """Raises NoDisplay if SDL, finding no display, fell back to a driver that shows nothing."""
     if driver in ("dummy", "offscreen") and not any(map(os.environ.get, ("SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER"))):
         pygame.display.quit()
         raise NoDisplay(

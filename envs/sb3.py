@@ -19,7 +19,7 @@ except ImportError as error:
     raise DependencyNotInstalled('wayfield.envs.sb3 needs stable-baselines3: pip install "wayfield[train]"') from error
 
 Array = NDArray[np.float64]
-_NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; nobody writes to it
+_NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; never written to
 
 
 def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
@@ -42,7 +42,7 @@ class NativeVecEnv(VecEnv):
     and `TimeLimit.truncated` are those of DummyVecEnv. The info of a row whose episode ends holds all that the task
     tells (`success`, `collision`, ...), `is_success` and, as Monitor writes it, `episode`; so `rollout/ep_rew_mean` and
     `rollout/success_rate` are logged, and VecMonitor may take its `info_keywords` from there. Infos of other rows are
-    empty, for speed; what the last step told of all rows stands in `told`, an array a name.
+    empty, for speed; the info of the last step of all rows stands in `told`, an array a name.
 
     Args:
         worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
@@ -130,7 +130,7 @@ class NativeVecEnv(VecEnv):
     def advance(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, NDArray[Any]]]:
-        """Returns observations, rewards, terminated, truncated and what the step told, all rows together.
+        """Returns observations, rewards, terminated, truncated and info of the step, all rows together.
 
         Where an episode ended, the observation is the next one's first; all else belongs to the step.
         """
@@ -151,7 +151,7 @@ class NativeVecEnv(VecEnv):
         return np.stack([self.final_observation(i) for i in ended.tolist()])
 
     def _tell(self, infos: list[dict[str, Any]]) -> None:
-        """Puts together what the parts told; the values of an episode that ended are its last ones."""
+        """Joins the infos of the parts; the values of an episode that ended are its last ones."""
         self.told = {}
         for name in (*self.task.info_names, *self.task.flag_names):
             pieces = []

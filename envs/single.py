@@ -132,7 +132,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
             self._renderer = None
 
     def briefing(self, knows: str) -> Briefing:
-        """Returns what a policy that declares `knows` may be told about the episode that was just reset."""
+        """Returns the briefing of the episode that was just reset, for a policy that declares `knows`."""
         return self.batch.briefing(knows)
 
     def _note_position(self) -> None:

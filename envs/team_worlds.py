@@ -73,7 +73,7 @@ STATE = np.dtype(
         ("before_x", np.float64),  # pose at the start of the period
         ("before_y", np.float64),
         ("before_heading", np.float64),
-        ("gap", np.float64),  # m, the least distance of hulls to another body in this step; inf: nobody is near
+        ("gap", np.float64),  # m, the least distance of hulls to another body in this step; inf: none is near
         ("touched", np.int64),  # 0: nothing; 1: what stands; 2: a robot; 3: a person
         ("caused", np.int64),  # 1: it moved towards what it touched
         ("alive", np.int64),  # 0: its episode has ended
@@ -88,7 +88,7 @@ PARAMS = [
     ("reach", np.float64),  # m, within which bodies are neighbours
     ("sight", np.float64),  # m, within which they are observed
     ("sees_bodies", np.int64),
-    ("parks", np.int64),  # 1: who has arrived stays where it is
+    ("parks", np.int64),  # 1: robots stay where they arrive
     ("respawns", np.int64),
     ("cells_from", np.int64),
 ]
@@ -116,7 +116,7 @@ class Observation(NamedTuple):
 
     @staticmethod
     def less() -> type:
-        """Returns the observation of who has no access to bodies."""
+        """Returns the observation without bodies."""
         return goal_reaching.Observation
 
     def without_bodies(self) -> goal_reaching.Observation:
@@ -155,7 +155,7 @@ class Crowd(NamedTuple):
 
 @compiled
 def begin_step(p, robots, crowd, world, w):
-    """Notes where the robots of a world stand, lets those go who have arrived, and lets its people decide and walk."""
+    """Notes where the robots of a world stand, removes those that have arrived, and lets its people decide and walk."""
     bodies = crowd.bodies
     n = p.team
     for i in range(w * n, (w + 1) * n):
@@ -193,7 +193,7 @@ def note_place(p, s, before, place, present):
 
 @compiled
 def exchange(p, robots, crowd, world, skip, w):
-    """Writes the next snapshot of a world, ends who touched whom, and finds the neighbours of all."""
+    """Writes the next snapshot of a world, ends robots in contact, and finds the neighbours of all."""
     bodies = crowd.bodies
     places_of = bodies.places
     n = p.team
@@ -324,7 +324,7 @@ def observe_bodies(p, s, robots, crowd, frame, w, r, i, out, column):
 
 @inlined
 def judge(p, s, world, robots, crowd, i, row, outputs):
-    """Measures robot i against its goal and writes its observation, info and flags; who has arrived leaves."""
+    """Measures robot i against its goal and writes its observation, info and flags; a robot that has arrived leaves."""
     course = world.courses[s.scenario]
     before = s.remaining_distance
     turn_before = abs(s.goal_heading_error)
@@ -607,10 +607,10 @@ class Teams(GoalReaching):
         ends: "leave": a robot whose episode has ended waits until its world begins anew; "respawn": it begins anew in
             the running world.
         sees: "scan", or "bodies" besides.
-        parks: whether who has arrived stays in the world.
+        parks: whether robots that have arrived stay in the world.
         sight: m, within which bodies are observed.
         visible: whether people see robots; None: as the scenario says.
-        people: the name of a law of LAWS for all who walk; None: as the scenario says.
+        people: the name of a law of LAWS for all people; None: as the scenario says.
     """
 
     state_dtype = STATE
@@ -723,7 +723,7 @@ class Teams(GoalReaching):
             raise
 
     def _with_people(self, scenario: TeamScenario) -> TeamScenario:
-        """Returns a scenario whose people have the law, and see robots or not, as asked."""
+        """Returns the scenario with another law of its people, who see robots or not."""
         if (self._visible is None and self._law is None) or not len(scenario.walks):
             return scenario
         walks = scenario.walks.copy()
@@ -754,7 +754,7 @@ class Teams(GoalReaching):
         return tuple(robot for each in self.scenarios for robot in each.robots)
 
     def courses_of(self) -> tuple[GoalScenario, ...]:
-        """Returns what each robot of each scenario is asked."""
+        """Returns the goals of each robot of each scenario."""
         return self._courses
 
     def observed(self, num_beams: int, max_range: float) -> Layout[Any]:
@@ -789,7 +789,7 @@ class Teams(GoalReaching):
         return np.asarray(states["scenario"] // self.team)
 
     def same_world(self, name: str, values: NDArray[Any], there: NDArray[Any]) -> NDArray[np.bool_]:
-        """Returns whether robots are in the same world: who began anew in it may have the way of another one."""
+        """Returns whether robots are in the same world: one that respawned in it may have another's way."""
         if name in ("scenario", "field"):
             return np.asarray(values // self.team == there // self.team)
         return super().same_world(name, values, there)
@@ -831,7 +831,7 @@ class Teams(GoalReaching):
     def others(
         self, states: NDArray[np.void], own: tuple[NDArray[Any], ...], i: int
     ) -> tuple[list[tuple[int, tuple[float, float, float], tuple[float, float], bool]], NDArray[np.float64]]:
-        """Returns who else is in robot i's world: of each robot number, pose, goal and whether it left, and the people.
+        """Returns the other bodies in robot i's world: number, pose, goal and whether it left of robots, and people.
 
         People are (q, 4): x, y (m), heading (rad), radius (m).
 

@@ -48,7 +48,7 @@ def seed_worlds(generators: list[np.random.Generator], taken: list[int], seeds: 
 
 
 class TeamRows:
-    """The robots of worlds whose episodes end one by one: who has ended waits until its world is over."""
+    """The robots of worlds whose episodes end one by one: a robot that has ended waits until its world is over."""
 
     def __init__(self, task: Teams, num_envs: int, num_threads: int = 1) -> None:
         self.task = task
@@ -59,7 +59,7 @@ class TeamRows:
         self.seeds: list[int] = []
         self.alive = np.zeros(num_envs, np.bool_)
         self.took_part = np.zeros(num_envs, np.bool_)
-        self._kept = Results(task, num_envs)  # of those who wait: what their last step wrote
+        self._kept = Results(task, num_envs)  # of robots that wait: what their last step wrote
 
     def begin(self, rows: NDArray[np.int64], results: Results, scenarios: NDArray[np.int64] | None = None) -> None:
         """Begins whole worlds, given by all of their rows, and writes their results."""
@@ -70,7 +70,7 @@ class TeamRows:
     def step(
         self, actions: NDArray[Any], limit: int | None, meanwhile: Callable[[Results], None] | None = None
     ) -> tuple[Results, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Returns what a step wrote, and who was terminated and truncated in it.
+        """Returns what a step wrote, and which robots were terminated and truncated in it.
 
         Args:
             limit: control periods after which all are truncated; None: there is no clock.
@@ -115,8 +115,8 @@ class TeamRows:
 class TeamEnv(SingleEnv):
     """One world: a robot alone among others, or a team of n, whose rows are those of actions and observations.
 
-    With several robots the reward is the mean over those who took part, and the episode is terminated when all have
-    ended; `info` has an array a name, and "alive" says who took part in the step.
+    With several robots the reward is the mean over those that took part, and the episode is terminated when all have
+    ended; `info` has an array a name, and "alive" says which robots took part in the step.
     """
 
     task: Teams
@@ -212,7 +212,7 @@ class TeamVectorEnv(NativeVectorEnv):
     """Many worlds stepped by one compiled call: row i is robot i mod n of world i div n, seeded seed + i div n.
 
     With `ends="leave"` a robot whose episode has ended waits, with reward 0, until all of its world have; their rows
-    begin together. `info["alive"]` is the mask of those who took part in the step. With `ends="respawn"` each row is an
+    begin together. `info["alive"]` is the mask of robots in the step. With `ends="respawn"` each row is an
     environment of its own, as of one robot, and none waits.
     """
 

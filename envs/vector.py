@@ -191,7 +191,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._renderers = []
 
     def briefing(self, knows: str) -> Briefing:
-        """Returns what a policy that declares `knows` may be told about the episodes that were just reset."""
+        """Returns the briefing of the episodes that were just reset, for a policy that declares `knows`."""
         return self.batch.briefing(knows)
 
     def _info(self, results: Results, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The `wayfield` command: says what there is to do, and hands the words over to the one that does it.
 
-Each command is loaded when it is asked for, so that the rest needs neither its extra nor its time.
+Each command is loaded on use, so that the rest needs neither its extra nor its time.
 """
 
 import importlib

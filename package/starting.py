@@ -38,7 +38,7 @@ def started() -> None:
 
 def again(lost: "sys.UnraisableHookArgs") -> None:
     """Sends Ctrl-C or SIGTERM again where what it raised fell into a destructor or a callback, which the interpreter
-    would drop with a traceback; other exceptions there are told as usual.
+    would drop with a traceback; other exceptions there are printed as usual.
     """
     number = next((_RAISED[kind] for kind in _RAISED if issubclass(lost.exc_type, kind)), None)
     if number is None:

@@ -1,4 +1,4 @@
-"""The privileged upper reference among obstacles: a shortest way over the map it is told, and a law that drives it."""
+"""The privileged upper reference among obstacles: a shortest way over the given map, and a law that drives it."""
 
 import dataclasses
 import math
@@ -131,7 +131,7 @@ def memory_of(briefing: Briefing, more: list[Any]) -> np.dtype[Any]:
 
 
 def world_side(told: Map, i: int) -> float:
-    """Returns the greater side (m) of the box around all that robot i is told of, with ROOM around it."""
+    """Returns the greater side (m) of the box around all of robot i's map, with ROOM around it."""
     standing = told.obstacles[i, : told.counts[i]]
     standing = standing[told.patrols[i, : told.counts[i]]["leg_time"] <= 0.0]
     goals = told.goals[i, : told.num_goals[i], :2]

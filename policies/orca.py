@@ -66,7 +66,7 @@ class Orca(Gains):
     a metre off it the robot plans anew. With `roadmap` off u points straight at the goal: the law without a memory,
     which dead ends hold. The others' motion is no part of the way.
 
-    It is told the map and the motion of all that moves, and takes of it what is within `sensing_radius`: perception is
+    It knows the map and the motion of all that moves, and takes of it what is within `sensing_radius`: perception is
     perfect, where scans would have to be clustered and tracked. Velocities are taken to last: where a patrol turns back
     is not foreseen. Two discs too near each other hold it, and so does a door that leaves the enlarged R no room; a
     differential drive can be run into while it still turns. Both kinds of robot; within `arrival_radius` of the goal a

@@ -49,9 +49,9 @@ class OrcaTeam(Gains):
         v = u_x,  w = u_y / L,  both scaled by one factor where |w| is too large,
 
     with a disc of R + L about that point; a bound on the tracking error instead freezes from eight robots on a circle.
-    Where all are symmetric, nobody would ever move on: u is turned to the right by `turn`, for everybody; and by
+    Where all are symmetric, no robot would ever move on: u is turned to the right by `turn`, for everybody; and by
     `stuck_turn` for 2 s once it has not come 0.1 m on for `patience`, by twice that the next time, and so on up to
-    `most_turn`: so who is jammed in a ring goes round it.
+    `most_turn`: so a robot jammed in a ring goes round it.
 
     It has access to bodies, not to a map: it stops in dead ends. Velocities are taken to last. The point's guarantee is
     lost while |w| saturates: of circles in which all are exactly symmetric, differential drives solve those of up to

@@ -1,4 +1,4 @@
-"""Reciprocal collision avoidance among tracked bodies along a way on the map: who has access to both."""
+"""Reciprocal collision avoidance among tracked bodies along a way on the map, with access to both."""
 
 import dataclasses
 import math

@@ -22,7 +22,7 @@ class Policy(Protocol):
 
     @property
     def knows(self) -> str:
-        """Returns what it must be told before an episode: "sensors" (nothing), "path", "goal" or "map"."""
+        """Returns the privileged information that it needs: "sensors" (none), "path", "goal" or "map"."""
 
     @property
     def observes(self) -> tuple[type, ...]:

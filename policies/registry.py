@@ -244,7 +244,7 @@ def make(name: str, **gains: Any) -> Policy:
 
 
 class NoCruisingSpeed(ValueError):
-    """A policy was asked to cruise that has no speed to cruise at."""
+    """A policy has no cruising speed, and one was requested."""
 
 
 def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, float]:

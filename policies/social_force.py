@@ -18,7 +18,7 @@ from wayfield.system.elementary import exponential, sin_cos
 
 _ON_A_BODY = 0.1  # m, about a body's hull, within which a beam ends at it
 
-MEMORY = np.dtype([("vx", np.float64), ("vy", np.float64)], align=True)  # m/s, world frame: what it asks for
+MEMORY = np.dtype([("vx", np.float64), ("vy", np.float64)], align=True)  # m/s, world frame: the wanted velocity
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 A set of a search has its record in its file: the command, the frames, and what its finalists came to on the whole
 validation split. A set that was compared without such a record says "hand". A set belongs to a robot, an asked speed
-and a level of disturbance. Nothing here hands out a set for another condition: whoever asks for one that was not tuned
-for is told so.
+and a level of disturbance. No set is returned for another condition: a request for one that was not tuned
+for is an error.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ MOST_FRAMES = 10**12  # of a search
 
 
 class NotTuned(ValueError):
-    """No gains were tuned for the condition that was asked for; the message names those that there are."""
+    """No gains were tuned for the requested condition; the message names those that there are."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ from wayfield.envs.tasks.briefing import Briefing
 
 @dataclasses.dataclass(frozen=True)
 class Zero:
-    """Asks for no motion, whatever it sees."""
+    """Commands no motion, whatever it observes."""
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)

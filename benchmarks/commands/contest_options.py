@@ -61,7 +61,7 @@ QUICK_SEEDS = 1  # of each agent's training runs, the first
 
 
 class WrongOption(ValueError):
-    """What was asked for does not go together; the message begins with the name of the option."""
+    """Options that contradict each other; the message begins with the name of the option."""
 
 
 # Which kinds of run an option belongs to, and where that is said to be; all take --policies, --dynamics, --actuators,
@@ -117,7 +117,7 @@ class Options:
     video: bool = False
     keep: str | None = None  # of KEPT
     cross: bool = False  # also teams of two policies each, half and half
-    people: tuple[str, ...] | None = None  # laws of those who walk; None: their own
+    people: tuple[str, ...] | None = None  # laws of pedestrians; None: those of the scenario
     count: int | None = None  # processes
     # what follows from them, where a contest is run
     contests: tuple[str, ...] = ()
@@ -245,7 +245,7 @@ class Options:
         return Run(self.wanted, self.command, (DECISIONS, *names))
 
     def entrants(self, contest: Contest, gains_names: tuple[str, ...] | None = None) -> Entrants:
-        """Returns who takes part in a contest, with the gains asked for or others.
+        """Returns the entrants of a contest, with the gains of the options or others.
 
         Raises:
             WrongOption: if a policy of the user's own can take part in none of the contests.
@@ -342,7 +342,7 @@ class Options:
                 ) from None
 
     def _frozen(self, contest: Contest, plant: str) -> list[Course]:
-        """Returns the split that is asked for of every family that was."""
+        """Returns the chosen split of every chosen family."""
         families = [each for each in contest.families(plant) if self.families is None or each in self.families]
         return [Course(family, self.split or "test") for family in families]
 
@@ -411,7 +411,7 @@ class Options:
 def seed_of(seed: int, split: str, family: str) -> int:
     """Returns the first seed of a family's scenarios: other starts, noise and shoves in each family and split.
 
-    It does not depend on who drives, so that comparisons stay paired.
+    It does not depend on the policy, so that comparisons stay paired.
     """
     words = (seed, *(zlib.crc32(name.encode()) for name in (split, family)))
     return int(np.random.SeedSequence(words).generate_state(1)[0] >> 1)

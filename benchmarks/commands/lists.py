@@ -16,7 +16,7 @@ from wayfield.system.command_line import OneLineErrors
 
 @click.command("policies", cls=OneLineErrors)
 def policies() -> None:
-    """Lists the policies: the task, what they are told before an episode, what they need, the law and its source."""
+    """Lists the policies: the task, privileged information, what they need, the law and its source."""
     from wayfield.envs import team_worlds
     from wayfield.policies import ABOUT
     from wayfield.policies.policy import observation_of
@@ -24,7 +24,7 @@ def policies() -> None:
     rows = []
     for name, about in ABOUT.items():
         policy = about.make()
-        # who reads the scan drives among others too
+        # policies that read the scan drive in crowds too
         kinds = [
             spec.kind
             for spec in EVERY.values()

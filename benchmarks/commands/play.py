@@ -43,7 +43,7 @@ _TO_RULE = "R again      N next scenario      P pause      H hide this      Esc 
 
 @dataclasses.dataclass(frozen=True)
 class Hands:
-    """A policy that asks for what the keys that are held say."""
+    """A policy whose command follows the keys that are held."""
 
     observes: tuple[type, ...]  # whatever the environment gives: it looks at nothing
     speed: float  # m/s
@@ -106,7 +106,7 @@ class Game:
         self.begin()
 
     def hear(self, event: pygame.event.Event) -> None:
-        """Does what a key, or the window, asks for."""
+        """Handles an event of the keyboard or the window."""
         driving = KEYS[self.mine.single.task.robot.holonomic]
         if event.type == pygame.QUIT:
             self.over = True

@@ -88,7 +88,7 @@ CROWD_SUITES: Mapping[str, tuple[str, ...]] = {
     "crowdnav": tuple(CROWDNAV),
 }
 
-# What may be asked for, and the sets of gains that it stands for.
+# Values of the option --gains, and the sets of gains that each stands for.
 GAINS: Mapping[str, tuple[str, ...]] = {
     **{name: (name,) for name in ("default", "tuned", "robust", "best", "paper")},
     "all": ("default", "tuned", "paper"),

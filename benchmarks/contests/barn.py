@@ -13,7 +13,7 @@ from wayfield.benchmarks.records.cases import Rules
 from wayfield.policies.tuned import PACE
 
 SPEED = 2.0  # m/s, the most of the challenge's Jackal, behind its optimal times
-# m/s, asked of the entries: the score is full from a mean of 1 m/s on, and nothing is won by more
+# m/s, cruising speed of the entries: the score is full from a mean of 1 m/s on, and nothing is won by more
 ASKED = 1.2
 CLOCK_FROM = 0.1  # m from the start
 LIMIT = 100.0  # s

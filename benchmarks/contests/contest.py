@@ -1,4 +1,4 @@
-"""What a contest is: a task, who takes part, what is measured and how it is shown, and the cases that follow from it.
+"""A contest: a task, its entrants, the metrics and how they are shown, and the cases that follow from these.
 
 Every policy meets the same scenarios, starts and disturbances. Gains called "default" are those of the policy's file,
 "tuned" those that were found by search (see `tune`) for the robot and the asked speed that they are shown with,
@@ -57,7 +57,7 @@ COST = "cost"  # a column's metric: the task's cost, where a run that fails coun
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """One column of the standings: a metric, how it is reduced, and how it is shown."""
+    """One column of the leaderboard: a metric, how it is reduced, and how it is shown."""
 
     header: str
     metric: str
@@ -119,7 +119,7 @@ class Course:
 
 @dataclasses.dataclass(frozen=True)
 class Entrants:
-    """Who takes part: policies of the package, with which gains, agents of one's own, and policies from elsewhere."""
+    """The entrants: policies of the package, with which gains, agents of one's own, and policies from elsewhere."""
 
     policies: tuple[str, ...]
     gains_names: tuple[str, ...] = ("default", "tuned", "paper")
@@ -154,7 +154,7 @@ class Published:
     source: str
 
 
-# relative: who is farther off the asked mean speed is not ranked with those that hold it
+# relative: entries farther off the requested mean speed are ranked behind those that hold it
 PACE_TOLERANCE = 0.03
 
 
@@ -165,7 +165,7 @@ def driven(rows: Episodes) -> tuple[int, int]:
 
 @dataclasses.dataclass(frozen=True)
 class Contest:
-    """A task's contest: who takes part, where, and what is shown of it. What is the task's is in its `spec`."""
+    """A task's contest: entrants, scenarios, and what is shown of it. What is the task's is in its `spec`."""
 
     spec: TaskSpec
     policies: tuple[str, ...]  # in the order of the tables; agents are compared with the first
@@ -179,7 +179,7 @@ class Contest:
     log_cost: bool  # whether figures show the cost on a logarithmic scale
     speeds: tuple[float, ...]  # m/s, of the speed-accuracy front; none: there is no front
     pace: float | None  # m/s, the mean speed that is asked for beside the front; None: none is
-    ranked: tuple[tuple[str, float], ...]  # metrics that sort the standings, each with the sign that puts less first
+    ranked: tuple[tuple[str, float], ...]  # metrics that sort the leaderboard, each with the sign that puts less first
     counted: str  # what a failure counts as, in the words of the note
     notes: str  # what a reader of the main table must know
     timed_on: str  # the family on which decisions are timed
@@ -298,7 +298,7 @@ class Contest:
     def _crossed(
         self, robot: Robot, entrants: Entrants, speed: float | None
     ) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None, str]]:
-        """Yields what `_sets` does, and who drives the other half of a team; in a cross-play every pair, once each way.
+        """Yields what `_sets` does, and the policy of the team's other half; in a cross-play every pair, once each way.
 
         In a cross-play a policy has one set of gains, the first.
         """
@@ -316,7 +316,7 @@ class Contest:
     def _sets(
         self, robot: Robot, entrants: Entrants, speed: float | None
     ) -> Iterator[tuple[str, str, dict[str, Any], Entrant | None]]:
-        """Yields each entrant with each set of its gains: its name, the set's name, the gains, and whose it is."""
+        """Yields each entrant with each set of its gains: name, name of the set, gains, and a user's own entrant."""
         pace = PACE if speed is None else speed
         able = (name for name in entrants.policies if not lacks(policies.make(name), robot))
         sets = {name: list(self.gain_sets(name, robot, entrants.gains_names, pace)) for name in able}
@@ -333,7 +333,7 @@ class Contest:
     ) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields the sets of a policy's gains for a robot and an asked speed (m/s), each with its name.
 
-        Sets that were found are complete; to others the asked speed is still to be told. The default gains stand in
+        Sets that were found are complete; others still lack the requested speed. The default gains stand in
         for a set that was not tuned for robot and speed, and for one in whose search they came out best. A robust set
         that is the tuned one is yielded once. Nothing was trained or tuned for a robot that does not ship.
         """
@@ -390,7 +390,7 @@ def with_agents(
     """Returns the policies of which agents are there, and a line about each trained one that is left out.
 
     Args:
-        others: whether others take part as well; where nobody does, all names are returned, and the error will tell.
+        others: whether other entrants take part; without any entrant all names are returned, and the error names them.
     """
     lines = [each.without_agents(names, robot) for each in contests]
     untrained = {name: line for name, line in lines[0].items() if all(name in each for each in lines)}

@@ -123,7 +123,7 @@ CROSS = dataclasses.replace(
 
 
 def _people(law: str, seen: bool) -> Contest:
-    """Returns the contest among people of a law, who see the robot or not."""
+    """Returns the contest among people who walk by a law and see the robot or not."""
     words = "who see the robot" if seen else "who do not see the robot"
     walking = "" if law == OWN_LAW else f", all by {law}"
     chosen: Mapping[str, Any] = {} if law == OWN_LAW else {"people": law}

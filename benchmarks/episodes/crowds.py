@@ -23,7 +23,7 @@ from wayfield.policies.pilot import Pilot
 Array = NDArray[np.float64]
 
 AT_ONCE = 512  # robots
-MOVED, LATELY = 0.1, 10.0  # m, s: who has moved less in so long is stuck
+MOVED, LATELY = 0.1, 10.0  # m, s: a robot that has moved less in that time is stuck
 INTIMATE, PERSONAL = 0.45, 1.2  # m, Hall 1966
 DANGER = 0.2  # m, between hulls: CrowdNav's
 AHEAD = 1.25  # s, of AttnGraph's intrusion
@@ -48,9 +48,9 @@ class World:
     alone: Array  # the same of the same people without robots
     radii: Array  # (q,) m
     hull_radius: float  # m
-    parks: bool = False  # whether who has arrived stays
+    parks: bool = False  # whether robots stay where they arrive
     width: float = math.nan  # m, of the gap that all must pass
-    mine: NDArray[np.bool_] | None = None  # (n,) whose law is the entry's; None: all
+    mine: NDArray[np.bool_] | None = None  # (n,) robots that the entry drives; None: all
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
@@ -163,7 +163,7 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
         observations, _, terminated, truncated, info = env.step(actions)
         step += 1
         note(step)
-        # who has ended waits; a world that is over begins anew and drives on unrecorded
+        # a robot that has ended waits; a world that is over begins anew and drives on unrecorded
         for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
             flags[i] = {name: bool(info[name][i]) for name in task.flag_names}
             touched[i] = int(info["touched"][i])
@@ -302,7 +302,7 @@ def _stuck(robot: Trajectory, dt: float) -> bool:
 
 
 def delays(world: World) -> dict[str, float]:
-    """Returns what others cost: times beside those of the straight ways at the asked speed."""
+    """Returns the cost of company: times beside those of the straight ways at the asked speed."""
     speed = world.robots[0].max_speed
     times = np.array([duration(robot) for robot in world.robots])
     best = world.straight / speed

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 JUMP = 0.5  # m, by which a reference point must leap within one control period to count as jumping
 HELD = 0.02  # m from the path, within which a robot must stay to hold it
 HELD_FOR = 1.0  # s
-HELD_ALONG = 0.1  # m, by which it must advance along the path in that time: who stands on it has not begun
+HELD_ALONG = 0.1  # m, by which it must advance along the path in that time: standing on it does not count
 NEAR = 0.1  # m, clearance under which a robot counts as close to an obstacle
 
 

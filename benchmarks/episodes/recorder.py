@@ -28,7 +28,7 @@ class Start:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """An episode of n steps: what was observed and told at its start and after each step, and what was done between."""
+    """An episode of n steps: observation and info at its start and after each step, and the actions between."""
 
     start: Start
     observations: NDArray[np.float32]  # (n + 1, size)
@@ -65,7 +65,7 @@ class _Buffers:
         self.info_names, self.flag_names = task.info_names, task.flag_names
 
     def note(self, rows: NDArray[np.int64], at: NDArray[np.int64], results: Results) -> None:
-        """Writes what the rows observe and are told after `at` (rows,) steps."""
+        """Writes observation and info of the rows after `at` (rows,) steps."""
         chosen: slice | NDArray[np.int64] = slice(None) if len(rows) == len(self.flags) else rows
         self.observations[rows, at] = results.observations[chosen]
         self.numbers[rows, at] = results.numbers[:, chosen].T

@@ -1,4 +1,4 @@
-"""The figures of a contest: who is how good where, at what speed, under what disturbance, and what went worst."""
+"""The figures of a contest: results by family, by speed and by disturbance, and the worst episodes."""
 
 import itertools
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""One robot in one scenario, as a command line asks for it, and a ghost of another policy beside it."""
+"""One robot in one scenario, chosen by a command line, and a ghost of another policy beside it."""
 
 import dataclasses
 import functools
@@ -34,7 +34,7 @@ _ENDS = {"success": "arrived", "collision": "touched something"}  # of a team's 
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """The environment and the episode that were asked for; None is the environment's own default."""
+    """The chosen environment and episode; None is the environment's own default."""
 
     env_id: str | None
     scenario: str | None

@@ -126,7 +126,7 @@ def held_out(drive: Drive, share: float, half_track: float) -> tuple[Floats, Flo
     if min(early.counted.sum(), late.counted.sum()) < LEAST_TEST * rate:
         return None
     before = drive.command_times < border
-    # the fit's starts and bounds may not know what the rest asks for
+    # the fit's starts and bounds may not know the rest of the drive
     seen = Drive(
         drive.command_times[before], drive.commands[before], early.times, early.speeds, early.starts, early.counted
     )

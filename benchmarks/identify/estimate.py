@@ -442,7 +442,7 @@ def _limited(drive: Drive, saturation: int, numbers: Floats) -> tuple[bool, bool
 
 
 def beyond_limits(drive: Drive, saturation: int, numbers: Floats, response: Floats) -> NDArray[np.bool_]:
-    """Returns when (2, n) the base stands at a limit while more is asked.
+    """Returns when (2, n) the base is at a limit while more is commanded.
 
     Rows are the axes, or where both share the limit, that of a wheel, and the same while it turns.
     """
@@ -460,9 +460,9 @@ def beyond_limits(drive: Drive, saturation: int, numbers: Floats, response: Floa
 
 @dataclasses.dataclass(frozen=True)
 class Excitation:
-    """What a drive asks of one axis, by which its parameters are seen."""
+    """The excitation of one axis in a drive, which makes its parameters identifiable."""
 
-    at_limit: float  # s, in which the base stands at its limit while more is asked
+    at_limit: float  # s, in which the base is at its limit while more is commanded
     slews: int  # slews that are long enough
     steps: float  # worth of its steps, in full ones
     unit: str  # of the axis
@@ -471,7 +471,7 @@ class Excitation:
 
 
 def excitations(drive: Drive, found: Fit) -> tuple[Excitation, Excitation]:
-    """Returns what a drive asks of each axis, by the fitted response."""
+    """Returns the excitation of each axis in a drive, by the fitted response."""
     n = found.numbers
     period = float(np.median(np.diff(drive.times)))
     sharp = n.copy()

@@ -74,7 +74,7 @@ def write_report(file: Path, findings: Findings) -> list[Path]:
 
 
 def _response(found: Findings) -> bytes:
-    """Returns measured and fitted speeds: the whole drive, and the seconds in which most is asked."""
+    """Returns measured and fitted speeds: the whole drive, and the seconds with the largest commands."""
     drive, fit = found.drive, found.fit
     figure, panels = plt.subplots(2, 2, figsize=(12, 6), width_ratios=(2, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):

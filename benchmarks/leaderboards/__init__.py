@@ -1,1 +1,1 @@
-"""Who did better: entries, verdicts, tables."""
+"""Leaderboards: entries, verdicts, tables."""

@@ -1,4 +1,4 @@
-"""Tables over several contests of crowds: who suffers from whom, and what the people's law and sight decide.
+"""Tables over several contests of crowds: cross-play of policies, and the effect of the people's law and sight.
 
 A world is one value: intervals are over worlds, stratified by family.
 """
@@ -32,7 +32,7 @@ def _is_people(contest: Contest) -> bool:
 
 
 def cross_table(robot: str, crossed: Episodes, alone: Episodes, command: str) -> Table:
-    """Returns who suffers from whom: of the policy of the line, how many robots arrive beside that of the column.
+    """Returns the cross-play: how many robots of the line's policy arrive beside the column's policy.
 
     Args:
         crossed: rows of worlds of two policies.

@@ -1,4 +1,4 @@
-"""What a policy has beside its law: what it is told, what it sees, what it remembers, and what protects it."""
+"""What a policy has beside its law: privileged information, sensors, memory and protections."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -52,7 +52,7 @@ def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Dis
     if knows.removeprefix("own, ") == "bodies":
         sees = _SEES_BODIES
     known = knows.removeprefix("own, ")
-    # who knows the path is told the goal where there is none
+    # a policy with access to the path gets the goal where there is no path
     told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
     if policy in TRAINED:
         return Disclosure(told, sees, _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS.get(contest.spec.kind, ""))

@@ -1,6 +1,6 @@
 """The tables of the documents, from the rows of the results alone: our figures beside what there is to compare with.
 
-Two kinds of figures are told apart, each with its plant: means that a document prints, and reference solutions of its
+Two kinds of figures are kept apart, each with its plant: means that a document prints, and reference solutions of its
 equations, which no document prints.
 """
 
@@ -184,7 +184,7 @@ def _agreement_table(found: Sequence[Compared]) -> Table:
 
 
 def ranked(rows: Episodes) -> tuple[str, Table]:
-    """Returns who does best in a scenario of the user's own, as a sentence and as a small table.
+    """Returns the ranking in a scenario of the user's own, as a sentence and as a small table.
 
     A run that succeeds comes before one that fails; then the error counts on a path, and elsewhere the time.
     """

@@ -1,4 +1,4 @@
-"""The rows of a contest as entries: who drove, with which gains, and numbers as tables of scenarios and agents."""
+"""The rows of a contest as entries, a policy with a set of gains each, and numbers by scenario and agent."""
 
 import itertools
 import math
@@ -133,12 +133,12 @@ def mean_speed(rows: Episodes) -> float:
 
 
 def shown_speed(speed: float, decimals: int) -> str:
-    """Returns a mean speed (m/s) as it is shown: "-" where nobody has succeeded."""
+    """Returns a mean speed (m/s) as it is shown: "-" without a success."""
     return "-" if math.isnan(speed) else f"{speed:.{decimals}f}"
 
 
 def off_pace(rows: Episodes, asked: float | None) -> bool:
-    """Returns whether the mean speed is off the one that was asked for, m/s; None: none was."""
+    """Returns whether the mean speed is off the requested one, m/s; None: none was requested."""
     if asked is None:
         return False
     speed = mean_speed(rows)
@@ -149,7 +149,7 @@ def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]
     """Returns the entries as the contest ranks them.
 
     Where it is by the cost, that is the one of the successes, for failures have counted before: an entry's own error at
-    its own speed. The speed stands beside it, and ranks nobody.
+    its own speed. The speed stands beside it, and does not affect the rank.
     """
 
     def key(entry: Entry) -> tuple[float, ...]:
@@ -164,7 +164,7 @@ def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]
 
 
 def leader(contest: Contest, entries: Mapping[Entry, Episodes]) -> Entry:
-    """Returns who comes first of those that have no access to the map, or of all where all have."""
+    """Returns the first entry of those without access to the map, or of all where all have it."""
     order = in_order(contest, entries)
     return next((entry for entry in order if MAP not in entries[entry][0]["knows"]), order[0])
 
@@ -210,7 +210,7 @@ def success_cell(rows: Episodes) -> str:
 
 
 def cell(column: Column, rows: Episodes, contest: Contest) -> str:
-    """Returns a cell of the standings, empty where nothing was measured."""
+    """Returns a cell of the leaderboard, empty where nothing was measured."""
     if column.successes_only:
         rows = successes(rows)
     numbers = measured(column, rows, contest)

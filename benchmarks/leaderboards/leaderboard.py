@@ -226,7 +226,7 @@ BRACKETS = (
 
 
 def told_table(standings: Standings) -> Table:
-    """Returns what each entry is told and sees, what it remembers, and what protects it."""
+    """Returns the privileged information, sensors, memory and protections of each entry."""
     lines = []
     for entry, rows in standings.entries.items():
         told = disclosed(*entry, rows[0]["knows"], standings.contest)
@@ -317,7 +317,7 @@ class Point:
     low: float  # m, of the error's 95 % interval; NaN where there is none
     high: float
     lost: bool  # whether a run has failed
-    off_pace: bool  # whether the pace is not the asked one
+    off_pace: bool  # whether the pace is not the requested one
 
 
 def front_points(contest: Contest, rows: Episodes) -> list[Point]:
@@ -333,7 +333,7 @@ def front_points(contest: Contest, rows: Episodes) -> list[Point]:
 
 
 def front_table(contest: Contest, title: str, rows: Episodes, command: str) -> Table:
-    """Returns the error and the mean speed of each entry at each cruising speed that it was asked for."""
+    """Returns the error and the mean speed of each entry at each requested cruising speed."""
     contest = contest.of_rows(rows)
     asked = rows.unique("speed")
     cost, decimals = contest.cost, contest.cost.decimals

@@ -1,4 +1,4 @@
-"""Who does better than whom: every pair of entries of a contest, in the scenarios that both met."""
+"""Probability of improvement of every pair of entries of a contest, paired by scenario."""
 
 import dataclasses
 import itertools

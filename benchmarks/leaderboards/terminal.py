@@ -1,4 +1,4 @@
-"""What a run prints: who wins and one small table a task, no wider than the terminal."""
+"""What a run prints: the result and one small table of each task, no wider than the terminal."""
 
 import shutil
 import textwrap
@@ -15,7 +15,7 @@ _NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
 
 
 def print_short(told: Iterable[tuple[str, Table]], most: int = WIDTH) -> None:
-    """Prints for each task the sentence that says who wins, and a small table, `most` characters wide or less."""
+    """Prints for each task its result as a sentence and a small table, at most `most` characters wide."""
     width = min(most, shutil.get_terminal_size((most, 24)).columns)
     for sentence, table in told:
         say(textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False))

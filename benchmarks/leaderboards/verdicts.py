@@ -1,4 +1,4 @@
-"""One verdict a pair of entries, defined once: who succeeds more often; where that is open, who is better on the rest.
+"""One verdict a pair of entries, defined once: by success; where that is open, by time or error of common successes.
 
 Success comes first, as a paired difference over the scenarios that both met. Where its interval holds zero,
 the time or the error decides, in the scenarios that both solve. A p is corrected by Holm's method for every comparison
@@ -112,7 +112,7 @@ def _verdict(line: Row, p_success: float, p_cost: float) -> Verdict:
 
 
 def pairs(rows: Episodes) -> Iterator[Pair]:
-    """Yields pairs of a run: trained agents beside every other, and in standings who comes first without the map."""
+    """Yields pairs of a run: trained agents beside every other, and the first entry without access to the map."""
     for name, of_contest in rows.groups("contest").items():
         contest = ALL_CONTESTS[name]
         for robot, mine in of_contest.groups("robot").items():
@@ -208,7 +208,7 @@ HEADER = [
 
 
 def pairs_table(rows: Episodes, command: str) -> Table:
-    """Returns every pair of a run as numbers, from which `judged` says who wins; p before any correction."""
+    """Returns every pair of a run as numbers, from which `judged` makes verdicts; p before any correction."""
     lines = []
     for each in pairs(rows):
         in_mm = each.contest.cost.unit == "m"

@@ -1,7 +1,7 @@
 """One episode as an MCAP file, for Foxglove and whatever else reads it: poses, scan, obstacles, commands, numbers.
 
 Messages are JSON under the names of Foxglove's schemas (https://docs.foxglove.dev/docs/sdk/schemas), so that a viewer
-draws them without being told how; the frame "map" is the world's, "base" the robot's.
+draws them without any settings; the frame "map" is the world's, "base" the robot's.
 """
 
 import io

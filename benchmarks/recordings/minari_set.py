@@ -72,7 +72,7 @@ class MinariSet:
         self._bytes = 0
 
     def write(self, number: int, episode: Episode, told: Mapping[str, Any]) -> None:
-        """Writes an episode under its number, with what is told of it."""
+        """Writes an episode under its number, with its metadata."""
         folder = self.folder / str(number)
         folder.mkdir()
         batch = table(episode)

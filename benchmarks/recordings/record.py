@@ -127,7 +127,7 @@ def single(case: Case, conditions: Conditions) -> gymnasium.Env[Any, Any]:
 
 
 def _card(case: Case) -> dict[str, Any]:
-    """Returns what there is to say of a policy: its name, all of its gains, what it is told."""
+    """Returns a policy's metadata: its name, all of its gains, its privileged information."""
     policy: Any = make_policy(case, 0)
     gains = {
         field.name: value

@@ -45,7 +45,7 @@ class Entrant(Protocol):
 class Rules:
     """What a public benchmark's rules say of speed, clock and way."""
 
-    speed: float  # m/s, asked of the entries; SCT compares with the least time at this speed
+    speed: float  # m/s, cruising speed of the entries; SCT compares with the least time at this speed
     optimal_speed: float = math.nan  # m/s, at which the published way takes the optimal time
     clock_from: float = 0.0  # m from the start, at which the clock starts
     limit: float = math.inf  # s, of that clock
@@ -75,7 +75,7 @@ class Case:
     speed: float | None = None  # m/s, of a point of the speed-accuracy front
     every_scenario: bool = False  # episode i takes scenario i of the bank, instead of one that is drawn
     split: str = ""  # of a contest's scenarios
-    entrant: Entrant | None = None  # who makes the policy if the package does not
+    entrant: Entrant | None = None  # makes the policy if it is not one of the package
     rules: Rules | None = None  # of a public benchmark
     beside: str = ""  # the policy of every other robot of a team, from the second on; "": all have the same
 
@@ -88,7 +88,7 @@ class Case:
 
     @property
     def asked(self) -> float:
-        """Returns the speed (m/s) that policies are asked for; inf outside of contests, where none is."""
+        """Returns the requested cruising speed (m/s); inf outside of contests, which have none."""
         if self.rules is not None:
             return self.rules.speed
         return (self.speed or PACE) if self.split else math.inf
@@ -102,5 +102,5 @@ class Case:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Returns what tells the case from the others of its suite."""
+        """Returns the key of the case within its suite."""
         return self.document, self.experiment, self.policy, self.gains_text

@@ -1,4 +1,4 @@
-"""The folder of a run: what may be written there, by whom, and how it gets there whole.
+"""The folder of a run: which files a run may write there, and how they get there atomically.
 
 A finished run leaves `run.json` beside its files: what was run, by which code, and the SHA-256 of each file. A later
 run of the same suite may replace those files, and no others: a file of one of our names that is not listed there, or
@@ -44,7 +44,7 @@ class Run:
 
 @reader("manifest of a run", MANIFEST, {MANIFEST: _SAMPLE}, of_folder)
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Returns what the folder of a finished run tells of it.
+    """Returns the manifest of a finished run.
 
     Raises:
         ValueError: if it is no JSON object; the message names the file.
@@ -61,7 +61,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def default_folder(suite: str, differing: Mapping[str, Any]) -> Path:
-    """Returns the folder of a run that was told none: the suite, and all that differs from the defaults.
+    """Returns the default folder of a run: the suite, and all options that differ from the defaults.
 
     Args:
         differing: what is not as by default, by its name; what is None, 0 or empty is.
@@ -180,7 +180,7 @@ def _known_files(out: Path, run: Run) -> dict[str, set[str]]:
 
 
 def _publish(stage: Path, out: Path, run: Run) -> None:
-    """Moves the files of a finished run into its folder, with the manifest that tells them from others'.
+    """Moves the files of a finished run into its folder, with the manifest that lists them.
 
     While they move, the manifest lists both the old files and the new: a crash leaves no file that is nobody's.
     """
@@ -214,7 +214,7 @@ def _write_json(file: Path, content: Mapping[str, Any]) -> None:
 
 
 def _busy(out: Path) -> str:
-    """Returns what a second run is told."""
+    """Returns the message for a second run."""
     found = ", ".join(map(str, writers(out)))
     return f"another run{found and f' (process {found})'} works in {out}: wait until it ends, or give another --out"
 

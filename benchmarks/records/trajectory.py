@@ -63,7 +63,7 @@ class Trajectory:
     limit: float = math.inf  # s, of that clock
     # what the driven way is compared with; NaN where there is nothing to compare
     shortest: float = math.nan  # of the ways to the goal's tolerance that are free for the hull
-    max_speed: float = math.nan  # of the base, or the one that a contest asks for where that is lower
+    max_speed: float = math.nan  # of the base, or the contest's cruising speed where that is lower
     optimal_time: float = math.nan  # s, of a public benchmark's rules
     acceleration: float = math.inf  # of the base
 

@@ -1,4 +1,4 @@
-"""What the report says of a contest: who wins, with intervals, and the numbers behind its charts."""
+"""What the report says of a contest: its result, with intervals, and the numbers behind its charts."""
 
 import dataclasses
 import math
@@ -71,12 +71,12 @@ class _Standing:
     success: tuple[float, ...]  # value, low and high; the value alone of too few scenarios
     cost: str  # of the successes, with its interval, as tables show it; "" without one
     speed: float  # m/s, mean of the successes
-    away: bool  # whether that is off the speed that was asked for
+    away: bool  # whether that is off the requested speed
     score: tuple[float, ...]  # the mean of what it is ranked by, where that is neither success nor cost; else nothing
 
 
 def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
-    """Returns the finding of the episodes of one contest and robot: who comes first, on the splits that are ranked.
+    """Returns the finding of the episodes of one contest and robot: the first entry, on the splits that are ranked.
 
     The verdicts are those of the table of pairs of the same rows, corrected for all of its lines.
     """
@@ -161,7 +161,7 @@ def _achieved(each: _Standing, contest: Contest) -> str:
 
 
 def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict], contest: Contest) -> str:
-    """Returns who comes first of those without the map, and beside whom that is open."""
+    """Returns the first entry without access to the map, and the entries that are not significantly worse."""
     rivals = _rivals(ranked)
     best = rivals[0]
     name, won = label(best.entry), _achieved(best, contest)

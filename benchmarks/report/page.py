@@ -50,7 +50,7 @@ class Section:
 
     folder: Path
     tables: Sequence[Table]
-    small: tuple[str, Table] | None = None  # who wins, as a sentence and a small table; a contest says so by itself
+    small: tuple[str, Table] | None = None  # the result, as a sentence and a small table; a contest says so by itself
 
 
 @dataclasses.dataclass
@@ -146,7 +146,7 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
 
 
 def _episode(row: Row, world: int) -> dict[str, Any]:
-    """Returns what the page is told of an episode."""
+    """Returns the page's record of an episode."""
     if "contest" in row:
         place, family, policy = row["contest"], row["family"], label((row["policy"], row["gains_name"]))
     else:

@@ -34,7 +34,7 @@ class Setting:
     episodes: int
     keep: int | None = WORST  # of the worst episodes of an entry of a contest, their trajectories; None: all, whole
     members: tuple[int, ...] = ()  # of the bank, an episode each, in place of the first ones
-    given: Case | None = None  # the case as it was asked for, where another machine keeps its files elsewhere
+    given: Case | None = None  # the original case, where another machine keeps its files elsewhere
 
     def __str__(self) -> str:
         return f"{self.case.policy} on {self.case.scenario}"
@@ -121,8 +121,8 @@ def _row(setting: Setting, episode: int, measured: Mapping[str, float]) -> dict[
 def heads_first(settings: Sequence[Setting]) -> list[int]:
     """Returns the order in which workers shall take the settings: those that compile on a first run before the rest.
 
-    The kernels of scenes take longest, so that whoever comes first compiles them. Meanwhile the others meet paths, with
-    all that drive there, and only then scenes: nobody waits for what another one compiles. What is left is short.
+    The kernels of scenes take longest, so that the first worker compiles them. Meanwhile others drive on paths, with
+    all that drive there, and only then in scenes: no worker waits for what another one compiles. What is left is short.
     """
     plants: set[tuple[str, str]] = set()
     drivers: set[tuple[str, str, str]] = set()

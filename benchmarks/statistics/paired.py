@@ -39,7 +39,7 @@ def difference(
         strata: of the scenarios.
         reduction: "mean"; "iqm" takes the interquartile mean of the differences (the trimmed t-test of Yuen,
             Biometrika 61, 1974); "share" is a mean of successes, 0 or 1, to which two scenarios are added, one in each
-            of which either wins by half, so that two policies that never fail are not told apart to the last digit
+            of which either wins by half, so that two policies that never fail differ by nothing
             (Agresti and Min, Statistics in Medicine 24, 2005).
         dearer: of a mean of costs, how much more a failure counts than a success: the same two scenarios are added,
             since where failures are few, no more are seen in many a sample than their mean allows for.

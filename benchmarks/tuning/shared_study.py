@@ -16,7 +16,7 @@ from wayfield.benchmarks.contests.contest import Score
 from wayfield.policies.learned.reading import parsed_object
 from wayfield.system.readers import reader
 
-_ENQUEUED = 30.0  # s, that whoever made a study has for its first sets
+_ENQUEUED = 30.0  # s, that the process that made a study has for its first sets
 _LOST = 10.0  # times as long as the longest set took, after which one that is under way counts as its process's last
 _LEAST = 60.0  # s, of that
 _LONGEST = 1_000_000  # bytes of a line

@@ -93,7 +93,7 @@ class _Link:
         self.connect()
 
     def connect(self):
-        # the client of ZeroMQ waits for ever where nobody serves
+        # the client of ZeroMQ waits for ever without a server
         socket.create_connection((self.host, self.port), self.timeout).close()
         self.client = RemoteAPIClient(self.host, self.port)
         self.client.socket.RCVTIMEO = int(1000 * _PATIENCE)
@@ -112,7 +112,7 @@ class _Link:
                 if self.sim is None:
                     self.connect()
                 return simx_return_ok, function(self.sim)
-            except OSError as error:  # nobody answers; zmq's errors among them
+            except OSError as error:  # no answer; zmq's errors among them
                 self.close()
                 self.note(error)
                 return simx_return_timeout_flag, None

@@ -1,1 +1,1 @@
-"""Worlds of several bodies: who is near whom, half-planes of velocities, and how people walk."""
+"""Worlds of several bodies: neighbours, half-planes of velocities, and how people walk."""

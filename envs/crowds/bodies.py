@@ -1,4 +1,4 @@
-"""The bodies of a world, robots and people: where they are, who is near whom, who touches and who sees whom.
+"""The bodies of a world, robots and people: positions, neighbours, contacts and lines of sight.
 
 A world keeps two snapshots of its places, that of the period before and that of this one. What no step writes, the
 hulls, is kept once. Neighbours are sorted by (distance^2, x, y): sums and linear programs meet them in an order that no
@@ -280,7 +280,7 @@ def note_neighbours(bodies, now, w, reach, nothing, cells, frame):
             bodies.counts[w, i] = count
 
 
-# ---- who sees whom
+# ---- lines of sight
 
 
 class Sight(NamedTuple):
@@ -288,7 +288,7 @@ class Sight(NamedTuple):
 
     obstacles: NDArray[np.void]  # (b, m) OBSTACLE records
     field: int  # the row that is meant
-    standing: int  # of its obstacles; 0: nothing hides anybody
+    standing: int  # of its obstacles; 0: nothing blocks sight
     frames: NDArray[np.void]  # (scenarios,) of maps
     scenario: int
     words: NDArray[np.uint8]  # the cells of maps
@@ -325,7 +325,7 @@ def in_sight(seen, x, y, dx, dy, squared):
     return clear
 
 
-# ---- who touches whom
+# ---- contacts
 
 
 @inlined

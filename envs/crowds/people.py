@@ -81,7 +81,7 @@ WALKER = np.dtype(
         ("y", np.float64),
         ("vx", np.float64),  # m/s
         ("vy", np.float64),
-        ("next_vx", np.float64),  # what the law asks for
+        ("next_vx", np.float64),  # m/s, of the law for the next step
         ("next_vy", np.float64),
         ("goal_x", np.float64),
         ("goal_y", np.float64),
@@ -126,7 +126,7 @@ _A_WALL, _B_WALL = 3.0, 0.1  # m/s^2, m
 _MASS, _A_HFV, _B_HFV = 80.0, 2000.0, 0.08  # kg, N, m
 _BODY, _FRICTION = 1.2e5, 2.4e5  # kg/s^2, kg/(m s)
 _SUBSTEP = 1e-3  # s, of contact forces, which are stiff
-_FARTHEST_WALL = 2.0  # m, from which on walls push nobody
+_FARTHEST_WALL = 2.0  # m, from which on walls exert no force
 
 
 @compiled
@@ -181,7 +181,7 @@ def other_body(bodies, people, now, w, robots, j):
 
 @compiled
 def orca_velocity(walk, walker, bodies, people, now, w, robots, k, around, scratch, dt):
-    """Sets what ORCA asks a person to walk at."""
+    """Sets the next velocity of a person by ORCA."""
     obstacles, field, count = around
     lines = scratch.lines
     total = 0
@@ -213,7 +213,7 @@ def orca_velocity(walk, walker, bodies, people, now, w, robots, k, around, scrat
 
 @inlined
 def pushed_1995(x, y, vx, vy):
-    """Returns the acceleration that another person asks for, (x, y) the way from the other, (vx, vy) its velocity.
+    """Returns the acceleration away from another person, (x, y) the way from the other, (vx, vy) its velocity.
 
     The gradient of V0 exp(-b / sigma), b the half axis of an ellipse about the other's next step.
     """
@@ -272,7 +272,7 @@ def pushed_2000(overlap, nx, ny, vx, vy):
 
 @compiled
 def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt):
-    """Sets what a social force asks a person to walk at, after dt."""
+    """Sets the next velocity of a person by a social force, after dt."""
     obstacles, field, count = around
     ux, uy = wanted(walk, walker)
     relaxation = _RELAXATION_M if walk.law == MOUSSAID else _RELAXATION
@@ -390,7 +390,7 @@ def place_people(people, scenario, w):
 
 @compiled
 def decide_people(bodies, people, now, w, scenario, robots, around, scratch, dt):
-    """Sets what the law of every person of a world asks for; reads places and velocities, writes neither."""
+    """Sets the next velocity of every person of a world by its law; reads places and velocities, writes neither."""
     for k in range(people.walkers.shape[1]):
         walk = people.walks[scenario, k]
         walker = people.walkers[w, k]
@@ -525,17 +525,17 @@ def stroll(
     velocities: NDArray[np.float64] | None = None,
     robots: tuple[int, ...] = (),
 ) -> NDArray[np.float64]:
-    """Returns how people walk among nobody else: (steps + 1, q, 5), x, y (m), vx, vy (m/s), and whether they are there.
+    """Returns how people walk without robots: (steps + 1, q, 5), x, y (m), vx, vy (m/s), and whether they are there.
 
     Args:
         walks: (q,) WALK records.
         dt: s, of a step.
         obstacles: (m,) OBSTACLE records.
-        tracks: (rows, 4) of those who are replayed.
+        tracks: (rows, 4) of the replayed people.
         reach: m, within which others are neighbours.
         cells_from: bodies from which on they are found by cells, with the same bits.
         velocities: (q, 2) m/s at the start; None: all rest.
-        robots: who counts as a robot, which the blind do not see.
+        robots: bodies that count as robots, which people without eyes for robots ignore.
     """
     q = len(walks)
     field = np.zeros((1, 0), OBSTACLE) if obstacles is None else np.ascontiguousarray(obstacles)[None].copy()

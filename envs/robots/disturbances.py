@@ -1,6 +1,6 @@
 """How a robot differs from its data sheet: named, ordered levels, and each cause alone.
 
-Policies are told of none of it: the briefing describes the nominal robot.
+Policies have no access to it: the briefing describes the nominal robot.
 """
 
 import dataclasses

@@ -18,7 +18,7 @@ MOST_STRIDES = 1_000_000
 
 @inlined
 def command(p, s, actions, i):
-    """Turns an action into the twist asked of the wheels: saturation by one factor, then acceleration limits."""
+    """Turns an action into the twist commanded to the wheels: saturation by one factor, then acceleration limits."""
     vx = 0.0
     vy = 0.0
     yaw_rate = 0.0
@@ -30,7 +30,7 @@ def command(p, s, actions, i):
         else:
             yaw_rate = actions[i, 1]
     else:
-        # wheels of an omni base can be told to fight each other: the pseudo-inverse is what rolls without slip
+        # wheel speeds of an omni base can contradict each other: the pseudo-inverse is what rolls without slip
         for k in range(p.num_wheels):
             vx += p.forward_matrix[0, k] * actions[i, k]
             vy += p.forward_matrix[1, k] * actions[i, k]

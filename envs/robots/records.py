@@ -26,7 +26,7 @@ ROBOT_STATE = [
     ("vx", np.float64),  # true body twist at the end of the step, m/s
     ("vy", np.float64),
     ("yaw_rate", np.float64),  # rad/s
-    ("command_vx", np.float64),  # twist asked of the wheels, after saturation and acceleration limits
+    ("command_vx", np.float64),  # twist commanded to the wheels, after saturation and acceleration limits
     ("command_vy", np.float64),
     ("command_yaw_rate", np.float64),
     ("wheel_vx", np.float64),  # twist that the wheels turn for, after the lag; the body's own unless they slip
@@ -46,7 +46,7 @@ ROBOT_STATE = [
     ("num_blocks", np.int64),  # that those of the row are put into, behind which blocks.in_blocks has discs around them
     ("clearance", np.float64),  # m, from the hull to the nearest obstacle; inf without obstacles
     ("contact", np.int64),  # 1 when the hull touched something in this step
-    ("saturated", np.int64),  # 1 when the wheels could not turn as fast as the action asked
+    ("saturated", np.int64),  # 1 when the wheels could not turn as fast as the action commands
     ("steps", np.int64),  # since the reset
     ("scenario", np.int64),  # index in the bank of scenarios
     ("noise_row", np.int64),  # next unused row of the robot's block of noise

@@ -142,7 +142,7 @@ class Wheel:
 
 @dataclasses.dataclass(frozen=True)
 class Sensors:
-    """The range scan that an environment has unless it is asked for another."""
+    """The range scan of an environment by default."""
 
     beams: int = 32
     range: float = 5.0  # m
@@ -527,7 +527,7 @@ _INTERVAL = ("value", "low", "high", "method", "from")
 _PAIR = ("radius", "track", "effective_track", "wheelbase")
 _OMNI = ("x", "y", "direction", "radius")
 
-# Good ones of the user's, for those who check what becomes of bad ones.
+# Good files, which tests damage.
 _SAMPLE = """{"name": "mine", "title": "My robot", "drive": "differential", "wheels": {"radius": 0.05, "track": 0.3,
 "effective_track": 0.4, "wheelbase": 0.2}, "hull": {"radius": 0.22}, "mass": 6, "inertia": 0.1, "friction": 0.7,
 "driven_load": 0.9, "rated_wheel_speed": 15, "peak_wheel_speed": 20, "turn_speed": 6, "acceleration": 1.5,
@@ -677,7 +677,7 @@ def _listed(file: str, place: str, value: Any, known: tuple[str, ...]) -> tuple[
     return tuple(Wheel(**_object(file, f"{place}[{i}]", each, known, known)) for i, each in enumerate(value))
 
 
-# What the documents describe comes first, and is what an environment drives unless it is asked for another.
+# What the documents describe comes first, and is an environment's default.
 _FIRST = ("p3dx", "omni3", "omni4")
 
 
@@ -694,7 +694,7 @@ AnyRobot = Robot | str | os.PathLike[str]  # one that ships, by its name; a data
 
 
 def robot_of(robot: AnyRobot, field: str = "robot") -> Robot:
-    """Returns the robot that is asked for: the name of one that ships, the .json file of a data sheet, or a `Robot`.
+    """Returns a robot by what names it: the name of one that ships, the .json file of a data sheet, or a `Robot`.
 
     Raises:
         ValueError: if there is none of that name, naming the field and the nearest, or the sheet is wrong.
@@ -714,7 +714,7 @@ def robots_with(holonomic: bool) -> tuple[str, ...]:
 
 
 def offered(robot: AnyRobot | None, names: tuple[str, ...]) -> Robot:
-    """Returns the robot that an environment is asked for.
+    """Returns the robot of an environment.
 
     Args:
         robot: as for `robot_of`; None for the first of the names.

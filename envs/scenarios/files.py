@@ -27,7 +27,7 @@ _KINDS = {spec.kind: spec for spec in TASKS.values() if not spec.on_path}
 _OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box": box, "wall": wall}
 
 
-# good files of the user's, for those who check what becomes of bad ones
+# good files, which tests damage
 _TABLE = "x,y\n0,0\n1,0.5\n2,0\n3,1\n"
 _PATH = """{"path": [[0, 0], [2, 0], [2, 2], [0, 2]], "closed": true, "laps": 2, "start": [0.1, 0.05, 0.2],
 "start_offset": 0.1, "start_turn": 0.3, "corridor": 0.8}"""

@@ -27,7 +27,7 @@ from wayfield.system.readers import reader
 IMAGE_SUFFIXES = (".pgm", ".png", ".pbm", ".ppm", ".bmp")
 MAP_SUFFIXES = (".yaml", ".yml", ".map", ".npy", *IMAGE_SUFFIXES)
 MODES = ("trinary", "scale", "raw")
-MOVINGAI_CELL = 1.0  # m, a side of a cell of a MovingAI map unless told otherwise: the sets have none of their own
+MOVINGAI_CELL = 1.0  # m, a side of a cell of a MovingAI map by default: the sets have none of their own
 ROUNDED = 1e-3  # share of a published length that may be lost where it was written with few digits
 
 _FORMATS = ("PPM", "PNG", "BMP")  # that Pillow may try, whatever a file is called

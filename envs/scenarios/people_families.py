@@ -159,7 +159,7 @@ def _few(along: float, speed: tuple[float, float]) -> Callable[[Draw], Field]:
         people = []
         for k in range(draw.whole(1, 3)):
             x, y = 2.0 + 1.5 * k if along > 0.0 else 9.0 - 1.2 * k, draw.number(-0.4, 0.4)
-            # who comes towards the robot leaves before its start
+            # oncoming people leave before they reach its start
             goal_x, then = (16.0, STAYS) if along > 0.0 else (1.2, LEAVES)
             person = {"law": law, "x": x, "y": y, "goal_x": goal_x, "goal_y": y, "then": then}
             people.append(person | {"speed": draw.number(*speed)})

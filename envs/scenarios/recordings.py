@@ -64,7 +64,7 @@ def recorded(name: str | os.PathLike[str]) -> tuple[TeamScenario, ...]:
         name: a .txt file, or a folder: its `obsmat.txt` or its one .txt file.
 
     Raises:
-        ValueError: if a file is faulty, or nobody in it walks far enough; one line that begins with the file.
+        ValueError: if a file is faulty, or no person in it walks far enough; one line that begins with the file.
         OSError: if it cannot be opened.
     """
     file = _file_of(os.path.abspath(os.fspath(name)))
@@ -140,7 +140,7 @@ def _taken_over(name: str, walked: Walked, person: int) -> TeamScenario | None:
 
 @reader("recording of ETH", ETH, {ETH: _ETH_SAMPLE}, of_path)
 def read_eth(file: Path) -> Walked:
-    """Returns who walked where, of a file with the columns frame, id, x, z, y, v_x, v_z, v_y.
+    """Returns the tracks of people, of a file with the columns frame, id, x, z, y, v_x, v_z, v_y.
 
     Raises:
         ValueError: if the file is no such table; one line that begins with file:line and names the column.
@@ -151,7 +151,7 @@ def read_eth(file: Path) -> Walked:
 
 @reader("recording of UCY or TrajNet", "crowd.txt", {"crowd.txt": _PLAIN_SAMPLE}, of_path)
 def read_plain(file: Path) -> Walked:
-    """Returns who walked where, of a file with the columns frame, id, x, y; see `read_eth`."""
+    """Returns the tracks of people, of a file with the columns frame, id, x, y; see `read_eth`."""
     return _read(file, ("frame", "id", "x", "y"))
 
 
@@ -208,7 +208,7 @@ def _walked(file: Path, rows: dict[int, dict[int, tuple[int, float, float]]]) ->
                 )
         late, rest = divmod(frames[0] - origin, step)
         if rest and len(frames) > 1 and 2 * rest > step:
-            late += 1  # who is annotated between the frames of others is moved to the next of theirs
+            late += 1  # a person annotated between the frames of others is moved to the next of theirs
         if len(frames) > 1:
             places = np.array([mine[frame][1:] for frame in frames])
             speeds += (np.hypot(*np.diff(places, axis=0).T) / STEP).tolist()

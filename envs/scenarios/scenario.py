@@ -42,7 +42,7 @@ class PathScenario:
 
     name: str
     path: Path
-    laps: int = 1  # laps asked on a closed path, 0 for no end but the clock; an open path has 1
+    laps: int = 1  # laps to drive on a closed path, 0 for no end but the clock; an open path has 1
     start: tuple[float, float, float] | None = None  # x, y (m), heading (rad); None: the first point, along the path
     start_offset: float = 0.0  # m, the lateral start offset is drawn from [-start_offset, start_offset]
     start_turn: float = 0.0  # rad, the start heading is turned by a draw from [-start_turn, start_turn]

@@ -286,7 +286,7 @@ def _hall(n: int) -> Callable[[Draw], "Field | None"]:
         obstacles += [circle(rounded(x), rounded(y), 0.15) for x, y in pillars]
         starts = [(rounded(x), rounded(y)) for x, y in _shuffled(draw, left)[:n]]
         goals = [(rounded(x), rounded(y)) for x, y in _shuffled(draw, right)[:n]]
-        # who starts in front goes to the back of the other side, so that one after another can pass
+        # the robot that starts in front goes to the back of the other side, so that one after another can pass
         order = np.argsort([-x for x, _ in starts], kind="stable"), np.argsort([-x for x, _ in goals], kind="stable")
         return [starts[k] for k in order[0]], [goals[k] for k in order[1]], obstacles
 

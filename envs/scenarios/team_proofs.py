@@ -105,7 +105,7 @@ def _stamp(taken, nx, ny, x, y, step, px, py, reach, sign):
 
 @allocating
 def _way(free, taken, cost, nx, ny, x, y, step, start, goal):
-    """Returns the length (m) of a shortest way along free nodes that nobody takes, by A*; inf when there is none."""
+    """Returns the length (m) of a shortest way along nodes that no other robot takes, by A*; inf if there is none."""
     a = math.floor((start[0] - x) / step + 0.5) * ny + math.floor((start[1] - y) / step + 0.5)
     b = math.floor((goal[0] - x) / step + 0.5) * ny + math.floor((goal[1] - y) / step + 0.5)
     if not free[a] or not free[b] or taken[a] > 0 or taken[b] > 0:

@@ -33,9 +33,9 @@ class TeamScenario:
     """
 
     name: str
-    robots: tuple[GoalScenario, ...]  # what each is asked; all stand in the same field
+    robots: tuple[GoalScenario, ...]  # start and goal of each; all stand in the same field
     walks: NDArray[np.void] = dataclasses.field(default_factory=_nobody)  # (q,) WALK records
-    tracks: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))  # of who is replayed
+    tracks: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))  # of replayed people
     reach: float = SIGHT  # m, within which bodies are neighbours
     proof: str = ""  # "rigid turn", "one after another", "waiting"; "": none was looked for
     bound: float = math.nan  # s, the proven makespan over the longest straight way at the same speed
@@ -143,7 +143,7 @@ class TeamScenario:
 
 
 def check_team(scenario: TeamScenario, hull_radius: float) -> None:
-    """Checks that discs of `hull_radius` (m) fit at all starts and goals, and overlap nobody.
+    """Checks that discs of `hull_radius` (m) fit at all starts and goals, and do not overlap.
 
     Raises:
         ValueError: naming the scenario, the robots and the places.

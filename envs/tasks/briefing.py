@@ -1,4 +1,4 @@
-"""What a policy is told before an episode starts."""
+"""The information that a policy has access to before an episode starts."""
 
 import dataclasses
 from typing import Any

@@ -33,7 +33,7 @@ class Layout(Generic[Fields]):
 
     kind: type[Fields]
     fields: tuple[Field, ...]
-    task: TaskSpec | None = None  # that they belong to; None: nothing is asked
+    task: TaskSpec | None = None  # that they belong to; None: no task
 
     @functools.cached_property
     def size(self) -> int:

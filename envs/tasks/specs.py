@@ -2,7 +2,7 @@
 
 Whoever needs to know which task something belongs to reads it here, or asks the environment's, the briefing's or the
 contest's `spec`: ids, splits, agents, training, validation, contests, tables. The ids are registered from it, so that
-this module is as light as they are: what scenarios need is loaded when it is asked for.
+this module is as light as they are: what scenarios need is loaded on first access.
 """
 
 import dataclasses
@@ -42,7 +42,7 @@ class Repertoire:
 
 @dataclasses.dataclass(frozen=True)
 class TaskSpec:
-    """All that tells one task from another, but for its motion and reward, which are its environment's."""
+    """All that distinguishes a task, but for its motion and reward, which are its environment's."""
 
     name: str  # of splits, agents and presets
     suite: str  # of contests and tuned gains
@@ -68,7 +68,7 @@ class TaskSpec:
 
     @functools.cached_property
     def repertoire(self) -> Repertoire:
-        """Returns its scenarios, loaded when they are first asked for."""
+        """Returns its scenarios, loaded on first access."""
         found: Repertoire = importlib.import_module(f"wayfield.envs.scenarios.{self.scenarios}").REPERTOIRE
         return found
 

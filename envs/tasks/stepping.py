@@ -15,7 +15,7 @@ from wayfield.system.compiled import inlined
 from wayfield.system.sharing import BEGUN, PART, add, next_rows
 
 # The phases of a step. The kinematic plant runs all three in one compiled call; another plant drives in between.
-COMMAND = 1  # action to the twist asked of the wheels
+COMMAND = 1  # action to the twist commanded to the wheels
 DRIVE = 2  # motion
 JUDGE = 4  # observation, reward, end
 
@@ -94,7 +94,7 @@ def write_motion(s, holonomic, i, out):
 
 @inlined
 def nothing_more(p, world, robots, skip, first, last, outputs):
-    """Does nothing: a task whose robots are judged one by one concludes so."""
+    """No-op, for tasks that judge each robot separately."""
 
 
 @inlined
@@ -121,7 +121,7 @@ def move(phases, p, s, robots, actions, i, row):
 
 @inlined
 def step_robots(judge, conclude, phases, robots, actions, skip, turn, world, outputs):
-    """Runs the asked phases of a step for all robots but those in `skip`, as the task's `step_rows`.
+    """Runs the given phases of a step for all robots but those in `skip`, as the task's `step_rows`.
 
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
 

@@ -178,7 +178,7 @@ class Task(abc.ABC):
 
     @property
     def spec(self) -> TaskSpec:
-        """Returns what tells the task from others: the one that its observations belong to."""
+        """Returns the task's spec, which its observations carry."""
         assert self.layout.task is not None
         return self.layout.task
 
@@ -195,7 +195,7 @@ class Task(abc.ABC):
     def others(
         self, states: NDArray[np.void], own: tuple[NDArray[Any], ...], i: int
     ) -> tuple[list[tuple[int, tuple[float, float, float], tuple[float, float], bool]], NDArray[np.float64]]:
-        """Returns who else is in robot i's world: of each robot number, pose, goal and whether it left, and the people.
+        """Returns the other bodies in robot i's world: number, pose, goal and whether it left of robots, and people.
 
         People are (q, 4): x, y (m), heading (rad), radius (m).
         """

@@ -155,7 +155,7 @@ class OccupancyGrid:
         return self
 
     def decisive(self) -> list[Any]:
-        """Returns all that tells this grid from others, as `GoalScenario.decisive` does: of the cells a SHA-256."""
+        """Returns all that distinguishes this grid, as `GoalScenario.decisive` does: of the cells a SHA-256."""
         cells = np.frombuffer(hashlib.sha256(np.packbits(self.occupied).tobytes()).digest(), np.uint16)
         return [self.shape, cells, self.resolution, self.origin, self.beyond == "occupied"]
 

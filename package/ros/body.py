@@ -33,7 +33,7 @@ class Body:
     Args:
         world: the kind of world, one of WORLDS.
         scenario: a name, a family with its split, or a file, as environments take it; or a map of ROS (.yaml) alone.
-        timeout: s of its own time, without a command after which the base is told zero and brakes by its own limits.
+        timeout: s of its own time, without a command after which the base gets a zero command and brakes by its limits.
         start: pose (m, m, rad) in the world; None: as the scenario starts.
         beams: of the scan; None: the data sheet's.
         pose_source: of what it publishes as odometry: "odometry", or "ground_truth", as a good localiser would say it.
@@ -68,7 +68,7 @@ class Body:
         if spec.name in CROWDS:
             if dynamics != "kinematic":
                 raise ValueError(f"a world of kind {world!r} is kinematic; dynamics is {dynamics!r}")
-            # who has arrived stays to be seen, this robot among them
+            # robots that have arrived stay visible, this robot among them
             options |= {"parks": True, "sees": "bodies" if law.knows == "bodies" else "scan"}
         else:
             options["dynamics"] = dynamics
@@ -201,7 +201,7 @@ class Body:
         self.steps += 1
         batch = self._env.batch
         touched = bool(batch.states[0]["contact"])
-        if batch.own and self.contact:  # who presses against another stands off it by less than a period's way
+        if batch.own and self.contact:  # a robot that presses against another stands off it by less than a period's way
             touched |= bool(batch.states[0]["gap"] < _OFF)
         self.contacts += touched and not self.contact
         self.contact = touched

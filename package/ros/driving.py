@@ -89,7 +89,7 @@ class _Driver:
         self._memory = policy.reset(self._briefing)
 
     def twist(self, observations: NDArray[np.float64]) -> Twist:
-        """Returns what the policy asks for at a flat observation (1, n)."""
+        """Returns the policy's command at a flat observation (1, n)."""
         if self._ahead is not None:
             observations = self._ahead.observed(observations)
         asked = self._policy.act(self._briefing.layout.unpack(observations), self._briefing, self._memory)

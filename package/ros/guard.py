@@ -31,7 +31,7 @@ FORWARD = 1.0  # s, that a clock may jump ahead
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """What a base may be asked for: its data sheet's, or less."""
+    """The limits of commands to a base: its data sheet's, or lower ones."""
 
     robot: Robot
     max_speed: float = math.inf  # m/s
@@ -145,7 +145,7 @@ def _from_hull(
 
 
 class Decision(NamedTuple):
-    """What a mission asks for."""
+    """A mission."""
 
     twist: Twist
     arrived: bool = False

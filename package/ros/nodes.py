@@ -405,7 +405,7 @@ class Simulator:
                 self._transforms.stand(self.body.map_to_odom, self._stamp())
 
     def _look_around(self) -> None:
-        """Says what is wrong with who publishes commands: several do, or in a way that we do not take."""
+        """Says what is wrong with the publishers of commands: there are several, or one has an incompatible QoS."""
         node = self._main.node
         found = node.get_publishers_info_by_topic(self._topic)
         names = _names_of(found)

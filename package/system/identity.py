@@ -1,4 +1,4 @@
-"""What tells this installation from another: rows of two machines go together where they are the same."""
+"""The identity of an installation: rows of two machines may be combined where it is the same."""
 
 import functools
 import hashlib

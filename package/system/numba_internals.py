@@ -118,7 +118,7 @@ def _apart(kind: Any) -> Any:
 class _Part(JITCodeLibrary):
     """The code of a kernel that another one calls: never machine code of its own.
 
-    It is left as it is written: LLVM meets it once, beside all that it calls, in the code of whom Python calls.
+    It is left as it is written: LLVM meets it once, beside all that it calls, in the code of the outermost kernel.
     """
 
     def finalize(self) -> None:
@@ -421,7 +421,7 @@ def _in_parts(dispatcher: Any, compile_for: Any) -> Any:
         if not isinstance(cres.library, _Part):
             add_overload(cres)
             return
-        cres = cres._replace(entry_point=object())  # a name for it, that nobody can call
+        cres = cres._replace(entry_point=object())  # a name for it, which cannot be called
         dispatcher.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
         dispatcher.overloads[tuple(cres.signature.args)] = cres
 

@@ -16,7 +16,7 @@ SLACK = 0.01  # of the least and the greatest speed trained on, that are no news
 
 
 class NewToAgent(UserWarning):
-    """An agent is asked to drive what it was not trained on."""
+    """An agent drives what it was not trained on."""
 
 
 def _is_text(value: Any) -> bool:

@@ -39,7 +39,7 @@ class Ppo(Gains):
 
     @property
     def knows(self) -> str:
-        """Returns what it must be told: of agents that ship "sensors", of others what their card asks for.
+        """Returns its privileged information: of agents that ship "sensors", of others what their card says.
 
         Raises:
             ValueError: if the folder holds no agent of the seed, or a damaged one.

@@ -38,7 +38,7 @@ TURN_SHARE = 4  # points of a plan for each turn of a way, goals included
 def plan_fields(points: int) -> list[Any]:
     """Returns the fields of a robot's part of a planner's memory, for plans of so many points, but for its `grid`."""
     return [
-        ("command", np.float64, (3,)),  # the last twist asked for, m/s and rad/s
+        ("command", np.float64, (3,)),  # the last commanded twist, m/s and rad/s
         ("origin", np.float64, (2,)),  # corner of the grid's first cell, m, world frame
         ("cell", np.float64),  # m
         ("target", np.float64, (2,)),  # where the plan ends, m, world frame
@@ -106,7 +106,7 @@ class PolylineTracker(Gains, Policy):
             acceleration=gentle.acceleration,
             yaw_acceleration=gentle.yaw_acceleration,
             slow_speed=min(self.slow_speed, self.max_speed),
-            delay=briefing.actuators.reaction + 2.0 * briefing.dt,  # s, until the base does what it is told
+            delay=briefing.actuators.reaction + 2.0 * briefing.dt,  # s, until the base follows a command
             **more,
         )
 

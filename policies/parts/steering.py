@@ -1,4 +1,4 @@
-"""What laws are told of paths and maps, and from what they ask for to the twist that a base can drive."""
+"""Paths, maps and goals of a briefing as bundles of arrays, and the twist that a base can drive."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ class Course(NamedTuple):
 
     @classmethod
     def of(cls, briefing: Briefing) -> "Course":
-        """Returns the paths of a briefing that tells them."""
+        """Returns the paths of a briefing that has them."""
         assert briefing.paths is not None
         assert briefing.path_index is not None
         return cls(briefing.paths.vertices, briefing.paths.runs, briefing.path_index)
@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
 
 class Map(NamedTuple):
-    """What b robots are told of what stands and moves around them; `Briefing` says what each array holds."""
+    """The obstacles around b robots, standing and moving; `Briefing` says what each array holds."""
 
     obstacles: NDArray[np.void]
     counts: NDArray[np.int64]  # of the obstacles
@@ -56,7 +56,7 @@ class Map(NamedTuple):
 
     @classmethod
     def of(cls, briefing: Briefing) -> "Map":
-        """Returns the map of a briefing that tells it."""
+        """Returns the map of a briefing that has it."""
         assert briefing.obstacles is not None
         assert briefing.num_obstacles is not None
         assert briefing.goals is not None
@@ -67,14 +67,14 @@ class Map(NamedTuple):
 
 
 class Goals(NamedTuple):
-    """Where b robots are told to go: waypoints and goal."""
+    """The waypoints and goals of b robots."""
 
     goals: Array  # (b, m, 3)
     num_goals: NDArray[np.int64]
 
     @classmethod
     def of(cls, briefing: Briefing) -> "Goals":
-        """Returns the goals of a briefing that tells them."""
+        """Returns the goals of a briefing that has them."""
         assert briefing.goals is not None
         assert briefing.num_goals is not None
         return cls(briefing.goals, briefing.num_goals)

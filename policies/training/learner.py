@@ -33,7 +33,7 @@ class _Nothing(BaseCallback):
 class Learner(abc.ABC):
     """One update at a time, so that a run can stop between any two; `state` and `restore` go round exactly."""
 
-    LOGGED: ClassVar[tuple[str, ...]]  # of what the algorithm tells of an update, what the learning curve has
+    LOGGED: ClassVar[tuple[str, ...]]  # of the algorithm's numbers of an update, those that the learning curve has
 
     def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
         self.preset = preset

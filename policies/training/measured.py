@@ -2,7 +2,7 @@
 
 Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also slowly
 and fast and what `make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it
-warns. A path follower's card also says how fast it drives in the mean where it is told a speed, so that it can hold the
+warns. A path follower's card also says how fast it drives in the mean at a speed input, so that it can hold the
 one that it is asked for.
 """
 
@@ -34,7 +34,7 @@ AMONG = {
     "people": ("crowdnav_10", "lanes_24", "crossing_flow_24", "queue_at_door"),
 }
 
-Condition = tuple[float, dict[str, Any]]  # a speed asked for, m/s, and the keyword arguments of the environment
+Condition = tuple[float, dict[str, Any]]  # a requested speed, m/s, and the keyword arguments of the environment
 
 
 def _of_paths(speed: float, base: Mapping[str, Any]) -> list[Condition]:

@@ -181,7 +181,7 @@ class Preset(Gains):
 
     @property
     def sheet(self) -> dict[str, str]:
-        """Returns what tells the data sheet of a robot of one's own from another: its digest; nothing of others."""
+        """Returns the digest of the data sheet of a robot of one's own; nothing of others."""
         robot = None if self.robot is None else robot_of(self.robot)
         return {} if robot is None or isinstance(shipped_name(robot), str) else {"sheet": robot.digest}
 
@@ -195,7 +195,7 @@ class Preset(Gains):
     @property
     def parts(self) -> list[tuple[int, Mapping[str, Any], float]]:
         """Returns the number of robots, the keyword arguments and the pace (m/s) of each part of the worlds."""
-        more = {"ends": "respawn"} if self.task in CROWDS else {}  # nobody waits for others
+        more = {"ends": "respawn"} if self.task in CROWDS else {}  # no robot waits for others
         worlds = [(share / len(self.paces), self.env_kwargs(kwargs) | more) for share, kwargs in self.worlds]
         asked = [(*world, pace) for world in worlds for pace in self.paces]
         row = max(self.teams, default=1)  # robots that come and go together
@@ -310,7 +310,7 @@ _PATH_SAC = dataclasses.replace(
     learner=Sac(),
 )
 
-# Bases that are as slow as the tiers have them, which the network is told of, and all speeds that the base can drive.
+# Bases as slow as each tier, which the network has as inputs, and all speeds that the base can drive.
 # Quick ones need no lessons: an agent drives them as the quickest that it knows.
 _PATH_TIERS = dataclasses.replace(
     _PATH_TAUGHT,
@@ -407,7 +407,7 @@ _OMNI3_GOAL = dataclasses.replace(
     robot="omni3",
 )
 
-# It begins as a copy of a planner that is told the map, of which the scan shows nearly all: a dock is near. In first
+# It begins as a copy of a planner with access to the map, of which the scan shows nearly all: a dock is near. In first
 # tries one taught by nobody came to 58 % in as many frames, since it stood before what is in its way; one taught by
 # smooth_pose_backward, to 74 % in half.
 _DIFF_DOCK = Preset(

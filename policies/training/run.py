@@ -36,7 +36,7 @@ PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baseline
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """What one run is asked to do."""
+    """The settings of one run."""
 
     env_id: str
     preset: Preset  # with the settings in place
@@ -48,7 +48,7 @@ class Job:
     command: str = ""
 
     def described(self) -> dict[str, Any]:
-        """Returns what tells this run from another."""
+        """Returns the key of this run."""
         return {
             "env_id": self.env_id,
             "preset": self.preset.name,
@@ -75,7 +75,7 @@ class Report:
 
 
 def check_folder(job: Job) -> None:
-    """Raises ValueError when the folder holds another run, or this one and it was not asked to be resumed."""
+    """Raises ValueError when the folder holds another run, or this one without --resume."""
     if job.folder.exists() and not job.folder.is_dir():
         raise ValueError(f"{job.folder} is no folder; choose another --out")
     there = checkpoints.read_run(job.folder)
@@ -132,7 +132,7 @@ def train(
 
     Args:
         signals: those that save and end the run.
-        asked: tells whether something else asks for the same.
+        asked: returns whether another signal to stop was given.
 
     Raises:
         ValueError: if the folder holds another run, or files in it are damaged.
@@ -358,7 +358,7 @@ class _Run:
 
 
 def trained_on(preset: Preset) -> dict[str, list[Any]]:
-    """Returns what a network met in training: actuators, disturbances, speeds asked for (m/s), beams, team sizes."""
+    """Returns what a network met in training: actuators, disturbances, requested speeds (m/s), beams, team sizes."""
     worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds]
     tiers = [str(kwargs.get("actuators", "ideal")) for kwargs in worlds]
     levels = [str(kwargs.get("disturbance", "none")) for kwargs in worlds]
@@ -410,7 +410,7 @@ def versions() -> dict[str, str]:
 
 
 class Interrupted:
-    """The number of the signal that asked a run to end between two updates; 0 while none did."""
+    """The number of the signal that ends a run between two updates; 0 while there is none."""
 
     number = 0
 

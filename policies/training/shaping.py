@@ -1,4 +1,4 @@
-"""What a learner sees of the worlds: features, a reward that teaches, and a speed that is asked for."""
+"""What a learner sees of the worlds: features, a shaped reward, and a requested speed."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -221,7 +221,7 @@ class Shaped(VecEnv):
         infos: list[dict[str, Any]] = [{}] * self.num_envs
         if len(rows):
             finals = self._fields(self.worlds.final_observations(rows))
-            # what the base would ask for there is not known: it has been told of the next episode
+            # the base's command there is not known: it has the briefing of the next episode
             asked = None if self._asked is None else self._asked[rows]
             last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows], asked, self.limits[rows])
             for j, i in enumerate(rows.tolist()):
@@ -255,7 +255,7 @@ class Shaped(VecEnv):
         )
 
     def tell(self, pilots: Sequence[Pilot], ended: NDArray[np.bool_]) -> None:
-        """Tells pilots of the parts in which robots (b,) an episode has ended and another begun."""
+        """Resets the pilots of the parts for the robots (b,) whose episode has ended."""
         for pilot, rows in zip(pilots, self.worlds.rows, strict=False):
             if ended[rows].any():
                 pilot.reset(np.flatnonzero(ended[rows]))

@@ -1,4 +1,4 @@
-"""What is left of the shortest way to the goal, for a teacher who knows the map."""
+"""What is left of the shortest way to the goal, for a teacher with access to the map."""
 
 import math
 from collections.abc import Mapping
