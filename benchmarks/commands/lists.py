@@ -35,12 +35,12 @@ def policies() -> None:
         rows.append(
             [name, "\n".join(kinds), policy.knows, needs, about.what + (f" ({about.source})" if about.source else "")]
         )
-    _show("Policies", ("name", "task", "is told", "needs", "what it is"), rows)
+    _show("Policies", ("name", "task", "access", "needs", "what it is"), rows)
     _say(
-        "Is told: what it learns before an episode; `sensors` is nothing, and so is `bodies`, which sees "
-        "those nearest while it drives. Needs: what a robot must be. "
+        "Access: privileged information before an episode; `sensors` is none, and so is `bodies`, which sees "
+        "the nearest ones while it drives. Needs: what a robot must be. "
         "wayfield.policies.make(NAME) makes one; help() of it has its gains, its equations and its whole source. "
-        "Smooth_pose is told the path, or the goal."
+        "Smooth_pose has access to the path, or the goal."
     )
 
 
@@ -110,7 +110,7 @@ def _show(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> N
     for name in header:
         # names are for copying: they are never broken
         table.add_column(
-            name, no_wrap=name in (header[0], "task", "is told", "drive", "at most", "wayfield/"), overflow="fold"
+            name, no_wrap=name in (header[0], "task", "access", "drive", "at most", "wayfield/"), overflow="fold"
         )
     for row in rows:
         table.add_row(*row)

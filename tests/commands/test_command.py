@@ -92,7 +92,7 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
     assert all(list(spec.repertoire.about) == list(spec.families) for spec in TASKS.values())
     # below each stands what its columns mean, and what else may be named
     below = {
-        lists.policies: ["Is told:", "Needs:", "wayfield.policies.make(NAME)"],
+        lists.policies: ["Access:", "Needs:", "wayfield.policies.make(NAME)"],
         lists.scenarios: [*(f"{name} ({count})" for name, count in SPLITS.items()), *PATH_SCENARIOS, *GOAL_SCENARIOS],
         lists.robots: ["Hull:", "At most:"],
     }
