@@ -11,6 +11,7 @@ import functools
 import hashlib
 import importlib
 import json
+import lzma
 import os
 import pkgutil
 import random
@@ -75,6 +76,16 @@ def _sign_state(file: Path) -> None:
     write_state(file.parent, load(content), json.loads(header["__metadata__"]["numbers"]))
 
 
+def _sign_submission(file: Path) -> None:
+    """Writes the digests of a submission's episodes anew."""
+    from wayfield.benchmarks.commands.submission import CARD, signed
+
+    header, *lines = lzma.decompress(file.read_bytes()).decode().splitlines()
+    rows = [dict(zip(header.split(","), line.split(","), strict=False)) for line in lines]
+    card = file.with_name(CARD)
+    card.write_text(json.dumps(json.loads(card.read_bytes()) | {"episodes": [signed(row) for row in rows]}))
+
+
 # the readers whose files a digest vouches for: what makes it right again, and the keys below which it vouches
 _SIGNED: dict[str, tuple[Callable[[Path], None] | None, tuple[str, ...]]] = {
     **dict.fromkeys(("agent's card", "path agent's card", "agent's weights"), (_sign_agent, ())),
@@ -82,6 +93,8 @@ _SIGNED: dict[str, tuple[Callable[[Path], None] | None, tuple[str, ...]]] = {
     "digests of a part": (None, ()),
     "training state": (_sign_state, ()),
     "state before the last": (None, ()),
+    "card of a submission": (None, ("episodes",)),
+    "episodes of a submission": (_sign_submission, ()),
     "split": (None, ("families", next(iter(TASKS["path_following"].families)), "test")),
 }
 

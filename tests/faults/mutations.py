@@ -332,6 +332,11 @@ def nudged(content: bytes, name: str, rng: random.Random, under: Sequence[str] =
     if name.endswith(".safetensors"):
         length = 8 + int.from_bytes(content[:8], "little")
         return content[:length] + _flip(content[length:], rng)
+    if name.endswith(".csv.xz"):
+        rows = [line.split(",") for line in lzma.decompress(content).decode().splitlines()]
+        row = rng.choice(rows[1:])
+        row[rng.choice([k for k, cell in enumerate(row) if cell])] += "1"
+        return lzma.compress("".join(f"{','.join(each)}\n" for each in rows).encode(), preset=0)
     if not name.endswith(".json"):
         return _flip(content, rng)
     tree = json.loads(content)
