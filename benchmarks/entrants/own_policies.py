@@ -29,6 +29,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+import wayfield
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
@@ -122,7 +123,7 @@ class OwnModel:
         return OWN
 
     def make(self, gains: Mapping[str, Any]) -> Policy:
-        """Returns the policy that asks the model; ValueError, in one line, if it cannot be loaded."""
+        """Returns the policy of the model; ValueError, in one line, if it cannot be loaded."""
         del gains
         return Checked(self.name, _Asked(self.name, loaded(self.file, self.algorithm, self.digest)))
 
@@ -260,6 +261,7 @@ def imported(name: str) -> ModuleType:
     The folder comes first while the module is imported and last from then on, so that files of the user's own take the
     place of no others that are loaded later.
     """
+    _listen()
     if name in sys.modules:
         return sys.modules[name]
     here = os.getcwd()
@@ -282,9 +284,13 @@ def sources() -> dict[str, str]:
     """Returns the modules of the user's own that this process has loaded, with the SHA-256s of their files.
 
     They are all modules but those of Python, of installed packages and of wayfield, whoever imported them: a policy's
-    own, its helpers, and what it imported while it acted. A file's digest is that of when it was first seen here.
+    own, its helpers, and what it imported while it acted. Files that were run without becoming a module have their path
+    for a name. A file's digest is that of when it was first seen here.
     """
     found = {}
+    for origin in sorted(_RUN):
+        if (file := _outside(origin)) is not None:
+            found[str(file)] = _SEEN.setdefault(str(file), file_digest(file))
     for name, module in sorted(sys.modules.items()):
         known = getattr(module, "__wayfield_digest__", "")
         if known and isinstance(known, str):  # sent from another machine; torch.classes has an attribute of any name
@@ -306,11 +312,28 @@ def changed_source(loaded: Mapping[str, str]) -> str:
 
 
 _SEEN: dict[str, str] = {}  # SHA-256 of a file of the user's own, by its path
-_INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+_RUN: set[str] = set()  # files whose code was run by a loader or `exec`, modules or not
+_INSTALLED = (
+    *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")),
+    os.path.dirname(wayfield.__file__),
+)
+
+
+@functools.cache
+def _listen() -> None:
+    """Notes from now on which files' code is run: `importlib` can run a file that `sys.modules` never names."""
+
+    def heard(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "exec":
+            _RUN.add(str(getattr(arguments[0], "co_filename", "")))
+
+    sys.addaudithook(heard)
 
 
 def _own_file(name: str) -> Path | None:
-    """Returns the file of a module of the user's own; None of others, and where there is none."""
+    """Returns the file of a module of the user's own, or of a path; None of others, and where there is none."""
+    if os.path.isabs(name):
+        return _outside(name)
     if name.partition(".")[0] in ("wayfield", "__main__", "__mp_main__"):
         return None
     if name in sys.modules:
@@ -343,7 +366,7 @@ def _told(error: BaseException) -> str:
 
 
 class Checked:
-    """A policy of the user's own that is asked with care: what it does wrong is one line that names it.
+    """A policy of the user's own, checked at each call: an error is one line that names the policy.
 
     Raises:
         ValueError: if it lacks a member, or a member is nothing that a policy can have.

@@ -38,6 +38,14 @@ KINDS = {
         {"mine.py": LAW.format(at_import="", in_act="from pace import SPEED")},
         "pace.py",
     ),
+    "a file that is run by its path": (
+        "mine",
+        {
+            "mine.py": LAW.format(at_import="from by_path import SPEED", in_act=""),
+            "by_path.py": "import runpy\n\nSPEED = runpy.run_path('pace.py')['SPEED']",
+        },
+        "pace.py",
+    ),
     "a package": (
         "kit.laws",
         {
@@ -66,6 +74,7 @@ def contest(home: Path, module: str, out: str, **more: str) -> subprocess.Comple
     [
         pytest.param("a helper", marks=pytest.mark.slow),
         "a helper that is imported while it acts",
+        pytest.param("a file that is run by its path", marks=pytest.mark.slow),
         pytest.param("a package", marks=pytest.mark.slow),
     ],
 )
