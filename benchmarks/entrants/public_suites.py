@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -88,10 +89,10 @@ def racetrack_courses(folder: str, robot: Robot, scale: float = SCALE) -> tuple[
 
 
 def mrpb_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
-    """Returns the maps of a folder, a course each with its cases.
+    """Returns the maps of a folder, a course each with its cases; warns of each that a robot has no way in.
 
     Raises:
-        ValueError: if there are none, or a file is faulty; one line that names it.
+        ValueError: if there are none, a file is faulty, or no case of a map can be driven; one line that names it.
         OSError: if a file cannot be opened.
     """
     places = [place for place in (Path(folder), *sorted(Path(folder).iterdir())) if is_mrpb(place)]
@@ -100,9 +101,18 @@ def mrpb_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
     found = []
     for place in places:
         bank = scenarios_of(TASKS["goal_reaching"], str(place), robot.hull_radius)
-        longest = max(shortest_way(each, robot.hull_radius) for each in bank)
-        members = tuple(range(len(bank)))
-        found.append(Course(place.name, PUBLIC_SPLIT, str(place), _clock(longest, MRPB_SPEED), members=members))
+        lengths, problems = {}, []
+        for k, each in enumerate(bank):
+            try:
+                lengths[k] = shortest_way(each, robot.hull_radius)
+            except ValueError as error:
+                problems.append(f"{place}: {each.name}: {error}")
+        if not lengths:
+            raise ValueError(problems[0])
+        for problem in problems:
+            warnings.warn(f"{problem}; it is left out, {len(lengths)} of {len(bank)} cases are driven", stacklevel=2)
+        clock = _clock(max(lengths.values()), MRPB_SPEED)
+        found.append(Course(place.name, PUBLIC_SPLIT, str(place), clock, members=tuple(lengths)))
     return tuple(found)
 
 

@@ -195,6 +195,7 @@ def played(setting: Setting) -> list[Episode]:
     found = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
+        warnings.filterwarnings("ignore", ".* it is left out, ")  # said where the courses were made
         for i, (row, trajectory) in enumerate(episodes(setting)):
             member = members[i % len(members)]
             if setting.members:

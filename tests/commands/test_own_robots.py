@@ -15,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from wayfield.benchmarks.commands import evaluate
 from wayfield.benchmarks.commands.comparison import compare
+from wayfield.envs.robots import ROBOTS
 
 SHEET = {
     "drive": "differential",
@@ -29,6 +30,7 @@ LARGE = {"hull": {"radius": 0.36}}
 BOX = {"hull": {"kind": "box", "length": 0.55, "width": 0.46}}
 PARTIAL = {"sensors": {"beams": 72, "range": 5.0, "angle": 1.5 * math.pi}}
 PATH = "wayfield/DiffDrivePathFollowing-v0"
+THERE = ", ".join(each for each in ROBOTS if each in ("p3dx", "omni3", "omni4"))  # of goal seekers
 GOAL, DOCK = "wayfield/DiffDriveGoalObstacles-v0", "wayfield/DiffDriveDocking-v0"
 
 
@@ -97,8 +99,8 @@ def test_a_trained_policy_without_an_agent_is_left_out_and_the_others_drive(tmp_
     assert found.exit_code == 0, found.output
     lines = [line for line in found.stderr.splitlines() if "'ppo'" in line]
     assert lines == [
-        f"evaluate: policies 'ppo': no agent ships for goal_reaching with cart; wayfield train {GOAL} --robot "
-        "cart.json trains one; it is left out"
+        f"evaluate: policies 'ppo': no agent ships for goal_reaching with cart, but with {THERE}; wayfield train "
+        f"{GOAL} --robot cart.json trains one; it is left out"
     ]
     rows = (out / "episodes.csv").read_text().splitlines()
     assert any("vfh_plus" in row for row in rows)
@@ -110,7 +112,7 @@ def test_a_trained_policy_without_an_agent_is_left_out_and_the_others_drive(tmp_
 def test_compare_leaves_out_a_trained_policy_without_an_agent_as_evaluate_does(tmp_path: Path) -> None:
     robot = cart(tmp_path)
     where: Any = {"contest": "goal-obstacles", "families": ["clutter_10"], "episodes": 1, "robot": robot}
-    with pytest.warns(UserWarning, match="'ppo': no agent ships for goal_reaching with cart; .*; it is left out"):
+    with pytest.warns(UserWarning, match="'ppo': no agent ships for goal_reaching with cart, .*; it is left out"):
         found = compare(["vfh_plus", "ppo"], **where)
     assert {row["policy"] for row in found.rows} == {"vfh_plus"}
     with pytest.raises(ValueError, match="'ppo': no agent ships for goal_reaching with cart"):

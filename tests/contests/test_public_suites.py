@@ -419,6 +419,22 @@ def test_cases_of_mrpb_are_poses_on_its_map(tmp_path: Path) -> None:
     assert (told.start, told.goal) == (first.start, first.goal)
 
 
+def test_a_case_of_mrpb_that_no_robot_can_drive_is_left_out_and_told_of(tmp_path: Path) -> None:
+    folder = ros_map(tmp_path / "maze")
+    with (folder / "cases.csv").open("a", encoding="utf-8") as file:
+        file.write("-2.95,0,0,2,1,0\n")  # in the wall
+    with pytest.warns(UserWarning, match="'maze 3': .* occupied over the start .* 2 of 3 cases are driven"):
+        (course,) = mrpb_courses(str(tmp_path), ROBOTS["p3dx"])
+    assert course.members == (0, 1)
+    cells = np.full((20, 30), 254, np.uint8)
+    cells[:, 15] = 0  # a wall across
+    (folder / "map.pgm").write_bytes(b"P5 30 20 255\n" + cells.tobytes())
+    (folder / "cases.csv").write_text(CASES_HEADER + "-2,-1,0,2,-1,0\n-2,1,0,-1,1,0\n", encoding="utf-8")
+    with pytest.warns(UserWarning, match="'maze 1' has no way for a hull of 0.25 m; .* 1 of 2 cases are driven"):
+        (course,) = mrpb_courses(str(tmp_path), ROBOTS["p3dx"])
+    assert course.members == (1,)
+
+
 BROKEN_CASES = {
     "nothing": ("cases.csv", "", "header is ''"),
     "another header": ("cases.csv", "x,y\n1,2\n", "header is 'x,y'"),
