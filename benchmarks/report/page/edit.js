@@ -87,7 +87,8 @@ class Editor {
     canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
     canvas.classList.toggle("draws", tool !== null && tool !== "move");
     hint.hidden = tool === null;
-    hint.textContent = tool === null ? "" : HINTS[tool];
+    hint.replaceChildren(...(tool === null ? [] : [HINTS[tool], el("button", { type: "button", on: { click: () => this.take(null) } }, "done")]));
+    if (tool !== null) canvas.scrollIntoView({ block: "nearest" }); // on a phone the tools lie below the picture
     this.replay.refresh();
   }
 

@@ -270,9 +270,12 @@ class Looks {
   }
 
   tell(found) {
-    this.button.disabled = !found;
-    this.button.title = found ? `${found.look.title} of ${found.run.asked.label}` : "this policy has no overlay";
-    this.legend.hidden = !(this.on && found);
-    if (found) this.legend.textContent = `${found.look.title} of ${found.run.asked.label}`;
+    const { other } = this.replay;
+    const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
+    const told = [...new Set(shown.map(({ run, look }) => `${look.title} of ${run.asked.label}`))].join("; ");
+    this.button.disabled = !shown.length;
+    this.button.title = told || "this policy has no overlay";
+    this.legend.hidden = !(this.on && shown.length);
+    this.legend.textContent = told;
   }
 }

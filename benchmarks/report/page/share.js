@@ -41,16 +41,25 @@ class Share {
       throw new Error("it is cut off or was changed");
     }
     if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${JSON.stringify(state && state.v)}; this page reads ${LINK}`);
-    const known = (field, options) => {
-      if (!options.includes(state[field])) throw new Error(`${field} is ${JSON.stringify(state[field])}; it must be one of ${options.join(", ")}`);
+    const known = (field, options, of = state) => {
+      if (!options.includes(of[field])) throw new Error(`${field} is ${JSON.stringify(of[field])}; it must be one of ${options.join(", ")}`);
     };
+    const object = (field, value) => {
+      if (typeof value !== "object" || value === null || Array.isArray(value)) throw new Error(`${field} is ${JSON.stringify(value)}; it must be an object {...}`);
+    };
+    for (const field of ["sheet", "place"]) if (state[field] !== undefined) object(field, state[field]);
+    if (state.step !== undefined && !Number.isInteger(state.step)) throw new Error(`step is ${JSON.stringify(state.step)}; it must be a whole number`);
     if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
     if (drive.free) known("robot", robotsOf(drive.kernels));
-    known("actuators", drive.kernels.tables.tiers);
-    known("disturbance", Object.keys(drive.kernels.tables.disturbances));
+    const conditions = { actuators: drive.kernels.tables.tiers, disturbance: Object.keys(drive.kernels.tables.disturbances) };
+    for (const [field, options] of Object.entries(conditions)) known(field, options);
     if (state.embed !== undefined && !EMBEDS.includes(state.embed)) throw new Error(`embed is ${JSON.stringify(state.embed)}; it must be one of ${EMBEDS.join(", ")}`);
     if (state.embed) this.embed(state.embed);
     if (!Array.isArray(state.runs) || state.runs.length > 60) throw new Error("runs must be a list of at most 60");
+    state.runs.forEach((run, k) => {
+      object(`runs[${k}]`, run);
+      for (const [field, options] of Object.entries(conditions)) if (run[field] !== undefined) known(field, options, run);
+    });
     const world = state.world === undefined ? null : checkedWorld(state.world);
     if (state.place === undefined && !world) throw new Error("it names no scenario");
     if (drive.free) { replay.robot = state.robot; drive.robot.value = state.robot; }
@@ -66,9 +75,8 @@ class Share {
     const able = drive.able();
     for (const run of state.runs) {
       if (!able.includes(run.policy)) throw new Error(`policy is ${JSON.stringify(run.policy)}; here drive ${able.join(", ")}`);
-      known.call(null, "actuators", drive.kernels.tables.tiers);
-      drive.tier.value = drive.kernels.tables.tiers.includes(run.actuators) ? run.actuators : state.actuators;
-      drive.disturbance.value = run.disturbance in drive.kernels.tables.disturbances ? run.disturbance : state.disturbance;
+      drive.tier.value = run.actuators ?? state.actuators;
+      drive.disturbance.value = run.disturbance ?? state.disturbance;
       const gains = checkedGains(run.gains, drive.gains.recipe(run.policy));
       drive.who.value = run.policy;
       drive.gains.offer();
@@ -87,7 +95,7 @@ class Share {
     if (state.overlay === true) drive.looks.turn(true);
     drive.pump(AHEAD);
     replay.stretch();
-    replay.seek(Number.isInteger(state.step) ? state.step : 0);
+    replay.seek(state.step ?? 0);
     drive.wake();
     if (state.embed && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) replay.toggle(true);
   }
@@ -122,33 +130,46 @@ function stripped(world) {
 
 // A world that came by a link: only numbers, lists and the few words that worlds have.
 function checkedWorld(world) {
-  const fields = { kind: "string", name: "string", family: "string", tier: "string", steps: "number", start_offset: "number", start_turn: "number" };
   if (typeof world !== "object" || world === null) throw new Error("its scene is no object");
-  for (const [name, type] of Object.entries(fields)) if (typeof world[name] !== type) throw new Error(`its scene's ${name} is ${JSON.stringify(world[name])}`);
+  for (const field of ["kind", "name", "family", "tier"]) if (typeof world[field] !== "string") throw new Error(`its scene's ${field} is ${JSON.stringify(world[field])}`);
   if (!["path", "goal", "dock"].includes(world.kind)) throw new Error(`its scene's kind is ${JSON.stringify(world.kind)}`);
-  const finite = (value, field) => { if (typeof value !== "number" || !Number.isFinite(value) || Math.abs(value) > FARTHEST) throw new Error(`its scene's ${field} holds ${JSON.stringify(value)}`); };
   const rows = (field, width, most) => {
     const value = world[field] || [];
     if (!Array.isArray(value) || value.length > most) throw new Error(`its scene's ${field} is no list of at most ${most}`);
-    for (const row of value) {
-      if (!Array.isArray(row) || row.length !== width) throw new Error(`its scene's ${field} has a row that is not ${width} numbers`);
-      row.forEach((each) => finite(each, field));
-    }
+    return value.map((row, k) => asNumbers(`${field}[${k}]`, row, width));
   };
-  rows("path", 2, MOST_POINTS); rows("obstacles", 8, MOST_OBSTACLES); rows("patrols", 6, MOST_OBSTACLES); rows("waypoints", 2, MOST_OBSTACLES); rows("walls", 8, MOST_POINTS);
-  for (const field of ["start", "goal"]) if (world[field]) { asNumbers(field, world[field], 3); }
-  for (const field of ["corridor", "laps", "position_tolerance", "heading_tolerance", "waypoint_radius"]) if (world[field] !== undefined) finite(world[field], field);
-  if (world.kind === "path" ? (world.path || []).length < 2 : !world.goal || !world.start) throw new Error("its scene lacks a path, or a start and a goal");
-  if (world.draws !== undefined) { if (!Array.isArray(world.draws)) throw new Error("its scene's draws are no list"); world.draws.forEach((each) => finite(each, "draws")); }
-  return { ...world, steps: Math.min(world.steps, 12000), edited: true, grid: undefined };
+  const number = (field, least) => asNumber(field, world[field], least);
+  if (!Number.isInteger(world.steps) || world.steps < 1) throw new Error(`steps is ${JSON.stringify(world.steps)}; it must be a whole number of at least 1`);
+  for (const field of ["start_offset", "start_turn"]) number(field, 0);
+  for (const field of ["start", "goal"]) if (world[field]) asNumbers(field, world[field], 3);
+  if (world.draws !== undefined) { if (!Array.isArray(world.draws)) throw new Error("its scene's draws are no list"); world.draws.forEach((each, k) => asNumber(`draws[${k}]`, each)); }
+  const [path, obstacles, walls, patrols, waypoints] = [rows("path", 2, MOST_POINTS), rows("obstacles", 8, MOST_OBSTACLES), rows("walls", 8, MOST_POINTS), rows("patrols", 6, MOST_OBSTACLES), rows("waypoints", 2, MOST_OBSTACLES)];
+  for (const [, , c, s, ...sizes] of [...obstacles, ...walls]) {
+    if (Math.abs(c * c + s * s - 1) > 1e-6) throw new Error(`an obstacle's direction is [${c}, ${s}]; it must have the length 1`);
+    for (const each of sizes) if (each < 0) throw new Error(`an obstacle's size or mass is ${each}; it must be at least 0`);
+  }
+  if (patrols.length && patrols.length !== obstacles.length) throw new Error(`patrols has ${patrols.length} rows; there are ${obstacles.length} obstacles`);
+  const kept = { ...world, steps: Math.min(world.steps, 12000), edited: true, grid: undefined };
+  if (world.kind === "path") {
+    if (path.length < (world.closed ? 3 : 2)) throw new Error(`path has ${path.length} points; it needs ${world.closed ? 3 : 2}`);
+    path.forEach(([x, y], k) => { if (k && x === path[k - 1][0] && y === path[k - 1][1]) throw new Error(`path points ${k - 1} and ${k} are the same`); });
+    number("corridor", 1e-3);
+    number("laps", 0);
+    return kept;
+  }
+  for (const field of ["start", "goal"]) if (!world[field]) throw new Error(`its scene lacks its ${field}`);
+  for (const field of ["position_tolerance", "heading_tolerance", "waypoint_radius"]) number(field, 1e-6);
+  return { ...kept, obstacles, patrols, waypoints };
 }
 
 function checkedGains(gains, recipe) {
   if (gains === undefined) return {};
+  if (typeof gains !== "object" || gains === null) throw new Error(`gains is ${JSON.stringify(gains)}; it must be an object {...}`);
   for (const [name, value] of Object.entries(gains)) {
     const gain = ((recipe && recipe.gains) || []).find((each) => each.name === name);
     if (!gain) throw new Error(`its policy has no gain ${JSON.stringify(name)}`);
-    const { low, high } = gain;
+    const { low, high, whole } = gain;
+    if (whole && !Number.isInteger(value)) throw new Error(`${name} is ${JSON.stringify(value)}; it must be a whole number`);
     if (typeof value !== "number" || !(value >= low && value <= high)) throw new Error(`${name} is ${JSON.stringify(value)}; it must be from ${short(low)} to ${short(high)}`);
   }
   return gains;
