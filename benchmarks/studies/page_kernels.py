@@ -153,7 +153,8 @@ def linked(folder: Path, names: Sequence[str]) -> bytes:
 )
 def main(out: Path | None, kept: bool) -> None:
     """Builds the page's WebAssembly module and its tables from the sources of today."""
-    folder = out or Path(report.__path__[0]) / "page"
+    # where an editable install's links lead
+    folder = out or (Path(report.__path__[0]) / "page" / TABLES).resolve().parent
     if kept:
         content = {"orders": json.loads((folder / TABLES).read_text(encoding="utf-8"))["orders"], **tables()}
         write_whole(folder / TABLES, json.dumps(content, separators=(",", ":"), allow_nan=False).encode())

@@ -280,8 +280,14 @@ class Blobs:
         return [base64.b64encode(each).decode() for each in self.index]
 
 
-def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
-    """Returns how the page makes a policy decide: the export, its arguments, and where the twist is."""
+def recipe(
+    task: str, name: str, gains: Mapping[str, Any], limits: Mapping[str, float], env: NativeVectorEnv, blobs: Blobs
+) -> dict[str, Any]:
+    """Returns how the page makes a policy decide: the export, its arguments, and where the twist is.
+
+    Args:
+        limits: of the gains that the page can change, as `gain_limits` finds them.
+    """
     module, function, out, kind = decisions(task)[name]
     policy: Any = make(name, **gains)
     ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
@@ -295,10 +301,11 @@ def recipe(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv,
         field = int(fields[part][1])
     # a robot rests nearer to goals that ask for it, which the page's visitor may draw
     rest = [int(fields["stop_radius"][1]), policy.stop_radius, NEAR_ENOUGH] if "stop_radius" in fields else None
-    values = {field: getattr(policy, field) for field in gain_places(task, name, env)}
+    values = {field: getattr(policy, field) for field in limits}
     return {
         "make": {"name": name, "gains": {each: "inf" if value == math.inf else value for each, value in gains.items()}},
         "gains": {field: value for field, value in values.items() if math.isfinite(value)},
+        "limits": {field: most for field, most in limits.items() if math.isfinite(most)},
         "export": export_of(module, function),
         "arguments": arguments,
         "out": out,
@@ -379,6 +386,69 @@ def gain_places(task: str, name: str, env: NativeVectorEnv) -> Places:
                 found[field] = known[0]
         _PLACES[task, name] = found
     return _PLACES[task, name]
+
+
+def gain_limits(task: str, name: str, env: NativeVectorEnv) -> dict[str, float]:
+    """Returns the gains that the page can change on a base, and the most that each counts there: inf without a bound.
+
+    A law takes the lesser of some gains and of what the actuators can do. A gain that other numbers are made of on this
+    base is left out, but for those that `OF_SHEETS` tells the page how to make.
+    """
+    before = _numbers(task, name, {}, env)
+    gains = gains_of(make(name))
+    found = {}
+    for field, places in gain_places(task, name, env).items():
+        low, high = ends_of(gains[field])
+        if _held(task, name, {field: high}, before, places, env) == high:
+            found[field] = math.inf
+            continue
+        held = {end: _held(task, name, {field: end}, before, places, env) for end in (low, _near(gains[field]), high)}
+        taken = {end: number for end, number in held.items() if number is not None}
+        most = max(taken.values(), default=math.nan)
+        if len(taken) >= 2 and all(number == min(end, most) for end, number in taken.items()):
+            found[field] = math.inf if most == max(taken) else most
+    return found
+
+
+def _held(
+    task: str, name: str, gains: Mapping[str, float], before: Mapping[str, Any], places: list[list[Any]], env: Any
+) -> float | None:
+    """Returns the number at a gain's places once it has a value; None where it is refused, nan where others change."""
+    ((field, value),) = gains.items()
+    try:
+        after = _numbers(task, name, gains, env)
+    except ValueError:
+        return None
+    kind: Any = np.int64 if isinstance(value, int) else np.float64
+    numbers = set()
+    for each, new in after.items():
+        old = before.get(each)
+        mine = [offset for argument, offset in places if argument == each]
+        if not isinstance(new, np.ndarray):
+            numbers |= {new} if mine else set()
+            if not mine and new != old:
+                return math.nan
+            continue
+        if old is None or len(old) != len(new):
+            return math.nan
+        rest = new[: len(new) - len(new) % 8].view(kind)
+        numbers |= {rest[offset // 8].item() for offset in mine}
+        made = _made(task, name, field, env) if each == "params" else set()
+        other = np.flatnonzero(old != new) // 8 * 8
+        if not {int(offset) for offset in other} <= {*mine, *made}:
+            return math.nan
+    return float(numbers.pop()) if len(numbers) == 1 else math.nan
+
+
+def _made(task: str, name: str, field: str, env: NativeVectorEnv) -> set[int]:
+    """Returns the bytes of a law's record that the page fills by itself once a gain has another value."""
+    made = [each for each, told in OF_SHEETS.get(name, {}).items() if told == ("share_yaw", field)]
+    if not made:
+        return set()
+    module, function, *_ = decisions(task)[name]
+    ((kernel, values),) = first_decision(env, make(name), [(of_policies(module), function)])
+    fields = dict(leaves(names_of(kernel), values))["params"].dtype.fields
+    return {int(fields[each][1]) for each in made}
 
 
 def _near(each: Gain) -> float:
@@ -606,9 +676,11 @@ def tables() -> dict[str, Any]:
                     if f"{task} {name}" not in told["sliders"]:
                         told["sliders"][f"{task} {name}"] = sliders_of(task, name, env)
                     sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
+                    limits = gain_limits(task, name, env)
                     for gains_name, gains in sets:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
-                        told["pilots"][f"{task} {robot} {actuators} {label}"] = recipe(task, name, gains, env, blobs)
+                        key = f"{task} {robot} {actuators} {label}"
+                        told["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
                 for gains_name, gains in contest.gain_sets(AGENT, robot, ()):
                     if gains["seed"] == 0 and network(task):
                         key = f"{task} {robot} {actuators} {AGENT} ({gains_name})"

@@ -387,6 +387,55 @@ def test_a_link_that_was_edited_is_a_sentence(
         assert page_errors == []
 
 
+EDITED = {
+    "(s) => { s.runs = [null]; }": "runs[0] is null",
+    "(s) => { s.runs[0].actuators = 'constructor'; }": "actuators is",
+    "(s) => { s.runs[0].gains = null; }": "gains is null",
+    "(s) => { s.runs[0] = { policy: 'mppi', gains: { samples: 100.5 } }; }": "samples is 100.5",
+    "(s) => { s.step = '9'; }": "step is",
+    "(s) => { s.sheet = null; }": "sheet is null",
+    "(s) => { delete s.world; s.place = null; }": "place is null",
+    "(s) => { s.world.steps = 0; }": "steps is 0",
+    "(s) => { s.world.position_tolerance = -1; }": "position_tolerance is -1",
+    "(s) => { delete s.world.waypoint_radius; }": "waypoint_radius is undefined",
+    "(s) => { s.world.patrols = [[0, 0, 1, 1, 2, 0]]; }": "patrols has 1 rows",
+    "(s) => { s.world.obstacles[0][6] = -1; }": "size or mass is -1",
+    "(s) => { s.world.obstacles[0].splice(2, 2, 0, 0); }": "direction is [0, 0]",
+}
+
+
+def test_a_link_that_holds_what_cannot_be_is_a_sentence(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"]) as watched:
+        tab = watched.page
+        tab.evaluate("drive.clear(); drive.add({ label: 'vfh_plus' }); drive.editor.change(() => {})")
+        state = tab.evaluate("drive.share.state()")
+        opened = """([state, edit]) => {
+          const changed = structuredClone(state);
+          edit(changed);
+          try { drive.share.restore(encodeURIComponent(JSON.stringify(changed))); } catch (error) { return `${error}`; }
+          return "opened";
+        }"""
+        for edit, told in EDITED.items():
+            answer = tab.evaluate(opened.replace("edit(changed)", f"({edit})(changed)"), [state, None])
+            assert answer.startswith("Error: "), edit  # and no TypeError of the machine
+            assert told in answer, edit
+        assert tab.evaluate(opened.replace("edit(changed);", ""), [state, None]) == "opened"
+        assert watched.errors == []
+
+
+def test_a_tool_on_a_phone_brings_the_picture_back(browser: Browser, files: dict[str, Path]) -> None:
+    phone: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+    with Watched(browser, files["demo"], **phone) as watched:
+        tab = watched.page
+        tab.get_by_role("button", name="disc", exact=True).tap()
+        box = tab.locator(".board canvas").first.bounding_box()
+        assert box is not None
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= 844
+        tab.get_by_role("button", name="done").tap()
+        assert tab.evaluate("[drive.editor.tool, getComputedStyle(replay.canvas).touchAction]") == [None, "pan-y"]
+
+
 def test_a_scenario_is_saved_and_loaded(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
     with Watched(browser, files["demo"]) as watched:
         with watched.page.expect_download() as download:
@@ -569,6 +618,29 @@ def test_each_slider_is_the_gain_of_python(browser: Browser, files: dict[str, Pa
             tab.evaluate(
                 "([label, gains]) => { drive.clear(); drive.add({ label, gains }); }", [label, {gain["name"]: value}]
             )
+            watched.until(DRIVEN)
+            same_in_python(tab, label)
+        assert watched.errors == []
+
+
+# what a slow base leaves of a gain, and one that another number of the law is made of
+BOUND = [
+    ("path_following", "stanley", "share", 0.83),
+    ("path_following", "smooth_pose", "yaw_acceleration", 4.1),
+    ("goal_reaching", "scan_planner", "acceleration", 0.77),
+    ("docking", "reeds_shepp", "deceleration", 0.9),
+]
+
+
+def test_a_gain_beyond_what_the_base_can_do_drives_as_in_python(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"]) as watched:
+        tab = watched.page
+        tab.evaluate("drive.tier.value = 'slow'")
+        for task, label, gain, value in BOUND:
+            kind = TASKS[task].kind
+            family = tab.evaluate("(k) => [...picks.families.keys()].find((each) => each.startsWith(`${k}: `))", kind)
+            tab.evaluate("(family) => { picks.restore({ family, seed: 0 }); drive.clear(); }", family)
+            tab.evaluate("([label, gains]) => drive.add({ label, gains })", [label, {gain: value}])
             watched.until(DRIVEN)
             same_in_python(tab, label)
         assert watched.errors == []

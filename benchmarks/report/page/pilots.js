@@ -46,11 +46,17 @@ class Law {
     }
     for (const { name, whole, places } of gainsOf(kernels, simulator.task, recipe).gains) {
       if (!(name in gains)) continue;
+      const number = Math.min(gains[name], (recipe.limits || {})[name] ?? Infinity); // what the actuators leave of it
       for (const [argument, offset] of places) {
-        if (offset === null) this.values[argument] = gains[name];
-        else if (whole) kernels.i64(this.values[argument].at + offset, 1)[0] = BigInt(gains[name]);
-        else kernels.f64(this.values[argument].at + offset, 1)[0] = gains[name];
+        if (offset === null) this.values[argument] = number;
+        else if (whole) kernels.i64(this.values[argument].at + offset, 1)[0] = BigInt(number);
+        else kernels.f64(this.values[argument].at + offset, 1)[0] = number;
       }
+    }
+    const shared = recipe.sheet && recipe.sheet.fields.find(([, kind]) => kind === "share_yaw");
+    if (shared && "share" in gains) {
+      const yaw = recipe.sheet.plant + kernels.tables.sheet.plant.yaw_acceleration[0];
+      kernels.f64(this.values.params.at + shared[0], 1)[0] = gains.share * kernels.f64(this.values.params.at + yaw, 1)[0];
     }
     if (recipe.rest) {
       const [offset, radius, share] = [recipe.rest[0], gains.stop_radius ?? recipe.rest[1], recipe.rest[2]];

@@ -94,7 +94,10 @@ function addRobot(kernels, sheet) {
       const at = (field) => recipe.sheet.plant + plant[field][0];
       const changes = [[at("hull_radius"), sheet.hull], [at("wheel_matrix"), matrix], [at("wheel_speed_limit"), now.limit], [at("turn_speed"), sheet.turn_speed], [at("acceleration"), now.acceleration],
         [at("yaw_acceleration"), now.yaw], [at("lag"), now.lag], [at("lag_decay"), decay], [at("lag_mean"), mean], ...recipe.sheet.fields.map(([place, kind, number]) => [place, kinds[kind](number)])];
-      tables.pilots[`${taskName} ${name} ${tier} ${label.join(" ")}`] = { ...recipe,
+      // a gain that such a field holds counts up to what this base can do
+      const limits = Object.fromEntries(gainsOf(kernels, taskName, recipe).gains.flatMap((gain) => recipe.sheet.fields
+        .filter(([place, kind]) => kind.startsWith("least") && gain.places.some(([, offset]) => offset === place)).map(([, kind]) => [gain.name, kinds[kind](Infinity)])));
+      tables.pilots[`${taskName} ${name} ${tier} ${label.join(" ")}`] = { ...recipe, limits,
         arguments: recipe.arguments.map((each) => (each.name === "params" ? { ...each, blob: patched(each.blob, changes) } : each)) };
     }
   }
