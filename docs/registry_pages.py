@@ -8,6 +8,7 @@ import importlib
 import inspect
 import io
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -113,7 +114,11 @@ def notebook_page(book: Path) -> str:
         said = "".join(line for output in cell["outputs"] for line in output.get("text", []))
         if said:
             parts.append(f"```text\n{said.rstrip()}\n```")
-    parts.append(f"{{download}}`This notebook <../../notebooks/{book.name}>`, to run it elsewhere.")
+    elsewhere = f"{{download}}`This notebook <../../notebooks/{book.name}>`, to run it elsewhere."
+    if repository := os.environ.get("GITHUB_REPOSITORY"):  # where the site is built for others
+        at = f"https://colab.research.google.com/github/{repository}/blob/main/docs/notebooks/{book.name}"
+        elsewhere += f" Or [open it in Colab]({at})."
+    parts.append(elsewhere)
     return "\n\n".join(parts) + "\n"
 
 
