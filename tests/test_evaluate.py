@@ -275,6 +275,8 @@ def test_a_real_circuit(tmp_path):
     ("arguments", "expected"),
     [
         (("--policies", "lookahead_documentd"), "Did you mean 'lookahead_documented'?"),
+        (("--policies", "lqr,mine.zip"), "your own is --policy mine.zip"),
+        (("--policies", "chase:Chase"), "your own is --policy chase:Chase"),
         (("--suite", "document"), "Did you mean 'documents'?"),
         (("--dynamics", "pymonk"), "Did you mean 'pymunk'?"),
         (("--actuators", "slo"), "Did you mean 'slow'?"),

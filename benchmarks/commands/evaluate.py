@@ -96,6 +96,16 @@ _QUICK_WIDTH = 80  # of the tables of a first look, in characters
 _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 
 
+class _Policies(Names):
+    """Names of policies; one of the user's own is sent to the option --policy."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        for name in str(value).split(","):
+            if ":" in name or name.endswith(".zip"):
+                raise click.UsageError(f"--policies {name!r} is none of the package's; your own is --policy {name}")
+        return super().convert(value, param, ctx)
+
+
 @click.command("evaluate", cls=OneLineErrors, context_settings={"max_content_width": 100})
 @click.option(
     "--suite",
@@ -104,7 +114,7 @@ _LEAST_WIDTH = 12  # of a cell in a narrow terminal, in characters
 )
 @click.option(
     "--policies",
-    type=Names("--policies", (*wayfield.policies.POLICIES, *RENAMED, "all")),
+    type=_Policies("--policies", (*wayfield.policies.POLICIES, *RENAMED, "all")),
     help="Only these policies, or all.  [default: those of the suite; public benchmarks leave out mppi, nav2_mppi]",
 )
 @click.option(

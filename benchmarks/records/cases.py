@@ -10,7 +10,6 @@ from wayfield.policies.tuned import PACE
 
 PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"
-DIFF_DRIVE_GOAL_REACHING = "wayfield/DiffDriveGoalObstacles-v0"
 
 # One figure, or the lower and upper end of a range.
 Figure = float | tuple[float, float]

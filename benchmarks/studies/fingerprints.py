@@ -51,7 +51,6 @@ class Condition:
 
 
 _LAGGED: Mapping[str, Any] = {"actuators": "lagged"}
-_WHEELS: Mapping[str, Any] = {**_LAGGED, "action_mode": "wheel_speeds"}
 CONDITIONS = {
     "path-following": (
         Condition("plain", "figure_eight_lap"),
