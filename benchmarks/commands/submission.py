@@ -11,11 +11,14 @@ import hashlib
 import io
 import json
 import lzma
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from wayfield.benchmarks.contests import ALL_CONTESTS, OWN_SPLIT, PUBLIC_SPLIT, Course, Entrants
+from wayfield.benchmarks.commands.contest_options import seed_of
+from wayfield.benchmarks.contests import ALL_CONTESTS, GAINS_NAMES, OWN_SPLIT, PUBLIC_SPLIT, Course, Entrants
+from wayfield.benchmarks.entrants.own_policies import OWN
 from wayfield.benchmarks.leaderboards.entries import COMPARED
 from wayfield.benchmarks.records.cases import Case, Entrant
 from wayfield.benchmarks.records.episode import Episodes
@@ -23,6 +26,7 @@ from wayfield.benchmarks.records.results import EPISODES, read_table
 from wayfield.benchmarks.runs.shards import played
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.scenarios import splits
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.reading import parsed_object
 from wayfield.system.checks import MOST_BYTES
 from wayfield.system.identity import differences, identity, source_digest
@@ -31,7 +35,9 @@ from wayfield.system.readers import of_folder, reader
 CARD, ROWS = "card.json", "rows.csv.xz"
 _ENTRY = ("contest", "robot", "policy", "gains_name", "split")
 _OF_A_CASE = ("scenario", "gains", "agent_seed", "dynamics", "actuators", "disturbance", "suite")
-_WORDS = ("trajectory", "learned_from", "knows", "parameters")  # which describe an entry, and are no behaviour
+_CONDITIONS = ("dynamics", "actuators", "disturbance")
+_NEEDED = (*_ENTRY, *_OF_A_CASE[:1], *_CONDITIONS, "suite", "family", "episode", "seed", "success")
+_WORDS = ("trajectory", "learned_from", "parameters")  # which describe an entry, and are no behaviour
 FIRST = 2  # episodes of a case of the sample
 
 Row = Mapping[str, str]
@@ -65,12 +71,15 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
     if not mine:
         there = ", ".join(dict.fromkeys(_name(row) for row in every if row.get("split") in COMPARED))
         raise Refused(f"{run} has no entry {entry!r}; it has {there or 'none of a contest'}")
-    if len({tuple(row[name] for name in _ENTRY) for row in mine}) > 1:
-        raise Refused(f"{run}: {entry!r} drove in several contests, robots or splits; give a run of one")
+    if len({tuple(row[name] for name in (*_ENTRY, *_CONDITIONS)) for row in mine}) > 1:
+        raise Refused(f"{run}: {entry!r} drove in several contests, robots, splits or conditions; give a run of one")
     if mine[0]["split"] in (OWN_SPLIT, PUBLIC_SPLIT):
         raise Refused(f"{run}: a submission is of frozen scenarios, not of split {mine[0]['split']!r}")
-    if (entrant is not None) != (mine[0]["gains_name"] == "own"):
+    if (entrant is not None) != _is_own(mine[0]):
         raise Refused(f"{entry!r} is {'no ' if entrant else 'a '}policy of your own: give --policy for those alone")
+    if entrant is None and mine[0]["gains_name"] not in GAINS_NAMES:
+        raise Refused(f"{entry!r} are agents of a folder: enter them by --policy, a function that makes the policy ppo")
+    _check_seeds(mine)
     kept = [name for name in mine[0] if name != "trajectory" and any(row[name] for row in mine)]
     rows = [{name: row[name] for name in kept} for row in mine]
     card = {
@@ -100,7 +109,7 @@ _SAMPLE_ROWS = [
 
 
 def _write_sample(folder: Path) -> None:
-    rows = [row | {"scenario": "circles/test", "episode": "0", "success": "1"} for row in _SAMPLE_ROWS]
+    rows = [row | dict.fromkeys(_NEEDED[len(_ENTRY) :], "0") for row in _SAMPLE_ROWS]
     card = {"entry": _SAMPLE_ROWS[0], "code": "", "policy": "", "scenarios": {}, "versions": {}}
     sample = Submission(card | {"episodes": [signed(row) for row in rows]}, rows)
     for name, data in content(sample).items():
@@ -125,7 +134,7 @@ def read_submission(folder: Path) -> Submission:
         if not isinstance(card.get(name), kind):
             raise Refused(f"{folder / CARD}: {name} is missing, or no {kind.__name__}")
     rows = _unpacked((folder / ROWS).read_bytes(), folder / ROWS)
-    missing = [name for name in (*_ENTRY, "scenario", "episode") if name not in rows[0]]
+    missing = [name for name in _NEEDED if name not in rows[0]]
     if missing:
         raise Refused(f"{folder / ROWS} has no column {', '.join(missing)}")
     if len(rows) != len(card["episodes"]):
@@ -135,6 +144,10 @@ def read_submission(folder: Path) -> Submission:
             raise Refused(f"{folder / ROWS}: {place(row)} is not as the card has it")
         if {name: row[name] for name in _ENTRY} != card["entry"]:
             raise Refused(f"{folder / ROWS}: {place(row)} is of another entry than the card's")
+        if not re.fullmatch(r"0|[1-9]\d{0,8}", row["episode"], re.ASCII):
+            raise Refused(f"{folder / ROWS}: {row['episode']!r} is no number of an episode")
+        if other := next((name for name in _CONDITIONS if row[name] != rows[0][name]), None):
+            raise Refused(f"{folder / ROWS}: {place(row)} has other {other} than the first")
     return Submission(card, rows)
 
 
@@ -161,30 +174,62 @@ def place(row: Row) -> str:
 
 
 def check(submission: Submission, entrant: Entrant | None) -> str:
-    """Returns how code and policy here differ from those that drove, in words; "" where they are the same.
+    """Returns what is to be said of a submission: what it leaves out, and how code and policy here differ; "" of none.
 
     Args:
         entrant: what the user named as the policy, for an entry from outside of the package.
 
     Raises:
-        Refused: if its scenarios are others than those here, or its policy was not named.
+        Refused: if its scenarios or seeds are others than those here, or its policy was not named.
     """
     card, rows = submission.card, submission.rows
     if card["entry"]["contest"] not in ALL_CONTESTS:
         raise Refused(f"there is no contest {card['entry']['contest']!r}")
     for scenario in dict.fromkeys(row["scenario"] for row in rows):
-        if card["scenarios"].get(scenario) != _geometry(scenario, rows[0]):
+        if not (here := _geometry(scenario, rows[0])) or card["scenarios"].get(scenario) != here:
             first = next(row for row in rows if row["scenario"] == scenario)
             raise Refused(f"its scenarios {scenario!r} are not those of this version, from {place(first)} on")
-    if (card["entry"]["gains_name"] == "own") != (entrant is not None):
+    _check_seeds(rows)
+    if _is_own(card["entry"]) != (entrant is not None):
         needs = "a policy of somebody's own: name it with --policy to run it"
         raise Refused(f"{card['entry']['policy']!r} is {needs if entrant is None else 'no policy of your own'}")
-    found = []
+    found = [each] if (each := left_out(submission)) else []
     if card["code"] != source_digest():
         found.append(f"it was driven by other code ({differences(dict(card['versions']), identity())})")
     if entrant is not None and getattr(entrant, "digest", "") != card["policy"]:
         found.append("the policy is another file than the one that drove")
     return "; ".join(found)
+
+
+def left_out(submission: Submission) -> str:
+    """Returns what an entry of its contest has to drive and this one has not, in words; "" of a whole one.
+
+    A whole one has as many scenarios of every family of the contest, and of agents that ship every one.
+    """
+    rows = submission.rows
+    contest = ALL_CONTESTS[rows[0]["contest"]]
+    counts: dict[tuple[str, str], int] = {}
+    for row in rows:
+        key = row["family"], row.get("agent_seed", "")
+        counts[key] = counts.get(key, 0) + 1
+    ships = rows[0]["gains_name"] == "trained"
+    seeds = [f"{seed}" for seed in shipped(contest.spec.name, rows[0]["robot"])] if ships else [""]
+    wanted = [(family, seed) for family in contest.families(rows[0]["dynamics"]) for seed in seeds]
+    if gone := next((each for each in wanted if each not in counts), None):
+        return f"it leaves out {gone[0]}{f', agent {gone[1]}' if gone[1] else ''}"
+    return "it has more scenarios of one family than of another" if len({*counts.values()}) > 1 else ""
+
+
+def _check_seeds(rows: Sequence[Row]) -> None:
+    """Raises Refused if an episode's seed is not the one that everybody else drives with."""
+    for row in rows:
+        family, _, split = row["scenario"].partition("/")
+        if row["seed"] != (wanted := f"{seed_of(0, split, family) + int(row['episode'])}"):
+            raise Refused(f"{place(row)}: its seed is {row['seed']}, that of the contest {wanted}: drive with --seed 0")
+
+
+def _is_own(row: Row) -> bool:
+    return row["gains_name"].partition(" ")[0] == OWN
 
 
 def differing(submission: Submission, entrant: Entrant | None, most: int | None) -> tuple[int, str]:
@@ -231,7 +276,7 @@ def _cases(rows: Sequence[Row]) -> Iterator[list[Row]]:
 
 def _setting(rows: Sequence[Row], entrant: Entrant | None) -> Setting:
     row = rows[0]
-    if [each["episode"] for each in rows] != [f"{k}" for k in range(len(rows))] or not row["seed"].isdigit():
+    if [each["episode"] for each in rows] != [f"{k}" for k in range(len(rows))]:
         raise Refused(f"{place(row)}: the episodes of a case must be the first ones, each once")
     return Setting(row["suite"], _case(row, entrant), row["dynamics"], row["actuators"], int(row["seed"]), len(rows))
 

@@ -13,7 +13,15 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks.commands.evaluate import main as evaluate
-from wayfield.benchmarks.commands.submission import CARD, ROWS, Submission, content, read_submission, signed
+from wayfield.benchmarks.commands.submission import (
+    CARD,
+    ROWS,
+    Submission,
+    content,
+    left_out,
+    read_submission,
+    signed,
+)
 from wayfield.benchmarks.commands.submit import submit, verify
 
 SMALL = ("--suite", "docking", "--gains", "default", "--families", "open,wall", "--episodes", "2", "--workers", "1")
@@ -27,11 +35,14 @@ class Still:
     knows = "sensors"
     observes = (goal_reaching.Observation,)
 
+    def __init__(self, turn=0.0):
+        self.turn = turn
+
     def reset(self, briefing):
         return np.empty((briefing.num_envs, 0))
 
     def act(self, observation, briefing, memory):
-        return np.full((briefing.num_envs, 2), SPEED)
+        return np.column_stack([np.full(briefing.num_envs, SPEED), np.full(briefing.num_envs, self.turn)])
 """
 
 
@@ -117,12 +128,56 @@ def test_a_number_that_was_signed_anew_is_found_by_driving(submitted: Path, tmp_
     assert "episode 1 of open/test: time is " in refused.stderr
 
 
+def without(name: str) -> Callable[[list[dict[str, str]]], list[dict[str, str]]]:
+    return lambda rows: [{key: cell for key, cell in row.items() if key != name} for row in rows]
+
+
+def with_all(name: str, cell: str) -> Callable[[list[dict[str, str]]], list[dict[str, str]]]:
+    return lambda rows: [row | {name: cell} for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        (lambda rows: [*rows[:2], *with_all("actuators", "ideal")(rows[2:])], "has other actuators than the first"),
+        (with_all("seed", "5"), "episode 0 of open/test: its seed is 5, that of the contest"),
+        (with_all("scenario", "nowhere/test"), "its scenarios 'nowhere/test' are not those of this version"),
+        (with_all("episode", "-1"), "'-1' is no number of an episode"),
+        (with_all("knows", "sensors, map"), "episode 0 of open/test: knows is sensors, submitted as sensors, map"),
+        (without("seed"), "has no column seed"),
+    ],
+    ids=["conditions", "seeds", "no scenarios", "no episode", "access", "a column"],
+)
+def test_what_was_signed_anew_is_refused_in_a_line(
+    submitted: Path, tmp_path: Path, edit: Callable[[Any], Any], told: str
+) -> None:
+    copy = shutil.copytree(submitted, tmp_path / "copy")
+    signed_anew(copy, edit)
+    refused = called(verify, copy)
+    assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1), refused.output
+    assert told in refused.stderr
+
+
+def test_a_submission_says_what_it_leaves_out(submitted: Path) -> None:
+    whole = read_submission(submitted)
+    assert "though it leaves out behind" in called(verify, submitted).output
+    (first, *_) = whole.rows
+    families = ("open", "behind", "wall", "berth", "moving")
+    rows = [first | {"family": family} for family in families]
+    assert left_out(Submission({}, rows)) == ""
+    assert "more scenarios of one family" in left_out(Submission({}, [*rows, rows[0]]))
+    agents = [row | {"policy": "ppo", "gains_name": "trained", "agent_seed": f"{k}"} for row in rows for k in range(5)]
+    assert left_out(Submission({}, agents)) == ""
+    best = [row for row in agents if row["agent_seed"] == "3"]
+    assert left_out(Submission({}, best)) == "it leaves out open, agent 0"
+
+
 def test_other_code_that_drives_the_same_is_told_of(submitted: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(submitted, tmp_path / "copy")
     changed(copy, CARD, lambda card: card | {"code": "0" * 64, "versions": card["versions"] | {"python": "3.9"}})
     done = called(verify, copy)
     assert done.exit_code == 0
-    assert "though it was driven by other code" in done.output
+    assert "it was driven by other code (python 3.9 there" in done.output
     signed_anew(copy, quicker)
     refused = called(verify, copy)
     assert "episode 1 of open/test: time is " in refused.stderr
@@ -145,9 +200,10 @@ def test_a_policy_of_ones_own_runs_only_where_it_is_named(
     module = f"submitted_{abs(hash((speed, after)))}"
     source = tmp_path / f"{module}.py"
     source.write_text(OWN.replace("SPEED", speed))
-    run = called(evaluate, *SMALL, "--policies", "polar", "--policy", f"{module}:Still", "--out", "run")
+    own = f"{module}:Still turn=0.1"
+    run = called(evaluate, *SMALL, "--policies", "polar", "--policy", own, "--out", "run")
     assert run.exit_code == 0, run.output
-    made = called(submit, "run", f"{module}:Still (own)", "--policy", f"{module}:Still", "--out", "sub")
+    made = called(submit, "run", f"{module}:Still (own turn=0.1)", "--policy", own, "--out", "sub")
     assert made.exit_code == 0, made.output
     refused = called(verify, "sub")
     assert "name it with --policy" in refused.stderr
@@ -155,7 +211,7 @@ def test_a_policy_of_ones_own_runs_only_where_it_is_named(
     if after != speed:
         other = f"{module}_other"
         (tmp_path / f"{other}.py").write_text(OWN.replace("SPEED", after))
-    done = called(verify, "sub", "--policy", f"{other}:Still")
+    done = called(verify, "sub", "--policy", f"{other}:Still turn=0.1")
     if told:
         assert done.exit_code == 1
         assert told in done.stderr
