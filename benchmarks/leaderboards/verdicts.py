@@ -1,7 +1,8 @@
 """One verdict a pair of entries, defined once: by success; where that is open, by time or error of common successes.
 
-Success comes first, as a paired difference over the scenarios that both met. Where its interval holds zero,
-the time or the error decides, in the scenarios that both solve. A p is corrected by Holm's method for every comparison
+Success comes first, as a paired difference over the scenarios that both met. Where that is not significant, the time or
+the error decides, in the scenarios that both solve; not so where the interval of the successes speaks for the other
+side. A p is corrected by Holm's method for every comparison
 that is shown together, and every table, sentence and figure takes the verdict from here. Scenes that stand still and
 scenes that move are compared apart, so that what is won in some is told of those alone.
 """
@@ -59,7 +60,7 @@ class Verdict:
 
 _OPPOSITES = (
     ("more successes", "fewer successes"),
-    ("more successes, not significantly", "fewer successes, not significantly"),
+    ("more successes (not significant)", "fewer successes (not significant)"),
     ("quicker", "slower"),
     ("errs less at a lower speed", "errs more at a higher speed"),
     ("errs less", "errs more"),
@@ -88,17 +89,18 @@ def _verdict(line: Row, p_success: float, p_cost: float) -> Verdict:
     on_time = line[UNIT] == "s"
     if math.isnan(p_success):
         return Verdict(FEW, False, FEW, p_success, p_cost)
+    ahead = float(line[SUCCESS]) > 0.0
+    words = "more successes" if ahead else "fewer successes"
     if p_success < SIGNIFICANT:
-        ahead = float(line[SUCCESS]) > 0.0
-        words = "more successes" if ahead else "fewer successes"
         return Verdict(WINS if ahead else LOSES, True, words, p_success, p_cost)
-    if float(line[P_SUCCESS]) < SIGNIFICANT:  # before correction: nor is it so alike that something else may decide
-        words = f"{'more' if float(line[SUCCESS]) > 0.0 else 'fewer'} successes, not significantly"
-        return Verdict(ALIKE, False, words, p_success, p_cost)
-    if math.isnan(p_cost) or p_cost >= SIGNIFICANT:
+    decided = not math.isnan(p_cost) and p_cost < SIGNIFICANT
+    less = decided and float(line[COST]) < 0.0
+    if float(line[P_SUCCESS]) < SIGNIFICANT and not (decided and less == ahead):
+        # significant before correction: not so alike that a cost may decide which does not say the same
+        return Verdict(ALIKE, False, f"{words} (not significant)", p_success, p_cost)
+    if not decided:
         words = f"{OPEN} or {'time' if on_time else 'error'}"
         return Verdict(ALIKE, False, words, p_success, p_cost)
-    less = float(line[COST]) < 0.0
     if on_time:
         words = "quicker" if less else "slower"
     else:
@@ -247,8 +249,9 @@ def claims_table(found: Table, command: str) -> Table:
         if row[FIRST].partition(" ")[0] in TRAINED
     ]
     note = (
-        "The verdict is on success; where the interval of that holds zero, on the time or the error of the scenarios "
-        "that both solve. Brackets: 95 % intervals. p: corrected by Holm's method for the "
+        "The verdict is on success; where that is not significant, on the time or the error of the scenarios that both "
+        "solve, unless the interval of the successes speaks for the other side. Brackets: 95 % intervals. p: corrected "
+        "by Holm's method for the "
         f"{2 * len(rows)} comparisons of all pairs of this run, decided under {SIGNIFICANT:g}. Who errs less at a "
         f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won. Made by `{command}`."
     )

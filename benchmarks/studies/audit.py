@@ -304,12 +304,10 @@ def audit_verdicts(audit: Audit, folder: Path) -> None:
             for line, p, q in zip(table, ps[::2], ps[1::2], strict=True):
                 words = formulas.verdict(line, p, q)
                 audit.cells += 1
-                shown = re.search(
-                    rf"^\| {re.escape(line['beside'])} +\|[^|]*\| {re.escape(words)} +\|", page, re.MULTILINE
-                )
-                if page and shown is None:
+                if page and _shown_verdict(page, line) not in (words, _in_columns(words)):
                     audit.note(
-                        f"{section.name}: {line['policy']} beside {line['beside']} is {words!r}, not so on its page"
+                        f"{section.name}, {line['condition']}, {line['scenes']}: {line['policy']} beside "
+                        f"{line['beside']} is {words!r}, not so on its page"
                     )
     if folder == KEPT:
         for each in disagreements(store, store.text(CHOOSING)):
@@ -317,6 +315,26 @@ def audit_verdicts(audit: Audit, folder: Path) -> None:
 
 
 _PS = ("p of success", "p of cost")
+
+
+def _in_columns(words: str) -> str:
+    """Returns how a table with a column a condition shows a verdict."""
+    return "-" if " or " in words else words.rpartition("; ")[2]
+
+
+def _shown_verdict(page: str, line: Row) -> str:
+    """Returns the verdict on a page: in the table of its condition, or in the column of that in one of several."""
+    for heading, table in re.findall(r"^### (.+)\n\n((?:\|.*\n)+)", page, re.MULTILINE):
+        where, _, policy = heading.rpartition(": ")
+        header, _, *rows = ([cell.strip() for cell in row.strip("|").split("|")] for row in table.splitlines())
+        where = where.removesuffix(f", {line['scenes']}") if line["scenes"] else where
+        rest = line["condition"].removeprefix(where).lstrip(", ")
+        column = rest.partition(",")[0].replace(" disturbance", "") or "is"
+        if policy == line["policy"] and line["condition"].startswith(where) and column in header:
+            for row in rows:
+                if row[0] == line["beside"]:
+                    return row[header.index(column)]
+    return ""
 
 
 def audit_pairing(audit: Audit, rows: Sequence[Row], where: str) -> None:

@@ -174,12 +174,12 @@ def verdict(line: Mapping[str, str], p_success: float, p_cost: float) -> str:
         return "too few scenarios"
     if p_success < 0.05:
         return f"{more} successes"
-    if float(line["p of success"]) < 0.05:
-        return f"{more} successes, not significantly"
     timed = line["unit"] == "s"
+    less = p_cost < 0.05 and float(line["cost where both succeed"]) < 0.0
+    if float(line["p of success"]) < 0.05 and not (p_cost < 0.05 and less == (more == "more")):
+        return f"{more} successes (not significant)"
     if not p_cost < 0.05:
         return f"no significant difference in success or {'time' if timed else 'error'}"
-    less = float(line["cost where both succeed"]) < 0.0
     if timed:
         return f"no significant difference in success; {'quicker' if less else 'slower'}"
     speeds = float(line["speed (m/s)"]), float(line["its speed (m/s)"])

@@ -14,10 +14,10 @@ from kept_rows import SUFFIX
 from sections import KEPT, ROWS, SECTIONS, Section
 from tabulate import tabulate
 
-from wayfield.benchmarks.commands.submission import Submission, read_submission
+from wayfield.benchmarks.commands.submission import Submission, left_out, read_submission
 from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
-from wayfield.benchmarks.leaderboards.entries import grouped, label, success_cell, typical, typical_cell
-from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, judged, shown
+from wayfield.benchmarks.leaderboards.entries import grouped, label, scenarios, success_cell, typical, typical_cell
+from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, Verdict, judged, shown
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.learned.agent import CARD, read_card
@@ -175,12 +175,16 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         "policy that does not ship is verified with `--policy`. Made by "
         "`python benchmarks/studies/publish.py --pages`.",
     ]
-    kinds: dict[tuple[str, str, str], list[tuple[str, Submission, Episodes]]] = {}
+    kinds: dict[tuple[str, ...], list[tuple[str, Submission, Episodes]]] = {}
     for name, each in entries.items():
-        told = each.card["entry"]
-        key = told["contest"], told["robot"], told["split"]
-        kinds.setdefault(key, []).append((name, each, Episodes.of([{"agent_seed": "", **row} for row in each.rows])))
-    for (contest_name, robot, split), found in kinds.items():
+        if gone := left_out(each):
+            raise ValueError(f"{LEADERBOARD}/{name}: {gone}")
+        rows = Episodes.of([{"agent_seed": "", **row} for row in each.rows])
+        first = each.rows[0]
+        names = ("contest", "robot", "split", "actuators", "dynamics", "disturbance")
+        key = (*(first[name] for name in names), f"{scenarios(rows) // len(rows.unique('family'))}")
+        kinds.setdefault(key, []).append((name, each, rows))
+    for (contest_name, robot, split, actuators, dynamics, disturbance, count), found in kinds.items():
         contest = CONTESTS[contest_name]
         for _, _, rows in found:
             contest = contest.of_rows(rows)
@@ -189,11 +193,13 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         found.sort(key=lambda each: (-each[2]["success"].mean(), typical(each[2], cost.metric, contest)))
         for name, each, rows in found:
             told = each.card["entry"]
-            cells = [success_cell(rows), typical_cell(rows, cost.metric, contest), str(len(rows))]
-            lines.append([f"[{name}]({name}/card.json)", _named((told["policy"], told["gains_name"])), *cells])
+            cells = [success_cell(rows), typical_cell(rows, cost.metric, contest), each.rows[0]["knows"]]
+            lines.append([f"{_named((told['policy'], told['gains_name']))}: [{name}]({name}/card.json)", *cells])
         unit = "mm" if cost.unit == "m" else cost.unit
-        header = ["folder", "entry", "success (%)", f"{cost.name} ({unit})", "episodes"]
-        blocks += [f"## {contest.spec.title}, {robot}, split {split}", _table(header, lines)]
+        header = ["entry", "success (%)", f"{cost.name} ({unit})", "has access to"]
+        disturbed = "" if disturbance == "none" else f", {disturbance} disturbance"
+        where = f"{count} scenarios of each family, {actuators} actuators, {dynamics} plant{disturbed}."
+        blocks += [f"## {contest.spec.title}, {robot}, split {split}", where, _table(header, lines)]
     return "\n\n".join(blocks) + "\n"
 
 
@@ -229,10 +235,10 @@ def _index(kept: Kept) -> str:
 
 READING = (
     "Success is ranked first, then the time or the error of the runs that succeeded, each entry at its own speed. A "
-    "verdict is on success, as a paired difference; where the 95 % interval of that holds zero, it is on the time or "
-    "the error of the scenarios that both solve. `not significantly` says that a difference does not outlast Holm's "
-    "correction, which is for all comparisons of the page. Who errs less at a lower speed, by over "
-    f"{100.0 * PACE_TOLERANCE:.0f} %, has not won."
+    "verdict is on success, as a paired difference; where that is not significant, it is on the time or the error of "
+    "the scenarios that both solve. Significant is what outlasts Holm's correction for all comparisons of the page. "
+    "`more successes (not significant)` stands where the 95 % interval alone leaves out zero, and time or error do not "
+    f"say the same. Who errs less at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won."
 )
 
 
@@ -289,29 +295,70 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     for scenes, mine in grouped(rows, "scenes").items():
         if scenes:
             yield f"### {scenes[0].upper()}{scenes[1:]}"
-        header = ["policy", *list(mine[0])[3:]]
-        yield _table(header, [[_named(_entry(row)), *list(row.values())[3:]] for row in mine])
+        lines = [{"policy": _named(_entry(row)), **_narrow(row, list(row)[3:])} for row in mine]
+        yield _table(list(lines[0]), [list(line.values()) for line in lines])
 
 
 def _verdicts(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
-    """Yields every comparison of a page, a table a condition and policy."""
-    judgements = iter(judged(rows))
-    told: dict[tuple[str, str, str], list[list[str]]] = {}
-    units = {row["unit"] for row in rows}
-    for row, verdict in zip(rows, judgements, strict=True):
-        words, success, p_success, cost, p_cost, _ = shown(row, verdict)
-        cost = cost.removesuffix(f" {row['unit']}")
-        line = [row["beside"], row["which has"], words, _with_p(success, p_success), _with_p(cost, p_cost)]
-        told.setdefault((row["condition"], row["scenes"], row["policy"]), []).append(line)
+    """Yields every comparison of a page, a table a condition and policy; of several conditions the verdicts alone."""
+    told: dict[tuple[str, str, str], list[tuple[Mapping[str, str], Verdict]]] = {}
+    for row, verdict in zip(rows, judged(rows), strict=True):
+        told.setdefault((row["condition"], row["scenes"], row["policy"]), []).append((row, verdict))
+    conditions = list(dict.fromkeys(condition for condition, *_ in told))
+    main = next((each for each in conditions if all(other.startswith(each) for other in conditions)), "")
+    several = [each for each in conditions if each != main] if len(conditions) > 2 else []
     yield (
         f"{2 * len(rows)} tests, one correction. Differences are those of the policy in the heading less the other's, "
         "with the corrected p."
     )
-    unit = " or ".join(sorted(units))
-    for (condition, scenes, policy), lines in told.items():
-        where = f"{condition}, {scenes}" if scenes else condition
-        yield f"### {where}: {policy}"
-        yield _table(["beside", "has access to", "is", "success (points)", f"where both succeed ({unit})"], lines)
+    for (condition, scenes, policy), found in told.items():
+        if condition in several:
+            continue
+        by, unit = found[0][0]["compared by"], found[0][0]["unit"]
+        lines = []
+        for row, verdict in found:
+            words, success, p_success, cost, p_cost, _ = shown(row, verdict)
+            cost = cost.removesuffix(f" {unit}")
+            lines.append([row["beside"], row["which has"], words, _with_p(success, p_success), _with_p(cost, p_cost)])
+        yield f"### {_place(condition, scenes)}: {policy}"
+        yield _table(["beside", "has access to", "is", "success (points)", f"{by} where both succeed ({unit})"], lines)
+    yield from _side_by_side({key: each for key, each in told.items() if key[0] in several}, several)
+
+
+def _side_by_side(
+    told: Mapping[tuple[str, str, str], Sequence[tuple[Mapping[str, str], Verdict]]], conditions: Sequence[str]
+) -> Iterator[str]:
+    """Yields the verdicts of several conditions, a column each, in a table a kind of scenes and policy."""
+    if not told:
+        return
+    common = ", ".join(
+        words
+        for words, *others in zip(*(each.split(", ") for each in conditions), strict=False)
+        if {*others} == {words}
+    )
+    by = " and ".join(dict.fromkeys(row["compared by"] for found in told.values() for row, _ in found))
+    yield (
+        f"In each condition, by success and {by}; - is no significant difference. Every difference, with its interval "
+        "and p, is in the file of them below."
+    )
+    for scenes, policy in dict.fromkeys(key[1:] for key in told):
+        names: dict[str, dict[str, str]] = {}
+        for condition in conditions:
+            for row, verdict in told.get((condition, scenes, policy), ()):
+                names.setdefault(row["beside"], {})[condition] = _short(verdict.words) or "-"
+        heads = [each.removeprefix(f"{common}, ").partition(",")[0].removesuffix(" disturbance") for each in conditions]
+        lines = [[name, *(words.get(each, "") for each in conditions)] for name, words in names.items()]
+        yield f"### {_place(common, scenes)}: {policy}"
+        yield _table(["beside", *heads], lines)
+
+
+def _place(condition: str, scenes: str) -> str:
+    return f"{condition}, {scenes}" if scenes else condition
+
+
+def _short(words: str) -> str:
+    """Returns the words of a verdict without what they say of success where that decides nothing; "" of no verdict."""
+    return "" if words.startswith(f"{OPEN} or") else words.removeprefix(f"{OPEN}; ")
 
 
 def _with_p(cell: str, p: str) -> str:
@@ -336,6 +383,16 @@ def _front(kept: Kept, folder: str) -> list[str]:
 _TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "until held (s, mm s)"  # in one column
 
 
+def _narrow(row: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """Returns cells of a leaderboard by their header, those of acquisition in one and without intervals."""
+    found = {name: row[name] for name in names if name not in (_TIME, _AREA)}
+    if _TIME not in names:
+        return found
+    both = ", ".join(row[name].partition(" ")[0] for name in (_TIME, _AREA))
+    before = names[: names.index(_TIME)]
+    return {name: found[name] for name in before} | {_BOTH: both} | found
+
+
 def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> str:
     """Returns the first rows of a leaderboard, the best set of each policy, with the verdict beside the first agent."""
     agents = {row["policy"]: _entry(row) for row in board if row["gains"] == "trained"}
@@ -354,18 +411,15 @@ def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str
             rest = [row for row in mine if row not in must][: MOST - len(must)]
             few = [row for row in mine if row in must or row in rest]
         rows += few
-    cost, *between = [name for name in list(board[0])[4:] if name != "learned from"]
-    columns = [_BOTH if name == _TIME else name for name in between if name != _AREA]
-    header = [*(["scenes"] if several else []), "policy", "success (%)", cost, *columns]
-    beside = f"beside `{agent[0]}`" if agent else ""
-    cells = []
+    columns = [name for name in list(board[0])[3:] if name != "learned from"]
+    lines_shown = []
     for row in rows:
-        verdict = _beside(lines, row, agent) if agent else ""
-        own = [row["success (%)"], row[cost], *(row[name] for name in between)]
-        if _TIME in between:
-            own[2:4] = [f"{row[_TIME].partition(' ')[0]}, {row[_AREA].partition(' ')[0]}"]
-        cells.append([*([row["scenes"]] if several else []), _named(_entry(row)), *own, *([verdict] if agent else [])])
-    return _table([*header, *([beside] if agent else [])], cells)
+        line = {"scenes": row["scenes"]} if several else {}
+        line |= {"policy": _named(_entry(row)), **_narrow(row, columns)}
+        if agent:
+            line[f"beside `{agent[0]}`"] = _beside(lines, row, agent)
+        lines_shown.append(line)
+    return _table(list(lines_shown[0]), [list(line.values()) for line in lines_shown])
 
 
 def _best_sets(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
@@ -394,31 +448,28 @@ def verdict_of(
 
 def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: tuple[str, str]) -> str:
     found = verdict_of(lines, row["scenes"], _entry(row), agent)
-    return "" if found is None else found[0].replace(f"{OPEN}; ", "").replace(OPEN, "no difference in success")
+    return "" if found is None else _short(found[0]) or "no significant difference"
 
 
 Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
 
 
 def _sentences(found: Sequence[Told]) -> str:
-    """Returns which policy comes first at what without a map, in a sentence for ways and one for docks.
-
-    Where the next is not significantly behind, it is named as well.
-    """
+    """Returns which policy comes first at what without a map, and in parentheses who is not significantly behind."""
     first: dict[str, str] = {}
     for (heading, _, _, kinds), board, lines in found:
         for kind in kinds:
             mine = [row for row in _best_sets([row for row in board if row["scenes"] == kind]) if not _has_map(row)]
-            names = f"`{mine[0]['policy']}`"
-            verdict = verdict_of(lines, kind, _entry(mine[0]), _entry(mine[1])) if len(mine) > 1 else None
-            if verdict and not _ahead(verdict[0]):
-                names += f" or `{mine[1]['policy']}`"
-            first[f"{heading}, {kind}"] = names
+            verdicts = [(row, verdict_of(lines, kind, _entry(mine[0]), _entry(row))) for row in mine[1:]]
+            near = [f"`{row['policy']}`" for row, verdict in verdicts if verdict and not _ahead(verdict[0])]
+            first[f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (f" ({', '.join(near)})" if near else "")
     told = []
     for places in (_WAYS, _DOCKS):
         parts = [words.format(first[place]) for place, words in places.items() if place in first]
         if parts:
             told.append(", ".join(parts[:-1]) + (", and " if len(parts) > 1 else "") + parts[-1] + ".")
+    if any("(" in each for each in first.values()):
+        told.append("In parentheses: who is not significantly behind.")
     return " ".join(told)
 
 
@@ -429,7 +480,7 @@ _WAYS = {
     "Reach a goal while others move, moving": "{} where others move",
 }
 _DOCKS = {
-    "Dock at a pose, nothing around": "{} docks most often with nothing around",
+    "Dock at a pose, nothing around": "Without a map {} docks best with nothing around",
     "Dock at a pose, at a wall or in a berth": "{} at a wall or in a berth",
     "Dock at a pose, moving": "{} where others move",
 }
@@ -508,7 +559,7 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
 
 def _lead(found: tuple[str, Mapping[str, str], bool]) -> str:
     words, line, turned = found
-    on_success = "successes" in words
+    on_success = not words.startswith(f"{OPEN}; ")
     value, low, high = (
         line[name] for name in (("success (points)", "from", "to") if on_success else (COST, "cost from", "cost to"))
     )

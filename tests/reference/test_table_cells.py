@@ -294,8 +294,10 @@ def line_of(
         (line_of(0.1, 0.9, 3, 1e-6), "loses", f"{OPEN}; slower", f"{OPEN}; quicker"),
         (line_of(0.1, 0.9, 3, 0.9), "alike", f"{OPEN} or time", f"{OPEN} or time"),
         (line_of(0.1, 0.9, 3, 0.9, "mm", SAME), "alike", f"{OPEN} or error", f"{OPEN} or error"),
-        # a difference that correction takes away is no likeness: the time decides nothing
-        (line_of(-5, 0.04, -3, 1e-6), "alike", *(f"{each} successes, not significantly" for each in ("fewer", "more"))),
+        # a difference that correction takes away is no likeness: a time that says otherwise decides nothing
+        (line_of(-5, 0.04, -3, 1e-6), "alike", *(f"{each} successes (not significant)" for each in ("fewer", "more"))),
+        (line_of(-5, 0.04, -3, 0.9), "alike", *(f"{each} successes (not significant)" for each in ("fewer", "more"))),
+        (line_of(-5, 0.04, 3, 1e-6), "loses", f"{OPEN}; slower", f"{OPEN}; quicker"),
         (line_of(0, 0.9, -3, 1e-6, "mm", SAME), "wins", f"{OPEN}; errs less", f"{OPEN}; errs more"),
         (
             line_of(0, 0.9, -3, 1e-6, "mm", ("0.5", "0.6")),
