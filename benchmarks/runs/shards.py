@@ -44,6 +44,7 @@ _SOURCES = "sources.json"  # of a part: the modules of the user's own that it wa
 _MARK = ".parts"  # in the folder of the parts
 NO_FRAMES = "0 frames"  # of a law whose gains nothing was driven for
 _OF_NAV2 = ("nav2_dwb", "nav2_mppi")
+_VALIDATED = ", on validation"  # said of what was found with scenarios that gains are chosen by
 _ENTRY = ("contest", "suite", "policy", "gains_name", "robot", "split", "disturbance")  # what the worst are chosen of
 
 
@@ -226,10 +227,13 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         folders = trained(home) if home else shipped(contest.spec.name, str(case.env_kwargs["robot"]))
         agent = load_agent(folders[seed])
         training = agent.card["training"]
+        knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
         if base := agent.card.get("base"):  # cards of before named it as a teacher too
             taught = f", adds to {base['controller']}"
-        knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
+        behind = training.get("taught_by"), "scan_planner" if case.policy == "hybrid" else None
+        if any(name and _on_validation(contest, name, str(case.env_kwargs["robot"])) for name in behind):
+            taught += _VALIDATED
         learned = f"{in_frames(training['steps'])}{taught}"
     else:
         made: Any = make(case.policy)
@@ -249,7 +253,13 @@ def _searched(contest: Contest, case: Case) -> str:
     if found is None:
         return ""  # of gains that were given
     best = ", best of them" if case.gains_name == "default" else ""
-    return in_frames(found.frames) + best + (", on validation" if found.split == TRANSFER_SPLIT else "")
+    return in_frames(found.frames) + best + (_VALIDATED if found.split == TRANSFER_SPLIT else "")
+
+
+def _on_validation(contest: Contest, policy: str, robot: str) -> bool:
+    """Returns whether the gains of a law, as a teacher or a planner has them, were found on the validation split."""
+    found = tuned_set(policy, contest.spec.suite, robot)
+    return found is not None and found.chosen != "default" and found.split == TRANSFER_SPLIT
 
 
 def in_frames(count: int) -> str:
