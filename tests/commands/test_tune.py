@@ -47,7 +47,7 @@ def test_a_search_ends_with_a_table_of_gains_and_the_line_that_makes_the_policy(
     assert rows.pop("gain") == ["default", "chosen"]
     default = policies.make("pure_pursuit", **content["validation"]["finalists"]["default"]["gains"])
     chosen = policies.make("pure_pursuit", **content["gains"])
-    assert set(rows) == {"lookahead_distance", "speed"}
+    assert set(rows) == {"lookahead_distance", "deceleration", "speed"}  # what is searched, and the pace
     for name, (before, after) in rows.items():
         assert float(before) == pytest.approx(getattr(default, name), rel=1e-5)
         assert float(after) == pytest.approx(getattr(chosen, name), rel=1e-5)

@@ -50,7 +50,7 @@ def test_the_planner_has_the_gains_that_were_found_for_the_robot_or_its_own(robo
     file = Path(hybrid.__file__).parent / "gains" / "goal-obstacles" / f"scan_planner_{robot}_0.6_none.json"
     gains = json.loads(file.read_text())["gains"] if file.is_file() else {}
     assert planner_of(robot, 0.45) == ScanPlanner(**{**gains, "max_speed": 0.45})
-    assert bool(gains) == (robot in ("p3dx", "omni4"))
+    assert file.is_file() == (robot != "jackal")
 
 
 def test_the_point_lies_ahead_on_the_way_until_less_of_it_is_left(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from wayfield.policies.learned.conditions import effective_actuators, network_sp
 from wayfield.policies.learned.perception import hold
 from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.learned.residual import Base, controller_at
+from wayfield.policies.parts.shield import Shield
 from wayfield.policies.pilot import Pilot
 
 PATH, GOAL = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
@@ -152,6 +153,8 @@ def test_an_agent_decides_by_its_parts_one_after_the_other(
     held, given = np.zeros((4, 2, 3)), np.zeros((4, 3))
     law = controller_at("pure_pursuit", {}, 0.5) if based else None
     kept = law.reset(here) if law else None
+    shield = Shield() if agent.features.shielded else None  # no agent was trained at 0.5 m/s
+    stopping = shield.reset(here) if shield else None
     near = np.empty(0, int)
     if beams:
         near = here.layout.unpack(np.arange(observation.shape[1], dtype=float)[None]).ranges[0].astype(int)
@@ -161,7 +164,7 @@ def test_an_agent_decides_by_its_parts_one_after_the_other(
         sides = np.cos(np.linspace(-np.pi, np.pi, len(near)) - draws.uniform(-np.pi, np.pi, (4, 1)))
         room = (1.5, 1.0, 0.7, 0.4, 0.2, 0.1)[k] * np.exp(1.5 * sides)
         observation[:, near] = np.minimum(observation[:, near], here.robot.hull_radius + room)
-        seen = here.layout.unpack(observation.astype(float))
+        seen = measured = here.layout.unpack(observation.astype(float))
         if is_held:
             seen = seen._replace(twist=seen.twist + (held[:, 1] - given)[:, axes])
         asked = law.act(seen, here, kept) if law else None
@@ -182,6 +185,8 @@ def test_an_agent_decides_by_its_parts_one_after_the_other(
         if is_held:
             hold(*held_law(here, actuators), held, twists)
             given[:, axes] = twists
+        if shield:
+            twists = shield.passed(measured, here, stopping, twists)
         found = pilot.command(observation)
         np.testing.assert_allclose(found, twists, atol=2e-5)
         observation, *_ = env.step(found)
