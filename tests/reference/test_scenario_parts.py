@@ -1,4 +1,4 @@
-"""Scenarios: bounds to the last digit, named ones as results were published with them, proofs that a way is there."""
+"""Scenarios: what belongs together, what decides them, proofs that a way is there, curves."""
 
 import copy
 import dataclasses
@@ -29,33 +29,6 @@ def after(value: float) -> float:
 
 def before(value: float) -> float:
     return math.nextafter(value, -math.inf)
-
-
-# field, the least and the most that is taken; where the least is left out, so is the number itself
-OF_PATH = [("start_offset", 0.0, 0.9), ("start_turn", 0.0, 1e6), ("corridor", None, 1e6)]
-OF_GOAL = [
-    ("start_offset", 0.0, 1e6), ("start_turn", 0.0, 1e6), ("position_tolerance", None, 1e6),
-    ("heading_tolerance", None, 1e6), ("waypoint_radius", None, 1e6), ("published_length", None, 1e6),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("kind", "field", "least", "most"), [
-    *(("path", *each) for each in OF_PATH), *(("goal", *each) for each in OF_GOAL)
-])  # fmt: skip
-def test_numbers_are_taken_up_to_their_bounds_and_no_further(kind: str, field: str, least: Any, most: float) -> None:
-    def made(value: Any) -> Any:
-        if kind == "goal":
-            return GoalScenario("mine", (1.0, 2.0, 3.0), **{field: value})
-        # wherever it starts is within the corridor
-        return PathScenario("mine", LINE, **({"corridor": 0.9} | {field: value}))
-
-    tiny = 5e-324
-    for good in (tiny if least is None else least, most):
-        kept = getattr(made(good), field)
-        assert (kept, type(kept)) == (good, float)
-    for bad in (0.0 if least is None else before(least), after(most), -1.0, math.inf, "1", True):
-        with pytest.raises(ValueError, match=r"corridor" if (field, bad) == ("start_offset", after(0.9)) else field):
-            made(bad)
 
 
 def test_a_path_has_a_length_and_a_place() -> None:
@@ -94,50 +67,6 @@ def test_a_start_and_its_scatter_are_within_the_corridor() -> None:
     assert (larger.start, larger.path.length, larger.tier, larger.family) == ((0.5, 1.0, 1.0), 4.0, "", "f")
     assert math.isnan(larger.quantity)
     assert larger.corridor == 1.0
-
-
-def records(**changes: float) -> Any:
-    field = obstacle_field(box(1.0, 2.0, 0.5, 0.4, 0.3)).copy()
-    for name, value in changes.items():
-        field[name] = value
-    return field
-
-
-def test_records_of_obstacles_are_checked_to_the_last_digit() -> None:
-    for name in ("x", "y", "half_length", "half_width", "radius"):
-        GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(**{name: 2e6}))
-        for bad in (after(2e6), math.nan, math.inf):
-            with pytest.raises(ValueError, match=rf"obstacles\[0\]\.{name} is"):
-                GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(**{name: bad}))
-        for edge in (0.0, -5e-324):
-            if name in ("x", "y") or edge == 0.0:
-                GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(**{name: edge}))
-                continue
-            with pytest.raises(ValueError, match=r"it must be finite and at least 0"):
-                GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(**{name: edge}))
-    for name in ("cos", "sin"):
-        GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(**{name: 1.0 + 1e-9}))
-        with pytest.raises(ValueError, match="out of bounds"):
-            GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(**{name: 1.0 + 2e-9}))
-    for mass in (0.0, 1e-3, 1e6):
-        GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(mass=mass))
-    for mass in (before(1e-3), after(1e6)):
-        with pytest.raises(ValueError, match=r"obstacles\[0\]\.mass"):
-            GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records(mass=mass))
-    # what is pushed has a size
-    for sizes, good in (((5e-10, 0.0, 0.0), True), ((0.0, 5e-10, 0.0), True), ((0.0, 0.0, 5e-10), True),
-                        ((4.9e-10, 4.9e-10, 4.9e-10), False)):  # fmt: skip
-        loose = records(mass=1.0, **dict(zip(("half_length", "half_width", "radius"), sizes, strict=True)))
-        if good:
-            GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=loose)
-        else:
-            with pytest.raises(ValueError, match="has a mass and no size"):
-                GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=loose)
-    kept = GoalScenario("mine", (0.0, 0.0, 0.0), obstacles=records())
-    assert not kept.obstacles.flags.writeable
-    assert not kept.patrols.flags.writeable
-    assert (kept.patrols["leg_time"] == 0.0).all()
-    assert kept.fitted(0.1) is kept
 
 
 def test_patrols_belong_to_discs_that_begin_on_them() -> None:
