@@ -239,8 +239,8 @@ def run_quick(options: Options) -> None:
     few = dataclasses.replace(options, suite=QUICK, policies=QUICK_POLICIES, families=QUICK_FAMILIES)
     few = dataclasses.replace(few, contests=tuple(CONTESTS), gains="best")
     with _ended_by_signals(), shared_out(options.processes) as executor:
-        told = quick_report(few, folder, executor)
-    print_short(told, _QUICK_WIDTH)
+        findings = quick_report(few, folder, executor)
+    print_short(findings, _QUICK_WIDTH)
     say("Four scenarios a task, so no claim about who is better. More: wayfield evaluate")
     say(f"Files and a picture: {folder}")
 
@@ -272,12 +272,12 @@ def run_overview(options: Options) -> None:
                 )
                 contests = stack.enter_context(contest_section(inside, settings, inner, executor, options.processes))
                 sections = [contests, shown]
-                told = write_page(stage / REPORT, "wayfield: overview", sections, options.command, SMALL_BUDGET)
+                findings = write_page(stage / REPORT, "wayfield: overview", sections, options.command, SMALL_BUDGET)
         except (KeyboardInterrupt, SystemExit, Interrupted):
             with contextlib.suppress(KeyboardInterrupt, SystemExit):  # a second interrupt, before the tables are shown
                 _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, executor)
             raise Interrupted("interrupted", parts) from None
-    _tell(options, [*contests.tables, *shown.tables], told, folder)
+    _tell(options, [*contests.tables, *shown.tables], findings, folder)
 
 
 def _tell_so_far(
@@ -293,22 +293,22 @@ def _tell_so_far(
     if isinstance(executor, Prefetch):
         done = {**done, **executor.ended(episodes, settings)}
         ended = executor.ended(play, [part.setting for part in parts])
-    told: Short = []
+    findings: Short = []
     if ended or any(part.folder.is_dir() for part in parts):
         with holding(parts[0].folder.parents[1], options.run):
-            told += short_findings(rows_so_far(parts, ended))
+            findings += short_findings(rows_so_far(parts, ended))
     if done:
-        told.append(reproduced(gathered(done)[0], cases))
+        findings.append(reproduced(gathered(done)[0], cases))
     say("\nSo far:")
-    print_short(told)
+    print_short(findings)
 
 
 def run_documents(options: Options) -> None:
     """Runs the experiments of the documents."""
     differing = options.differing("both", "ideal")
     cases, folder = _cases_of_documents(options.names), options.folder(DOCUMENTS, differing)
-    shown, told = _run_cases(options, DOCUMENTS, cases, folder)
-    _tell(options, shown, told, folder)
+    shown, findings = _run_cases(options, DOCUMENTS, cases, folder)
+    _tell(options, shown, findings, folder)
 
 
 def run_path(options: Options) -> None:
@@ -384,8 +384,8 @@ def _run_contests(options: Options, suite: str, contests: tuple[str, ...], cours
     )
     folder = options.folder(suite, differing)
     with _ended_by_signals(), shared_out(options.processes) as executor:
-        tables, told = contest_report(here, folder, executor, options.processes)
-    _tell(options, tables, told, folder)
+        tables, findings = contest_report(here, folder, executor, options.processes)
+    _tell(options, tables, findings, folder)
 
 
 RUNS: Mapping[str, Callable[[Options], None]] = {
@@ -411,12 +411,12 @@ def _with_agents(options: Options, contests: Sequence[Contest]) -> tuple[str, ..
     return kept
 
 
-def _tell(options: Options, tables: Sequence[Table], told: Iterable[tuple[str, Table]], folder: Path) -> None:
+def _tell(options: Options, tables: Sequence[Table], findings: Iterable[tuple[str, Table]], folder: Path) -> None:
     """Prints the result and a small table of each task, with --full every table; the last line names the report."""
     if options.full:
         _print(tables)
     else:
-        print_short(told)
+        print_short(findings)
         say(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
     say(f"Report: {folder / REPORT}")
 
@@ -428,8 +428,8 @@ def _run_cases(options: Options, name: str, cases: Sequence[Case], folder: Path)
         shared_out(options.processes) as executor,
         _cases_section(options, name, cases, folder, executor, {}) as section,
     ):
-        told = write_page(section.folder / REPORT, f"wayfield: {name}", [section], options.command)
-    return list(section.tables), told
+        findings = write_page(section.folder / REPORT, f"wayfield: {name}", [section], options.command)
+    return list(section.tables), findings
 
 
 def _settings_of(options: Options, name: str, cases: Sequence[Case]) -> list[Setting]:
@@ -477,8 +477,8 @@ def _cases_section(
                 from wayfield.benchmarks.figures.video import film
 
                 film(stage / "video", cases, settings[0].dynamics, settings[0].actuators, options.seed)
-            told = reproduced(written, cases) if name == DOCUMENTS else ranked(written)
-            yield Section(stage, shown, told)
+            findings = reproduced(written, cases) if name == DOCUMENTS else ranked(written)
+            yield Section(stage, shown, findings)
 
 
 def write_case_tables(folder: Path, rows: Episodes, cases: Iterable[Case]) -> list[Table]:

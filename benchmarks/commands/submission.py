@@ -312,8 +312,8 @@ def _geometry(scenario: str, row: Row) -> str:
 
 def signed(row: Row) -> str:
     """Returns the digest of an episode, as a card has it."""
-    told = json.dumps(sorted((name, cell) for name, cell in row.items() if cell), ensure_ascii=True)
-    return hashlib.sha256(told.encode()).hexdigest()[:16]
+    text = json.dumps(sorted((name, cell) for name, cell in row.items() if cell), ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _name(row: Row) -> str:

@@ -62,8 +62,8 @@ def verify(folder: Path, every: bool, most: int, own: str | None) -> None:
         raise click.ClickException(str(error)) from None
     if wrong:
         raise click.ClickException(f"{folder}: {wrong}{f' ({other})' if other else ''}")
-    told = f"{driven} of {len(submission.rows)} episodes were driven again, each the same to the last bit"
-    print(f"{folder}: {told}{f', though {other}' if other else ''}")
+    outcome = f"{driven} of {len(submission.rows)} episodes were driven again, each the same to the last bit"
+    print(f"{folder}: {outcome}{f', though {other}' if other else ''}")
 
 
 def _entrant(own: str | None) -> Entrant | None:

@@ -68,9 +68,9 @@ def check(log: Log, cut: bool = False) -> Checked:
     drive, gaps = _cut(commands, times, speeds, moves)
     longest = [each for each in gaps if each[1] > REFUSED_GAP]
     if longest and not cut:
-        told = ", ".join(f"{length:.3g} s in {what} at {at:.1f} s" for at, length, what in longest[:5])
+        named = ", ".join(f"{length:.3g} s in {what} at {at:.1f} s" for at, length, what in longest[:5])
         raise ValueError(
-            f"the log has gaps: {told}; what the base did is not known: record again, or fit the pieces with --cut"
+            f"the log has gaps: {named}; what the base did is not known: record again, or fit the pieces with --cut"
         )
     if gaps:
         warnings.append(f"{len(gaps)} gaps of more than {LONGEST_GAP} s were cut out, the longest of "

@@ -70,8 +70,8 @@ def main(
     except ModuleNotFoundError as error:
         raise click.UsageError(str(error)) from None
     except (ValueError, OSError) as error:
-        told = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
-        raise click.UsageError(told) from None
+        message = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
+        raise click.UsageError(message) from None
     try:
         checked = check(recorded, cut)
         for each in checked.warnings:

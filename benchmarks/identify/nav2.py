@@ -230,13 +230,13 @@ def window(source: Tuned, can: Mapping[str, float], distro: str, tolerances: boo
         "RotateToGoal": {"scale": g.entry("rotate_to_goal"), "slowing_factor": g.entry("slowing")},
     }
     tolerance = g.entry("tolerance")
-    told = [f"xy_goal_tolerance: {tolerance.value} m of {source.name}, with --tolerances"]
+    notes = [f"xy_goal_tolerance: {tolerance.value} m of {source.name}, with --tolerances"]
     if tolerances:
-        block["xy_goal_tolerance"], told = tolerance, []
+        block["xy_goal_tolerance"], notes = tolerance, []
     if distro != "lyrical":  # there the path handler's
         block["prune_distance"] = g.entry("prune_distance")
-    told.append(f"window: {g('window')} m is width and height of the local costmap")
-    return _with_comments(block, [*told, *_costmap_apart(g), *_response(can)])
+    notes.append(f"window: {g('window')} m is width and height of the local costmap")
+    return _with_comments(block, [*notes, *_costmap_apart(g), *_response(can)])
 
 
 def sampling(source: Tuned, can: Mapping[str, float], distro: str, tolerances: bool) -> Block:
@@ -266,10 +266,10 @@ def sampling(source: Tuned, can: Mapping[str, float], distro: str, tolerances: b
         for axis, name in (("v", "vx"), ("w", "wz")):
             shifted = f"delay of the sheet; shifts by {round(can[f'delay_{axis}'] / step)} steps of model_dt"
             block[f"model_delay_{name}"] = Entry(can[f"delay_{axis}"], shifted)
-    told = []
+    notes = []
     slowest = max(can["delay_v"] + can["lag_v"], can["delay_w"] + can["lag_w"])
     if distro == "kilted":
-        told.append(
+        notes.append(
             f"open_loop: {distro} has no such parameter" + (" (it would be proposed)" if slowest > 2.0 * step else "")
         )
         g("open_loop")
@@ -278,15 +278,15 @@ def sampling(source: Tuned, can: Mapping[str, float], distro: str, tolerances: b
         note = f"try true: delay and lag are {slowest:.2g} s, more than two steps of model_dt" if proposed else ""
         block["open_loop"] = g.entry("open_loop", note)
     if distro != "lyrical":
-        told.append(f"delay {can['delay_v']:.3g} s and {can['delay_w']:.3g} s: {distro} has no model_delay_vx, _wz")
+        notes.append(f"delay {can['delay_v']:.3g} s and {can['delay_w']:.3g} s: {distro} has no model_delay_vx, _wz")
     else:
-        told.append("prune_distance: of the path handler there")
+        notes.append("prune_distance: of the path handler there")
     if distro == "lyrical":
         g("prune_distance")
     else:
         block["prune_distance"] = g.entry("prune_distance")
     block |= _critics(g)
-    return _with_comments(block, [*told, *_costmap_apart(g), *_response(can, with_delay=False)])
+    return _with_comments(block, [*notes, *_costmap_apart(g), *_response(can, with_delay=False)])
 
 
 def _critics(g: _Gains) -> Block:

@@ -146,13 +146,13 @@ def reproduced(rows: Episodes, cases: Iterable[Case]) -> tuple[str, Table]:
 
 def agreement(found: Sequence[Compared]) -> str:
     """Returns on which plant how many reference solutions and how many printed means are met, in words."""
-    told = []
+    sentences = []
     for plant in dict.fromkeys(each.dynamics for each in found):
         here = [each for each in found if each.dynamics == plant]
         equations, means = ([each for each in here if each.printed is kind] for kind in (False, True))
         words = f"{plant}, {_share_met(equations)} reference solutions of their equations are met"
-        told.append(words + (f" and {_share_met(means)} means that C prints" if means else ""))
-    met = f"{'; '.join(told)}, each within {100.0 * CLOSE:.0f} %."
+        sentences.append(words + (f" and {_share_met(means)} means that C prints" if means else ""))
+    met = f"{'; '.join(sentences)}, each within {100.0 * CLOSE:.0f} %."
     return f"{met[0].upper()}{met[1:]} A and B print no figures."
 
 

@@ -14,10 +14,10 @@ MOST_LINES = 6  # of a small table
 _NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
 
 
-def print_short(told: Iterable[tuple[str, Table]], most: int = WIDTH) -> None:
+def print_short(findings: Iterable[tuple[str, Table]], most: int = WIDTH) -> None:
     """Prints for each task its result as a sentence and a small table, at most `most` characters wide."""
     width = min(most, shutil.get_terminal_size((most, 24)).columns)
-    for sentence, table in told:
+    for sentence, table in findings:
         say(textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False))
         say(_small(table, width))
         if len(table.rows) > MOST_LINES:

@@ -180,7 +180,7 @@ def write_mcap(file: Path, env: gymnasium.Env[Any, Any], episode: Episode, about
         writer.start(library=_LIBRARY)
         writer.add_metadata("episode", {name: str(value) for name, value in about.items()})
         said = _File(writer)
-        seen, told = env.reset(seed=episode.start.seed, options={"scenario": episode.start.scenario})
+        seen, info = env.reset(seed=episode.start.seed, options={"scenario": episode.start.scenario})
         reward, dt = 0.0, base.task.options.dt
         last: bytes = b""
         for step in range(len(episode.actions) + 1):
@@ -199,10 +199,10 @@ def write_mcap(file: Path, env: gymnasium.Env[Any, Any], episode: Episode, about
                 entities += [_hull(base.task.robot), *_still(base)] if not step else []
                 said.say("/scene", time, {"deletions": [], "entities": entities})
             _say_scan(said, base, time, seen)
-            said.say("/told", time, {"reward": float(reward), **{name: _plain(value) for name, value in told.items()}})
+            said.say("/told", time, {"reward": float(reward), **{name: _plain(value) for name, value in info.items()}})
             if step < len(episode.actions):
                 said.say("/action", time, {"action": episode.actions[step].tolist()})
-                seen, reward, _, _, told = env.step(episode.actions[step])  # type: ignore[assignment]
+                seen, reward, _, _, info = env.step(episode.actions[step])  # type: ignore[assignment]
         writer.finish()
         write_whole(file, stream.getvalue())
 

@@ -71,7 +71,7 @@ class MinariSet:
         self._digests: dict[int, bytes] = {}
         self._bytes = 0
 
-    def write(self, number: int, episode: Episode, told: Mapping[str, Any]) -> None:
+    def write(self, number: int, episode: Episode, metadata: Mapping[str, Any]) -> None:
         """Writes an episode under its number, with its metadata."""
         folder = self.folder / str(number)
         folder.mkdir()
@@ -79,23 +79,23 @@ class MinariSet:
         with pa.OSFile(str(folder / "part-0.arrow"), "wb") as sink, pa.ipc.new_file(sink, batch.schema) as writer:
             writer.write_batch(batch)
         start, digest = episode.start, episode.digest()
-        metadata = {
+        content = {
             "id": number,
             "total_steps": len(episode.actions),
             "seed": start.seed,
             "options": {"scenario": start.scenario},
-            KEY: {**told, "digest": digest.hex()},
+            KEY: {**metadata, "digest": digest.hex()},
         }
-        (folder / "metadata.json").write_text(json.dumps(metadata))
+        (folder / "metadata.json").write_text(json.dumps(content))
         self._steps[number] = len(episode.actions)
         self._digests[number] = digest
         self._bytes += batch.nbytes
 
-    def close(self, dataset_id: str, told: Mapping[str, Any], **described: Any) -> str:
+    def close(self, dataset_id: str, metadata: Mapping[str, Any], **described: Any) -> str:
         """Writes what is known of the whole set; returns its digest.
 
         Args:
-            told: what stands under our key: fields, policies, seeds, command.
+            metadata: what stands under our key: fields, policies, seeds, command.
             described: Minari's own fields, such as algorithm_name and description.
         """
         digest = digest_of_digests(self._digests)
@@ -107,7 +107,7 @@ class MinariSet:
                 "total_steps": sum(self._steps.values()),
                 "dataset_size": round(self._bytes / 1e6, 1),
                 **described,
-                KEY: {**told, "digest": digest},
+                KEY: {**metadata, "digest": digest},
             }
         )
         return digest

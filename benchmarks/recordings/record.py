@@ -350,9 +350,9 @@ def _write(
         for source, number, episode in tracked(driven(), total, "episodes"):
             steps += len(episode.actions)
             case = source.case
-            told: dict[str, Any] = {"policy": case.policy, "gains_name": case.gains_name, "family": case.experiment}
-            told |= {"split": case.split, "success": bool(episode.infos["success"][-1])}
-            waiting.append(disk.submit(written.write, number, episode, told))
+            metadata: dict[str, Any] = {"policy": case.policy, "gains_name": case.gains_name, "family": case.experiment}
+            metadata |= {"split": case.split, "success": bool(episode.infos["success"][-1])}
+            waiting.append(disk.submit(written.write, number, episode, metadata))
             while len(waiting) > _IN_FLIGHT:
                 waiting.popleft().result()
         for each in waiting:

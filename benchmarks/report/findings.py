@@ -67,7 +67,7 @@ class _Standing:
     """One entry's share of successes, and what a success comes to."""
 
     entry: Entry
-    told: str
+    access: str
     success: tuple[float, ...]  # value, low and high; the value alone of too few scenarios
     cost: str  # of the successes, with its interval, as tables show it; "" without one
     speed: float  # m/s, mean of the successes
@@ -86,22 +86,22 @@ def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
     rows = rows.where(split=COMPARED)
     contest = contest.of_rows(rows)
     entries = by_entry(rows)
-    told = []
+    sentences = []
     for scenes, mine in by_scenes(contest, rows).items():
         standings = _standings(contest, mine)
         words = _who(standings, {pair[1:]: each for pair, each in verdicts.items() if pair[0] == scenes}, contest)
-        told.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
+        sentences.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
     ranked = _standings(contest, rows)
     rivals = _rivals(ranked)
-    if len(told) > 1 and all(each.endswith(f"{TOO_FEW}.") for each in told):  # said once
-        told = [f"{label(rivals[0].entry)} comes first ({_achieved(rivals[0], contest)}); {TOO_FEW}."]
+    if len(sentences) > 1 and all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # said once
+        sentences = [f"{label(rivals[0].entry)} comes first ({_achieved(rivals[0], contest)}); {TOO_FEW}."]
     sentence = (
         f"{contest.title} with {robot}: {_count(len(entries), 'policy', 'policies')} on the same "
         f"{_count(scenarios(rows), 'scenario', 'scenarios')} of "
-        f"{_count(len(rows.unique('family')), 'family', 'families')}. {' '.join(told)}"
+        f"{_count(len(rows.unique('family')), 'family', 'families')}. {' '.join(sentences)}"
     )
     if len(rivals) < len(ranked):
-        above = next(each for each in ranked if MAP in each.told)
+        above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
     small, seeds = _small(contest, robot, rivals, ranked), seeds_told([rows], contest)
     if "alone" in seeds:
@@ -118,7 +118,7 @@ def _standings(contest: Contest, rows: Episodes) -> list[_Standing]:
 
 def _rivals(ranked: Sequence[_Standing]) -> list[_Standing]:
     """Returns the entries without those that have access to the map, unless there are no others."""
-    return [each for each in ranked if MAP not in each.told] or list(ranked)
+    return [each for each in ranked if MAP not in each.access] or list(ranked)
 
 
 def _standing(entry: Entry, rows: Episodes, contest: Contest) -> _Standing:
@@ -177,15 +177,15 @@ def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict
     at_cost = [other for other, outcome in found.items() if outcome == SLOWER]
     # success is ranked by its mean: of those that it does not tell apart one may be quicker, or err less
     behind = [other for other, outcome in found.items() if outcome == LOSES]
-    told = f"{name} comes first: {won}."
+    sentence = f"{name} comes first: {won}."
     if behind:
         better = "quicker" if contest.cost.unit == "s" else "closer"
-        told += f" Without a significant difference in success {_named(behind)} {_is(behind)} {better}."
+        sentence += f" Without a significant difference in success {_named(behind)} {_is(behind)} {better}."
     if open_with:
-        told += f" Not significantly different: {_named(open_with)}."
+        sentence += f" Not significantly different: {_named(open_with)}."
     if at_cost:
-        told += f" At another speed: {_named(at_cost)}."
-    return told
+        sentence += f" At another speed: {_named(at_cost)}."
+    return sentence
 
 
 _FLIPPED = {WINS: LOSES, LOSES: WINS, ALIKE: ALIKE, SLOWER: SLOWER, FEW: FEW}
@@ -203,14 +203,14 @@ def _small(contest: Contest, robot: str, rivals: Sequence[_Standing], ranked: Se
     """Returns the small table: the first few, then the trained agents and the best upper reference."""
     shown = list(rivals[:MOST_SMALL])
     trained = [each for each in ranked if each.entry[1] == "trained"]
-    told_map = [each for each in ranked if MAP in each.told]
-    shown += [each for more in (trained, told_map[:1]) for each in more if each not in shown]
+    with_map = [each for each in ranked if MAP in each.access]
+    shown += [each for more in (trained, with_map[:1]) for each in more if each not in shown]
     column = _scored(contest)
     lines = []
     for each in shown:
         score = [_with_ends(each.score, 1.0, 3)] if column else []
         speed = shown_speed(each.speed, 2) + OFF_PACE * each.away
-        lines.append([label(each.entry), *score, _with_ends(each.success, 100.0, 1), each.cost, speed, each.told])
+        lines.append([label(each.entry), *score, _with_ends(each.success, 100.0, 1), each.cost, speed, each.access])
     cost = contest.cost
     unit = "mm" if cost.unit == "m" else cost.unit
     header = ["policy", *([column.header] if column else []), "success (%)", f"{cost.name} ({unit})", "speed (m/s)"]

@@ -152,7 +152,7 @@ def _episode(row: Row, world: int) -> dict[str, Any]:
     else:
         place, family, policy = row["document"], row["experiment"], f"{row['policy']} {row['gains']}".strip()
     seed = row.get("agent_seed", "")
-    told = {
+    record = {
         "contest": place,
         "family": family,
         "tier": row.get("tier", ""),
@@ -168,8 +168,8 @@ def _episode(row: Row, world: int) -> dict[str, Any]:
         "episode": row["episode"],
     }
     if (error := row.get("cross_track_rms", math.nan)) == error:  # not NaN
-        told["error"] = error
-    return told
+        record["error"] = error
+    return record
 
 
 def made(command: str, content: Content) -> list[list[str]]:
@@ -192,11 +192,11 @@ def commit() -> str:
     """Returns the commit of the code as git describes it, marked where the code differs; "" where there is no git."""
     home = Path(wayfield.__file__).resolve().parents[1]
     try:
-        told = (
+        found = (
             subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
             for words in (["describe", "--always", "--tags", "--dirty"],)
         )
-        return next(told)
+        return next(found)
     except (OSError, subprocess.CalledProcessError):
         return ""
 
@@ -205,7 +205,7 @@ def rendered(
     title: str, content: Content, how: Sequence[Sequence[str]], budget: int, extra: Mapping[str, Any] | None = None
 ) -> str:
     """Returns the page's text; as many episodes can be replayed as the budget has room for."""
-    robots = {told["robot"] for told in content.episodes} if extra is None else set(ROBOTS)
+    robots = {episode["robot"] for episode in content.episodes} if extra is None else set(ROBOTS)
     kernels, machinery = kernel_part(robots)
     plain = {
         "charts": content.charts,
@@ -230,7 +230,7 @@ def rendered(
     head = _json(plain | {"episodes": content.episodes, "drives": []})
     room = (budget - fixed) * 3 // 4 - len(zlib.compress(head + _json(kernels) + machinery, 9)) - 20_000
     chosen = _chosen(content, room)
-    episodes = [told | ({"drive": k} if k in chosen else {}) for k, told in enumerate(content.episodes)]
+    episodes = [episode | ({"drive": k} if k in chosen else {}) for k, episode in enumerate(content.episodes)]
     pieces: list[bytes] = []
     shapes: dict[int, list[int]] = {}
     at = 0
@@ -243,8 +243,8 @@ def rendered(
     if kernels:
         kernels["module"][0] += at
         kernels["blobs"] = [[at + first, length] for first, length in kernels["blobs"]]
-    told = _json(plain | {"episodes": episodes, "drives": shapes, "kernels": kernels or None})
-    payload = len(told).to_bytes(4, "little") + told + b"".join(pieces) + machinery
+    text = _json(plain | {"episodes": episodes, "drives": shapes, "kernels": kernels or None})
+    payload = len(text).to_bytes(4, "little") + text + b"".join(pieces) + machinery
     parts["payload"] = base64.b64encode(zlib.compress(payload, 9)).decode()
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
@@ -291,12 +291,12 @@ def _chosen(content: Content, room: int) -> set[int]:
     """
     met: dict[tuple[Any, ...], list[int]] = {}
     keys = []
-    for k, told in enumerate(content.episodes):
-        group = met.setdefault((told["contest"], told["robot"], told["family"], told["tier"]), [])
-        if told["world"] not in group:
-            group.append(told["world"])
-        nth = group.index(told["world"])
-        keys.append((told["outcome"] == "success", max(nth, int(told["agent"] or 0)), nth, k))
+    for k, episode in enumerate(content.episodes):
+        group = met.setdefault((episode["contest"], episode["robot"], episode["family"], episode["tier"]), [])
+        if episode["world"] not in group:
+            group.append(episode["world"])
+        nth = group.index(episode["world"])
+        keys.append((episode["outcome"] == "success", max(nth, int(episode["agent"] or 0)), nth, k))
     chosen: set[int] = set()
     for *_, k in sorted(keys):
         drive = content.drives[k]

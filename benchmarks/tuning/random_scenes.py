@@ -98,8 +98,8 @@ def write_rooms(
         image = np.where(occupied, 0, 254).astype(np.uint8)[::-1]
         header = f"P5 {image.shape[1]} {image.shape[0]} 255\n".encode()
         (home / "map.pgm").write_bytes(header + image.tobytes())
-        told = f"image: map.pgm\nresolution: {CELL}\norigin: [0, 0, 0]\nnegate: 0\n"
-        (home / MAP).write_text(told + "occupied_thresh: 0.65\nfree_thresh: 0.196\n", encoding="utf-8")
+        text = f"image: map.pgm\nresolution: {CELL}\norigin: [0, 0, 0]\nnegate: 0\n"
+        (home / MAP).write_text(text + "occupied_thresh: 0.65\nfree_thresh: 0.196\n", encoding="utf-8")
         lines = [",".join(f"{value:.4f}" for value in case) for case in cases]
         (home / CASES).write_text("\n".join([",".join(COLUMNS), *lines, ""]), encoding="utf-8")
         courses.append(Course(home.name, PUBLIC_SPLIT, str(home), steps, members=tuple(range(PAIRS))))

@@ -64,8 +64,8 @@ class SharedStudy:
         try:
             yield
         except Exception as error:  # of whatever database
-            told = " ".join(str(error).split()).removeprefix(f"{self.where}: ")[:300] or type(error).__name__
-            raise NoStudy(f"--study {self.where!r} cannot be used: {told}") from None
+            message = " ".join(str(error).split()).removeprefix(f"{self.where}: ")[:300] or type(error).__name__
+            raise NoStudy(f"--study {self.where!r} cannot be used: {message}") from None
 
     @property
     def frames(self) -> int:

@@ -269,7 +269,7 @@ class Search:
 
     def _searched_on(self, split: str) -> dict[str, Any]:
         """Returns the scenarios of search and choice, as a gains file describes them."""
-        told: dict[str, Any] = {
+        content: dict[str, Any] = {
             "split": split or SEARCH_SPLIT,
             "scenarios": self.scenarios,
             **({"levels": [self.level, *self.also]} if self.also else {}),
@@ -278,11 +278,11 @@ class Search:
         }
         if self.rooms:
             robots = [place.robot.name for place in in_rooms(self.contest, self.robot, ())]
-            told["rooms"] = {"robots": robots} | {
+            content["rooms"] = {"robots": robots} | {
                 name: {"seed": SEEDS[name], "rooms": len(rooms), "ways": PAIRS, "sha256": digest(rooms)}
                 for name, rooms in self.rooms.items()
             }
-        return told
+        return content
 
     def _searched(self, executor: Executor) -> tuple[list[dict[str, Any]], int]:
         """Returns the sets of the search, the best first, and the frames that were driven for it."""
@@ -477,9 +477,9 @@ def comparison_table(content: Mapping[str, Any]) -> str:
     )
 
 
-def _difference_text(told: Sequence[float | None], scale: float, digits: int) -> str:
+def _difference_text(difference: Sequence[float | None], scale: float, digits: int) -> str:
     """Returns a difference and its 95 % interval."""
-    value, low, high = ("?" if each is None else f"{scale * each:+.{digits}f}" for each in told)
+    value, low, high = ("?" if each is None else f"{scale * each:+.{digits}f}" for each in difference)
     return f"{value} ({low} to {high})"
 
 
