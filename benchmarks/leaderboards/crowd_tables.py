@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from wayfield.benchmarks.contests import ALL_CONTESTS, CROSS, TEAMS, Contest
 from wayfield.benchmarks.leaderboards.entries import COMPARED, Entry, by_entry, by_scenario, label, success_cell
 from wayfield.benchmarks.records.episode import Episodes
-from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.records.table import Table, code_span
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 
 _BESIDE = "beside "
@@ -50,7 +50,7 @@ def cross_table(robot: str, crossed: Episodes, alone: Episodes, command: str) ->
     note = (
         "Share of the robots of the line's policy that arrive, in per cent, where every other robot is driven by the "
         "column's; on the diagonal all are. Brackets: 95 % bootstrap intervals over the worlds, by family. "
-        f"Made by `{command}`."
+        f"Made by {code_span(command)}."
     )
     return Table(
         f"Teams, {robot}: who suffers from whom", ["policy", *(f"beside {name}" for name in names)], lines, note
@@ -76,6 +76,6 @@ def people_table(robot: str, among: Mapping[str, Episodes], command: str) -> Tab
     header = ["policy", *(ALL_CONTESTS[name].title.removeprefix("Among people ") for name in among)]
     note = (
         "Successes in per cent, in the same scenarios in every column: only what the people do differs. Brackets: 95 % "
-        f"intervals over the scenarios. Made by `{command}`."
+        f"intervals over the scenarios. Made by {code_span(command)}."
     )
     return Table(f"Among people, {robot}: the people's law, and whether they see the robot", header, lines, note)

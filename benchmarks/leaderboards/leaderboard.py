@@ -44,7 +44,7 @@ from wayfield.benchmarks.leaderboards.entries import (
 from wayfield.benchmarks.leaderboards.matrix import better_table
 from wayfield.benchmarks.leaderboards.verdicts import by_scenes, claims_table, pairs_table
 from wayfield.benchmarks.records.episode import Episodes, Row, text
-from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.records.table import Table, code_span
 from wayfield.benchmarks.statistics.aggregates import interval, iqm
 from wayfield.envs.scenarios import TIERS
 from wayfield.envs.tasks.task import CONTROL_PERIOD
@@ -372,4 +372,4 @@ def ladder_table(contest: Contest, title: str, rows: Episodes, command: str) -> 
 
 def made_by(command: str) -> str:
     """Returns the words of a note that say where a table comes from."""
-    return f"Made by `{command}`, wayfield {version('wayfield')}."
+    return f"Made by {code_span(command)}, wayfield {version('wayfield')}."

@@ -18,7 +18,7 @@ from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, PACE_TOLERA
 from wayfield.benchmarks.leaderboards.entries import COMPARED, Entry, by_entry, label, leader, mean_speed, shown_speed
 from wayfield.benchmarks.leaderboards.matrix import Runs, cost_difference, how_often_better, success_difference
 from wayfield.benchmarks.records.episode import Episodes, Row, text
-from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.records.table import Table, code_span
 from wayfield.benchmarks.statistics.crossed import LEAST
 from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, holm
 
@@ -229,7 +229,7 @@ def pairs_table(rows: Episodes, command: str) -> Table:
         "The first policy less the other, over the scenarios that both met, all training seeds counted: successes in "
         "points, then errors (interquartile mean of the differences) or times (mean) of the scenarios that both solve, "
         f"in families with {LEAST} such scenarios or more. From and to: 95 % intervals of paired t-tests; agents and "
-        f"scenarios are both a sample. p: before any correction. Made by `{command}`."
+        f"scenarios are both a sample. p: before any correction. Made by {code_span(command)}."
     )
     return Table("Every pair", HEADER, lines, note)
 
@@ -253,7 +253,7 @@ def claims_table(found: Table, command: str) -> Table:
         "solve, unless the interval of the successes speaks for the other side. Brackets: 95 % intervals. p: corrected "
         "by Holm's method for the "
         f"{2 * len(rows)} comparisons of all pairs of this run, decided under {SIGNIFICANT:g}. Who errs less at a "
-        f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won. Made by `{command}`."
+        f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won. Made by {code_span(command)}."
     )
     header = [CONDITION, SCENES, FIRST, OTHER, OTHER_ACCESS, *SHOWN]
     return Table("What trained agents win, and what they do not", header, lines, note)

@@ -94,6 +94,12 @@ def _plain(text: str) -> str:
     return _TAG.sub(lambda found: html.escape(found[0]), text.replace("|", "\\|"))
 
 
+def code_span(text: str) -> str:
+    """Returns a text as Markdown's code, between more backticks than it has in a run."""
+    ticks = "`" * (1 + max(map(len, re.findall("`+", text)), default=0))
+    return f"{ticks}{text}{ticks}" if len(ticks) == 1 else f"{ticks} {text} {ticks}"
+
+
 def _stacked(header: list[str], row: list[str]) -> list[str]:
     """Returns a row, or the header itself, with the gains below the policy that they are of."""
     if header[:2] != ["policy", "gains"]:

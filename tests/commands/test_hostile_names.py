@@ -16,7 +16,7 @@ from wayfield.benchmarks.figures.document_figures import driven_paths
 from wayfield.benchmarks.figures.drawing import saved
 from wayfield.benchmarks.leaderboards.terminal import print_short
 from wayfield.benchmarks.records.episode import Episodes
-from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.records.table import Table, code_span
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.readers import READERS
@@ -74,6 +74,8 @@ def test_a_terminal_and_a_page_get_no_code_of_a_name(capsys: pytest.CaptureFixtu
     assert "\x1b" not in text
     assert "## \\x1b[2J&lt;img src=x>" in text
     assert "[/x] \\| &amp;lt; < 0.1" in text
+    assert code_span("a <b>") == "`a <b>`"
+    assert code_span("a `<b>` ``") == "``` a `<b>` `` ```"  # no run of its backticks ends it
 
     @click.command("refuse", cls=OneLineErrors)
     def refuse() -> None:
