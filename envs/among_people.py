@@ -2,16 +2,31 @@
 
 from typing import Any
 
+from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.tasks.sheets import sheet_like, signature_like
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.team_worlds import Teams
 from wayfield.envs.teams import DiffDriveTeam, OmniTeam, TeamVectorEnv
+
+ALL = "people"  # the name of all families
 
 
 class AmongPeople(Teams):
     """The task of one robot, or several, among people."""
 
     belongs_to = CROWDS["people"]
+
+    def bank(self, scenario: Any, hull_radius: float) -> tuple[TeamScenario, ...]:
+        """Returns the scenarios of a name, or those given; "people/train" are those of all families: see `Teams.bank`.
+
+        Raises:
+            ValueError: as `Teams.bank`.
+        """
+        family, slash, split = scenario.partition("/") if isinstance(scenario, str) else ("", "", "")
+        if family == ALL and slash:
+            named = super().bank
+            scenario = [each for name in self.belongs_to.families for each in named(f"{name}/{split}", hull_radius)]
+        return super().bank(scenario, hull_radius)
 
 
 class OmniPeople(OmniTeam):
@@ -25,7 +40,7 @@ class OmniPeople(OmniTeam):
                 Everything else is as in a team, which this is one of.
             """
         },
-        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), or `TeamScenario`s'},
+        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), all ("people/test"), or `TeamScenario`s'},
     )
 
     asks = AmongPeople
@@ -53,7 +68,7 @@ class DiffDrivePeople(OmniPeople):
                 Everything else is as in a team, which this is one of.
             """
         },
-        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), or `TeamScenario`s'},
+        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), all ("people/test"), or `TeamScenario`s'},
     )
 
     robots = DiffDriveTeam.robots

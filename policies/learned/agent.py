@@ -31,7 +31,15 @@ from wayfield.policies.learned.conditions import (
     out_of_distribution,
 )
 from wayfield.policies.learned.features import Numbers
-from wayfield.policies.learned.perception import FEATURES, Actions, Features, Perception, hold, limits_of
+from wayfield.policies.learned.perception import (
+    FEATURES,
+    Actions,
+    Features,
+    Perception,
+    features_kind,
+    hold,
+    limits_of,
+)
 from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.parts.shield import Shield
@@ -506,7 +514,7 @@ def card_base(card: Mapping[str, Any], file: pathlib.Path) -> Base | None:
         return None
     try:
         base = Base(**card["base"])
-        if FEATURES[card["task"]].observation not in base.policy(1.0).observes:
+        if features_kind(card["task"], card["features"]).observation not in base.policy(1.0).observes:
             raise ValueError(f"controller {base.controller!r} does not read observations of {card['task']}")
         return base
     except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
@@ -522,7 +530,8 @@ def card_features(card: Mapping[str, Any], file: pathlib.Path) -> tuple[Features
     trails = card["features"]["trails"]
     try:
         trails = tuple(trails) if isinstance(trails, list) else trails
-        return FEATURES[card["task"]](**card["features"] | {"trails": trails}), Actions(**card["actions"])
+        kind = features_kind(card["task"], card["features"])
+        return kind(**card["features"] | {"trails": trails}), Actions(**card["actions"])
     except ValueError as error:
         raise ValueError(f"{file}: {str(error)[:500]}") from None
 
@@ -580,7 +589,7 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
     if card["format"] < FORMAT:
         card["features"] = {**_SINCE.get(card["task"], {}), **card["features"]}
         card["actions"] = {**_ACTIONS_SINCE, **card["actions"]}
-    for key, kind in (("features", FEATURES[card["task"]]), ("actions", Actions)):
+    for key, kind in (("features", features_kind(card["task"], card["features"])), ("actions", Actions)):
         names = {field.name for field in dataclasses.fields(kind)}
         if set(card[key]) != names:
             odd = ", ".join(sorted(set(card[key]) ^ names))

@@ -37,6 +37,12 @@ FEATURES: Mapping[str, type[Features]] = {
 }  # by task
 
 
+def features_kind(task: str, described: Mapping[str, Any]) -> type[Features]:
+    """Returns the class of the features that a card describes; among others, an agent may see its scan alone."""
+    kind = FEATURES[task]
+    return GoalFeatures if kind is TeamFeatures and "bodies" not in described else kind
+
+
 def limits_of(features: Features, actuators: Actuators) -> Numbers:
     """Returns what a network sees of a base (3,): s_v / a, s_w / alpha and lag / 0.1 s, each at most 5.
 

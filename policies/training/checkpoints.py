@@ -157,6 +157,9 @@ def _digest(arrays: Mapping[str, NDArray[Any]], text: str) -> str:
     return sha.hexdigest()
 
 
+IN_FIELD = "success in "  # begins the columns of a learning curve with the successes in one condition
+
+
 def write_curve(folder: pathlib.Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Writes the learning curve, one row a validation."""
     text = io.StringIO()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.reading import MOST_TEXT, read_bytes
-from wayfield.policies.training.checkpoints import CURVE
+from wayfield.policies.training.checkpoints import CURVE, IN_FIELD
 from wayfield.system.checks import shown
 from wayfield.system.readers import of_folder, reader
 from wayfield.system.storage import write_whole
@@ -65,17 +65,33 @@ def read_curve(folder: Path) -> dict[str, list[float]]:
 
 
 def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> None:
-    """Draws the validation curves of runs over frames, a thin line each, to an image file."""
+    """Draws the validation curves of runs over frames, a thin line each, to an image file.
+
+    Where runs were validated in several fields, one more panel has the successes in each, in the mean over the runs
+    that have come as far.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure((10.0, 3.2), layout="constrained")
     panels = PANELS[EVERY[task].on_path]
+    curves = [read_curve(folder) for folder in folders]
+    fields = [name for name in curves[0] if name.startswith(IN_FIELD) and all(name in curve for curve in curves)]
+    if fields:
+        panels = (*panels, Panel(IN_FIELD, "success, by field", share=True))
+    figure = Figure((10.0 / 3.0 * len(panels), 3.2), layout="constrained")
     axes = figure.subplots(1, len(panels))
-    for folder in folders:
-        curve = read_curve(folder)
+    for folder, curve in zip(folders, curves, strict=True):
         frames = [each / 1e6 for each in curve["frames"]]
         for axis, panel in zip(axes, panels, strict=True):
-            axis.plot(frames, curve[panel.column], linewidth=1.0, alpha=0.8, label=folder.name)
+            if panel.column in curve:
+                axis.plot(frames, curve[panel.column], linewidth=1.0, alpha=0.8, label=folder.name)
+    for name in fields:
+        of: dict[float, list[float]] = {}
+        for curve in curves:
+            for frames_seen, share in zip(curve["frames"], curve[name], strict=True):
+                of.setdefault(frames_seen / 1e6, []).append(share)
+        means = [sum(shares) / len(shares) for _, shares in sorted(of.items())]
+        axes[-1].plot(sorted(of), means, linewidth=1.0, label=name.removeprefix(IN_FIELD))
+        axes[-1].legend(fontsize="x-small", frameon=False)
     for axis, panel in zip(axes, panels, strict=True):
         axis.set_xlabel("million frames")
         axis.set_ylabel(panel.label)

@@ -1,9 +1,9 @@
 """Writes into agents' cards what they do elsewhere: `python -m wayfield.policies.training.measured FOLDER ...`
 
 Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also slowly
-and fast and what `make` gives who asks for nothing; beside its validation, it is what an agent tells of itself where it
-warns. A path follower's card also says how fast it drives in the mean at a speed input, so that it can hold the
-one that it is asked for.
+and fast and what `make` gives who asks for nothing; one among others drives other fields instead, and among people also
+at their pace. Beside its validation, it is what an agent tells of itself where it warns. A path follower's card also
+says how fast it drives in the mean at a speed input, so that it can hold the one that it is asked for.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ EVERY = 16  # of the training scenarios, that a path follower's mean speed is me
 # fields beside that of the validation
 AMONG = {
     "teams": ("doorway_4", "corridor_8", "intersection_8", "bottleneck_8", "rooms_4"),
-    "people": ("crowdnav_10", "lanes_24", "crossing_flow_24", "queue_at_door"),
+    "people": ("crowdnav_10", "lanes_24", "crossing_flow_16", "queue_at_door"),
 }
 
 Condition = tuple[float, dict[str, Any]]  # a requested speed, m/s, and the keyword arguments of the environment
@@ -60,8 +60,9 @@ def _of_docks(speed: float, base: Mapping[str, Any]) -> list[Condition]:
 
 
 def _among(task: str, speed: float, base: Mapping[str, Any]) -> list[Condition]:
-    """Returns the validation and closer fields, or other people."""
-    return [(speed, dict(base)), *((speed, {**base, "scenario": f"{name}/validation"}) for name in AMONG[task])]
+    """Returns the validation and closer fields; or among people other people, and the validation at their pace."""
+    fast = [(max(OTHERS), dict(base))] if task == "people" else []
+    return [(speed, dict(base)), *fast, *((speed, {**base, "scenario": f"{name}/validation"}) for name in AMONG[task])]
 
 
 MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {

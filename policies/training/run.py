@@ -283,6 +283,8 @@ class _Run:
             **{name: logged[name] for name in self.learner.LOGGED if name in logged},
         }
         row["return"], row["reward"] = score.reward, logged["reward"]
+        if self.further:
+            row |= {in_field(each): each["success"] for each in measured}
         self.rows.append(row)
         for name, value in row.items():
             self.writer.add_scalar(f"wayfield/{name}", value, self.learner.frames)
@@ -355,6 +357,13 @@ class _Run:
             "measured": list(measured),
             **more,
         }
+
+
+def in_field(condition: Mapping[str, Any]) -> str:
+    """Returns the column of a learning curve with the successes in a condition that was measured."""
+    kwargs = condition["env_kwargs"]
+    how = {True: ", seen", False: ", unseen", None: ""}[kwargs.get("visible")]
+    return f"{checkpoints.IN_FIELD}{kwargs['scenario'].partition('/')[0]}, {condition['asked_speed']:g} m/s{how}"
 
 
 def trained_on(preset: Preset) -> dict[str, list[Any]]:

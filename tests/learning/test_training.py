@@ -132,17 +132,24 @@ GUIDED = dataclasses.replace(
     paces=(0.6,),
 )
 MEETING = dataclasses.replace(
-    GUIDED, task="people", worlds=((1.0, {"scenario": "crowdnav_5"}),), validation={"scenario": "crowdnav_5/validation"}
+    GUIDED,
+    task="people",
+    worlds=((1.0, {"scenario": "crowdnav_5"}),),
+    validation={"scenario": "crowdnav_5/validation"},
+    conditions=((0.8, {"scenario": "lanes_12/validation", "visible": True}),),
+    guards=False,
 )
+# of a team, by the scan alone
+SCANNING = dataclasses.replace(GUIDED, features=SEEKING.features, controller="vfh_plus", guards=False)
 
 
 @pytest.mark.parametrize(
     ("env_id", "preset"),
     [
         *((PATH, SMALL), (PATH, TAUGHT), (PATH, ADDING), (PATH, REPLAYING), (OMNI, SEEKING)),
-        *(("wayfield/OmniTeam-v0", GUIDED), ("wayfield/OmniPeople-v0", MEETING)),
+        *(("wayfield/OmniTeam-v0", GUIDED), ("wayfield/OmniTeam-v0", SCANNING), ("wayfield/OmniPeople-v0", MEETING)),
     ],
-    ids=["plain", "taught", "adding", "replaying", "seeking", "guided", "meeting"],
+    ids=["plain", "taught", "adding", "replaying", "seeking", "guided", "scanning", "meeting"],
 )
 def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
     tmp_path: Path, env_id: str, preset: Preset, monkeypatch: pytest.MonkeyPatch
@@ -171,6 +178,12 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
     # a controller that a network adds to has taught it nothing
     assert card["training"].get("taught_by", "") == (preset.controller if preset.imitation else "")
     assert card.get("base", {}).get("controller", "") == (preset.controller if preset.reach else "")
+    assert load_agent(tmp_path / "whole" / checkpoints.BEST).features == preset.features
+    # a curve has the successes in each further field, and the card those of the best
+    fields = {name: shares for name, shares in read_curve(tmp_path / "whole").items() if name.startswith("success in ")}
+    assert list(fields) == (["success in lanes_12, 0.8 m/s, seen"] if preset.conditions else [])
+    for shares, measured in zip(fields.values(), card["measured"][1:], strict=True):
+        assert measured["success"] in shares
 
 
 @pytest.mark.parametrize("arrival", [0.0, 20.0])
