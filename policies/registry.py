@@ -19,6 +19,7 @@ from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.orca import Orca
 from wayfield.policies.orca_team import OrcaTeam
 from wayfield.policies.orca_team_map import OrcaTeamMap
+from wayfield.policies.people_free import PeopleFree
 from wayfield.policies.polar import Polar
 from wayfield.policies.policy import Policy
 from wayfield.policies.potential_field import CorrectedField, PotentialField
@@ -183,8 +184,17 @@ ABOUT: dict[str, Listed] = {
     ),
     "team_guided": Listed(
         TeamGuided,
-        "the agents that ship for teams and people: a network wants a velocity, orca_team keeps it clear",
+        "the agents that ship for teams: a network wants a velocity, orca_team keeps it clear",
         "Schulman et al. 2017; van den Berg et al. 2011",
+        ("teams",),
+        protected="where it was 1 to 10 s ago and where it last got on; gives up no half-plane of what stands",
+    ),
+    "people_free": Listed(
+        PeopleFree,
+        "the agents that ship for one robot among people: a network adds to what orca_team drives",
+        "Schulman et al. 2017; van den Berg et al. 2011",
+        ("people",),
+        protected="where it was 1 to 10 s ago, and what orca_team does; nothing keeps it from harm",
     ),
     "scan_planner": Listed(
         ScanPlanner,

@@ -4,11 +4,7 @@ import dataclasses
 from typing import ClassVar
 
 from wayfield.envs import team_worlds
-from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.agent import Agent
-from wayfield.policies.learned.ppo import Ppo, shipped_agent
-
-GUIDED = "_guided"  # behind the task, of the folders of those that ship
+from wayfield.policies.learned.ppo import Ppo
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,18 +24,5 @@ class TeamGuided(Ppo):
     """
 
     observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
-
-    @property
-    def knows(self) -> str:
-        """Returns "bodies"."""
-        return "bodies"
-
-    def agent(self, briefing: Briefing) -> Agent:
-        """Returns the agent for a briefing.
-
-        Raises:
-            ValueError: if none ships for the task and robot, or none of this seed.
-        """
-        if self.home:
-            return super().agent(briefing)
-        return shipped_agent(briefing.task.name + GUIDED, briefing.robot.name, self.seed, self.speed)
+    among: ClassVar[str] = "guided"
+    told: ClassVar[str] = "bodies"

@@ -25,14 +25,14 @@ from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.envs.tasks.specs import Cost
+from wayfield.envs.tasks.specs import CROWDS, Cost
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.policy import lacks
 from wayfield.policies.tuned import PACE, tuned_set
 
-TRAINED = ("ppo", "hybrid")  # with a set for each seed
+TRAINED = ("ppo", "hybrid", "team_guided", "people_free")  # with a set for each seed
 DEGREES = 180.0 / math.pi
 FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 BY_HAND: Mapping[str, str] = {"tuned": "by hand", "robust": "by hand, disturbed"}  # what such a set is called
@@ -322,7 +322,9 @@ class Contest:
         able = (name for name in entrants.policies if not lacks(policies.make(name), robot))
         sets = {name: list(self.gain_sets(name, robot, entrants.gains_names, pace)) for name in able}
         for home in entrants.homes:
-            sets.setdefault("ppo", []).extend(self.own_sets(home, robot))
+            for gains_name, gains in self.own_sets(home, robot):
+                driver = self._driver(read_card(trained(home)[gains["seed"]] / CARD))
+                sets.setdefault(driver, []).append((gains_name, gains))
         for name, of_policy in sets.items():
             for gains_name, gains in of_policy:
                 yield name, gains_name, gains, None
@@ -341,7 +343,7 @@ class Contest:
         robot = robot_of(robot)
         ships = ROBOTS.get(robot.name) == robot
         if name in TRAINED:
-            for seed in shipped(self.spec.name, robot.name) if ships else ():
+            for seed in self.agents_of(name, robot.name) if ships else ():
                 yield "trained", {"seed": seed}
             return
         found = {}
@@ -358,6 +360,17 @@ class Contest:
             given.append(each.gains)
         if name in PAPER and "paper" in gains_names:
             yield "paper", dict(PAPER[name])
+
+    def agents_of(self, name: str, robot: str) -> dict[int, Path]:
+        """Returns the folders of the agents that ship for the task and a robot, and that a policy drives with."""
+        named = getattr(policies.POLICIES[name], "agents_of", lambda task: task)
+        return shipped(named(self.spec.name), robot)
+
+    def _driver(self, card: Mapping[str, Any]) -> str:
+        """Returns the policy that drives with an agent of one's own, by its card."""
+        if self.spec.name not in CROWDS or "bodies" not in card["features"]:
+            return "ppo"
+        return "team_guided" if self.spec.name == "teams" else "people_free"
 
     def without_agents(self, names: Iterable[str], robot: AnyRobot) -> dict[str, str]:
         """Returns the trained policies among names of which no agent ships for the robot, each with a line about it."""

@@ -55,7 +55,8 @@ def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Dis
     # a policy with access to the path gets the goal where there is no path
     told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
     if policy in TRAINED:
-        return Disclosure(told, sees, _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS.get(contest.spec.kind, ""))
+        alone = _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS.get(contest.spec.kind, "")
+        return Disclosure(told, sees, ABOUT[policy].protected or alone)
     if policy in PAPER and gains_name == "paper":
         return Disclosure(told, sees, "nothing, as published")
     return Disclosure(told, sees, ABOUT[policy].protected if policy in ABOUT else "")

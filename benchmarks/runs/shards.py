@@ -32,7 +32,7 @@ from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.policies import make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
-from wayfield.policies.learned.ppo import shipped, trained
+from wayfield.policies.learned.ppo import trained
 from wayfield.policies.tuned import tuned_set
 from wayfield.system.executors import Executor, say
 from wayfield.system.identity import source_digest
@@ -224,7 +224,7 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         parameters, learned = case.entrant.described()
     elif case.policy in TRAINED:
         seed, home = case.gains["seed"], case.gains.get("home")
-        folders = trained(home) if home else shipped(contest.spec.name, str(case.env_kwargs["robot"]))
+        folders = trained(home) if home else contest.agents_of(case.policy, str(case.env_kwargs["robot"]))
         agent = load_agent(folders[seed])
         training = agent.card["training"]
         knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)

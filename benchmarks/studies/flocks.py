@@ -1,41 +1,84 @@
-"""The agents of teams beside the law that guards them: python benchmarks/studies/flocks.py
+"""The agents of teams, and among people, beside the laws that they are to beat: python benchmarks/studies/flocks.py
 
-Both drive the same worlds of the split `claims`, from the same starts, with the same scan and actuators. A world is the
-unit: solved if every robot arrives and nobody touches anything. The interval is that of the mean difference over
-worlds, by a bootstrap stratified by family; extra time is compared in the worlds that both solve. Rows are kept as
-`flocks.csv`, and the page is made of them; families that are there already are not driven again.
+All drive the same worlds, from the same starts, with the same scan and actuators. A world is the unit: solved if every
+robot arrives and nobody touches anything. Differences are paired by world, and the mean over the seeds of training; the
+interval, of 95 %, is over worlds, stratified by family, and over seeds. Extra time is compared in worlds that both
+solve. Rows are kept as CSV, and the page is made of them; what is there already is not driven again, so that the parts
+may be driven one by one:
+
+    python benchmarks/studies/flocks.py --drive teams --policies orca_team,team_guided
+    python benchmarks/studies/flocks.py --drive people
+    python benchmarks/studies/flocks.py --drive cross
+    python benchmarks/studies/flocks.py --curves results/team_scan --curves results/people
+    python benchmarks/studies/flocks.py --film docs/doorway.gif
 """
 
 import csv
 import io
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
+from tabulate import tabulate
 
 from wayfield import policies
+from wayfield.benchmarks.contests import ALL_CONTESTS, CROSS, PUBLIC_SPLIT, Contest, Course, Entrants
+from wayfield.benchmarks.contests.crowds import CLOCK as CROWDNAV_CLOCK
+from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.aggregates import interval, mean
+from wayfield.envs.scenarios.people_families import PEOPLE_FAMILIES
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.team_guided import GUIDED
+from wayfield.policies.training.checkpoints import IN_FIELD
+from wayfield.policies.training.curves import read_curve
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
+Row = Mapping[str, str]
+Array = NDArray[np.float64]
+
 ENV_ID, ROBOT, SPEED, CLOCK = "wayfield/OmniTeam-v0", "omni3", 0.6, 2400
 SEEN: dict[str, Any] = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0, "sees": "bodies"}
-LAW = "orca_team"
-LAW_GAINS = {"max_speed": SPEED, "most_turn": 0.6}  # as the agent has it
+LARGE = 16  # robots, over which fewer worlds are driven
 LEAST_SEEDS = 3  # of training, under which nothing is claimed
-FIELDS = ("family", "world", "policy", "solved", "arrived", "touched", "extra_time")
+
+# each agent, with whom it is compared, who sees as much or less
+RIVALS = {"team_guided": ("orca_team", "ppo")}
+AMONG_PEOPLE = {"people_free": ("orca_team", "social_force")}
+AGENTS = {
+    "team_guided": "teams_guided",
+    "team_scan": "teams_scan",
+    "people_free": "people_free",
+    "ppo": "goal_reaching",
+}
+PPO_SEEDS = 3  # of the agents for one robot
 # those of one kind of field together, in the order of the page
 KINDS = {
     "open": ("head_on", "crossing", "circle", "open"),
     "walls": ("doorway", "corridor", "intersection", "bottleneck", "rooms", "hall"),
 }
+CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided")
+CROSS_FAMILIES = ("circle_8", "open_8", "doorway_4", "corridor_8", "intersection_8")
+PEOPLE_CONTESTS = ("people-unseen", "people-seen", "crowdnav", "crowdnav-seen")
+CASES = 500  # of CrowdNav
+
+TEAM_FIELDS = ("family", "world", "policy", "solved", "arrived", "touched", "extra_time")
+_MEASURED = (
+    "success", "collision", "touched_person", "caused", "extra_time", "time", "least_gap_people", "intimate_share",
+    "personal_share", "people_slowed",
+)  # fmt: skip
+PEOPLE_FIELDS = ("contest", "family", "world", "policy", *_MEASURED)
+CROSS_FIELDS = ("family", "world", "policy", "beside", "success", "arrived", "arrived_beside")
+CURVE_FIELDS = ("preset", "seed", "frames", "field", "success")
+
+
+# ---- the drives
 
 
 def drive(policy: Any, family: str, worlds: int) -> list[tuple[bool, float, float, float]]:
@@ -65,126 +108,461 @@ def drive(policy: Any, family: str, worlds: int) -> list[tuple[bool, float, floa
     ]
 
 
-def rows_of(names: Sequence[str], families: Sequence[str], worlds: int, file: Path) -> list[dict[str, str]]:
-    """Returns the rows of a file, with those that it lacked driven and written."""
-    rows = list(csv.DictReader(io.StringIO(file.read_text()))) if file.exists() else []
+def entries(name: str) -> list[str]:
+    """Returns a law's name, or of a trained policy a name a seed."""
+    if name not in AGENTS:
+        return [name]
+    seeds = list(shipped(AGENTS[name], ROBOT))
+    return [f"{name} seed {seed}" for seed in (seeds[:PPO_SEEDS] if name == "ppo" else seeds)]
+
+
+def policy_of(entry: str) -> Any:
+    """Returns the policy of an entry of a team, at the asked speed."""
+    name, _, seed = entry.partition(" seed ")
+    if name == "ppo":  # of one robot, which sees the others in its scan
+        return shipped_agent("goal_reaching", ROBOT, int(seed), SPEED)
+    return policies.make(name, **({"seed": int(seed)} if seed else {"max_speed": SPEED}))
+
+
+def driven(
+    file: Path, fields: Sequence[str], parts: Iterable[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]
+) -> None:
+    """Drives what a file of rows lacks, and writes it after each part.
+
+    Args:
+        parts: of each the first fields, by which its rows are known, and what returns the others, row by row.
+    """
+    rows = read(file)
+    for known, drives in parts:
+        if any(known.items() <= row.items() for row in rows):
+            continue
+        for world, cells in enumerate(drives()):
+            given = iter(map(str, cells))
+            rows.append({name: known.get(name) or (str(world) if name == "world" else next(given)) for name in fields})
+        text = io.StringIO()
+        writer = csv.DictWriter(text, fields, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_whole(file, text.getvalue().encode())
+        click.echo(", ".join(known.values()), err=True)
+
+
+def read(file: Path) -> list[dict[str, str]]:
+    """Returns the rows of a file; none where it is not there."""
+    return list(csv.DictReader(io.StringIO(file.read_text()))) if file.exists() else []
+
+
+def team_parts(
+    names: Sequence[str], families: Sequence[str], worlds: int, large: int
+) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+    """Yields the parts of the teams: an entry in a family."""
     for family in families:
-        for name in names:
-            if any((row["family"], row["policy"]) == (family, name) for row in rows):
-                continue
-            law, _, seed = name.partition(" seed ")
-            policy = policies.make(law, **({"seed": int(seed)} if seed else LAW_GAINS))
-            for world, (solved, arrived, touched, extra) in enumerate(drive(policy, family, worlds)):
-                cells = (family, world, name, int(solved), f"{arrived:.4f}", f"{touched:.4f}", f"{extra:.2f}")
-                rows.append(dict(zip(FIELDS, map(str, cells), strict=True)))
-            text = io.StringIO()
-            writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-            write_whole(file, text.getvalue().encode())
-            click.echo(f"{family}, {name}", err=True)
-    return rows
+        count = large if size_of(family) > LARGE else worlds
+        for entry in (each for name in names for each in entries(name)):
+
+            def drives(entry: str = entry, family: str = family, count: int = count) -> list[Sequence[Any]]:
+                found = drive(policy_of(entry), family, count)
+                return [(int(a), f"{b:.4f}", f"{c:.4f}", f"{d:.2f}") for a, b, c, d in found]
+
+            yield {"family": family, "policy": entry}, drives
 
 
-def shown(ends: tuple[float, float] | None, value: float, digits: int) -> str:
-    """Returns a difference with its interval."""
-    middle = f"{value:+.{digits}f}"
-    return middle if ends is None else f"{middle} [{ends[0]:+.{digits}f}, {ends[1]:+.{digits}f}]"
+def size_of(family: str) -> int:
+    """Returns how many robots the teams of a family have."""
+    return 2 if family.startswith("head_on") else int(family.rpartition("_")[2])
 
 
-def compared(rows: Sequence[dict[str, str]], families: Sequence[str], name: str) -> list[str]:
-    """Returns the cells of an agent beside the law over some families."""
-    worlds: dict[tuple[str, str], dict[str, dict[str, str]]] = {}
+def cases(
+    contest: Contest, course: Course, names: Sequence[str], count: int
+) -> Iterator[tuple[str, str, Callable[[], list[Mapping[str, Any]]]]]:
+    """Yields of each case of a contest the entry, who drives beside it, and what returns its rows."""
+    for case in contest.cases(ROBOT, course, Entrants(tuple(names), ("default",))):
+        seed = f" seed {case.gains['seed']}" if "seed" in case.gains else ""
+        setting = Setting(contest.name, case, "kinematic", "lagged", 0, count, members=course.members[:count])
+        yield f"{case.policy}{seed}", case.beside, lambda setting=setting: [row for row, _ in episodes(setting)]
+
+
+def people_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+    """Yields the parts among people: an entry in a family of a contest."""
+    for label in PEOPLE_CONTESTS:
+        public = label.startswith("crowdnav")
+        courses = [Course(each, "claims") for each in PEOPLE_FAMILIES]
+        if public:
+            courses = [Course("crowdnav", PUBLIC_SPLIT, "crowdnav", CROWDNAV_CLOCK, members=tuple(range(CASES)))]
+        for course in courses:
+            count = CASES if public else worlds
+            for entry, _, rows in cases(ALL_CONTESTS[label], course, names, count):
+
+                def drives(rows: Any = rows) -> list[Sequence[Any]]:
+                    return [[_text(row[name]) for name in _MEASURED] for row in rows()]
+
+                yield {"contest": label, "family": course.family, "policy": entry}, drives
+
+
+def cross_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+    """Yields the parts of the cross-play: an entry beside another in a family; and each alone."""
+    for family in CROSS_FAMILIES:
+        course = Course(family, "claims")
+        for label in ("teams", CROSS.name):
+            for entry, beside, rows in cases(ALL_CONTESTS[label], course, names, worlds):
+                if entry.partition(" seed ")[2] not in ("", "0"):
+                    continue
+
+                def drives(rows: Any = rows) -> list[Sequence[Any]]:
+                    return [[_text(row[name]) for name in CROSS_FIELDS[4:]] for row in rows()]
+
+                yield {"family": family, "policy": entry, "beside": beside or entry}, drives
+
+
+def _text(value: Any) -> str:
+    return "" if isinstance(value, float) and math.isnan(value) else f"{float(value):.4g}"
+
+
+def curve_rows(folders: Sequence[Path]) -> Iterator[Row]:
+    """Yields the successes of runs at each validation, by field."""
+    for folder in folders:
+        for seed in trained(str(folder)):
+            curve = read_curve(folder / f"seed_{seed}")
+            fields = [name for name in curve if name.startswith(IN_FIELD)]
+            for k, frames in enumerate(curve["frames"]):
+                for name in fields or ["success"]:
+                    place = name.removeprefix(IN_FIELD)
+                    cells = (folder.name, seed, int(frames), place, f"{curve[name][k]:.3f}")
+                    yield dict(zip(CURVE_FIELDS, map(str, cells), strict=True))
+
+
+# ---- the film
+
+FILMED, FILM_PX, FILM_SKIP, FILM_FRAMES, FILM_PACE = "bottleneck_32/claims", 300, 12, 110, 8.0
+
+
+def film() -> bytes:
+    """Returns a GIF of 32 robots that leave a room by one door: an agent's, and ORCA's from the same starts."""
+    from PIL import Image, ImageDraw
+
+    from wayfield.benchmarks.figures.video import gif
+
+    reels = []
+    for entry in ("team_guided seed 0", "orca_team"):
+        env: Any = gymnasium.make(ENV_ID, scenario=FILMED, render_mode="rgb_array", **SEEN)
+        pilot = Pilot(policy_of(entry), env)
+        seen, _ = env.reset(seed=0, options={"scenario": 0})
+        pilot.reset()
+        frames = []
+        for step in range(FILM_FRAMES * FILM_SKIP):
+            if step % FILM_SKIP == 0:
+                image = Image.fromarray(env.render())
+                image = image.resize((FILM_PX, FILM_PX * image.height // image.width), Image.Resampling.LANCZOS)
+                ImageDraw.Draw(image).text((8, 4), entry.partition(" ")[0], fill=(0, 0, 0))
+                frames.append(image)
+            seen, _, terminated, truncated, _ = env.step(pilot.act(seen))
+            if terminated or truncated:
+                break
+        env.close()
+        reels.append(frames)
+    sheets = []
+    for k in range(max(map(len, reels))):
+        both = [each[min(k, len(each) - 1)] for each in reels]
+        sheet = Image.new("RGB", (2 * FILM_PX, both[0].height))
+        for place, image in enumerate(both):
+            sheet.paste(image, (place * FILM_PX, 0))
+        sheets.append(sheet)
+    return gif(sheets, 0.05 * FILM_SKIP / FILM_PACE)
+
+
+# ---- the tables
+
+
+def by_world(rows: Iterable[Row], name: str, metric: str) -> dict[tuple[str, ...], list[float]]:
+    """Returns a number of a policy in each world, by contest, family and world: a value a seed, NaN where none."""
+    found: dict[tuple[str, ...], list[float]] = {}
     for row in rows:
-        if row["family"] in families and row["policy"] in (name, LAW):
-            worlds.setdefault((row["family"], row["world"]), {})[row["policy"]] = row
-    both = {key: each for key, each in worlds.items() if len(each) == 2}
-    strata = [family for family, _ in both]
-    solved = {who: np.array([float(each[who]["solved"]) for each in both.values()]) for who in (LAW, name)}
-    arrived = {who: 100.0 * np.mean([float(each[who]["arrived"]) for each in both.values()]) for who in (LAW, name)}
-    touched = {who: 100.0 * np.mean([float(each[who]["touched"]) for each in both.values()]) for who in (LAW, name)}
-    change = 100.0 * (solved[name] - solved[LAW])
-    ends = interval(change, strata, mean) if len(set(strata)) > 1 or change.any() else None
-    pairs = [(key[0], each) for key, each in both.items() if all(each[who]["solved"] == "1" for who in (LAW, name))]
-    later = np.array([float(each[name]["extra_time"]) - float(each[LAW]["extra_time"]) for _, each in pairs])
-    times = interval(later, [family for family, _ in pairs], mean) if len(later) > 1 else None
-    return [
-        str(len(both)),
-        *(f"{100.0 * solved[who].mean():.1f}" for who in (LAW, name)),
-        shown(ends, float(change.mean()), 1),
-        *(f"{arrived[who]:.1f}" for who in (LAW, name)),
-        *(f"{touched[who]:.1f}" for who in (LAW, name)),
-        shown(times, float(later.mean()), 2) if len(later) else "",
-    ]
+        if row["policy"].partition(" seed ")[0] == name:
+            key = row.get("contest", ""), row["family"], row["world"]
+            found.setdefault(key, []).append(float(row[metric] or "nan"))
+    return found
 
 
-HEADER = [
-    "worlds", "solved: law (%)", "agent (%)", "difference (points)", "arrived: law (%)", "agent (%)",
-    "touched: law (%)", "agent (%)", "extra time, agent less law (s)",
-]  # fmt: skip
+def difference(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "") -> tuple[str, bool, int]:
+    """Returns what an agent has more of than a law, with its interval, whether that is above 0, and the worlds.
+
+    Args:
+        solved: the metric of a success, where only worlds count that the law and all seeds of the agent solve.
+    """
+    mine, theirs = by_world(rows, agent, metric), by_world(rows, law, metric)
+    keys = [key for key in mine if key in theirs]
+    if solved:
+        ok = [by_world(rows, name, solved) for name in (agent, law)]
+        keys = [key for key in keys if all(min(each[key]) == 1.0 for each in ok)]
+    keys = [key for key in keys if np.isfinite(mine[key]).all() and np.isfinite(theirs[key]).all()]
+    if not keys:
+        return "", False, 0
+    values = np.array([np.array(mine[key]) - np.mean(theirs[key]) for key in keys])
+    strata = ["/".join(key[:2]) for key in keys]
+    ends = interval(values, strata, mean) if values.any() else None
+    scale, digits = (100.0, 1) if metric in _SHARES else (1.0, 2)
+    shown = f"{scale * values.mean():+.{digits}f}"
+    if ends is not None:
+        shown += f" [{scale * ends[0]:+.{digits}f}, {scale * ends[1]:+.{digits}f}]"
+    return shown, ends is not None and ends[0] > 0.0, len(keys)
 
 
-def verdict(name: str, difference: str, families: int) -> str:
-    """Returns what the difference in worlds solved over the driven families says."""
-    low = difference.partition("[")[2].partition(",")[0]
-    told = "solves more worlds than" if low and float(low) > 0.0 else "is not shown to solve more worlds than"
-    return f"{name} {told} {LAW} in these {families} of {len(TEAM_FAMILIES)} families: {difference} points."
+_SHARES = ("solved", "arrived", "touched", "success", "collision", "touched_person", "intimate_share", "personal_share")
 
 
-def page(rows: Sequence[dict[str, str]], prose: str) -> str:
-    """Returns the page of the rows."""
-    from tabulate import tabulate
+def share(rows: Sequence[Row], name: str, metric: str, digits: int = 1, factor: float = 100.0) -> str:
+    """Returns the mean of a number over worlds, of several seeds with the least and the greatest."""
+    of_seeds: dict[str, list[float]] = {}
+    for row in rows:
+        if row["policy"].partition(" seed ")[0] == name and row[metric]:
+            of_seeds.setdefault(row["policy"], []).append(factor * float(row[metric]))
+    if not of_seeds:
+        return ""
+    seeds = np.array([np.mean(each) for each in of_seeds.values()])
+    shown = f"{seeds.mean():.{digits}f}"
+    return shown if len(seeds) == 1 else f"{shown} ({seeds.min():.{digits}f} to {seeds.max():.{digits}f})"
 
-    names = [name for name in dict.fromkeys(row["policy"] for row in rows) if name != LAW]
-    driven = {(row["family"], row["policy"]) for row in rows}
-    there = [
-        family for family in dict.fromkeys(row["family"] for row in rows) if all((family, n) in driven for n in names)
-    ]
-    lines: list[list[str]] = []
-    verdicts = []
+
+def table(lines: Sequence[Sequence[str]], header: Sequence[str]) -> str:
+    """Returns a table of text."""
+    return str(tabulate(lines, list(header), tablefmt="github", disable_numparse=True))
+
+
+def complete(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
+    """Returns the rows of the families in which all of some policies, with all of their seeds, have driven."""
+    entries_of = {row["policy"] for row in rows if row["policy"].partition(" seed ")[0] in names}
+    driven_in: dict[str, set[str]] = {}
+    for row in rows:
+        driven_in.setdefault(row["family"], set()).add(row["policy"])
+    return [row for row in rows if row["policy"] in entries_of <= driven_in[row["family"]]]
+
+
+def verdict(agent: str, law: str, what: str, beats: bool, shown: str, seeds: int) -> str:
+    """Returns what a difference says, in a sentence."""
+    if seeds < LEAST_SEEDS:
+        return (
+            f"{agent} beside {law}, {what}: {shown} points, with {seeds} of the {LEAST_SEEDS} seeds that a claim needs."
+        )
+    told = "more than" if beats else "not shown to be more than"
+    return f"{agent} solves {told} {law}, {what}: {shown} points."
+
+
+def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
+    """Returns what agents of teams are shown to do beside their rivals, in sentences and in tables."""
+    told, lines, blocks = [], [], []
+    for agent, rivals in RIVALS.items():
+        seeds = len({row["policy"] for row in rows if row["policy"].startswith(f"{agent} seed")})
+        for law in rivals if seeds else ():
+            both = complete(rows, (agent, law))
+            families = list(dict.fromkeys(row["family"] for row in both))
+            if law not in {row["policy"].partition(" seed ")[0] for row in both}:
+                continue
+            for kind, starts in (("all", ("",)), *KINDS.items()):
+                here = [row for row in both if row["family"].startswith(starts)]
+                shown, beats, worlds = difference(here, agent, law, "solved")
+                count = len({row["family"] for row in here})
+                if not worlds:
+                    continue
+                solved = [share(here, name, "solved") for name in (law, agent)]
+                changes = [difference(here, agent, law, name)[0] for name in ("arrived", "touched")]
+                later = difference(here, agent, law, "extra_time", "solved")[0]
+                lines.append([agent, law, f"{kind}, {count}", str(worlds), *solved, shown, *changes, later])
+                if kind == "all":
+                    what = f"in {len(families)} of {len(TEAM_FAMILIES)} families"
+                    told.append(verdict(agent, law, what, beats, shown, seeds))
+    if lines:
+        header = [
+            "agent", "rival", "families", "worlds", "solved: rival (%)", "agent (%)", "difference (points)",
+            "arrived (points)", "touched (points)", "extra time (s)",
+        ]  # fmt: skip
+        blocks.append("## Worlds solved\n\n" + table(lines, header))
+    names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
+    families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
+    of = {family: [row for row in rows if row["family"] == family] for family in families}
+    each = [[family, *(share(of[family], name, "solved", 0) for name in names)] for family in families]
+    blocks.append("## Family by family\n\nWorlds solved (%).\n\n" + table(each, ["family", *names]))
+    each = [[family, *(share(of[family], name, "arrived", 0) for name in names)] for family in families]
+    blocks.append("Robots that arrive (%).\n\n" + table(each, ["family", *names]))
+    return told, "\n\n".join(blocks)
+
+
+def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
+    """Returns what agents among people are shown to do beside laws, in sentences and in tables."""
+    told, blocks = [], []
+    for label in PEOPLE_CONTESTS:
+        here = [row for row in rows if row["contest"] == label]
+        names = [name for name in ("orca_team", "social_force", "people_free") if by_world(here, name, "success")]
+        here = complete(here, names)
+        if not names:
+            continue
+        lines = [
+            [
+                name, share(here, name, "success"), share(here, name, "collision"), share(here, name, "caused"),
+                share(here, name, "extra_time", 2, 1.0), share(here, name, "intimate_share"),
+                share(here, name, "personal_share"), share(here, name, "people_slowed", 3, 1.0),
+            ]
+            for name in names
+        ]  # fmt: skip
+        header = [
+            "policy", "success (%)", "collision (%)", "it moved towards (%)", "extra time (s)", "within 0.45 m (%)",
+            "within 1.2 m (%)", "people slowed (m/s)",
+        ]  # fmt: skip
+        blocks.append(f"## {ALL_CONTESTS[label].title}\n\n" + table(lines, header))
+        lines = []
+        seeds = len({row["policy"] for row in here if row["policy"].startswith("people_free seed")})
+        for law in (each for each in names if each != "people_free" and seeds):
+            shown, beats, worlds = difference(here, "people_free", law, "success")
+            measures = [
+                difference(here, "people_free", law, name, "success")[0]
+                for name in ("extra_time", "intimate_share", "personal_share", "people_slowed")
+            ]
+            lines.append([law, str(worlds), shown, *measures])
+            told.append(verdict("people_free", law, ALL_CONTESTS[label].title, beats, shown, seeds))
+        if lines:
+            header = [
+                "people_free less", "worlds", "success (points)", "extra time (s)", "within 0.45 m (points)",
+                "within 1.2 m (points)", "people slowed (m/s)",
+            ]  # fmt: skip
+            blocks.append("All but the success in worlds that both solve.\n\n" + table(lines, header))
+    return told, "\n\n".join(blocks)
+
+
+def cross_table(rows: Sequence[Row]) -> str:
+    """Returns who suffers from whom: of the line's robots how many arrive beside the column's."""
+    names = list(dict.fromkeys(row["policy"] for row in rows))
+    lines = []
     for name in names:
-        kinds = {kind: [each for each in there if each.startswith(starts)] for kind, starts in KINDS.items()}
-        verdicts.append(verdict(name, compared(rows, there, name)[3], len(there)))
-        for what, families in (("all", there), *((kind, each) for kind, each in kinds.items() if each)):
-            lines.append([name, f"{what}, {len(families)} families", *compared(rows, families, name)])
-        lines += [[name, family, *compared(rows, [family], name)] for family in there]
-    table = tabulate(lines, ["agent", "families", *HEADER], tablefmt="github", disable_numparse=True)
-    told = " ".join(verdicts)
-    if len(names) < LEAST_SEEDS:
-        told += f" That is {len(names)} of the {LEAST_SEEDS} seeds that a claim needs: take {LAW}."
-    return f"{prose.strip()}\n\n**{told}**\n\n{table}\n"
+        cells = []
+        for beside in names:
+            mine = [row for row in rows if (row["policy"], row["beside"]) == (name, beside)]
+            shares = np.array([float(row["arrived"]) for row in mine])
+            ends = interval(shares, [row["family"] for row in mine], mean) if len(shares) else None
+            shown = f"{100.0 * shares.mean():.1f}" if len(shares) else ""
+            cells.append(shown if ends is None else f"{shown} [{100.0 * ends[0]:.1f}, {100.0 * ends[1]:.1f}]")
+        lines.append([name, *cells])
+    return table(lines, ["arrived (%)", *(f"beside {name}" for name in names)])
 
 
-PROSE = """# Agents of teams beside ORCA
+def curve_table(rows: Sequence[Row]) -> str:
+    """Returns the successes at each validation, in the mean over seeds."""
+    lines = []
+    for preset in dict.fromkeys(row["preset"] for row in rows):
+        mine = [row for row in rows if row["preset"] == preset]
+        frames = sorted({int(row["frames"]) for row in mine})
+        for field in dict.fromkeys(row["field"] for row in mine):
+            shares = {
+                at: [float(row["success"]) for row in mine if row["field"] == field and int(row["frames"]) == at]
+                for at in frames
+            }
+            cells = [f"{at / 1e6:.1f}: {100.0 * np.mean(each):.0f}" for at, each in shares.items() if each]
+            seeds = len({row["seed"] for row in mine})
+            lines.append([preset, str(seeds), field, ", ".join(cells)])
+    return table(lines, ["preset", "seeds", "field", "million frames: success (%)"])
 
-Made by `python benchmarks/studies/flocks.py`. Teams of omni3, lagged actuators, 72 beams, asked speed 0.6 m/s; who
-arrives leaves. The law is `orca_team` with most_turn=0.6, which also guards the agent. Worlds are those of the split
-`claims`, the first of each family, and the unit of all intervals (95 %, stratified by family). "Touched" is the share
-of robots. Extra time is compared in the worlds that both solve. Driven at commit f5d85e9, whose `orca_team` turned no
-further; by its default it now turns who is stuck by up to 1.8 rad, which was not driven.
 
-What it does not show: one seed, from a run that was cut off at 3.6 of 6 million frames, so nothing of what another seed
-would do; the other families (these were driven in an order that was fixed before, as far as the time went); gains that
-were tuned; differential drives, scans alone and people, for which no agent ships.
+# ---- the page
+
+
+PROSE = """# Agents among others, beside the laws that they are to beat
+
+Made by `python benchmarks/studies/flocks.py`. Robots are omni3 with lagged actuators and a scan of 72 beams, asked for
+0.6 m/s, in CrowdNav's cases for 1 m/s; who arrives leaves. Laws have their default gains: `tune` searches none for
+teams. Worlds are the first of each family in the split `claims`, {worlds} of each family, and {large} where a team has
+more than 16 robots. A world is the unit: solved if all arrive and nobody touches anything. Differences are paired by
+world, of all seeds of training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that
+three seeds count as three. In parentheses: the least and the greatest seed. Extra time, and what people are put
+through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles, to which others are a
+part of the scan.
 
 [All results](../results.md)
 """
 
 
+def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:
+    """Returns the page of the rows."""
+    told, blocks = [], []
+    if teams:
+        sentences, shown = team_tables(teams)
+        told += sentences
+        blocks.append(shown)
+    if crossed:
+        blocks.append(
+            "## Who suffers from whom\n\nEvery other robot, from the second on, is driven by the column's policy; on "
+            f"the diagonal all are. Families {', '.join(CROSS_FAMILIES)}; agents of seed 0.\n\n{cross_table(crossed)}"
+        )
+    if people:
+        sentences, shown = people_tables(people)
+        told += sentences
+        blocks.append(shown)
+    if curves:
+        blocks.append(
+            "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
+        )
+    listed = "\n".join(f"* {each}" for each in told)
+    return "\n\n".join([prose.strip(), listed, *blocks]) + "\n"
+
+
+FILES = {
+    "teams": "flocks.csv",
+    "people": "flocks_people.csv",
+    "cross": "flocks_cross.csv",
+    "curves": "flocks_curves.csv",
+}
+
+
 @click.command("flocks", cls=OneLineErrors)
-@click.option("--worlds", default=30, show_default=True, type=click.IntRange(2, 100), help="Of a family.")
-@click.option("--families", help="Comma-separated; default: all of at most 16 robots.")
+@click.option(
+    "--drive", "part", type=click.Choice(("teams", "people", "cross")), help="What is driven; default: nothing."
+)
+@click.option("--policies", "names", help="Comma-separated; default: all of the part.")
+@click.option("--families", help="Of teams, comma-separated; default: all.")
+@click.option("--worlds", default=20, show_default=True, type=click.IntRange(2, 100), help="Of a family.")
+@click.option("--large", default=4, show_default=True, type=click.IntRange(2, 100), help="Where teams have over 16.")
+@click.option("--curves", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Runs.")
+@click.option("--film", "reel", type=click.Path(path_type=Path, dir_okay=False), help="A GIF, of 32 robots at a door.")
 @click.option("--out", default="docs/results", show_default=True, type=click.Path(path_type=Path, file_okay=False))
-def main(worlds: int, families: str | None, out: Path) -> None:
-    """Drives what is missing, and writes flocks.csv and flocks.md."""
-    few = [each for each in TEAM_FAMILIES if not each.endswith(("_32", "_100"))]
-    chosen = few if families is None else families.split(",")
+def main(
+    part: str | None,
+    names: str | None,
+    families: str | None,
+    worlds: int,
+    large: int,
+    curves: tuple[Path, ...],
+    reel: Path | None,
+    out: Path,
+) -> None:
+    """Drives what is missing of a part, and writes its rows and flocks.md."""
+    chosen = list(TEAM_FAMILIES) if families is None else families.split(",")
     unknown = [each for each in chosen if each not in TEAM_FAMILIES]
     if unknown:
         raise click.UsageError(f"--families has {unknown[0]!r}; choose from {', '.join(TEAM_FAMILIES)}")
-    names = [LAW, *(f"team_guided seed {seed}" for seed in shipped(f"teams{GUIDED}", ROBOT))]
-    rows = rows_of(names, chosen, worlds, out / "flocks.csv")
-    write_whole(out / "flocks.md", page(rows, PROSE).encode())
+    of_part = {
+        "teams": tuple(dict.fromkeys(each for agent, laws in RIVALS.items() for each in (*laws, agent))),
+        "people": tuple(dict.fromkeys(each for agent, laws in AMONG_PEOPLE.items() for each in (*laws, agent))),
+        "cross": CROSSED,
+    }
+    if part is not None:
+        asked = of_part[part] if names is None else tuple(names.split(","))
+        unknown = [each for each in asked if each not in of_part[part]]
+        if unknown:
+            raise click.UsageError(f"--policies has {unknown[0]!r}; choose from {', '.join(of_part[part])}")
+        if part == "teams":
+            driven(out / FILES[part], TEAM_FIELDS, team_parts(asked, chosen, worlds, large))
+        elif part == "people":
+            driven(out / FILES[part], PEOPLE_FIELDS, people_parts(asked, worlds))
+        else:
+            driven(out / FILES[part], CROSS_FIELDS, cross_parts(asked, worlds))
+    if curves:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, CURVE_FIELDS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(curve_rows(curves))
+        write_whole(out / FILES["curves"], text.getvalue().encode())
+    if reel is not None:
+        write_whole(reel, film())
+    rows = {name: read(out / file) for name, file in FILES.items()}
+    prose = PROSE.format(worlds=worlds, large=large)
+    write_whole(out / "flocks.md", page(*rows.values(), prose).encode())
 
 
 if __name__ == "__main__":

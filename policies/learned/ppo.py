@@ -31,6 +31,8 @@ class Ppo(Gains):
     home: str = gain("", "", "of training runs, as train.py's --out; '': the agents that ship", words="a folder")
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+    among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
+    told: ClassVar[str] = "sensors"  # the privileged information of those that ship
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -39,12 +41,12 @@ class Ppo(Gains):
 
     @property
     def knows(self) -> str:
-        """Returns its privileged information: of agents that ship "sensors", of others what their card says.
+        """Returns its privileged information: of agents of one's own, what their card says.
 
         Raises:
             ValueError: if the folder holds no agent of the seed, or a damaged one.
         """
-        return self._own.knows if self.home else "sensors"
+        return self._own.knows if self.home else self.told
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent for a briefing.
@@ -57,7 +59,12 @@ class Ppo(Gains):
             if self._own.card["task"] != task:
                 raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
             return self._own
-        return shipped_agent(task, robot, self.seed, self.speed)
+        return shipped_agent(self.agents_of(task), robot, self.seed, self.speed)
+
+    @classmethod
+    def agents_of(cls, task: str) -> str:
+        """Returns under which name the agents of a task, by its name, ship that this policy drives with."""
+        return f"{task}_{cls.among}" if cls.among else task
 
     def trained_with(self, robot: Robot) -> bool:
         """Returns whether an agent of one's own was trained with a robot as it is; see `Agent.trained_with`."""
@@ -81,13 +88,13 @@ class Ppo(Gains):
 
 
 def shipped(task: str, robot: str) -> dict[int, Path]:
-    """Returns the folders of the agents that ship for a task, by its name, and robot, by seed."""
+    """Returns the folders of the agents that ship for a task, as `Ppo.agents_of` names it, and robot, by seed."""
     return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}")
 
 
 @functools.lru_cache(maxsize=128)
 def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0) -> Agent:
-    """Returns the agent of a seed that ships for a task, by its name, and robot.
+    """Returns the agent of a seed that ships for a task, as `Ppo.agents_of` names it, and robot.
 
     Args:
         speed: m/s, the most that it drives; 0: the one that it was validated at.

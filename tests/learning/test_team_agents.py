@@ -24,14 +24,19 @@ from wayfield.policies.training.measured import conditions
 from wayfield.policies.training.presets import PRESETS, overridden
 from wayfield.policies.training.run import trained_on
 
-TEAM = "wayfield/OmniTeam-v0"
+TEAM, PEOPLE = "wayfield/OmniTeam-v0", "wayfield/OmniPeople-v0"
 SPEED = 0.6
 PRESET = PRESETS["omni_team"]
+# by the policy that drives with them: the preset of its agents, and worlds of theirs
+SHIPPED = {
+    "team_guided": (PRESET, "circle_4/validation", 8),
+    "people_free": (PRESETS["people"], "crowdnav_5/validation", 6),
+}
 
 
-def worlds(scenario: str, num_envs: int, **kwargs: Any) -> Any:
+def worlds(scenario: str, num_envs: int, env_id: str = TEAM, **kwargs: Any) -> Any:
     asked = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0, "sees": "bodies"} | kwargs
-    return gymnasium.make_vec(TEAM, num_envs=num_envs, scenario=scenario, **asked)
+    return gymnasium.make_vec(env_id, num_envs=num_envs, scenario=scenario, **asked)
 
 
 def driven(policy: Any, env: Any, steps: int) -> np.ndarray[Any, Any]:
@@ -46,31 +51,35 @@ def driven(policy: Any, env: Any, steps: int) -> np.ndarray[Any, Any]:
     return np.array(poses)
 
 
-def agent_of(env: Any, layers: Any) -> Agent:
-    """Returns an agent of the preset for teams with a network of these layers."""
+def agent_of(env: Any, layers: Any, preset: Any = PRESET) -> Agent:
+    """Returns an agent of a preset with a network of these layers."""
     card: dict[str, Any] = {
         "name": "an agent",
-        "task": "teams",
+        "task": preset.task,
         "robots": ["omni3"],
         "dt": 0.05,
         "speed": SPEED,
         "env_kwargs": {},
     }
-    base = Base("orca_team", {}, PRESET.reach, guards=True)
-    return Agent(Network.of(layers), PRESET.features, PRESET.actions, card, SPEED, base)
+    return Agent(Network.of(layers), preset.features, preset.actions, card, SPEED, preset.base)
 
 
-def inputs_of(env: Any) -> int:
-    probe = agent_of(env, [(np.zeros((2, 1), np.float32), np.zeros(2, np.float32))])
+def inputs_of(env: Any, preset: Any = PRESET) -> int:
+    probe = agent_of(env, [(np.zeros((2, 1), np.float32), np.zeros(2, np.float32))], preset)
     return probe.perception(env.unwrapped.briefing("bodies")).num_inputs
 
 
-def test_a_network_that_has_learned_nothing_drives_as_orca_does() -> None:
-    env = worlds("circle_4/validation", 8)
-    nothing = [(np.zeros((2, inputs_of(env)), np.float32), np.zeros(2, np.float32))]
-    own = driven(agent_of(env, nothing), env, 60)
-    orca = driven(policies.make("orca_team"), worlds("circle_4/validation", 8), 60)
-    assert np.abs(own - orca).max() < 1e-9
+# by the scan, a guard brakes earlier than VFH+ once others are near
+@pytest.mark.parametrize(("name", "steps"), [("omni_team", 60), ("team_scan", 20), ("people", 60)])
+def test_a_network_that_has_learned_nothing_drives_as_its_law_does(name: str, steps: int) -> None:
+    preset = PRESETS[name]
+    scenario, num_envs = ("crowdnav_5/validation", 6) if name == "people" else ("circle_4/validation", 8)
+    env = worlds(scenario, num_envs, preset.env_ids[0])
+    nothing = [(np.zeros((2, inputs_of(env, preset)), np.float32), np.zeros(2, np.float32))]
+    own = driven(agent_of(env, nothing, preset), env, steps)
+    law = driven(policies.make(preset.controller), worlds(scenario, num_envs, preset.env_ids[0]), steps)
+    assert np.abs(own - law).max() < 1e-9
+    assert np.abs(own[-1] - own[0]).max() > 0.3
 
 
 def test_whatever_is_wanted_keeps_the_half_planes_where_they_leave_a_velocity() -> None:
@@ -147,22 +156,40 @@ def test_a_team_larger_than_those_trained_with_is_said_once_and_a_scan_alone_is_
         Base("vfh_plus", {}, 1.0, guards=True)
 
 
-@pytest.mark.parametrize(("seed", "folder"), shipped("teams_guided", "omni3").items())
-def test_agents_that_ship_say_how_they_were_made_and_drive_alone_as_among_many(seed: int, folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "seed", "folder"),
+    [
+        (name, seed, folder)
+        for name, (preset, _, _) in SHIPPED.items()
+        for seed, folder in shipped(policies.POLICIES[name].agents_of(preset.task), "omni3").items()  # type: ignore[attr-defined]
+    ],
+)
+def test_agents_that_ship_say_how_they_were_made_and_drive_alone_as_among_many(
+    name: str, seed: int, folder: Path
+) -> None:
+    preset, scenario, num_envs = SHIPPED[name]
     agent = load_agent(folder)
-    assert (agent.features, agent.actions) == (PRESET.features, PRESET.actions)
+    assert (agent.features, agent.actions) == (preset.features, preset.actions)
     assert agent.base is not None
-    assert dataclasses.replace(agent.base, gains={}) == PRESET.base  # its law is that of its training
+    assert dataclasses.replace(agent.base, gains={}) == preset.base  # its law is that of its training
     card = agent.card
-    assert (card["training"]["seed"], card["training"]["steps"]) == (seed, PRESET.steps)
-    assert card["trained_on"] == trained_on(PRESET)
-    assert card["env_kwargs"] == PRESET.env_kwargs(PRESET.validation)
+    assert (card["training"]["seed"], card["training"]["steps"]) == (seed, preset.steps)
+    assert card["trained_on"] == trained_on(preset)
+    assert card["env_kwargs"] == preset.env_kwargs(preset.validation)
     assert [(each["asked_speed"], each["env_kwargs"]) for each in card["measured"]] == conditions(agent)
-    many = driven(policies.make("team_guided", seed=seed), worlds("circle_4/validation", 8), 40)
-    one: Any = gymnasium.make(
-        TEAM, scenario="circle_4/validation", actuators="lagged", num_beams=72, max_range=5.0, sees="bodies"
-    )
-    assert driven(agent, one, 40).tobytes() == many[:, :4].tobytes()
+    env_id = preset.env_ids[0]
+    many = driven(policies.make(name, seed=seed), worlds(scenario, num_envs, env_id), 40)
+    seen = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0, "sees": "bodies"}
+    one: Any = gymnasium.make(env_id, scenario=scenario, **seen)
+    rows = 4 if preset.task == "teams" else 1
+    assert driven(agent, one, 40).tobytes() == many[:, :rows].tobytes()
+
+
+def test_agents_among_bodies_need_them() -> None:
+    scans = worlds("circle_4/validation", 4, sees="scan")
+    for name in SHIPPED:
+        with pytest.raises(TypeError, match='needs bodies; make the environment with sees="bodies"'):
+            Pilot(policies.make(name), scans)
 
 
 def test_where_no_agent_ships_a_line_says_so() -> None:

@@ -40,8 +40,9 @@ def sets_of(
     for name in names:
         if lacks(policies.make(name), ROBOTS[robot]):
             continue
-        if name in ("ppo", "hybrid"):
-            agents = HOME / "agents" / f"{contest.spec.name}_{robot}"
+        if name in ("ppo", "hybrid", "team_guided", "people_free"):
+            kind = {"team_guided": "_guided", "people_free": "_free"}.get(name, "")
+            agents = HOME / "agents" / f"{contest.spec.name}{kind}_{robot}"
             for seed in sorted(int(folder.name[5:]) for folder in agents.glob("seed_*")):
                 yield name, "trained", {"seed": seed}
             continue
