@@ -694,7 +694,7 @@ class World:
             bodies[i, j] = (*loose.position, loose.angle, *loose.velocity, loose.angular_velocity)
 
     def _advance(self, dt: float, asked: list[float]) -> None:
-        """Moves everything by dt: the hull and what a script moves as `asked`, the rest by its momentum."""
+        """Moves everything by dt: the hull and what a script moves as given in `asked`, the rest by its momentum."""
         body = self.hull
         x, y, angle, vx, vy, body.angular_velocity = asked[:6]
         body.position = x, y

@@ -74,7 +74,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
 
         Raises:
             TypeError, ValueError: if the seed is no whole number from 0 to 2^128 - 1, or the options are wrong; the
-                episode goes on as if nothing had been asked.
+                episode goes on as before.
         """
         check_seed("seed", seed)
         seed = None if seed is None else int(seed)

@@ -26,11 +26,11 @@ TASK, SUITE = "goal_reaching", "goal-obstacles"
 class Hybrid(Gains):
     """Plans as `scan_planner` does and drives as the goal seeker of its seed that ships: each does what it is good at.
 
-    In every step the planner enters the scan in its map and plans where it must. In place of the goal the agent is told
+    In every step the planner enters the scan in its map and plans where it must. In place of the goal the agent gets
     the point `ahead` further on along that way, as a waypoint, and once the way left is shorter, or where there is
     none, the goal itself; its twist is driven. So the planner's map leads out of dead ends and around what is out of
     sight, and the network sees to what moves and to what is near. What the agent remembers of a goal that it comes no
-    nearer to, it does not of a point that moves on with it. The planner takes what the agent asks for as its own
+    nearer to, it does not of a point that moves on with it. The planner takes the agent's command as its own
     command.
 
     Nothing was trained for it: the agent is the one of `ppo`, the planner has the gains tuned for the robot, or its own
@@ -62,7 +62,7 @@ class Hybrid(Gains):
         """Returns the planner's empty memory beside the agent's, (b,).
 
         Raises:
-            ValueError: if no agent ships for robot and seed, or its card asks for another scan or control period.
+            ValueError: if no agent ships for robot and seed, or its card needs another scan or control period.
         """
         agent = self.agent(briefing)
         planner = planner_of(body_of(briefing.robot).name, agent.speed)

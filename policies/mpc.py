@@ -643,7 +643,7 @@ def take_plan(unknowns, start, commands, progress, i):
 @any_layout
 @compiled
 def apply(model, wheels, commands, brake, command, i, twists):
-    """Sets the twist of robot i: what its plan asks for a control period ahead, within reach of the last command."""
+    """Sets the twist of robot i: its plan's command a control period ahead, within reach of the last command."""
     m = model[0]
     share = 0.0 if brake else 1.0 / m.substeps
     v = 0.0 if brake else command[i, 0] + share * (commands[i, 0, 0] - command[i, 0])

@@ -445,7 +445,7 @@ def improve(params, seen, command, commands, i, cost, change):
 @any_layout
 @compiled
 def apply(params, wheels, commands, command, i, twists):
-    """Sets the twist of robot i: what its plan asks for a control period ahead, within reach of the last command."""
+    """Sets the twist of robot i: its plan's command a control period ahead, within reach of the last command."""
     p = params[0]
     share = 1.0 / p.substeps
     v = command[i, 0] + share * (commands[i, 0, 0] - command[i, 0])

@@ -53,7 +53,7 @@ class Nav2Dwb(CostmapController):
     and one that leaves the local costmap, a square of side `window`. Within `tolerance` of the goal the robot may only
     slow down, r = slowing v^2 + the angle left at the end, and below `stopped_speed` only turn, r that angle. What
     flips the sign of a component of the twist (of the yaw rate only at 0.05 m/s or less) may not flip it back before
-    the robot has moved 0.05 m or turned 0.2 rad. Where nothing is legal the robot stops. Who does not get on recovers
+    the robot has moved 0.05 m or turned 0.2 rad. Where nothing is legal the robot stops. One that is stuck recovers
     (`costmap.recovers`), and commands pass the collision monitor (`costmap.slow_down`).
 
     Differences from Nav2: those of `Nav2Mppi`, and `tolerance`, which is 0.25 m there, too far for the tasks here.

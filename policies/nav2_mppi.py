@@ -66,7 +66,7 @@ class Nav2Mppi(CostmapController):
 
     Differences from Nav2: the map is that of `scan_map` (a hit is kept to a quarter of a cell), also its global one, so
     that the plan is `ScanPlanner`'s and not NavFn's; the hull is a disc; acceleration limits are the robot's where they
-    are lower; max_speed is the asked one.
+    are lower; max_speed is the requested one.
 
     Source: nav2_mppi_controller's README, the parameters of nav2_bringup (Jazzy), and its critics' formulas; Williams,
     Drews, Goldfain, Rehg and Theodorou, IEEE T-RO 34(6), 2018.

@@ -148,7 +148,7 @@ class Orca(Gains):
 
 
 def tracking_drift(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns by how many metres, at a speed of 1 m/s and a turn gain of 1/s, the tracking law leaves the asked way.
+    """Returns by how many metres, at a speed of 1 m/s and a turn gain of 1/s, the tracking law leaves the wanted way.
 
     While the angle e decays exponentially the robot drives cos e of the speed: the drift is the integral of
     (1 - cos^2 e, cos e sin e) de / e from 0 to the angle, to 3 % for angles up to a quarter turn, above which the robot

@@ -37,7 +37,7 @@ class OrcaTeam(Gains):
     """Drives the velocity nearest to the wanted one that keeps clear of tracked bodies and of what the scan meets.
 
     Each tracked body leaves the half-plane of optimal reciprocal collision avoidance, of which the robot takes `share`
-    of the change of velocity among robots, `people_share` among people, and all of it against who stands. What beams
+    of the change of velocity among robots, `people_share` among people, and all of it against what stands. What beams
     meet that is no tracked body leaves n . v >= -(D - R) / wall_horizon. The velocity solves
 
         min |v - u|  subject to  n_j . v >= b_j,  |v| <= max_speed,   u = max_speed or k |e| towards the goal

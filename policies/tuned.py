@@ -1,7 +1,7 @@
 """Gains that were found for a condition, by search or by hand, as they ship with the package.
 
 A set of a search has its record in its file: the command, the frames, and what its finalists came to on the whole
-validation split. A set that was compared without such a record says "hand". A set belongs to a robot, an asked speed
+validation split. A set that was compared without such a record says "hand". A set belongs to a robot, a speed
 and a level of disturbance. No set is returned for another condition: a request for one that was not tuned
 for is an error.
 """
@@ -30,7 +30,7 @@ class NotTuned(ValueError):
 class TunedSet:
     """Gains that were found for a condition, and what that cost."""
 
-    gains: Mapping[str, Any]  # complete: the cruising speed that holds the asked one is among them
+    gains: Mapping[str, Any]  # complete: the cruising speed that holds the requested one is among them
     robot: str
     speed: float  # m/s, asked for
     level: str  # of disturbance

@@ -253,7 +253,7 @@ def run_overview(options: Options) -> None:
     inside = dataclasses.replace(options, contests=tuple(CONTESTS), policies=tuple(dict.fromkeys(first)), gains="best")
     inside = dataclasses.replace(inside, suite=OVERVIEW)
     this, inner = Run(OVERVIEW, options.command), folder / "contests"
-    with holding(inner, inside.run):  # is it free? Better told before the documents are run
+    with holding(inner, inside.run):  # refused before the documents are run, if it is not free
         pass
     cases = documents()
     settings = settings_of(inside)

@@ -29,7 +29,7 @@ BAR_FAMILY, BAR_SUCCESS, BAR_COLLISION = "clutter_10", 0.9, 0.03  # of the prese
 
 
 def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
-    """Returns the failures, and 1 minus the mean SCT as the quality; the asked speed is the most that is driven."""
+    """Returns the failures, and 1 minus the mean SCT as the quality; the requested speed is the most that is driven."""
     del scenarios, speed, least
     won = rows.where(success=1.0)
     mean_speed = statistics.fmean(won["mean_speed"]) if won else math.nan

@@ -34,7 +34,7 @@ BAR = 0.0148  # m, of the presets: tuned pure pursuit's when they were made
 
 
 def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
-    """Returns the failures, whether the asked speed (m/s) is held, and the quality of the successes.
+    """Returns the failures, whether the requested speed (m/s) is held, and the quality of the successes.
 
     That is the mean of the logarithms of the area of acquisition and of the tracking error, each over the least that
     matters, where the speed is held. Where it is not, ln(time / time at the asked speed) is added: a policy that halves

@@ -29,8 +29,8 @@ class Mode:
     """One way to run a public benchmark."""
 
     contest: str
-    robot: str  # that drives unless another is asked for
-    fixed: bool = False  # whether no other robot can be asked for
+    robot: str  # the default
+    fixed: bool = False  # whether no other robot can be chosen
 
 
 @dataclasses.dataclass(frozen=True)

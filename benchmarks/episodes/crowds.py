@@ -302,7 +302,7 @@ def _stuck(robot: Trajectory, dt: float) -> bool:
 
 
 def delays(world: World) -> dict[str, float]:
-    """Returns the cost of company: times beside those of the straight ways at the asked speed."""
+    """Returns the cost of company: times beside those of the straight ways at the requested speed."""
     speed = world.robots[0].max_speed
     times = np.array([duration(robot) for robot in world.robots])
     best = world.straight / speed

@@ -2,7 +2,7 @@
 
 Cross-track and heading errors are weighted by the arc length that was driven along the path, so that a policy gains
 nothing by dawdling where it tracks well (Snider, CMU-RI-TR-09-08); `cross_track_rms_time` is the plain mean over the
-control periods, as the source documents print it. `acquisition_and_tracking` tells the way to the path from what
+control periods, as the source documents print it. `acquisition_and_tracking` separates the way to the path from what
 follows, and counts time in both. What one task alone is measured by stands with its contest.
 """
 
@@ -246,7 +246,7 @@ def against_the_best(trajectory: Trajectory) -> dict[str, float]:
     from 2024 on, or clip(T, 4 OT, 8 OT), as in 2022, with T the time on the clock. In the worlds of the challenge OT
     and the clock are its own (`optimal_time` and `clock_from` of the trajectory); everywhere else the formula alone is
     the challenge's, with OT = l / v, so that scores compare with each other and with no others. All times are against
-    v = `max_speed` of the trajectory, the speed that a contest asks for, or the base's where none is asked for.
+    v = `max_speed` of the trajectory, the speed that a contest requests, or the base's without a request.
     """
     if math.isnan(trajectory.shortest):
         return {}

@@ -90,7 +90,7 @@ def goal_mark(axis: Any, goal: np.ndarray) -> None:
 
 
 def surroundings(trajectories: Sequence[Trajectory]) -> Bounds | None:
-    """Returns the part of a large world to show, about what was driven and asked; None: all of the world."""
+    """Returns the part of a large world to show, about the drive and the task; None: all of the world."""
     near = [trajectory.poses[:, :2] for trajectory in trajectories]
     near += [trajectory.goals[:, :2] for trajectory in trajectories if len(trajectory.goals)]
     near += [trajectory.path for trajectory in trajectories if len(trajectory.path)]

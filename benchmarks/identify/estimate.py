@@ -42,7 +42,7 @@ GAIN = 0.005  # share of the held-out error by which a saturation must be better
 FREE_DECELERATION = 15.0  # log likelihood ratio from which a deceleration is another than the acceleration
 
 # What says that a parameter was seen.
-AT_LIMIT, BEYOND = 1.0, 1.05  # s at the limit, while so many times it is asked
+AT_LIMIT, BEYOND = 1.0, 1.05  # s at the limit, while so many times it is commanded
 SLEWS, SLEW_SAMPLES, SLEW_LAGS = 4, 3, 2.0  # slews, and their least length
 STEP_NOISES, STEPS, FULL_STEP, STEP_TIME = 10.0, 6, 20.0, 0.2  # least step; steps' worth; in noises; s
 WIDEST_DELAY, WIDEST = 0.1, 2.5  # s between the ends of a delay; ratio of the ends of any other

@@ -4,7 +4,7 @@ Success comes first, as a paired difference over the scenarios that both met. Wh
 the error decides, in the scenarios that both solve; not so where the interval of the successes speaks for the other
 side. A p is corrected by Holm's method for every comparison
 that is shown together, and every table, sentence and figure takes the verdict from here. Scenes that stand still and
-scenes that move are compared apart, so that what is won in some is told of those alone.
+scenes that move are compared apart, so that a difference in some is claimed of those alone.
 """
 
 import dataclasses

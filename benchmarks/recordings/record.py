@@ -3,7 +3,7 @@
 The set is a Minari data set (https://minari.farama.org) of arrow files: observations, float32 actions, rewards, ends
 and infos of every step; for each episode its policy, gains, family, scenario and seed; for the whole set the named
 fields of the observations, each policy's card, the command, and a digest of all numbers. Scenarios are those of the
-training split unless another is asked for. Needs the extra [record].
+training split by default. Needs the extra [record].
 """
 
 import collections

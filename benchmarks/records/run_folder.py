@@ -2,7 +2,7 @@
 
 A finished run leaves `run.json` beside its files: what was run, by which code, and the SHA-256 of each file. A later
 run of the same suite may replace those files, and no others: a file of one of our names that is not listed there, or
-that has been edited since, belongs to somebody else.
+that has been edited since, is foreign.
 """
 
 import contextlib
@@ -182,7 +182,7 @@ def _known_files(out: Path, run: Run) -> dict[str, set[str]]:
 def _publish(stage: Path, out: Path, run: Run) -> None:
     """Moves the files of a finished run into its folder, with the manifest that lists them.
 
-    While they move, the manifest lists both the old files and the new: a crash leaves no file that is nobody's.
+    While they move, the manifest lists both the old files and the new: a crash leaves no file unlisted.
     """
     staged = {file.relative_to(stage).as_posix(): file for file in sorted(stage.rglob("*")) if file.is_file()}
     known = _known_files(out, run)

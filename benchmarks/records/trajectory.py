@@ -27,7 +27,7 @@ class Trajectory:
     wheel_speeds: Array = dataclasses.field(default_factory=_nothing)  # (n + 1, w) rad/s
     saturated: Array = dataclasses.field(
         default_factory=_nothing
-    )  # (n + 1,) 1 where the wheels could not turn as fast as asked
+    )  # (n + 1,) 1 where the wheels could not turn as fast as commanded
     clearances: Array = dataclasses.field(default_factory=_nothing)  # (n + 1,) from the hull to the nearest obstacle
     # path following
     arc_lengths: Array = dataclasses.field(

@@ -97,7 +97,7 @@ def counted_interval(
 ) -> tuple[float, float] | None:
     """Returns the 95 % interval of a mean in which every failure counts as something; None where nothing is known.
 
-    That is where `enough` says no, and where nobody succeeds. No resample of runs that all succeed holds a failure, so
+    That is where `enough` says no, and where no run succeeds. No resample of runs that all succeed holds a failure, so
     a bootstrap of them takes it for certain that there are none, and of few failures it often draws none either.
     Therefore the mean is taken apart, m + p (f - m), with m the mean of the successes, f that of the failures and p
     their share: the ends of p are those of `share_interval`, which leave room for failures that were not seen, those
@@ -130,7 +130,7 @@ def counted_interval(
 def better(success_a: Array, cost_a: Array, success_b: Array, cost_b: Array) -> Array:
     """Returns for each pair of episodes 1 where A did better, 0 where B did, 0.5 where neither.
 
-    Success comes first; between two successes the lower cost wins; two failures are a draw.
+    Success comes first; between two successes the lower cost is better; two failures are a draw.
 
     Args:
         success_a, success_b: (s,) or (s, r), 0 or 1, in the same scenarios; shapes broadcast.

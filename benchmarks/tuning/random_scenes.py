@@ -30,8 +30,8 @@ SEARCHED_SHARES = (0.02, 0.16)  # of that, where gains are searched and chosen
 RADII = (0.15, 0.4)  # m, of those
 CELL = 0.05  # m
 PAIRS = 4  # of start and goal, in a room
-STEPS = 4000  # control periods, the clock in a room: 40 m at a third of the asked speed
-SEARCHED_STEPS = 2400  # of that, where gains are searched and chosen: who gets there mostly needs less than half
+STEPS = 4000  # control periods, the clock in a room: 40 m at a third of the requested speed
+SEARCHED_STEPS = 2400  # of that, where gains are searched and chosen: most arrivals need less than half
 LEAST_WAY = 5.0  # m, from start to goal
 SEEDS: Mapping[str, int] = {"train": 4000, "validation": 5000}  # of the rooms in which gains are searched and chosen
 

@@ -60,7 +60,7 @@ VALIDATION_ROOMS = 12
 DRAWN = 4  # robots, of one that was identified
 DRAWN_SEED = 6000  # of them
 MOST_AT_ONCE = 64  # robots in a batch
-PACE_FACTORS = (0.97, 1.6)  # of the asked speed, between which a path follower's cruising speed is searched
+PACE_FACTORS = (0.97, 1.6)  # of the requested speed, between which a path follower's cruising speed is searched
 
 
 # The gains of each policy that are searched, beside the cruising speed, which all path followers have.
@@ -139,7 +139,7 @@ class Search:
     policy: str
     contest: Contest
     robot: Robot
-    speed: float  # m/s, asked for
+    speed: float  # m/s, requested
     level: str  # of disturbance
     actuators: str
     frames: int  # after which no further set is tried
@@ -162,7 +162,7 @@ class Search:
         return search_space(self.policy, self.contest.name)
 
     def gains_at(self, gains: Mapping[str, float], factor: float = 1.0) -> dict[str, Any]:
-        """Returns gains, those of a path follower with the cruising speed that is `factor` times the asked one."""
+        """Returns gains, those of a path follower with the cruising speed that is `factor` times the requested one."""
         if not self.paced:
             return dict(gains)
         speed = rounded(factor * self.speed)
@@ -310,7 +310,7 @@ class Search:
             if gains is None:
                 study.tell(trial, state=optuna.trial.TrialState.FAIL)
                 continue
-            # the first are the default gains: no set shall be slower that cannot hold the asked speed either
+            # the first are the default gains: no set shall be slower that cannot hold the requested speed either
             least = scored[0][0].mean_speed if scored else 0.0
             score = self.drive(gains, SEARCH_SPLIT, executor, least).score
             frames += score.frames
@@ -582,7 +582,7 @@ def main(
     force: bool,
     count: int | None,
 ) -> None:
-    """Searches the gains of POLICY for a robot, an asked speed and a level of disturbance, and writes them.
+    """Searches the gains of POLICY for a robot, a requested speed and a level of disturbance, and writes them.
 
     It searches on the training split of a suite and chooses on the whole validation split, goal seekers in drawn rooms
     too; test scenarios are never touched.

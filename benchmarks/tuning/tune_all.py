@@ -14,7 +14,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.policies.tuned import PACE, condition, tuned_conditions
 from wayfield.system.command_line import SEED, Names, OneLineErrors, on_cluster, say, shared_out
 
-Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, asked speed (m/s), level of disturbance
+Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, requested speed (m/s), level of disturbance
 
 # times as long a decision as of the others, and so as many times fewer frames
 SLOW = {"mpc": 8, "mpc_pose": 8, "mppi": 8}

@@ -704,7 +704,7 @@ def robot_of(robot: AnyRobot, field: str = "robot") -> Robot:
 
 
 def shipped_name(robot: Robot) -> str | Robot:
-    """Returns the name by which a robot that ships can be asked for, and any other robot itself."""
+    """Returns the name of a robot that ships, and any other robot itself."""
     return robot.name if ROBOTS.get(robot.name) == robot else robot
 
 

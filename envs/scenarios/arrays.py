@@ -1,4 +1,4 @@
-"""A lone array that somebody stored as .npy, read so that a damaged file is a line and nothing in it is executed."""
+"""A single .npy array, read so that a damaged file is an error of one line and nothing in it is executed."""
 
 import tokenize
 

@@ -16,7 +16,7 @@ def rounded(value: float) -> float:
 
 
 class Draw:
-    """The random numbers of one scenario, in the order asked."""
+    """The random numbers of one scenario, in the order of the calls."""
 
     def __init__(self, family: str, seed: int) -> None:
         self._random = random.Random(f"{family} {seed}").random

@@ -1,7 +1,7 @@
 """The families of random paths: from a seed, a path and where the robot starts beside it.
 
 Every scenario is decided by its seed alone, the start's offset and heading error with it: two policies that meet it
-meet the same. All are asked for one lap, and the corridor is 1 m.
+meet the same. All have one lap, and the corridor is 1 m.
 """
 
 import itertools

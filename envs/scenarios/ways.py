@@ -22,7 +22,7 @@ STEP = (
 )
 MOST_NODES = 4_000_000
 _AROUND = 1.2  # m, that the grid goes beyond all that stands
-_WIDEST = 1.0  # m, wider ways are not told apart
+_WIDEST = 1.0  # m, wider ways are treated alike
 _FINENESS = 1e-4  # m, of the clear radius
 
 

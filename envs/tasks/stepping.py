@@ -127,11 +127,11 @@ def step_robots(judge, conclude, phases, robots, actions, skip, turn, world, out
 
     Args:
         judge: the task's compiled judge(p, s, world, robots, i, row, outputs): measures robot i, whose noise is in
-            `row`, against what is asked of it, and writes its observation, numbers and flags.
+            `row`, against its goal, and writes its observation, numbers and flags.
         conclude: its conclude(p, world, robots, skip, first, last, outputs): what is done for several robots at once,
             behind the judging of each.
         robots: Robots.
-        turn: Turn; where others take rows too, it is theirs to see that actions are finite who begins.
+        turn: Turn; where other threads take rows too, the first checks that actions are finite.
         world: what the task's own functions read of its bank.
         outputs: Outputs.
     """

@@ -384,7 +384,7 @@ def grid_place(frame, x, y):
 
 @inlined
 def first_column(frame):
-    """Returns where the plane that tells of columns begins: behind those of the rooms."""
+    """Returns where the plane of columns begins: behind those of the rooms."""
     return frame.grid_first + _OCTANTS * (frame.grid_rows + 2) * (frame.grid_columns + 2)
 
 

@@ -127,7 +127,7 @@ class Body:
             mine, action = action, np.array(self._law.act(self._seen))
             action[0] = mine
         self._seen, *_ = self._env.step(action)
-        if self._rows is not None:  # contact ends nothing, nor does a goal that nobody has set
+        if self._rows is not None:  # contact ends nothing, nor does a goal that was not set
             self._rows.alive |= self._env.batch.states["contact"] != 0
             self._rows.alive[0] = True
 

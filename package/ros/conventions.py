@@ -1,4 +1,4 @@
-"""Scans: how ours are published as REP 117 asks, and what others mean by theirs.
+"""Scans: how ours are published by REP 117, and how others' are read.
 
 Conventions differ between drivers: where the first beam looks, which way round they go, how many there are, and what
 stands for "nothing there", "too near" and "not measured".
@@ -29,7 +29,7 @@ class Outgoing:
         beam_angles: (n,) rad, body frame, rising, as an environment has them.
         max_range: m.
         first: rad, where the first beam of a full circle shall look: 0 as TurtleBot3's does, or -pi. A partial circle
-            begins at its right end, whatever is asked.
+            begins at its right end, whatever is requested.
     """
 
     def __init__(self, beam_angles: Array, max_range: float, first: float = 0.0) -> None:
@@ -37,7 +37,7 @@ class Outgoing:
         self.max_range = max_range
         self.increment = float(np.float32(beam_angles[1] - beam_angles[0] if n > 1 else 2.0 * math.pi))
         full = n * self.increment > 2.0 * math.pi - 0.5 * self.increment
-        # the first beam at or behind the asked direction, within rounding
+        # the first beam at or behind the requested direction, within rounding
         behind = np.mod(beam_angles - first + 1e-9, 2.0 * math.pi)
         self._roll = int(behind.argmin()) if full else 0
         start = float(beam_angles[self._roll])

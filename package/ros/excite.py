@@ -38,7 +38,7 @@ class Segment(NamedTuple):
 
 
 def script(top_speed: float, top_yaw_rate: float, seconds: float, space: float) -> tuple[list[Segment], float]:
-    """Returns the segments, and the factor by which speeds ahead are slower than asked so that they stay in the space.
+    """Returns the segments, and the factor by which speeds ahead are lowered so that they stay in the space.
 
     Steps of 1, 1/2 and 1/4 of the top speed, there and back; 1.3 times the top for as long as the space has room; a
     slow ramp; a chirp; first ahead, then turning, then both at once. Steps are stretched to about `seconds`.

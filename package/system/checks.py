@@ -146,7 +146,7 @@ def seed(field: str, value: Any) -> None:
 
 
 def memory(what: str, size: int) -> None:
-    """Raises ValueError, saying what asks for it, if that many bytes are more than this machine has."""
+    """Raises ValueError, naming the request, if that many bytes are more than this machine has."""
     if size > (most := machine_memory()):
         raise ValueError(f"{what} would take {size / 2**30:.3g} GiB of memory; this machine has {most / 2**30:.3g} GiB")
 

@@ -1,4 +1,4 @@
-"""Levels of instruction sets: what machine code that is made on one processor asks of another one."""
+"""Levels of instruction sets: what machine code made on one processor needs of another."""
 
 import functools
 import platform
