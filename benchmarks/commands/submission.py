@@ -26,7 +26,6 @@ from wayfield.benchmarks.records.results import EPISODES, read_table
 from wayfield.benchmarks.runs.shards import played
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.scenarios import splits
-from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.reading import parsed_object
 from wayfield.system.checks import MOST_BYTES
 from wayfield.system.identity import differences, identity, source_digest
@@ -213,7 +212,7 @@ def left_out(submission: Submission) -> str:
         key = row["family"], row.get("agent_seed", "")
         counts[key] = counts.get(key, 0) + 1
     ships = rows[0]["gains_name"] == "trained"
-    seeds = [f"{seed}" for seed in shipped(contest.spec.name, rows[0]["robot"])] if ships else [""]
+    seeds = [f"{seed}" for seed in contest.agents_of(rows[0]["policy"], rows[0]["robot"])] if ships else [""]
     wanted = [(family, seed) for family in contest.families(rows[0]["dynamics"]) for seed in seeds]
     if gone := next((each for each in wanted if each not in counts), None):
         return f"it leaves out {gone[0]}{f', agent {gone[1]}' if gone[1] else ''}"

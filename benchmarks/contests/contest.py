@@ -376,15 +376,16 @@ class Contest:
         """Returns the trained policies among names of which no agent ships for the robot, each with a line about it."""
         robot = robot_of(robot)
         given = robot.name if isinstance(shipped_name(robot), str) else f"{robot.name}.json"
-        there = ", ".join(each for each in ROBOTS if shipped(self.spec.name, each)) or "no robot"
         if robot.hull_radius > LARGEST_HULL and not self.spec.on_path:
             told = f"none can be trained for a hull of {robot.hull_radius:.3g} m, beyond {LARGEST_HULL:g} m"
         else:
             told = f"wayfield train {self.env_id(robot)} --robot {given} trains one"
+        lacking = [name for name in names if name in TRAINED and not any(self.gain_sets(name, robot, ()))]
+        there = {name: ", ".join(each for each in ROBOTS if self.agents_of(name, each)) for name in lacking}
         return {
-            name: f"policies {name!r}: no agent ships for {self.spec.name} with {robot}, but with {there}; {told}"
-            for name in names
-            if name in TRAINED and not any(self.gain_sets(name, robot, ()))
+            name: f"policies {name!r}: no agent ships for {self.spec.name} with {robot}, but with "
+            f"{there[name] or 'no robot'}; {told}"
+            for name in lacking
         }
 
     def own_sets(self, home: str, robot: AnyRobot) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -12,7 +12,6 @@ from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm, mean
 from wayfield.benchmarks.statistics.crossed import share_interval
 from wayfield.envs.robots.disturbances import LEVELS
-from wayfield.policies.learned.ppo import shipped
 
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
@@ -56,8 +55,8 @@ def seeds_told(entries: Iterable[Episodes], contest: Contest) -> str:
     """Returns which training runs of the agents that ship drove, in words: of a short run the first alone."""
     trained = [rows.where(gains_name="trained") for rows in entries]
     driven = {int(seed) for rows in trained for seed in rows.unique("agent_seed") if seed}
-    robots = {robot for rows in trained for robot in rows.unique("robot")}
-    there = {seed for robot in robots for seed in shipped(contest.spec.name, robot)}
+    who = {(policy, robot) for rows in trained for policy in rows.unique("policy") for robot in rows.unique("robot")}
+    there = {seed for policy, robot in who for seed in contest.agents_of(policy, robot)}
     return f"seeds {min(driven)} to {max(driven)} alone" if driven and driven < there else "every seed"
 
 
