@@ -218,7 +218,7 @@ def _content(file: str) -> Any:
 def is_scene(file: str) -> bool:
     """Returns whether a file holds a scene of named objects, which is no scenario of a task."""
     content = _content(file)
-    return isinstance(content, dict) and "objects" in content
+    return isinstance(content, dict) and not content.keys().isdisjoint({"scene", "objects"})
 
 
 def kind_of(file: str) -> str:

@@ -396,6 +396,7 @@ def test_a_scene_file_has_its_objects_where_it_says(tmp_path, desk):
         ('"name": "P1"', '"name": "a/b"', r"objects[2].name"),
         ('"empty"', '"emty"', "Did you mean 'empty'?"),
         ("[0, 0], [1, 1], [2, 0]", "[0, 0]", "path"),
+        ('"objects"', '"object"', "'object'"),
     ],
 )
 def test_what_is_wrong_with_a_scene_file_is_one_line(tmp_path, old, new, words):
