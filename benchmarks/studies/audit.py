@@ -296,19 +296,18 @@ def audit_verdicts(audit: Audit, folder: Path) -> None:
     store = Kept(folder.parents[1])
     for section, _ in store.sections():
         page = store.text(f"{folder.as_posix()}/{section.name}.md") if folder == KEPT else ""
-        for name in section.tables:
-            if not name.endswith("_pairs.csv") or section.place(name) not in store:
-                continue
-            table = store.rows(section.place(name).removeprefix(f"{KEPT.as_posix()}/").removesuffix(".csv"))
-            ps = formulas.stepped_down([float(line[each] or "nan") for line in table for each in _PS])
-            for line, p, q in zip(table, ps[::2], ps[1::2], strict=True):
-                words = formulas.verdict(line, p, q)
-                audit.cells += 1
-                if page and _shown_verdict(page, line) not in (words, _in_columns(words)):
-                    audit.note(
-                        f"{section.name}, {line['condition']}, {line['scenes']}: {line['policy']} beside "
-                        f"{line['beside']} is {words!r}, not so on its page"
-                    )
+        places = [section.place(name) for name in section.tables if name.endswith("_pairs.csv")]
+        stems = [each.removeprefix(f"{KEPT.as_posix()}/").removesuffix(".csv") for each in places if each in store]
+        table = [line for stem in stems for line in store.rows(stem)]
+        ps = formulas.stepped_down([float(line[each] or "nan") for line in table for each in _PS])
+        for line, p, q in zip(table, ps[::2], ps[1::2], strict=True):
+            words = formulas.verdict(line, p, q)
+            audit.cells += 1
+            if page and _shown_verdict(page, line) not in (words, _in_columns(words)):
+                audit.note(
+                    f"{section.name}, {line['condition']}, {line['scenes']}: {line['policy']} beside "
+                    f"{line['beside']} is {words!r}, not so on its page"
+                )
     if folder == KEPT:
         for each in disagreements(store, store.text(CHOOSING)):
             audit.note(f"{CHOOSING}: {each}")

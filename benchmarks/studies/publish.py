@@ -197,7 +197,7 @@ def described(home: Path) -> str:
 
 
 def moving_picture() -> bytes:
-    """Returns a GIF of tuned VFH+ that drives through clutter by its scan."""
+    """Returns a GIF of VFH+ that drives through clutter by its scan."""
     import gymnasium
     from PIL import Image
 

@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import functools
 import io
+import itertools
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -254,14 +255,20 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
         if f"docs/{name}" in kept:
             blocks.append(f"![{alt}](../{name})")
     there = {name: section.place(name) for name in section.tables if section.place(name) in kept}
+    stems = {name: place.removeprefix(f"{KEPT}/").removesuffix(".csv") for name, place in there.items()}
+    paired = {name: kept.rows(stem) for name, stem in stems.items() if name.endswith("_pairs.csv")}
+    every = [row for rows in paired.values() for row in rows]
+    verdicts = iter(judged(every))  # corrected for all that the page shows
+    reading = [READING, f"{2 * len(every)} tests, one correction."]
     files = []
     for name, place in there.items():
-        stem = place.removeprefix(f"{KEPT}/").removesuffix(".csv")
         heading = section.tables[name]
         if name.endswith("_board.csv"):
-            blocks += [f"## {heading}", *_boards(kept.rows(stem))]
+            blocks += [f"## {heading}", *_boards(kept.rows(stems[name]))]
         elif name.endswith("_pairs.csv"):
-            blocks += [f"## {heading}", READING, *_verdicts(kept.rows(stem))]
+            rows = paired[name]
+            blocks += [f"## {heading}", *reading, *_verdicts(rows, list(itertools.islice(verdicts, len(rows))))]
+            reading = []
         elif name.endswith(".csv") and len(there) > 1:
             files.append(f"- [{heading}]({place.removeprefix(f'{KEPT}/')})")
             continue
@@ -299,18 +306,16 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
         yield _table(list(lines[0]), [list(line.values()) for line in lines])
 
 
-def _verdicts(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) -> Iterator[str]:
     """Yields every comparison of a page, a table a condition and policy; of several conditions the verdicts alone."""
     told: dict[tuple[str, str, str], list[tuple[Mapping[str, str], Verdict]]] = {}
-    for row, verdict in zip(rows, judged(rows), strict=True):
+    for row, verdict in zip(rows, verdicts, strict=True):
         told.setdefault((row["condition"], row["scenes"], row["policy"]), []).append((row, verdict))
     conditions = list(dict.fromkeys(condition for condition, *_ in told))
     main = next((each for each in conditions if all(other.startswith(each) for other in conditions)), "")
     several = [each for each in conditions if each != main] if len(conditions) > 2 else []
-    yield (
-        f"{2 * len(rows)} tests, one correction. Differences are those of the policy in the heading less the other's, "
-        "with the corrected p."
-    )
+    if len(several) < len(conditions):
+        yield "Differences are those of the policy in the heading less the other's, with the corrected p."
     for (condition, scenes, policy), found in told.items():
         if condition in several:
             continue
