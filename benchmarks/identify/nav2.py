@@ -144,7 +144,7 @@ class _Gains:
 
 
 def limits(robot: Robot) -> dict[str, float]:
-    """Returns what a base can: speeds (m/s, rad/s), accelerations and decelerations, delay and lag (s) of both axes."""
+    """Returns what a base can: speeds (m/s, rad/s), slews both ways, delay and lag (s) and gain of both axes."""
     actuators = robot.actuators("lagged")
     found = actuators.response
     delays = (found.delays[0], found.delays[2]) if found is not None else (0.0, 0.0)
@@ -161,6 +161,8 @@ def limits(robot: Robot) -> dict[str, float]:
         "delay_w": delays[1],
         "lag_v": lags[0],
         "lag_w": lags[1],
+        "gain_v": robot.gain[0] if robot.gain else 1.0,
+        "gain_w": robot.gain[-1] if robot.gain else 1.0,
     }
 
 
@@ -350,6 +352,9 @@ def _response(can: Mapping[str, float], with_delay: bool = True) -> list[str]:
     """Returns what Nav2 cannot be given of how the base answers, as comments."""
     lag = f"lag {can['lag_v']:.3g} s and {can['lag_w']:.3g} s"
     found = [f"{lag}: Nav2 has no model of it; velocity_smoother's limits and a shorter reach help"]
+    if can["gain_v"] != 1.0 or can["gain_w"] != 1.0:
+        gain = f"gain {can['gain_v']:.3g} and {can['gain_w']:.3g}"
+        found.append(f"{gain}: Nav2 takes what it asks for as reached; correct it in the driver of the base")
     if with_delay and max(can["delay_v"], can["delay_w"]) > 0.0:
         found.append(f"delay {can['delay_v']:.3g} s and {can['delay_w']:.3g} s: this controller has no model of it")
     return found

@@ -27,8 +27,8 @@ def own(name: str) -> Tuned:
 def lagging(tmp_path: Path) -> Any:
     """Returns a robot with delays, lags and decelerations of its own, slower than the policies' own gains."""
     sheet = ROBOTS["turtlebot3"].sheet | {
-        "name": "lagging", "delay": [0.12, 0.16], "lag": [0.18, 0.2], "acceleration": 0.7, "decelerations": [0.6, 2.5],
-        "saturation": "wheels", "response": "continuous",
+        "name": "lagging", "delay": [0.12, 0.16], "gain": [1.0, 0.85], "lag": [0.18, 0.2], "acceleration": 0.7,
+        "decelerations": [0.6, 2.5], "saturation": "wheels", "response": "continuous",
     }  # fmt: skip
     file = tmp_path / "lagging.json"
     file.write_text(json.dumps(sheet))
@@ -90,6 +90,7 @@ def test_what_a_branch_lacks_is_said(lagging: Any) -> None:
     assert "open_loop: kilted has no such parameter" in texts["kilted"]
     for text in texts.values():
         assert "lag 0.18 s and 0.2 s: Nav2 has no model of it" in text
+        assert "gain 1 and 0.85: Nav2 takes what it asks for as reached" in text
         assert "each wheel saturates by itself" in text
 
 
