@@ -40,6 +40,7 @@ LIKELIHOOD = 3.84  # 95 % of chi-squared with one degree of freedom
 BLOCK = 10.0  # s, of the blocks that are left out in turn to choose the saturation
 GAIN = 0.005  # share of the held-out error by which a saturation must be better than the one before
 FREE_DECELERATION = 15.0  # log likelihood ratio from which a deceleration is another than the acceleration
+MUCH_BETTER = 0.1  # share of the squares that it leaves, with which it is too
 
 # What says that a parameter was seen.
 AT_LIMIT, BEYOND = 1.0, 1.05  # s at the limit, while so many times it is commanded
@@ -47,6 +48,7 @@ SLEWS, SLEW_SAMPLES, SLEW_LAGS = 4, 3, 2.0  # slews, and their least length
 STEP_NOISES, STEPS, FULL_STEP, STEP_TIME = 10.0, 6, 20.0, 0.2  # least step; steps' worth; in noises; s
 WIDEST_DELAY, WIDEST = 0.1, 2.5  # s between the ends of a delay; ratio of the ends of any other
 NARROW = 1.25, 1.5  # ratio of the ends to which a slew was seen: however short, and if enough of them were long
+LEAST_NOISE = 1e-4  # of odometry, in its largest speed: a simulator's may have none, and no number is known so well
 LEAST = 0.01, 0.02  # m/s and rad/s, of the largest command of an axis that is driven at all
 
 UNKNOWN = np.array([0.0, 1.0, 1e3, 1e3, 0.1, 0.0, 1.0, 1e3, 1e3, 0.1, 1e3, 1e3])  # as PAIR, of axes without commands
@@ -172,23 +174,24 @@ class Problem:
             best: the parameters of least cost.
             cost: their sum of squares.
             index: of the parameter.
-            count: of independent measurements.
+            count: of independent measurements; more than the cost where the noise is taken as more than what is left.
         """
         slopes = self.at(best)[1]
         covariance = np.linalg.pinv(slopes.T @ slopes)
-        deviation = math.sqrt(max(covariance[index, index], 1e-18) * cost / count)
+        spare = max(count - cost, 0.0)
+        deviation = math.sqrt(max(covariance[index, index], 1e-18) * (cost + spare) / count)
         ahead = covariance[:, index] / max(covariance[index, index], 1e-18)
         limit = LIKELIHOOD * (1.0 + 5.0 / len(self.measured)) / count
-        ends = [self._end(best, cost, index, side, limit, 1.96 * deviation, ahead) for side in (-1.0, 1.0)]
+        ends = [self._end(best, cost, spare, index, side, limit, 1.96 * deviation, ahead) for side in (-1.0, 1.0)]
         low, high = ends if self.linear[index] else [math.exp(each) for each in ends]
         return (low if low > 0.0 else -math.inf), high
 
     def _end(
-        self, best: Floats, cost: float, index: int, side: float, limit: float, step: float, ahead: Floats
+        self, best: Floats, cost: float, spare: float, index: int, side: float, limit: float, step: float, ahead: Floats
     ) -> float:
         """Returns where log(cost / least cost) passes a limit: the step is doubled, then false position.
 
-        The root of that ratio is almost a straight line.
+        The root of that ratio is almost a straight line. `spare` is added to both costs.
         """
         free = [j for j in range(len(best)) if j != index]
         room = abs((self.high if side > 0.0 else self.low)[index] - best[index])
@@ -198,7 +201,7 @@ class Problem:
             x = np.clip(start + ahead * (side * (distance - at)), self.low, self.high)
             x[index] = best[index] + side * distance
             found, squares = self.solve(x, free, 1e-5, 25)
-            return math.sqrt(max(math.log(max(squares, 1e-300) / cost), 0.0)), found
+            return math.sqrt(max(math.log((max(squares, 1e-300) + spare) / (cost + spare)), 0.0)), found
 
         inner, inner_root, start = 0.0, 0.0, best
         outer = min(max(step, 1e-6), 0.5)
@@ -339,9 +342,14 @@ def fit_axes(drive: Drive, delays: Floats = DELAYS) -> Floats:
 def _scales(drive: Drive, saturation: int, numbers: Floats) -> tuple[Floats, Floats, Floats]:
     """Returns what divides the residuals of each axis, so that all count alike; their deviation and correlation."""
     residuals = (drive.speeds.T - pair_response(drive, saturation, numbers)[0])[:, drive.counted]
-    noise = np.maximum(residuals.std(axis=1), 1e-9)
+    noise = np.maximum(residuals.std(axis=1), LEAST_NOISE * np.maximum(np.abs(drive.speeds).max(axis=0), 1e-3))
     rho = correlations(residuals)
     return noise * np.sqrt((1.0 + rho) / (1.0 - rho)), noise, rho
+
+
+def _count(drive: Drive, rho: Floats) -> float:
+    """Returns how many independent measurements residuals of such correlations are worth."""
+    return float(drive.counted.sum() * ((1.0 - rho) / (1.0 + rho)).sum())
 
 
 def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
@@ -418,15 +426,16 @@ def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
         saturation, numbers, limited = AXES, axes, _limited(drive, AXES, axes)
     decelerating = [False, False]
     for again in range(2):
-        scales, _, _ = _scales(drive, saturation, numbers)
+        scales, _, rho = _scales(drive, saturation, numbers)
         problem = pair_problem(drive, saturation, scales, decelerating, limited)
         x, cost = problem.best([problem.parameters(numbers)])
-        numbers = problem.numbers(x)
+        numbers, spare = problem.numbers(x), max(_count(drive, rho) - cost, 0.0)
         for axis in commanded(drive) if not again else ():
             wanted = [decelerating[0] or axis == 0, decelerating[1] or axis == 1]
             freed = pair_problem(drive, saturation, scales, wanted, limited)
             x, less = freed.best([freed.parameters(numbers)])
-            if less * math.log(cost / less) > FREE_DECELERATION:
+            left = (less + spare) / (cost + spare)
+            if (less + spare) * -math.log(left) > FREE_DECELERATION or left < MUCH_BETTER:
                 decelerating, numbers, cost = wanted, freed.numbers(x), less
     _, noise, rho = _scales(drive, saturation, numbers)
     response = pair_response(drive, saturation, numbers)[0]
@@ -569,10 +578,10 @@ def _names(decelerating: bool) -> tuple[tuple[str, str, int], ...]:
 def intervals(drive: Drive, found: Fit) -> Fit:
     """Returns the fit with an estimate of every parameter: value and interval, or a bound."""
     excited = excitations(drive, found)
-    scales, _, _ = _scales(drive, found.saturation, found.numbers)
+    scales, _, rho = _scales(drive, found.saturation, found.numbers)
     problem = pair_problem(drive, found.saturation, scales, found.decelerating, found.limited)
     x, cost = problem.best([problem.parameters(found.numbers)])
-    numbers = problem.numbers(x)
+    numbers, count = problem.numbers(x), max(cost, _count(drive, rho))
     estimates = []
     parameter = 0
     for axis, (suffix, unit) in enumerate((("v", "m/s"), ("w", "rad/s"))):
@@ -582,7 +591,7 @@ def intervals(drive: Drive, found: Fit) -> Fit:
             if axis not in commanded(drive):
                 estimates.append(_not_driven(label, units[kind], axis))
                 continue
-            ends = problem.interval(x, cost, parameter, cost)
+            ends = problem.interval(x, cost, parameter, count)
             value = float(numbers[5 * axis + at])
             estimates.append(_estimate(kind, label, units[kind], value, ends, excited[axis]))
             parameter += 1
@@ -594,7 +603,7 @@ def intervals(drive: Drive, found: Fit) -> Fit:
         if found.saturation == AXES and not found.limited[k]:
             estimates.append(_estimate("limit", label, unit, math.nan, (-math.inf, math.inf), excited[k]))
             continue
-        low, high = problem.interval(x, cost, parameter, cost)
+        low, high = problem.interval(x, cost, parameter, count)
         factor = 2.0 if label == "track" else 1.0
         value = factor * float(numbers[10 + k])
         estimates.append(_estimate("limit", label, unit, value, (factor * low, factor * high), excited[k]))

@@ -172,3 +172,21 @@ def test_what_real_logs_have_besides_noise_spoils_no_answer() -> None:
         width = found[name].high - found[name].low
         assert found[name].low - 0.2 * width <= value <= found[name].high + 0.2 * width
         assert found[name].value == pytest.approx(value, rel=0.15)
+
+
+def test_a_drive_without_noise_is_known_best_of_all_its_decelerations_too() -> None:
+    """As of a simulator: what is left is rounding, of which no interval can be made."""
+    part = script(30.0, 1.0)
+    idle = np.zeros_like(part)
+    commands = np.stack([0.2 * np.concatenate([part, idle]), 2.4 * np.concatenate([idle, part])], axis=1)
+    true = np.array([0.12, 1.0, 0.7, 1.1, 0.18, 0.16, 1.0, 3.0, 3.0, 0.18, 0.2, 2.4])
+    drive = drive_of(np.random.default_rng(0), commands, AXES, true, (0.0, 0.0), 0.0)
+    found = intervals(drive, fit(drive))
+    assert found.decelerating == (True, False)
+    for each in found.estimates:
+        assert each.seen, each
+        kind, axis = each.name.split("_")
+        value = true[10 + "vw".index(axis)] if kind == "speed" else true[PAIR.index(each.name)]
+        assert each.value == pytest.approx(value, rel=1e-3)
+        assert each.low <= value * (1.0 + 1e-6)
+        assert value * (1.0 - 1e-6) <= each.high
