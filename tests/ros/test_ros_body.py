@@ -16,7 +16,6 @@ from wayfield.ros.conventions import View
 from wayfield.ros.driving import AlongPath, ToGoal, check_drives
 from wayfield.ros.excite import Script, farthest, script
 from wayfield.ros.messages import STILL, Goal, Odometry, Twist, wrapped
-from wayfield.ros.recording import Recorder, definition
 
 BURGER = ROBOTS["turtlebot3"]
 
@@ -279,8 +278,10 @@ class _Message:
 
 
 def test_a_recording_holds_definitions_and_takes_its_name_once_it_is_whole(tmp_path):
-    pytest.importorskip("mcap")
+    pytest.importorskip("mcap", reason='needs pip install "wayfield[record]"')
     from mcap.reader import make_reader
+
+    from wayfield.ros.recording import Recorder, definition
 
     text = definition(_Message, {"builtin_interfaces/Time": _Time}.__getitem__)
     assert text.splitlines()[:4] == [
