@@ -9,11 +9,13 @@ never leave it clear, only the ends are proven.
 import functools
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.crowds.people import (
+    GOES_ON,
     HELBING_FARKAS_VICSEK,
     LEAVES,
     MOUSSAID,
@@ -39,17 +41,29 @@ _GAP = 0.1  # m, at start, between hulls
 
 Point = tuple[float, float]
 # the robot's start and goal, people and what stands; m^2 that they share
-Field = tuple[Point, Point, list[dict[str, float]], list[np.void], float]
+Field = tuple[Point, Point, list[dict[str, Any]], list[np.void], float]
 
 
-def walks_of(people: list[dict[str, float]]) -> NDArray[np.void]:
-    """Returns WALK records of people, each a dict of fields; those not said are a person's of 0.25 m at 1.3 m/s."""
+def walks_of(people: list[dict[str, Any]]) -> NDArray[np.void]:
+    """Returns WALK records of people, each a dict of fields; those not said are a person's of 0.25 m at 1.3 m/s.
+
+    "goals" are those that follow (x, y), of who goes on: rows of `tracks_of`.
+    """
     walks = np.zeros(len(people), WALK)
     usual = {"speed": 1.3, "radius": 0.25, "horizon": 2.0, "wall_horizon": 0.5, "margin": 0.05, "share": 0.5}
+    first = 0
     for walk, person in zip(walks, people, strict=True):
-        for name, value in (usual | person).items():
+        goals = person.get("goals", ())
+        own = {name: value for name, value in person.items() if name != "goals"}
+        for name, value in (usual | {"first": first, "rows": len(goals)} | own).items():
             walk[name] = value
+        first += len(goals)
     return walks
+
+
+def tracks_of(people: list[dict[str, Any]]) -> NDArray[np.float64]:
+    """Returns the goals that follow, of all people, as the rows of a scenario's tracks."""
+    return np.array([(*goal, 0.0, 0.0) for person in people for goal in person.get("goals", ())]).reshape(-1, 4)
 
 
 def _family(name: str, field: Callable[[Draw], "Field | None"], reach: float = 5.0) -> Callable[[int], TeamScenario]:
@@ -68,6 +82,7 @@ def _family(name: str, field: Callable[[Draw], "Field | None"], reach: float = 5
             [(*goal, ahead)],
             obstacle_field(*obstacles),
             walks=walks_of(people),
+            tracks=tracks_of(people),
             reach=reach,
             bound=rounded(len(people) / area),
             family=name,
@@ -76,7 +91,7 @@ def _family(name: str, field: Callable[[Draw], "Field | None"], reach: float = 5
     return scenario
 
 
-def _clear(x: float, y: float, radius: float, start: Point, people: list[dict[str, float]]) -> bool:
+def _clear(x: float, y: float, radius: float, start: Point, people: list[dict[str, Any]]) -> bool:
     """Returns whether a person may begin here."""
     if math.hypot(x - start[0], y - start[1]) < LARGEST_HULL + radius + 4.0 * _GAP:
         return False
@@ -94,7 +109,7 @@ def _crowdnav(n: int) -> Callable[[Draw], Field]:
 
     def field(draw: Draw) -> Field:
         start, goal = (0.0, -4.0), (0.0, 4.0)
-        people: list[dict[str, float]] = []
+        people: list[dict[str, Any]] = []
         while len(people) < n:
             sine, cosine = sin_cos.py_func(draw.heading())
             x, y = (rounded(4.0 * each + draw.number(-0.5, 0.5)) for each in (cosine, sine))
@@ -108,12 +123,45 @@ def _crowdnav(n: int) -> Callable[[Draw], Field]:
     return field
 
 
+def _attngraph(n: int) -> Callable[[Draw], "Field | None"]:
+    """Returns AttnGraph's crowd: all cross a circle about a square of 12 m by ORCA, blind to the robot, time and again.
+
+    There, somebody who has arrived is replaced by somebody else on the circle; here, by a new goal on it.
+
+    Source: Liu et al., ICRA 2023; github.com/Shuijing725/CrowdNav_Prediction_AttnGraph (crowd_sim_var_num.py).
+    """
+
+    def field(draw: Draw) -> "Field | None":
+        start, goal = ((draw.number(-6.0, 6.0), draw.number(-6.0, 6.0)) for _ in range(2))
+        if math.dist(start, goal) < 8.0:
+            return None
+
+        def on_circle(least: float, most: float) -> Point:
+            sine, cosine = sin_cos.py_func(draw.heading())
+            x, y = (rounded(6.0 * math.sqrt(2.0) * each + draw.number(least, most)) for each in (cosine, sine))
+            return x, y
+
+        orca = {"law": ORCA, "speed": 1.0, "radius": 0.3, "horizon": 5.0, "wall_horizon": 5.0, "margin": 0.16}
+        people: list[dict[str, Any]] = []
+        while len(people) < n:
+            x, y = on_circle(0.0, 2.0)
+            ends = [start, goal, *((p[u], p[v]) for p in people for u, v in (("x", "y"), ("goal_x", "goal_y")))]
+            if any(math.hypot(x - u, y - v) < 0.85 for u, v in ends):
+                continue
+            after = [on_circle(-0.5, 0.5) for _ in range(12)]
+            person = {"x": x, "y": y, "goal_x": -x, "goal_y": -y, "then": GOES_ON, "goals": after, "blind": 1.0}
+            people.append(orca | person)
+        return start, goal, people, [], 144.0
+
+    return field
+
+
 def _lanes(n: int) -> Callable[[Draw], "Field | None"]:
     """Returns two streams in a corridor of 4.8 by 15 m; the robot goes along it."""
 
     def field(draw: Draw) -> "Field | None":
         start, goal = (0.6, draw.number(1.0, 3.8)), (14.4, draw.number(1.0, 3.8))
-        people: list[dict[str, float]] = []
+        people: list[dict[str, Any]] = []
         for k in range(n):
             for _ in range(300):
                 x, y, radius = draw.number(0.5, 14.5), draw.number(0.5, 4.3), draw.number(0.2, 0.3)
@@ -135,7 +183,7 @@ def _crossing_flow(n: int) -> Callable[[Draw], "Field | None"]:
 
     def field(draw: Draw) -> "Field | None":
         start, goal = (-4.5, draw.number(-0.5, 0.5)), (4.5, draw.number(-0.5, 0.5))
-        people: list[dict[str, float]] = []
+        people: list[dict[str, Any]] = []
         law = MOUSSAID if draw.sign() > 0.0 else ORCA
         for _ in range(n):
             for _ in range(300):
@@ -181,7 +229,7 @@ def _blind_corner(draw: Draw) -> Field:
 def _queue(draw: Draw) -> "Field | None":
     """Returns 10 to 20 people who push through a door of 1 m that the robot follows them through."""
     start, goal = (-5.5, draw.number(-1.0, 1.0)), (4.0, 0.0)
-    people: list[dict[str, float]] = []
+    people: list[dict[str, Any]] = []
     for _ in range(draw.whole(10, 20)):
         for _ in range(300):
             x, y, radius = draw.number(-4.0, -0.8), draw.number(-2.2, 2.2), draw.number(0.22, 0.28)
@@ -205,7 +253,7 @@ def _standing_groups(draw: Draw) -> "Field | None":
     """Returns groups of 2 to 5 that stand on circles of 0.6 to 1 m, about the robot's way."""
     start, goal = (0.0, 0.0), (9.0, 0.0)
     centres: list[tuple[float, float, float]] = []
-    people: list[dict[str, float]] = []
+    people: list[dict[str, Any]] = []
     for _ in range(draw.whole(2, 4)):
         x, y, reach = draw.number(2.0, 7.0), draw.number(-2.0, 2.0), draw.number(0.6, 1.0)
         if any(math.hypot(x - u, y - v) < reach + r + 1.3 for u, v, r in centres):
@@ -221,6 +269,7 @@ def _standing_groups(draw: Draw) -> "Field | None":
 
 FIELDS: dict[str, tuple[Callable[[Draw], "Field | None"], str]] = {
     **{f"crowdnav_{n}": (_crowdnav(n), f"CrowdNav's circle crossing, {n} blind to the robot") for n in (5, 10)},
+    "attngraph_20": (_attngraph(20), "AttnGraph's crowd, 20 who cross a square of 12 m, blind to the robot"),
     **{f"lanes_{n}": (_lanes(n), f"two streams of {n} in a corridor of 4.8 m") for n in (12, 24, 48)},
     **{f"crossing_flow_{n}": (_crossing_flow(n), f"a stream of {n} across the way") for n in (8, 16)},
     "overtaking": (_few(1.0, (0.3, 0.5)), "one to three people, slower than the robot, on its line"),
@@ -230,7 +279,8 @@ FIELDS: dict[str, tuple[Callable[[Draw], "Field | None"], str]] = {
     "standing_groups": (_standing_groups, "groups of 2 to 5 that stand on circles"),
 }
 PEOPLE_FAMILIES: Mapping[str, Callable[[int], TeamScenario]] = {
-    name: _family(name, field, 10.0 if name.startswith("crowdnav") else 5.0) for name, (field, _) in FIELDS.items()
+    name: _family(name, field, 10.0 if name.startswith(("crowdnav", "attngraph")) else 5.0)
+    for name, (field, _) in FIELDS.items()
 }
 
 

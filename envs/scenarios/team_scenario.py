@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.crowds.people import WALK
+from wayfield.envs.crowds.people import GOES_ON, LAWS, REPLAY, WALK
 from wayfield.envs.scenarios.scenario import GoalScenario, check_clear
 from wayfield.system.checks import number, shown
 
@@ -62,6 +62,23 @@ class TeamScenario:
             bad = np.flatnonzero((self.walks[name] < 0.0) | (self.walks[name] > most))
             if len(bad):
                 raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most:g}")
+        for name, most in (("law", len(LAWS) - 1), ("then", GOES_ON), ("blind", 1)):
+            bad = np.flatnonzero((self.walks[name] < 0) | (self.walks[name] > most))
+            if len(bad):
+                raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most}")
+        if self.tracks.dtype != np.float64 or self.tracks.ndim != 2 or self.tracks.shape[1] != 4:
+            raise ValueError(f"tracks is {shown(self.tracks)}; it must be an array (rows, 4) of float64")
+        last = self.walks["first"] + self.walks["rows"]
+        least = np.where(self.walks["law"] == REPLAY, 2, np.where(self.walks["then"] == GOES_ON, 1, 0))
+        bad = np.flatnonzero(
+            (self.walks["rows"] < least) | (least > 0) & ((self.walks["first"] < 0) | (last > len(self.tracks)))
+        )
+        if len(bad):
+            k = bad[0]
+            raise ValueError(
+                f"walks[{k}] has rows {self.walks['first'][k]} to {last[k]} of tracks, which has {len(self.tracks)}; "
+                f"there must be at least {least[k]}"
+            )
         number("reach", self.reach, above=0.0)
 
     @classmethod
@@ -143,7 +160,7 @@ class TeamScenario:
 
 
 def check_team(scenario: TeamScenario, hull_radius: float) -> None:
-    """Checks that discs of `hull_radius` (m) fit at all starts and goals, and do not overlap.
+    """Checks that discs of `hull_radius` (m) fit at all starts and goals, and that nobody overlaps at the start.
 
     Raises:
         ValueError: naming the scenario, the robots and the places.
@@ -158,4 +175,18 @@ def check_team(scenario: TeamScenario, hull_radius: float) -> None:
                 raise ValueError(
                     f"scenario {scenario.name!r}: {what}[{k}] and {what}[{i}] overlap by {-gaps[k]:.3g} m for hulls of "
                     f"radius {hull_radius:g} m; they must be {2.0 * hull_radius:g} m apart"
+                )
+    walks = scenario.walks[(scenario.walks["law"] != REPLAY) & (scenario.walks["radius"] > 0.0)]
+    places, reach = np.column_stack([walks["x"], walks["y"]]), walks["radius"]
+    for i, place in enumerate(places):
+        for what, others, radii in (
+            ("starts", scenario.starts[:, :2], hull_radius),
+            ("walks", places[:i], reach[:i]),
+        ):
+            gaps = np.sqrt(((others - place) ** 2).sum(axis=1)) - radii - reach[i]
+            if len(gaps) and gaps.min() < 0.0:
+                k = int(gaps.argmin())
+                raise ValueError(
+                    f"scenario {scenario.name!r}: {what}[{k}] and walks[{i}] overlap by {-gaps[k]:.3g} m; people must "
+                    "start beside robots and each other"
                 )

@@ -10,6 +10,8 @@ from gymnasium.utils.env_checker import check_env
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.crowds.bodies import ROBOT
+from wayfield.envs.crowds.people import GOES_ON, ORCA, REPLAY, stroll
+from wayfield.envs.scenarios.people_families import tracks_of, walks_of
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.world.geometry import OBSTACLE
@@ -247,6 +249,38 @@ def test_gymnasium_finds_nothing_to_say() -> None:
     check_env(gymnasium.make(DIFF, scenario="crossing_2").unwrapped, skip_render_check=True)
 
 
+def among(people: list[dict[str, float]]) -> TeamScenario:
+    return TeamScenario.made("among", [(0.0, 0.0, 0.0)], [(9.0, 0.0, 0.0)], walks=walks_of(people))
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"law": 9}, r"walks\[0\].law is 9; it must be from 0 to 6"),
+        ({"then": 7}, r"walks\[0\].then is 7; it must be from 0 to 4"),
+        ({"speed": 30.0}, r"walks\[0\].speed is 30.0; it must be from 0 to 3"),
+        ({"law": REPLAY}, r"walks\[0\] has rows 0 to 0 of tracks, which has 0; there must be at least 2"),
+        ({"then": GOES_ON, "rows": 3}, r"walks\[0\] has rows 0 to 3 of tracks, which has 0; there must be at least 1"),
+    ],
+)
+def test_people_who_cannot_be_are_refused_in_a_line(fields: dict[str, float], said: str) -> None:
+    with pytest.raises(ValueError, match=said) as caught:
+        among([{"x": 3.0, "y": 0.0} | fields])
+    assert "\n" not in str(caught.value)
+
+
+def test_who_goes_on_heads_for_one_goal_after_the_other() -> None:
+    goals = [(3.0, 2.0), (5.0, 2.0), (3.0, 0.0)]
+    walker = {"law": ORCA, "x": 3.0, "y": 0.0, "goal_x": 3.0, "goal_y": 2.0, "then": GOES_ON}
+    after = [walker | {"goals": goals[1:] + goals[:1]}]
+    out = stroll(walks_of(after), 400, 0.05, tracks=tracks_of(after))[:, 0, :2]
+    first = [int(np.argmax(np.hypot(*(out - goal).T) < 0.26)) for goal in goals]
+    assert 0 < first[0] < first[1]
+    assert first[2] == 0  # where it began
+    again = np.hypot(*(out[first[1] :] - goals[2]).T)
+    assert again.min() < 0.26
+
+
 @pytest.mark.parametrize(
     ("keywords", "said"),
     [
@@ -261,6 +295,11 @@ def test_gymnasium_finds_nothing_to_say() -> None:
             r"starts\[0\] and starts\[1\] overlap by 0.1 m",
         ),
         ({"ends": "respawn", "scenario": "moving_crossing"}, "nothing patrols"),
+        (
+            {"scenario": among([{"x": 1.0, "y": 1.0}, {"x": 1.3, "y": 1.0}])},
+            r"walks\[0\] and walks\[1\] overlap by 0.2 m",
+        ),
+        ({"scenario": among([{"x": 0.2, "y": 0.0}])}, r"starts\[0\] and walks\[0\] overlap by"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_line(keywords: dict[str, Any], said: str) -> None:
