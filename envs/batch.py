@@ -67,7 +67,7 @@ class Batch:
         noises = ("position_noise", "encoder_noise", "range_noise")
         self.noisy = drops or any(task.params[name][0] > 0.0 for name in noises)
         rows = NOISE_BLOCK if self.noisy else 1
-        columns = BEAM_NOISE_COLUMN + task.num_beams * (1 + drops)
+        columns = BEAM_NOISE_COLUMN + task.num_beams * (1 + drops) + task.noise_columns
         # two observations are alive at a time, and a briefing holds the obstacles once more
         each = (
             task.state_dtype.itemsize

@@ -62,6 +62,9 @@ from wayfield.system.elementary import sin_cos, wrap_angle
 ENDS = ("leave", "respawn")
 SEES = ("scan", "bodies")
 COLUMNS = 7  # numbers of a body in the observation
+# of a track where range scans have their nominal noise: what a lidar tracker of people is off by
+TRACK_POSITION_NOISE, TRACK_VELOCITY_NOISE = 0.02, 0.1  # m, m/s
+TRACK_NOISE_COLUMNS = 5  # standard normal numbers of a body: x, y, vx, vy, and whether it is seen
 CANDIDATES = 16  # starts that are drawn where a robot begins anew in a running world
 SCATTER = 0.5  # m, by which they lie off the scenario's starts, at most
 SPARE = 0.3  # m, that such a start has to all bodies and walls
@@ -88,6 +91,8 @@ PARAMS = [
     ("reach", np.float64),  # m, within which bodies are neighbours
     ("sight", np.float64),  # m, within which they are observed
     ("sees_bodies", np.int64),
+    ("track_position_noise", np.float64),  # m
+    ("track_velocity_noise", np.float64),  # m/s
     ("parks", np.int64),  # 1: robots stay where they arrive
     ("respawns", np.int64),
     ("cells_from", np.int64),
@@ -285,7 +290,7 @@ def observe(p, s, course, world, robots, crowd, i, row, out):
     f = crowd.frame
     frame = Frame(f[0], f[1], f[2], int(f[3]), int(f[4]))
     if p.sees_bodies == 1:
-        observe_bodies(p, s, robots, crowd, frame, w, r, i, out, k)
+        observe_bodies(p, s, robots, crowd, frame, w, r, i, row, out, k)
         k += NEAREST * COLUMNS
     lidar = world.lidar
     pose = (s.x, s.y, s.heading)
@@ -298,28 +303,42 @@ def observe(p, s, course, world, robots, crowd, i, row, out):
 
 
 @compiled
-def observe_bodies(p, s, robots, crowd, frame, w, r, i, out, column):
-    """Writes the nearest bodies that a robot sees, from a column on."""
+def observe_bodies(p, s, robots, crowd, frame, w, r, i, row, out, column):
+    """Writes the nearest bodies that a robot sees, from a column on, with the noise of tracks."""
     bodies = crowd.bodies
     now = bodies.clocks[w, 0]
     maps = 1 if robots.grids.cells.shape[0] > 0 else 0
     seen = Sight(robots.obstacles, s.field, s.num_obstacles, robots.grids.frames, s.scenario, robots.grids.cells, maps)
     count = find_nearest(bodies, now, w, r, p.sight, seen, crowd.cells, frame)
     sine, cosine = sin_cos(s.heading)
-    for k in range(NEAREST):
-        at = column + COLUMNS * k
-        for c in range(COLUMNS):
-            out[i, at + c] = 0.0
-        if k < count:
-            j = crowd.cells.found[k]
-            place = bodies.places[now, w, j]
-            hull = bodies.hulls[w, j]
-            out[i, at], out[i, at + 1] = to_body_frame(s.x, s.y, sine, cosine, place.x, place.y)
-            out[i, at + 2] = cosine * place.vx + sine * place.vy
-            out[i, at + 3] = cosine * place.vy - sine * place.vx
-            out[i, at + 4] = hull.reach
-            out[i, at + 5] = hull.kind
-            out[i, at + 6] = 1.0
+    for c in range(column, column + NEAREST * COLUMNS):
+        out[i, c] = 0.0
+    noise = robots.noise
+    first = noise.shape[2] - NEAREST * TRACK_NOISE_COLUMNS  # behind those of the beams
+    at = column
+    for k in range(count):
+        n = first + TRACK_NOISE_COLUMNS * k
+        if p.dropout_below > -np.inf and noise[i, row, n + 4] < p.dropout_below:
+            continue
+        j = crowd.cells.found[k]
+        place = bodies.places[now, w, j]
+        hull = bodies.hulls[w, j]
+        x, y = to_body_frame(s.x, s.y, sine, cosine, place.x, place.y)
+        vx = cosine * place.vx + sine * place.vy
+        vy = cosine * place.vy - sine * place.vx
+        if p.track_position_noise > 0.0:
+            x += p.track_position_noise * noise[i, row, n]
+            y += p.track_position_noise * noise[i, row, n + 1]
+            vx += p.track_velocity_noise * noise[i, row, n + 2]
+            vy += p.track_velocity_noise * noise[i, row, n + 3]
+        out[i, at] = x
+        out[i, at + 1] = y
+        out[i, at + 2] = vx
+        out[i, at + 3] = vy
+        out[i, at + 4] = hull.reach
+        out[i, at + 5] = hull.kind
+        out[i, at + 6] = 1.0
+        at += COLUMNS
 
 
 @inlined
@@ -747,7 +766,20 @@ class Teams(GoalReaching):
     def further(self) -> dict[str, Any]:  # type: ignore[override]
         """Returns the parameters that are not those of goal reaching."""
         reach = max(max(each.reach for each in self.scenarios), float(self._set["sight"]))
-        return {"team": self.team, "people": self.most_people, "reach": reach, **self._set}
+        level = self.options.noise + self.options.disturbance.range_noise
+        return {
+            "team": self.team,
+            "people": self.most_people,
+            "reach": reach,
+            "track_position_noise": TRACK_POSITION_NOISE * level,
+            "track_velocity_noise": TRACK_VELOCITY_NOISE * level,
+            **self._set,
+        }
+
+    @property
+    def noise_columns(self) -> int:
+        """Returns how many random numbers the tracks of bodies take in a step."""
+        return NEAREST * TRACK_NOISE_COLUMNS if self._set["sees_bodies"] else 0
 
     @functools.cached_property
     def _courses(self) -> tuple[GoalScenario, ...]:

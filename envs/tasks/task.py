@@ -187,6 +187,11 @@ class Task(abc.ABC):
         """Returns how many beams the range scan has."""
         return len(self.beam_angles)
 
+    @property
+    def noise_columns(self) -> int:
+        """Returns how many random numbers a task's own sensors take in a step, beside those of pose and beams."""
+        return 0
+
     def own_arrays(self, num_envs: int) -> tuple[NDArray[Any], ...]:
         """Returns arrays that the step of `num_envs` robots keeps besides their states; most tasks have none."""
         del num_envs

@@ -198,6 +198,27 @@ def test_walls_hide_bodies_from_those_who_track_them() -> None:
     np.testing.assert_allclose(bodies[0, 0], [0.0, 3.0, 0.0, 0.0, 0.3, ROBOT, 1.0], atol=1e-6)
 
 
+def test_tracks_have_the_noise_of_sensors_and_miss_a_body_now_and_then() -> None:
+    """At nominal noise 2 cm and 0.1 m/s; by strong dropouts a body is unseen in 5 % of the periods."""
+    two = TeamScenario.made("two", [(0.0, 0.0, 0.0), (2.0, 1.0, 0.0)], [(9.0, 0.0, 0.0), (9.0, 3.0, 0.0)])
+    env: Any = gymnasium.make_vec(
+        OMNI, num_envs=400, scenario=two, sees="bodies", noise=1.0, disturbance="dropout", max_episode_steps=1000
+    )
+    seen, _ = env.reset(seed=0)
+    tracks = []
+    for _ in range(30):
+        tracks.append(env.task.layout.unpack(seen).bodies[::2, 0])
+        seen, *_ = env.step(np.zeros((400, 3)))
+    found = np.concatenate(tracks)
+    there = found[:, 6] == 1.0
+    assert (1.0 - there.mean()) == pytest.approx(0.05, abs=0.01)
+    assert (found[~there] == 0.0).all()
+    np.testing.assert_allclose(found[there, :2].mean(axis=0), [2.0, 1.0], atol=0.02)
+    np.testing.assert_allclose(found[there, :4].std(axis=0), [0.02, 0.02, 0.1, 0.1], rtol=0.1)
+    clean, _ = gymnasium.make(OMNI, scenario=two, sees="bodies").reset(seed=0)
+    np.testing.assert_allclose(env.task.layout.unpack(clean).bodies[0, 0, :4], [2.0, 1.0, 0.0, 0.0], atol=1e-6)
+
+
 def test_a_copy_in_mid_episode_goes_on_alike() -> None:
     for env in (
         gymnasium.make(DIFF, scenario="circle_4").unwrapped,
