@@ -14,14 +14,22 @@ from wayfield.system.readers import of_folder, reader
 QUANTUM = 1e-3  # m and rad
 MOST_DRIVES = 50_000  # of a run: a report has room for some thousand
 
-Drive = NDArray[np.int32]  # (n + 1, 3): x, y, heading without jumps, in quanta; of path followers (n + 1, 4), the error
+MOST_BODIES = 64  # beside a robot, whose places are kept: of larger worlds none is
+AWAY = 2**27  # quanta: x and y of a body that is not there
+
+# (n + 1, 3): x, y, heading without jumps, in quanta; of path followers (n + 1, 4), the error; of worlds of several
+# bodies (n + 1, 3 + 2 m), x and y of each
+Drive = NDArray[np.int32]
 
 
 def drive_of(trajectory: Trajectory) -> Drive:
-    """Returns the poses of a trajectory, and its cross-track errors where it has some, in quanta."""
+    """Returns the poses of a trajectory, and its cross-track errors or other bodies where it has some, in quanta."""
     columns = [trajectory.poses[:, 0], trajectory.poses[:, 1], np.unwrap(trajectory.poses[:, 2])]
     if len(trajectory.cross_track_errors):
         columns.append(trajectory.cross_track_errors)
+    if 0 < len(trajectory.other_radii) <= MOST_BODIES:
+        there = np.nan_to_num(trajectory.others / QUANTUM, nan=float(AWAY))
+        columns += [QUANTUM * each for each in there.reshape(len(there), -1).T]
     numbers = np.column_stack(columns) / QUANTUM
     return np.rint(np.clip(numbers, -(2**30), 2**30)).astype(np.int32)
 
@@ -64,8 +72,8 @@ def _taken_apart(
             raise ValueError(f"{name} must be {len(rows)} whole numbers, none below 0")
     if numbers.dtype != np.int32 or numbers.ndim != 1:
         raise ValueError("numbers must be a row of int32")
-    if not np.isin(columns, (3, 4)).all() or (steps > len(numbers)).any():
-        raise ValueError("a drive must have 3 or 4 columns and no more steps than there are numbers")
+    if not ((columns == 4) | (columns % 2 == 1) & (columns >= 3)).all() or (steps > len(numbers)).any():
+        raise ValueError("a drive must have 4 or 3, 5, 7, ... columns and no more steps than there are numbers")
     ends = np.cumsum(columns * steps)
     if len(numbers) != (ends[-1] if len(ends) else 0):
         raise ValueError(f"there are {len(numbers)} numbers; rows, columns and steps say otherwise")

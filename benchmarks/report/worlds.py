@@ -14,6 +14,7 @@ from wayfield.benchmarks.records.run_folder import WORLDS
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
+from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
 from wayfield.policies.learned.reading import is_number
@@ -28,10 +29,10 @@ DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a sho
 
 def keys_of(setting: Setting) -> list[str]:
     """Returns the key of the world of each episode of a setting; without one where the world is not known before."""
-    if spec_of(setting.case.env_id) in CROWDS.values():
-        return [""] * setting.episodes
     count = len(_bank(setting))
-    if count > 1 and not setting.case.every_scenario:
+    # of worlds of several bodies the first is always the first of the bank
+    known = setting.case.every_scenario or spec_of(setting.case.env_id) in CROWDS.values()
+    if count > 1 and not known:
         return [""] * setting.episodes
     scale = setting.case.env_kwargs.get("scale", 1.0)
     return [f"{setting.case.scenario}#{_member(setting, k, count)}#{scale:g}" for k in range(setting.episodes)]
@@ -72,6 +73,8 @@ def _robot(setting: Setting) -> Robot:
 
 def plain(scenario: Any, steps: int) -> World:
     """Returns a scenario as lists and numbers that JSON keeps to the last bit, with its clock in control periods."""
+    if isinstance(scenario, TeamScenario):
+        return _crowd(scenario, steps)
     spec = next(spec for spec in TASKS.values() if spec.scenario is type(scenario))
     quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
     world: World = {
@@ -107,6 +110,19 @@ def plain(scenario: Any, steps: int) -> World:
         | _closing(scenario)
         | _map(scenario)
     )
+
+
+def _crowd(scenario: TeamScenario, steps: int) -> World:
+    """Returns a world of several bodies: what the first robot is asked, the others' goals, and all their radii."""
+    kind = "team" if scenario.team > 1 else "people"
+    own = {name: getattr(scenario, name) for name in ("name", "family", "tier")}
+    quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
+    # None: a robot, as large as the first
+    radii = [None] * (scenario.team - 1) + scenario.walks["radius"].tolist()
+    others = [list(each.goal) for each in scenario.robots[1:]]
+    return plain(scenario.robots[0], steps) | own | {
+        "kind": kind, "quantity": quantity, "bodies": radii, "goals": others,
+    }  # fmt: skip
 
 
 def _closing(scenario: Any) -> World:

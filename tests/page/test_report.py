@@ -1,6 +1,7 @@
 """The report: what it keeps of episodes, what it says, and that text from files stays text."""
 
 import base64
+import dataclasses
 import json
 import re
 import shutil
@@ -68,6 +69,29 @@ def test_the_page_unpacks_what_was_packed() -> None:
     )
     run = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=True)
     assert (np.rint(np.array(json.loads(run.stdout)).T / QUANTUM) == drive).all()
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+def test_the_other_bodies_of_a_world_reach_the_page_while_they_are_there(tmp_path: Path) -> None:
+    steps = np.arange(6)
+    others = np.stack([np.column_stack([0.5 * steps, -steps]), np.full((6, 2), 3.25)], axis=1)
+    others[4:, 0] = np.nan  # it has left
+    shown = Trajectory(steps * 0.05, np.zeros((6, 3)), others=others, other_radii=np.array([0.3, 0.2]))
+    drive = drive_of(shown)
+    write_drives(tmp_path, {0: drive})
+    assert (read_drives(tmp_path)[0] == drive).all()
+    code = (
+        (PAGE / "data.js").read_text()
+        + f"const d = unpacked(bytesOf('{base64.b64encode(packed(drive)).decode()}'), [0, 6, 7]);"
+        + "console.log(JSON.stringify([d.error, d.others.map(({x, y}) => [Array.from(x), Array.from(y)])]));"
+    )
+    run = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=True)
+    error, found = json.loads(run.stdout)
+    assert error is None
+    np.testing.assert_allclose(np.array(found)[:, :, :4], others[:4].transpose(1, 2, 0), atol=1e-9)
+    assert (np.array(found)[0, :, 4:] > 1e5).all()
+    many = dataclasses.replace(shown, others=np.zeros((6, 99, 2)), other_radii=np.full(99, 0.3))
+    assert drive_of(many).shape == (6, 3)
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")

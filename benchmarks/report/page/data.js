@@ -42,5 +42,7 @@ function unpacked(packed, [at, steps, columns]) {
     }
     found.push(column);
   }
-  return { x: found[0], y: found[1], heading: found[2], error: found[3] || null };
+  // of worlds of several bodies x and y of each follow
+  const others = columns > 4 ? Array.from({ length: (columns - 3) / 2 }, (_, k) => ({ x: found[3 + 2 * k], y: found[4 + 2 * k] })) : [];
+  return { x: found[0], y: found[1], heading: found[2], error: columns === 4 ? found[3] : null, others };
 }

@@ -302,6 +302,7 @@ class Replay {
       drawScan(context, world, step * DT, chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
     }
     if (this.under) this.under(view, chosen, pane);
+    if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);
     for (const actor of actors) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     return context;

@@ -67,6 +67,8 @@ function rangeAlong(obstacles, x, y, dx, dy) {
 
 // What a picture shows at first, and what of the world there is: of one that is much larger than what is done in it a square
 // about that, as in the figures, elsewhere all of it.
+const AWAY = 1e5; // m: who is not there
+
 function boundsOf(world, actors) {
   const near = [];
   const all = [];
@@ -74,6 +76,7 @@ function boundsOf(world, actors) {
   for (const point of world.path || []) put(near, point[0], point[1], Math.min(world.corridor, 0.5));
   for (const point of [world.start, world.goal, ...(world.waypoints || [])]) if (point) put(near, point[0], point[1], 0.6);
   for (const { x, y } of actors) for (let k = 0; k < x.length; k += 10) put(near, x[k], y[k], 0.3);
+  for (const { others } of actors) for (const { x, y } of others || []) if (x[0] < AWAY) put(near, x[0], y[0], 0.3);
   for (const [x, y, cos, sin, l, w, r] of [...(world.obstacles || []), ...(world.walls || [])]) {
     put(all, x, y, Math.abs(cos) * l + Math.abs(sin) * w + r, Math.abs(sin) * l + Math.abs(cos) * w + r);
   }
@@ -194,6 +197,31 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.stroke();
   if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success") failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
   context.globalAlpha = 1;
+}
+
+// The other bodies of the run of an actor: robots as large as it, and people, with the goals of the robots.
+function drawBodies(context, world, actor, k, hull, pixel) {
+  context.lineWidth = 1.5 * pixel;
+  actor.others.forEach(({ x, y }, j) => {
+    const at = Math.min(k, x.length - 1);
+    if (x[at] > AWAY) return;
+    const radius = world.bodies[j];
+    context.strokeStyle = context.fillStyle = ink(radius === null ? colourName(actor.policy) : "--solid");
+    context.beginPath();
+    context.arc(x[at], y[at], radius === null ? hull : radius, 0, 2 * Math.PI);
+    context.globalAlpha = 0.35;
+    context.fill();
+    context.globalAlpha = 1;
+    context.stroke();
+    if (radius !== null) return;
+    const [gx, gy] = world.goals[j];
+    context.beginPath();
+    context.moveTo(x[at], y[at]);
+    context.lineTo(gx, gy);
+    context.setLineDash([2 * pixel, 4 * pixel]);
+    context.stroke();
+    context.setLineDash([]);
+  });
 }
 
 // A failure is marked where it happened, by a cross in a circle.
