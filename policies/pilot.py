@@ -19,45 +19,58 @@ Array = NDArray[np.float64]
 
 
 class Pilot:
-    """Drives an environment, single or native vector, with a policy.
+    """Drives an environment, single or native vector, with a policy; or robots of whom there is only a briefing.
 
     Call `reset` after the environment's reset, then `act` with each observation: it unpacks the named fields and turns
-    the policy's twists into actions of the environment's action mode.
+    the policy's twists into actions of the environment's action mode. A `Briefing` in place of the environment is for
+    robots that are in none of ours, real ones or another simulator's: it says how their observations are laid out.
 
     Args:
+        env: the environment, or a briefing; the policy is told what it declares of either.
         num_threads: threads that share the robots out, whose decisions are the same for every number, bit for bit; the
             policy must keep what it remembers in its memory alone, as all of the package do.
 
     Raises:
-        TypeError: if the policy cannot read the environment's observations.
+        TypeError: if the policy cannot read the observations, or a briefing lacks what it needs.
         ValueError: if the policy needs what the robot cannot do.
     """
 
     def __init__(self, policy: Policy, env: Any, num_threads: int = 1) -> None:
-        base = env.unwrapped
-        if not isinstance(base, SingleEnv | NativeVectorEnv):
+        base = env if isinstance(env, Briefing) else env.unwrapped
+        if not isinstance(base, SingleEnv | NativeVectorEnv | Briefing):
             raise TypeError(
-                f"Pilot drives environments of wayfield, single or native vector, not {type(base).__name__}"
+                "Pilot drives environments of wayfield, single or native vector, or by a Briefing, not "
+                f"{type(base).__name__}"
             )
-        kind = base.task.layout.kind
+        plain = isinstance(base, Briefing)
+        layout, robot = (base.layout, base.robot) if plain else (base.task.layout, base.task.robot)
+        actuators = base.actuators if plain else base.task.options.actuators
+        kind = layout.kind
         # a policy without access to bodies gets the observation without them
         self._less = kind not in policy.observes and getattr(kind, "less", lambda: None)() in policy.observes
         if kind not in policy.observes and not self._less:
             reads = " or ".join(f"{each.__module__}.{each.__name__}" for each in policy.observes)
             gives = f"{kind.__module__}.{kind.__name__}"
             name = getattr(policy, "name", type(policy).__name__)
-            if policy.knows == "bodies" and base.task.spec in CROWDS.values():
+            if policy.knows == "bodies" and layout.task in CROWDS.values():
                 raise TypeError(f'{name} needs bodies; make the environment with sees="bodies", it has sees="scan"')
             raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}")
-        check_robot(policy, base.task.robot)
+        check_robot(policy, robot)
         self.policy = policy
         self._env = base
         # a base that answers late is driven from its predicted state, unless the policy was trained on it as it is
-        late = base.task.options.actuators.response is not None
-        self._predicts = late and not getattr(policy, "trained_with", lambda robot: False)(base.task.robot)
+        late = actuators.response is not None
+        self._predicts = late and not getattr(policy, "trained_with", lambda robot: False)(robot)
         self._ahead: ForwardPrediction | None = None
-        self._shape = base.action_space.shape
-        self._most = base.task.options.max_action.astype(np.float32)  # as the space has it
+        if plain:
+            most = robot.max_twist
+            if base.action_mode == "wheel_speeds":
+                most = np.full(len(robot.wheel_matrix), robot.rated_wheel_speed)
+            self._shape = most.shape if base.num_envs == 1 else (base.num_envs, *most.shape)
+        else:
+            most = base.task.options.max_action
+            self._shape = base.action_space.shape
+        self._most = most.astype(np.float32)  # as the space has it
         self._started = False
         whole("num_threads", num_threads, 1, MOST_THREADS)
         self._threads = num_threads
@@ -65,15 +78,23 @@ class Pilot:
         self.briefing: Briefing
         self.memory: NDArray[Any]
 
-    def reset(self, rows: NDArray[Any] | None = None) -> None:
+    def reset(self, rows: NDArray[Any] | None = None, briefing: Briefing | None = None) -> None:
         """Briefs the policy on the episodes that have just begun, in all rows or in the given ones (indices or a mask).
 
         The other rows keep their briefing and memory.
 
+        Args:
+            briefing: of the new episodes, where there is no environment; None: the one before.
+
         Raises:
             RuntimeError: if only some rows are named before all have been.
+            TypeError: if a briefing is given beside an environment, or lacks what the policy needs.
         """
-        briefing = self._env.briefing(self.policy.knows)
+        if isinstance(self._env, Briefing):
+            self._env = briefing or self._env
+        elif briefing is not None:
+            raise TypeError("briefing is given, but the environment makes its own; leave it out")
+        briefing = self._told(self.policy.knows)
         if self._predicts:
             briefing = self._compensated(briefing, rows)
         if rows is None:
@@ -130,6 +151,12 @@ class Pilot:
             twists = self.briefing.robot.wheel_speeds_from_twist(twists)
         return twists.reshape(self._shape)
 
+    def _told(self, knows: str) -> Briefing:
+        """Returns what one who declares `knows` is told of the episodes now starting."""
+        if isinstance(self._env, Briefing):
+            return self._env.told(knows)
+        return self._env.briefing(knows)
+
     def _note(self, actions: NDArray[Any]) -> None:
         """Takes note of what is sent to a base that answers late."""
         if self._ahead is None:
@@ -142,9 +169,10 @@ class Pilot:
 
     def _compensated(self, briefing: Briefing, rows: NDArray[Any] | None) -> Briefing:
         """Returns the briefing of a base without its delay; what was sent in the rows is forgotten."""
-        told = briefing if briefing.position_tolerance is not None else self._env.briefing("path")
+        told = briefing if briefing.position_tolerance is not None else self._told("path")
         if self._ahead is None:
-            spacing = getattr(getattr(self._env.task, "task_params", None), "preview_spacing", 0.0)
+            task = getattr(self._env, "task", None)
+            spacing = getattr(getattr(task, "task_params", None), "preview_spacing", 0.0)
             self._ahead = ForwardPrediction(told, spacing)
         else:
             self._ahead.episodes = told if rows is None else _briefed(self._ahead.episodes, told, rows)

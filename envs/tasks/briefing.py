@@ -11,8 +11,18 @@ from wayfield.envs.tasks.observation import Layout
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.world.grids import Grids
 from wayfield.envs.world.paths import PathPool
+from wayfield.system.checks import choose
 
 KNOWS = ("sensors", "path", "bodies", "goal", "map")
+
+
+_OF_THE_MAP = ("obstacles", "num_obstacles", "patrols", "grids")
+_OF_THE_WAY = ("paths", "path_index", "goals", "num_goals")
+_HIDDEN_FROM = dict.fromkeys(("sensors", "bodies"), _OF_THE_WAY + _OF_THE_MAP) | {
+    "path": _OF_THE_MAP,
+    "goal": _OF_THE_MAP,
+    "map": (),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +53,20 @@ class Briefing:
     grids: Grids | None = None  # what stands besides; a frame a robot
     team: int = 1  # robots of a world, whose rows lie together
     sight: float = 0.0  # m, within which bodies are tracked; 0: none are
+
+    def told(self, knows: str) -> "Briefing":
+        """Returns the part of it that one who declares `knows` has access to.
+
+        Raises:
+            ValueError: if `knows` is none of KNOWS.
+            TypeError: if there is not what it declares; the message names the field.
+        """
+        choose("knows", knows, KNOWS)
+        fields = _HIDDEN_FROM[knows]
+        needed = {"path": ("paths", "goals"), "goal": ("goals",), "map": ("obstacles",)}.get(knows, ())
+        if needed and all(getattr(self, name) is None for name in needed):
+            raise TypeError(f"briefing has {' and '.join(needed)} None; one who has access to the {knows} needs it")
+        return dataclasses.replace(self, **dict.fromkeys(fields))
 
     @property
     def task(self) -> TaskSpec:

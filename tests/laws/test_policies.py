@@ -170,6 +170,31 @@ def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: 
     assert not terminated[0]
 
 
+@every_pair
+def test_a_briefing_in_place_of_the_environment_is_driven_alike(name: str, env_id: str) -> None:
+    env: Any = gymnasium.make_vec(env_id, 2, **senses(name, env_id))
+    seen, _ = env.reset(seed=3)
+    policy = policies.make(name)
+    pilot, other = Pilot(policy, env), Pilot(policy, env.briefing("path" if policy.knows == "path" else "map"))
+    pilot.reset()
+    other.reset()
+    for _ in range(3):
+        action = pilot.act(seen)
+        if name != "random":
+            assert other.act(seen).tobytes() == action.tobytes()
+        seen, *_ = env.step(action)
+
+
+def test_a_briefing_that_lacks_what_a_policy_needs_is_refused() -> None:
+    env: Any = gymnasium.make("wayfield/OmniGoalObstacles-v0")
+    env.reset(seed=0)
+    pilot = Pilot(policies.make("orca"), env.unwrapped.briefing("goal"))
+    with pytest.raises(TypeError, match="briefing has obstacles None; one who has access to the map needs it"):
+        pilot.reset()
+    with pytest.raises(TypeError, match="briefing is given, but the environment makes its own"):
+        Pilot(policies.make("orca"), env).reset(briefing=env.unwrapped.briefing("map"))
+
+
 def _vector(env_id: str, num_envs: int = 4, **options: Any) -> Any:
     return gymnasium.make_vec(env_id, num_envs, vectorization_mode="vector_entry_point", **options)
 
