@@ -36,6 +36,7 @@ from wayfield.benchmarks.records.cases import GOAL_REACHING, PATH_FOLLOWING
 from wayfield.benchmarks.records.progress import tracked
 from wayfield.envs.crowds.people import ORCA, TURNS_BACK, WALK, stroll
 from wayfield.envs.scenarios import TASKS
+from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.system.checks import MOST_THREADS
 from wayfield.system.command_line import OneLineErrors
 
@@ -201,13 +202,26 @@ def contenders() -> list[Contender]:
 
 
 def crowds() -> list[Contender]:
-    """Returns what is timed of worlds of several bodies: environments, and ORCA beside RVO2's where there is pyrvo."""
+    """Returns what is timed of worlds of several bodies: environments, and ORCA beside that of others.
+
+    Where they are installed: RVO2 (pyrvo), navground and VMAS, each with worlds of its own of as many agents.
+    """
     team, people = "wayfield/DiffDriveTeam-v0", "wayfield/OmniPeople-v0"
     chosen = [
         Contender("teams of 8, 32 rays", 1024, vector_steps(team, 1024, scenario="circle_8", num_beams=32)),
         Contender("teams of 100, 72 rays", 1000, vector_steps(team, 1000, scenario="open_100", num_beams=72)),
         Contender("one among 24 people, 32 rays", 100, vector_steps(people, 100, scenario="lanes_24", num_beams=32)),
+        *(
+            Contender(
+                f"teams of {n:,} at density 0.3, 32 rays",
+                1000,
+                vector_steps(team, 1000, scenario=spread(n), num_beams=32),
+            )
+            for n in (100, 1000)
+        ),
     ]
+    if importlib.util.find_spec("vmas"):
+        chosen.append(Contender("teams of 8, 12 rays: VMAS, navigation", 1024, _by_vmas(8, 128)))
     for n in (10, 100, 1000):
         rng = np.random.default_rng(n)
         side = math.sqrt(n / 0.3)
@@ -215,7 +229,18 @@ def crowds() -> list[Contender]:
         chosen.append(Contender("ORCA, density 0.3: people alone", n, _strolled(starts, goals)))
         if importlib.util.find_spec("pyrvo"):
             chosen.append(Contender("ORCA, density 0.3: RVO2", n, _by_rvo2(starts, goals)))
+        if importlib.util.find_spec("navground"):
+            chosen.append(Contender("ORCA, density 0.3: navground", n, _by_navground(starts, goals)))
     return chosen
+
+
+def spread(n: int, density: float = 0.3) -> TeamScenario:
+    """Returns a team in the open, each robot to the start of another one; so dense (1/m^2) whatever their number."""
+    side = math.ceil(math.sqrt(n))
+    places = (np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(-1, 2)[:n]) / math.sqrt(density)
+    starts = np.column_stack([places, np.zeros(n)])
+    goals = starts[np.random.default_rng(0).permutation(n)]
+    return TeamScenario.made(f"spread_{n}", starts.tolist(), goals.tolist())
 
 
 def _strolled(starts: NDArray[np.float64], goals: NDArray[np.float64]) -> Steps:
@@ -250,6 +275,49 @@ def _by_rvo2(starts: NDArray[np.float64], goals: NDArray[np.float64]) -> Steps:
         for _ in range(40):
             simulator.do_step()
         return 40 * len(starts)
+
+    return steps
+
+
+def _by_navground(starts: NDArray[np.float64], goals: NDArray[np.float64]) -> Steps:
+    from navground import core, sim
+
+    def world() -> Any:
+        found = sim.World()
+        for start, goal in zip(starts, goals, strict=True):
+            kinematics = core.Kinematics.make_type("Omni")
+            kinematics.max_speed = kinematics.max_angular_speed = 1.0
+            behavior = core.Behavior.make_type("ORCA")
+            behavior.horizon, behavior.optimal_speed, behavior.safety_margin = 3.0, 1.0, 0.0
+            agent = sim.Agent(radius=0.2, behavior=behavior, kinematics=kinematics, control_period=0.1)
+            agent.state_estimation = sim.StateEstimation.make_type("Bounded")
+            agent.state_estimation.range = 5.0
+            agent.task = sim.Task.make_type("Waypoints")
+            agent.task.waypoints = [tuple(goal.tolist())]
+            agent.position = start
+            found.add_agent(agent)
+        return found
+
+    def steps() -> int:
+        world().run(40, 0.1)  # anew, lest they disperse: to make one takes some per cent of it
+        return 40 * len(starts)
+
+    return steps
+
+
+def _by_vmas(team: int, worlds: int) -> Steps:
+    import torch
+    import vmas
+
+    torch.set_num_threads(1)
+    env = vmas.make_env("navigation", num_envs=worlds, device="cpu", continuous_actions=True, n_agents=team, seed=0)
+    env.reset()
+    actions = [2.0 * torch.rand(worlds, 2) - 1.0 for _ in range(team)]
+
+    def steps() -> int:
+        for _ in range(BLOCK):
+            env.step(actions)
+        return BLOCK * team * worlds
 
     return steps
 
@@ -362,7 +430,12 @@ def measured(chosen: list[Contender], rounds: int, seconds: float) -> list[tuple
     type=click.IntRange(2, MOST_THREADS),
     help="Instead: with one and with so many threads, at 4,096 robots, beside each other.",
 )
-@click.option("--crowds", "crowded", is_flag=True, help="Instead: worlds of several bodies, beside RVO2 (pyrvo).")
+@click.option(
+    "--crowds",
+    "crowded",
+    is_flag=True,
+    help="Instead: worlds of several bodies, beside RVO2 (pyrvo), navground and VMAS where there are.",
+)
 @click.option("--memory", is_flag=True, help="Instead: the bytes a robot of every id (Linux).")
 def main(rounds: int, seconds: float, threads: int | None, crowded: bool, memory: bool) -> None:
     """Prints the environments' steps per second, beside those of CartPole."""
