@@ -4,7 +4,7 @@ All drive the same worlds, from the same starts, with the same scan and actuator
 robot arrives and nobody touches anything. Differences are paired by world, and the mean over the seeds of training; the
 interval, of 95 %, is over worlds, stratified by family, and over seeds. Extra time is compared in worlds that both
 solve. Rows are kept as CSV, and the page is made of them; what is there already is not driven again, so that the parts
-may be driven one by one:
+may be driven one by one. Rows of agents or laws that have changed since are to be taken away first:
 
     python benchmarks/studies/flocks.py --drive teams --policies orca_team,team_guided
     python benchmarks/studies/flocks.py --drive people
@@ -65,7 +65,7 @@ KINDS = {
 }
 CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided")
 CROSS_FAMILIES = ("circle_8", "open_8", "doorway_4", "corridor_8", "intersection_8")
-PEOPLE_CONTESTS = ("people-unseen", "people-seen", "crowdnav", "crowdnav-seen")
+PEOPLE_CONTESTS = ("crowdnav", "crowdnav-seen", "people-unseen", "people-seen")
 CASES = 500  # of CrowdNav
 
 TEAM_FIELDS = ("family", "world", "policy", "solved", "arrived", "touched", "extra_time")
@@ -340,11 +340,11 @@ def complete(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
 def verdict(agent: str, law: str, what: str, beats: bool, shown: str, seeds: int) -> str:
     """Returns what a difference says, in a sentence."""
     if seeds < LEAST_SEEDS:
-        return (
-            f"{agent} beside {law}, {what}: {shown} points, with {seeds} of the {LEAST_SEEDS} seeds that a claim needs."
-        )
-    told = "more than" if beats else "not shown to be more than"
-    return f"{agent} solves {told} {law}, {what}: {shown} points."
+        told = f"{seeds} of the {LEAST_SEEDS} seeds that a claim needs"
+        return f"{agent} beside {law}, {what}: {shown} points, with {told}: take {law}."
+    if not beats:
+        return f"{agent} is not shown to solve more than {law}, {what}: {shown} points: take {law}."
+    return f"{agent} solves more than {law}, {what}: {shown} points."
 
 
 def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
@@ -407,7 +407,9 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
             "policy", "success (%)", "collision (%)", "it moved towards (%)", "extra time (s)", "within 0.45 m (%)",
             "within 1.2 m (%)", "people slowed (m/s)",
         ]  # fmt: skip
-        blocks.append(f"## {ALL_CONTESTS[label].title}\n\n" + table(lines, header))
+        blocks.append(f"## {label}: {ALL_CONTESTS[label].title}\n\n" + table(lines, header))
+        if label == "crowdnav":
+            blocks.append(CROWDNAV)
         lines = []
         seeds = len({row["policy"] for row in here if row["policy"].startswith("people_free seed")})
         for law in (each for each in names if each != "people_free" and seeds):
@@ -417,7 +419,7 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
                 for name in ("extra_time", "intimate_share", "personal_share", "people_slowed")
             ]
             lines.append([law, str(worlds), shown, *measures])
-            told.append(verdict("people_free", law, ALL_CONTESTS[label].title, beats, shown, seeds))
+            told.append(verdict("people_free", law, f"in {label}", beats, shown, seeds))
         if lines:
             header = [
                 "people_free less", "worlds", "success (points)", "extra time (s)", "within 0.45 m (points)",
@@ -476,6 +478,12 @@ part of the scan.
 
 [All results](../results.md)
 """
+
+
+CROWDNAV = """By CrowdNav's own rules, a disc that takes up any velocity up to 1 m/s every 0.25 s, RVO2's ORCA drives
+42.6 % of these cases in 10.86 s, as was driven here; the log beside the weights of SARL in CrowdNav's repository
+(`output-torch-1.7.0-converted`, its own test) has 100 % in 10.58 s. Here the robot, its period and its actuators are
+others, so these are no rivals. What else is printed of these cases was not looked up, and is left out."""
 
 
 def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:

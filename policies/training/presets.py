@@ -543,7 +543,7 @@ _OMNI_PEOPLE = dataclasses.replace(
     features=TeamFeatures(hull_radius=ROBOTS["omni3"].hull_radius, bodies=6),
     reward=TeamReward(near=0.2),
     bar="more of the robots of crowdnav_5/validation, unseen, than orca_team",
-    measured="never trained",
+    measured="one seed solves 8 of 10 scenarios of crowdnav_5/validation, orca_team 7; at 1 m/s both 4; 270 CPU s",
     paces=(0.6, 1.0),
     guards=False,
     steps=2_000_000,
