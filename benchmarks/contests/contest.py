@@ -25,7 +25,7 @@ from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.envs.tasks.specs import CROWDS, Cost
+from wayfield.envs.tasks.specs import Cost
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.learned.ppo import shipped, trained
@@ -368,9 +368,8 @@ class Contest:
 
     def _driver(self, card: Mapping[str, Any]) -> str:
         """Returns the policy that drives with an agent of one's own, by its card."""
-        if self.spec.name not in CROWDS or "bodies" not in card["features"]:
-            return "ppo"
-        return "team_guided" if self.spec.name == "teams" else "people_free"
+        among = "bodies" in card["features"]
+        return next(name for name in TRAINED if name in self.policies) if among else "ppo"
 
     def without_agents(self, names: Iterable[str], robot: AnyRobot) -> dict[str, str]:
         """Returns the trained policies among names of which no agent ships for the robot, each with a line about it."""

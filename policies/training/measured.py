@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import json
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,18 +59,18 @@ def _of_docks(speed: float, base: Mapping[str, Any]) -> list[Condition]:
     return [(speed, {"scenario": "all/validation", "actuators": "ideal", "num_beams": 32, **robot})]
 
 
-def _among(task: str, speed: float, base: Mapping[str, Any]) -> list[Condition]:
-    """Returns the validation and closer fields; or among people other people, and the validation at their pace."""
-    fast = [(max(OTHERS), dict(base))] if task == "people" else []
-    return [(speed, dict(base)), *fast, *((speed, {**base, "scenario": f"{name}/validation"}) for name in AMONG[task])]
+def _among(task: str, paces: Sequence[float], speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    """Returns the validation and closer fields, or other people; and the validation at other paces."""
+    fields = ((speed, {**base, "scenario": f"{name}/validation"}) for name in AMONG[task])
+    return [*((pace, dict(base)) for pace in (speed, *paces)), *fields]
 
 
 MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {
     "path_following": _of_paths,
     "goal_reaching": _of_goals,
     "docking": _of_docks,
-    "teams": functools.partial(_among, "teams"),
-    "people": functools.partial(_among, "people"),
+    "teams": functools.partial(_among, "teams", ()),
+    "people": functools.partial(_among, "people", OTHERS[-1:]),
 }  # by task
 
 

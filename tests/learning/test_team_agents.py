@@ -79,7 +79,7 @@ def test_a_network_that_has_learned_nothing_drives_as_its_law_does(name: str, st
     own = driven(agent_of(env, nothing, preset), env, steps)
     law = driven(policies.make(preset.controller), worlds(scenario, num_envs, preset.env_ids[0]), steps)
     assert np.abs(own - law).max() < 1e-9
-    assert np.abs(own[-1] - own[0]).max() > 0.3
+    assert np.abs(own[-1] - own[0]).max() > 0.1
 
 
 def test_whatever_is_wanted_keeps_the_half_planes_where_they_leave_a_velocity() -> None:
