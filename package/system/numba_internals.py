@@ -22,6 +22,7 @@ import functools
 import gc
 import hashlib
 import itertools
+import os
 import pathlib
 import pickle
 import signal
@@ -228,7 +229,10 @@ _PATIENCE = 30.0  # s, for which a process waits for one that compiles the same:
 
 
 _LOCATORS: list[Any] = list(caching.CompileResultCacheImpl._locator_classes)
-_NamedFolder: Any = next(each for each in _LOCATORS if each.__name__.strip("_") == "UserProvidedCacheLocator")
+_NamedFolder, _InTree = (
+    next(each for each in _LOCATORS if each.__name__.strip("_") == f"{name}CacheLocator")
+    for name in ("UserProvided", "InTree")
+)
 
 
 class _SharedFolder(_NamedFolder):  # type: ignore[misc]
@@ -239,10 +243,17 @@ class _SharedFolder(_NamedFolder):  # type: ignore[misc]
         self._cache_path = str(pathlib.Path(_config.CACHE_DIR, function.__module__.rpartition(".")[0]))
 
 
+class _BesideSources(_InTree):  # type: ignore[misc]
+    """Beside the source itself where the module is a link: a new editable install deletes the tree of links."""
+
+    def __init__(self, function: Any, file: str) -> None:
+        super().__init__(function, os.path.realpath(file))
+
+
 class _Places(caching.CompileResultCacheImpl):
     """Where code is kept: in the shared folder if one is named, else in the first place of Numba's that is writable."""
 
-    _locator_classes: ClassVar[Any] = [_SharedFolder, *_LOCATORS]  # type: ignore[misc]
+    _locator_classes: ClassVar[Any] = [_SharedFolder, _BesideSources, *_LOCATORS]  # type: ignore[misc]
 
 
 class _Files(caching.IndexDataCacheFile):
