@@ -149,6 +149,10 @@ class ScanPlanner(PolylineTracker):
         decide(p, prices, table, scan, Seen.of(observation, briefing), memory["state"])
         return self.twists(briefing, memory["state"])
 
+    def driven(self, memory: NDArray[Any], commands: NDArray[np.float64]) -> None:
+        """Takes the commands (b, 3), as the plant takes them, that were driven in place of those it asked for."""
+        memory["state"]["command"] = commands
+
 
 @any_layout
 @allocating

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
+from wayfield.envs.robots import sensing
 from wayfield.envs.robots.kinematics import saturation_factor
 from wayfield.envs.robots.records import aligned
 from wayfield.envs.tasks.briefing import Briefing
@@ -30,6 +31,8 @@ from wayfield.system.elementary import sin_cos
 
 STATE = aligned([("command", np.float64, (3,)), RECALLED])  # m/s and rad/s, the last as the plant takes it
 SHARES = 4  # of a velocity that are tried
+LEAST_VIEW = math.pi  # rad, of a scan that a robot can be kept from harm by
+BLIND_STEP = 0.1  # rad, between directions that stand for where no beam looks
 TURNED = (0.35, -0.35, 0.7, -0.7, 1.05, -1.05)  # rad, by which an omni base's velocity is turned to slide along
 
 
@@ -45,10 +48,12 @@ class Shield(Gains):
     period ago.
 
     A hit at the distance d is grown by d times the angle between two beams: so wide is what may stand unseen beside it.
-    What was near stays known for `recall` after it was last seen. Moving things are taken for standing still.
+    What was near stays known for `recall` after it was last seen. Where no beam looks, something is taken to stand
+    beside the hull: what has a scan of less than a full circle does not back into the rest. Moving things are taken for
+    standing still.
 
-    It holds without noise, where the scan surrounds the robot and what stands is wide enough to be hit: a wall without
-    thickness, seen end-on, is not.
+    It holds without noise, by a sheet that is true, and where what stands is wide enough to be hit: a wall without
+    thickness, seen end-on, is not. It does not hold for what comes from behind a corner faster than it is seen.
     """
 
     margin: float = gain(0.02, "m", "kept from hits besides the hull", least=0.0)
@@ -59,10 +64,12 @@ class Shield(Gains):
         """Returns what is remembered of each robot, (b,) STATE.
 
         Raises:
-            ValueError: if the scan does not surround the robot.
+            ValueError: if the scan looks at less than half a turn.
         """
-        if not sees_all_round(briefing):
-            raise ValueError(f"Shield needs a scan all around; num_beams is {len(briefing.beam_angles)}")
+        angles = briefing.beam_angles
+        if len(angles) < 2 or angles[-1] - angles[0] + angles[1] - angles[0] < LEAST_VIEW:
+            told = f"num_beams is {len(angles)}" if len(angles) < 2 else f"it spans {angles[-1] - angles[0]:.3g} rad"
+            raise ValueError(f"Shield needs a scan of at least half a turn; {told}")
         return np.zeros(briefing.num_envs, STATE)
 
     def passed(
@@ -81,17 +88,30 @@ class Shield(Gains):
         driven = np.zeros((len(memory), 3))
         driven[:, briefing.robot.twist_axes] = twists
         p = params(self, briefing, spacing=self.spread * float(spacing))
-        filter_twists(p, scan, Seen.of(observation, briefing), memory, driven)
+        filter_twists(p, scan, Seen.of(observation, briefing), blind_directions(briefing), memory, driven)
         return driven[:, briefing.robot.twist_axes]
+
+
+def blind_directions(briefing: Briefing) -> NDArray[np.float64]:
+    """Returns unit vectors (n, 2), body frame, a few degrees apart, to where no beam looks; none of a full circle."""
+    angles = briefing.beam_angles
+    if sees_all_round(briefing):
+        return np.empty((0, 2))
+    first, last = float(angles[-1]), float(angles[0]) + 2.0 * math.pi
+    inside = np.linspace(first, last, 2 + math.ceil((last - first) / BLIND_STEP))[1:-1]
+    return sensing.beam_directions(inside)
 
 
 @any_layout
 @allocating
-def filter_twists(params, scan, seen, memory, twists):
-    """Filters the twists (b, 3) of `Shield.passed` in place; `spacing`: rad, between two beams."""
+def filter_twists(params, scan, seen, blind, memory, twists):
+    """Filters the twists (b, 3) of `Shield.passed` in place.
+
+    params: `spacing` is the angle (rad) between two beams. blind (n, 2): see `blind_directions`.
+    """
     p = params[0]
     plant = p.plant
-    points = np.empty((scan.ranges.shape[1] + SECTORS, 3))
+    points = np.empty((scan.ranges.shape[1] + SECTORS + blind.shape[0], 3))
     radius = plant.hull_radius + p.margin
     for i in range(twists.shape[0]):
         m = memory[i]
@@ -100,7 +120,9 @@ def filter_twists(params, scan, seen, memory, twists):
             plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, vx, vy, w
         )
         vx, vy, w = factor * vx, factor * vy, factor * w
-        fastest = max(math.sqrt(vx * vx + vy * vy), math.sqrt(m.command[0] ** 2 + m.command[1] ** 2))
+        wheels = seen.twists[i]  # which may be faster than the command, by the lag
+        fastest = max(vx * vx + vy * vy, m.command[0] ** 2 + m.command[1] ** 2, wheels[0] ** 2 + wheels[1] ** 2)
+        fastest = math.sqrt(fastest)
         way = fastest * (plant.lag + 2.0 * plant.dt) + 0.5 * fastest * fastest / plant.acceleration
         farthest = (radius + way) / max(1.0 - p.spacing, 0.1)
         count = find_hits(p, scan, seen, m, i, farthest, radius, points)
@@ -108,7 +130,12 @@ def filter_twists(params, scan, seen, memory, twists):
         for j in range(count):
             distance = math.sqrt(hits[j, 0] * hits[j, 0] + hits[j, 1] * hits[j, 1])
             hits[j, 2] = min(radius + p.spacing * distance, (1.0 - 1e-6) * distance)
-        vx, vy, w = first_that_stops(plant, hits, m.command, seen.twists[i], vx, vy, w)
+        for j in range(blind.shape[0]):
+            points[count + j, 0] = radius * blind[j, 0]
+            points[count + j, 1] = radius * blind[j, 1]
+            points[count + j, 2] = (1.0 - 1e-6) * radius
+        hits = points[: count + blind.shape[0]]
+        vx, vy, w = first_that_stops(plant, hits, m.command, wheels, vx, vy, w)
         twists[i, 0], twists[i, 1], twists[i, 2] = vx, vy, w
         set_command(plant, m.command, vx, vy, w)
 
@@ -153,7 +180,7 @@ class Shielded:
         """Returns the memory of policy and shield, (b,).
 
         Raises:
-            ValueError: if the scan does not surround the robot, or by the policy.
+            ValueError: if the scan looks at less than half a turn, or by the policy.
         """
         parts = {"policy": self.policy.reset(briefing), "shield": self.shield.reset(briefing)}
         memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
@@ -166,4 +193,7 @@ class Shielded:
     ) -> NDArray[np.float64]:
         """Returns the policy's twists (b, t), m/s and rad/s, or others that can stop in time."""
         twists = self.policy.act(observation, briefing, memory["policy"])
-        return self.shield.passed(observation, briefing, memory["shield"], twists)
+        passed = self.shield.passed(observation, briefing, memory["shield"], twists)
+        if hasattr(self.policy, "driven"):  # one that predicts from its last command
+            self.policy.driven(memory["policy"], memory["shield"]["command"])
+        return passed
