@@ -21,12 +21,14 @@ import wayfield.envs  # noqa: F401  registers the ids that cards name
 from wayfield.envs.robots import ROBOTS, Actuators, Robot
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.conditions import (
     NewToAgent,
     check_conditions,
     check_described,
     effective_actuators,
+    kept_pace,
     network_speed,
     out_of_distribution,
 )
@@ -144,7 +146,8 @@ class Agent(Gains):
     names, by any scan that can be read as the card's, and refuses others.
 
     Where the card of a path follower says how fast it drove when it was told a speed (`cruises`), the network is told
-    the one of which the asked one comes as the mean (`network_speed`): as a controller's cruising speed is tuned.
+    the one of which the asked one comes as the mean (`network_speed`): as a controller's cruising speed is tuned. That
+    is the mean over training paths; with `pace_time` it holds the asked mean on the path at hand (`kept_pace`).
 
     A base that is quicker than those that it was trained on is driven as the quickest of those (`effective_actuators`,
     `hold`); one that is slower, so slowly that it stops on the same way (`network_speed`). Of what else is new, it
@@ -158,6 +161,7 @@ class Agent(Gains):
     card: Mapping[str, Any]
     speed: float = gain(0.6, "m/s", "the mean, where its card has `cruises`, else the most that it drives", above=0.0)
     base: Base | None = None
+    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: it does not", least=0.0)
 
     @property
     def knows(self) -> str:
@@ -187,6 +191,11 @@ class Agent(Gains):
     def trained_with(self, robot: Robot) -> bool:
         """Returns whether the agent was trained with a robot as it is: it then needs no prediction of delays."""
         return drives(self.card, robot)
+
+    @property
+    def keeps_pace(self) -> bool:
+        """Returns whether it makes up what it is late by: only where a path is followed there is a pace."""
+        return self.pace_time > 0.0 and EVERY[self.card["task"]].on_path
 
     def _of_body(self, briefing: Briefing) -> Briefing:
         """Returns the briefing with the robot that the agent knows, where the base has its body."""
@@ -227,6 +236,9 @@ class Agent(Gains):
             parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
         if news and self.features.shielded:
             parts["shield"] = SHIELD.reset(briefing)
+        if self.keeps_pace:
+            parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `kept_pace`
+            parts["pace"][:, 0] = -briefing.dt * self.speed  # no time has passed when it is first asked
         if len(parts) == 1:
             return parts["network"]
         memory = np.empty(briefing.num_envs, [(name, each.dtype, each.shape[1:]) for name, each in parts.items()])
@@ -240,6 +252,13 @@ class Agent(Gains):
         perception, robot = self.perception(briefing), briefing.robot
         speed = network_speed(self.card, briefing, self.speed)
         speeds = np.full(len(memory), speed)
+        if self.keeps_pace:
+            # what the mean on other paths was is nothing to go by
+            as_told = {**self.card, "cruises": {}}
+            most = max([self.speed, *self.card.get("trained_on", {}).get("speeds", [])])
+            low, high = (network_speed(as_told, briefing, each) for each in (self.speed, most))
+            late = kept_pace(self.speed, memory["pace"], observation.twist, briefing.dt)
+            speeds = np.clip(low + late / self.pace_time, 0.5 * low, high)
         asked = None
         own, measured = memory, observation
         actuators, held = effective_actuators(self.card, briefing), None

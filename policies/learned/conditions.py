@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayfield.envs.robots import ACTUATORS, Actuators
 from wayfield.envs.tasks.briefing import Briefing
@@ -192,6 +193,25 @@ def commanded_speed(cruise: Sequence[Sequence[float]], speed: float, most: float
     if speed > driven[-1]:
         return float(told[-1] if told[-1] < most else max(told[-1], speed))
     return float(np.interp(speed, (0.0, *driven), (0.0, *told)))
+
+
+def kept_pace(speed: float, paced: NDArray[np.float64], twists: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    """Returns the way (b,), m, that robots are late by: the asked speed times the time, less the way driven.
+
+    An agent that is told a speed in proportion to it holds the asked mean on any path where it can: proportional
+    control of the way is integral control of the speed.
+
+    Args:
+        speed: m/s, asked for.
+        paced: (b, 2) the way that they were late by, m, and the speed measured then, m/s; they are replaced.
+        twists: (b, t) measured, m/s and rad/s.
+        dt: control period, s.
+    """
+    driven = np.sqrt(np.square(twists[:, :-1]).sum(axis=1))
+    paced[:, 0] += dt * (speed - 0.5 * (driven + paced[:, 1]))
+    paced[:, 1] = driven
+    late: NDArray[np.float64] = paced[:, 0].copy()
+    return late
 
 
 def _known(card: Mapping[str, Any], briefing: Briefing) -> list[Actuators]:

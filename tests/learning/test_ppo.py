@@ -19,6 +19,7 @@ from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.results import read_rows
 from wayfield.policies.learned.agent import load_agent, read_card
+from wayfield.policies.learned.conditions import kept_pace
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training.measured import conditions
@@ -114,6 +115,27 @@ def test_path_followers_hold_the_mean_speed_that_they_are_asked_for(tier: str, s
     )
     assert found.success == 1.0
     assert found.speed == pytest.approx(speed, rel=0.03)
+
+
+@pytest.mark.parametrize("family", ["circles", "splines"])
+def test_an_agent_that_makes_up_what_it_is_late_by_holds_the_mean_of_a_family(family: str) -> None:
+    """Without, it is told the speed of which the asked one comes as the mean of all families, and these are quicker."""
+    where = {"scenario": f"{family}/validation", "actuators": "lagged"}
+    found = validate(policies.make("ppo", seed=1, speed=0.6, pace_time=4.0), PATH_ID, where, 1200, every=3)
+    assert found.success == 1.0
+    assert found.speed == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.parametrize("slower", [0.0, 0.15, 0.3])
+def test_the_way_that_is_late_brings_the_mean_to_the_asked_speed(slower: float) -> None:
+    asked, dt, v, way = 0.6, 0.05, 0.0, 0.0
+    paced = np.array([[-dt * asked, 0.0]])
+    for _ in range(2400):
+        told = asked + kept_pace(asked, paced, np.array([[v, 0.0]]), dt)[0] / 4.0
+        new = v + min(max((1.0 - slower) * told - v, -dt), dt)
+        way += 0.5 * dt * (v + new)
+        v = new
+    assert way / (2400 * dt) == pytest.approx(asked, rel=0.02)
 
 
 @pytest.mark.parametrize(
