@@ -179,10 +179,11 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
     assert card["training"].get("taught_by", "") == (preset.controller if preset.imitation else "")
     assert card.get("base", {}).get("controller", "") == (preset.controller if preset.reach else "")
     assert load_agent(tmp_path / "whole" / checkpoints.BEST).features == preset.features
-    # a curve has the successes in each further field, and the card those of the best
+    # where there is more than one field, a curve has the successes in each, and the card those of the best
     fields = {name: shares for name, shares in read_curve(tmp_path / "whole").items() if name.startswith("success in ")}
-    assert list(fields) == (["success in lanes_12, 0.8 m/s, seen"] if preset.conditions else [])
-    for shares, measured in zip(fields.values(), card["measured"][1:], strict=True):
+    several = ["success in crowdnav_5, 0.6 m/s", "success in lanes_12, 0.8 m/s, seen"]
+    assert list(fields) == (several if preset.conditions else [])
+    for shares, measured in zip(fields.values(), card["measured"], strict=False):
         assert measured["success"] in shares
 
 
