@@ -287,16 +287,19 @@ def sources() -> dict[str, str]:
     own, its helpers, and what it imported while it acted. Files that were run without becoming a module have their path
     for a name. A file's digest is that of when it was first seen here.
     """
-    found = {}
-    for origin in sorted(_RUN):
-        if (file := _outside(origin)) is not None:
-            found[str(file)] = _SEEN.setdefault(str(file), file_digest(file))
+    found, files = {}, set()
     for name, module in sorted(sys.modules.items()):
         known = getattr(module, "__wayfield_digest__", "")
         if known and isinstance(known, str):  # sent from another machine; torch.classes has an attribute of any name
             found[name] = known
         elif (file := _own_file(name)) is not None:
             found[name] = _SEEN.setdefault(str(file), file_digest(file))
+            files.add(str(file))
+    for origin in sorted(_RUN):
+        if (file := _outside(origin)) is None or str(file) in files:
+            _RUN.discard(origin)  # a module speaks for it, for as long as it is loaded
+        else:
+            found[str(file)] = _SEEN.setdefault(str(file), file_digest(file))
     return found
 
 

@@ -124,7 +124,7 @@ OF_CROWDS = (
     Column("caused", float, "", "share of the robots that drove into what they touched, faster than 0.05 m/s"),
     Column("stuck", float, "", "share of the robots that the clock ended and that had moved under 0.1 m in 10 s"),
     Column("deadlock", float, "", "1 where all that the clock ended were stuck"),
-    Column("extra_time", float, "s", "time less that of the straight way at the asked speed, mean of who arrived"),
+    Column("extra_time", float, "s", "time less that of the straight way at the asked speed, mean of robots that arrived"),
     Column("extra_time_p90", float, "s", "the same, 90th percentile"),
     Column("makespan_ratio", float, "", "last arrival over the longest straight way at the asked speed"),
     Column("flow_rate", float, "1/(m s)", "robots over the width of the gap and the last arrival"),
