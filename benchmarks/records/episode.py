@@ -124,11 +124,13 @@ OF_CROWDS = (
     Column("caused", float, "", "share of the robots that drove into what they touched, faster than 0.05 m/s"),
     Column("stuck", float, "", "share of the robots that the clock ended and that had moved under 0.1 m in 10 s"),
     Column("deadlock", float, "", "1 where all that the clock ended were stuck"),
-    Column("extra_time", float, "s", "time less that of the straight way at the asked speed, mean of robots that arrived"),
+    Column(
+        "extra_time", float, "s", "time less that of the straight way at the asked speed, mean of robots that arrived"
+    ),
     Column("extra_time_p90", float, "s", "the same, 90th percentile"),
     Column("makespan_ratio", float, "", "last arrival over the longest straight way at the asked speed"),
     Column("flow_rate", float, "1/(m s)", "robots over the width of the gap and the last arrival"),
-    Column("fairness", float, "", "Jain's index of straight time over time, 0 of who failed"),
+    Column("fairness", float, "", "Jain's index of straight time over time, 0 of robots that failed"),
     Column("least_gap", float, "m", "least gap to a body"),
     Column("least_gap_people", float, "m", "least gap to a person"),
     Column("intimate_share", float, "", "share of the time within 0.45 m of a person"),

@@ -29,7 +29,7 @@ from wayfield.benchmarks.runs.suite import Episode, Setting, episodes
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import scenarios_of, splits
-from wayfield.policies import make
+from wayfield.policies import POLICIES, make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.ppo import trained
@@ -258,7 +258,8 @@ def _searched(contest: Contest, case: Case) -> str:
 
 def _on_validation(contest: Contest, policy: str, robot: str) -> bool:
     """Returns whether the gains of a law, as a teacher or a planner has them, were found on the validation split."""
-    found = tuned_set(policy, contest.spec.suite, robot)
+    # a teacher may be one of the user's own, or a mix in recorded data
+    found = tuned_set(policy, contest.spec.suite, robot) if policy in POLICIES else None
     return found is not None and found.chosen != "default" and found.split == TRANSFER_SPLIT
 
 
