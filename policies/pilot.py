@@ -36,13 +36,14 @@ class Pilot:
     """
 
     def __init__(self, policy: Policy, env: Any, num_threads: int = 1) -> None:
-        base = env if isinstance(env, Briefing) else env.unwrapped
-        if not isinstance(base, SingleEnv | NativeVectorEnv | Briefing):
+        given = env if isinstance(env, Briefing) else env.unwrapped
+        if not isinstance(given, SingleEnv | NativeVectorEnv | Briefing):
             raise TypeError(
                 "Pilot drives environments of wayfield, single or native vector, or by a Briefing, not "
-                f"{type(base).__name__}"
+                f"{type(given).__name__}"
             )
-        plain = isinstance(base, Briefing)
+        base: Any = given
+        plain = isinstance(given, Briefing)
         layout, robot = (base.layout, base.robot) if plain else (base.task.layout, base.task.robot)
         actuators = base.actuators if plain else base.task.options.actuators
         kind = layout.kind
@@ -57,7 +58,7 @@ class Pilot:
             raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}")
         check_robot(policy, robot)
         self.policy = policy
-        self._env = base
+        self._env: SingleEnv | NativeVectorEnv | Briefing = given
         # a base that answers late is driven from its predicted state, unless the policy was trained on it as it is
         late = actuators.response is not None
         self._predicts = late and not getattr(policy, "trained_with", lambda robot: False)(robot)

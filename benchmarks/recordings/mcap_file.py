@@ -158,7 +158,7 @@ def is_ours(file: str | Path) -> bool:
         return False
     with open(file, "rb") as stream:
         try:
-            return make_reader(stream).get_header().library == _LIBRARY
+            return bool(make_reader(stream).get_header().library == _LIBRARY)
         except (McapError, StopIteration, ValueError, struct.error, EOFError):
             return False
 

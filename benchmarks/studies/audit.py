@@ -332,7 +332,7 @@ def _shown_verdict(page: str, line: Row) -> str:
         if policy == line["policy"] and line["condition"].startswith(where) and column in header:
             for row in rows:
                 if row[0] == line["beside"]:
-                    return row[header.index(column)]
+                    return str(row[header.index(column)])
     return ""
 
 

@@ -14,6 +14,7 @@ may be driven one by one. Rows of agents or laws that have changed since are to 
 """
 
 import csv
+import functools
 import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -172,6 +173,10 @@ def size_of(family: str) -> int:
     return 2 if family.startswith("head_on") else int(family.rpartition("_")[2])
 
 
+def _rows_of(setting: Setting) -> list[Mapping[str, Any]]:
+    return [row for row, _ in episodes(setting)]
+
+
 def cases(
     contest: Contest, course: Course, names: Sequence[str], count: int
 ) -> Iterator[tuple[str, str, Callable[[], list[Mapping[str, Any]]]]]:
@@ -179,7 +184,7 @@ def cases(
     for case in contest.cases(ROBOT, course, Entrants(tuple(names), ("default",))):
         seed = f" seed {case.gains['seed']}" if "seed" in case.gains else ""
         setting = Setting(contest.name, case, "kinematic", "lagged", 0, count, members=course.members[:count])
-        yield f"{case.policy}{seed}", case.beside, lambda setting=setting: [row for row, _ in episodes(setting)]
+        yield f"{case.policy}{seed}", case.beside, functools.partial(_rows_of, setting)
 
 
 def people_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
@@ -570,7 +575,7 @@ def main(
         write_whole(reel, film())
     rows = {name: read(out / file) for name, file in FILES.items()}
     prose = PROSE.format(worlds=worlds, large=large)
-    write_whole(out / "flocks.md", page(*rows.values(), prose).encode())
+    write_whole(out / "flocks.md", page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose).encode())
 
 
 if __name__ == "__main__":

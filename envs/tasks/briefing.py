@@ -62,11 +62,11 @@ class Briefing:
             TypeError: if there is not what it declares; the message names the field.
         """
         choose("knows", knows, KNOWS)
-        fields = _HIDDEN_FROM[knows]
+        hidden: dict[str, Any] = dict.fromkeys(_HIDDEN_FROM[knows])
         needed = {"path": ("paths", "goals"), "goal": ("goals",), "map": ("obstacles",)}.get(knows, ())
         if needed and all(getattr(self, name) is None for name in needed):
             raise TypeError(f"briefing has {' and '.join(needed)} None; one who has access to the {knows} needs it")
-        return dataclasses.replace(self, **dict.fromkeys(fields))
+        return dataclasses.replace(self, **hidden)
 
     @property
     def task(self) -> TaskSpec:

@@ -235,7 +235,7 @@ _NamedFolder, _InTree = (
 )
 
 
-class _SharedFolder(_NamedFolder):  # type: ignore[misc]
+class _SharedFolder(_NamedFolder):  # type: ignore[misc, valid-type]
     """`NUMBA_CACHE_DIR`, by the names of packages: copies of the same sources share what one of them has compiled."""
 
     def __init__(self, function: Any, file: str) -> None:
@@ -243,7 +243,7 @@ class _SharedFolder(_NamedFolder):  # type: ignore[misc]
         self._cache_path = str(pathlib.Path(_config.CACHE_DIR, function.__module__.rpartition(".")[0]))
 
 
-class _BesideSources(_InTree):  # type: ignore[misc]
+class _BesideSources(_InTree):  # type: ignore[misc, valid-type]
     """Beside the source itself where the module is a link: a new editable install deletes the tree of links."""
 
     def __init__(self, function: Any, file: str) -> None:

@@ -72,7 +72,7 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
     """
     from matplotlib.figure import Figure
 
-    panels = PANELS[EVERY[task].on_path]
+    panels: tuple[Panel, ...] = PANELS[EVERY[task].on_path]
     curves = [read_curve(folder) for folder in folders]
     fields = [name for name in curves[0] if name.startswith(IN_FIELD) and all(name in curve for curve in curves)]
     if fields:
