@@ -182,8 +182,8 @@ def _drives(policy: str, spec: TaskSpec) -> bool:
 
 
 def choices(docs: Path) -> dict[str, str]:
-    """Returns what `choosing.md` says of when to take each policy."""
-    text = (docs / "choosing.md").read_text(encoding="utf-8")
+    """Returns what `choosing.md` says of when to take each policy; its links are as from a policy's page."""
+    text = re.sub(r"\]\((?!\w+:|#)", "](../../", (docs / "choosing.md").read_text(encoding="utf-8"))
     return dict(re.findall(r"^\| `(\w+)` \| (.+?) \|$", text, re.MULTILINE))
 
 
