@@ -80,6 +80,9 @@ EQUATIONS: Mapping[str, tuple[str, ...]] = {
     ),
     "orca": (r"VO = \{ v : |p - (v - v_o) t| < R, \; 0 < t \leq T \}", HALF_PLANES),
     "orca_team": (HALF_PLANES, r"v = u_x, \qquad \omega = \frac{u_y}{L}"),
+    "central": (
+        r"u = s \dot p(t) + k (p(t) - x), \qquad \dot t = s, \qquad s = \min( \max(0, 1 - e / \ell), s_{bend})",
+    ),
     "nav2_dwb": (r"J = w_o c + \frac{\Delta}{2} \left( w_p n_p + w_g n_g + w_p' n_p' + w_g' n_g' \right) + w_r r",),
     "nav2_mppi": (
         r"w_k = \frac{e^{-(S_k - \min S) / \lambda}}{\sum_j e^{-(S_j - \min S) / \lambda}}, \qquad"

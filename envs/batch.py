@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
-from wayfield.envs.tasks.briefing import KNOWS, Briefing
+from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing
 from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.tasks.task import Task
 from wayfield.envs.world.geometry import OBSTACLE
@@ -343,7 +343,7 @@ class Batch:
         choose("knows", knows, KNOWS)
         task = self.task
         told = task.told(self.states, knows)
-        if knows == "map":
+        if knows in MAPPED:
             told |= {
                 "obstacles": self.told_obstacles[self.states["field"]],
                 "num_obstacles": task.obstacle_counts(self.states),

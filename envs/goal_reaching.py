@@ -14,6 +14,7 @@ from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
 from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.briefing import MAPPED
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
@@ -541,9 +542,9 @@ class GoalReaching(Task):
         if knows in ("sensors", "bodies"):
             return told
         told |= {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
-        if knows == "map" and self.patrols.shape[1]:
+        if knows in MAPPED and self.patrols.shape[1]:
             told["patrols"] = self.patrols[scenario]
-        if knows == "map":
+        if knows in MAPPED:
             told["grids"] = frames_of(self.grids, scenario)
         return told
 

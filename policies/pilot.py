@@ -204,10 +204,9 @@ class Pilot:
         """Returns the rows of each part, and the briefing of its robots; nothing for one thread."""
         if self._threads == 1:
             return []
-        return [
-            (first, last, _part(self.briefing, first, last))
-            for first, last in bounds(self.briefing.num_envs, self._threads)
-        ]
+        team = self.briefing.team  # the robots of a world stay together
+        parts = [(a - a % team, b - b % team) for a, b in bounds(self.briefing.num_envs, self._threads)]
+        return [(first, last, _part(self.briefing, first, last)) for first, last in parts if first < last]
 
 
 def _part(briefing: Briefing, first: int, last: int) -> Briefing:

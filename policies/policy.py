@@ -22,7 +22,7 @@ class Policy(Protocol):
 
     @property
     def knows(self) -> str:
-        """Returns the privileged information that it needs: "sensors" (none), "path", "goal" or "map"."""
+        """Returns the privileged information that it needs: "sensors" (none), "path", "goal", "map" or "team_map"."""
 
     @property
     def observes(self) -> tuple[type, ...]:

@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from wayfield.policies.astar_tracker import AstarTracker
+from wayfield.policies.central import Central
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.gain import Range, gains_of
 from wayfield.policies.hybrid import Hybrid
@@ -174,6 +175,14 @@ ABOUT: dict[str, Listed] = {
         "van den Berg et al. 2011",
         CROWDS,
         protected="a way on the whole map, where it last got on; gives up no half-plane of what stands",
+    ),
+    "central": Listed(
+        Central,
+        "plans for all robots at once, told all goals: the upper reference of teams",
+        "Erdmann and Lozano-Perez 1987; Cap et al. 2015",
+        (CROWDS[0],),
+        searched=(),
+        protected="its plan, and the clock that all robots of a world share",
     ),
     "social_force": Listed(
         SocialForce,

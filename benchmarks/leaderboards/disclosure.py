@@ -12,6 +12,7 @@ _TOLD: Mapping[str, str] = {
     "goal": "the goal",
     "bodies": "nothing",
     "map": "the goal, every obstacle and how it moves",
+    "team_map": "the goals of the whole team, every obstacle and how it moves; in every step, where all robots are",
 }
 _SEES_PATHS = "its exact pose, errors and twist; the true path, a metre ahead"
 _SEES_GOALS = "its exact pose and twist, where the goal is, its scan"

@@ -13,7 +13,8 @@ from wayfield.envs.world.grids import Grids
 from wayfield.envs.world.paths import PathPool
 from wayfield.system.checks import choose
 
-KNOWS = ("sensors", "path", "bodies", "goal", "map")
+KNOWS = ("sensors", "path", "bodies", "goal", "map", "team_map")
+MAPPED = ("map", "team_map")  # to whom what stands is told
 
 
 _OF_THE_MAP = ("obstacles", "num_obstacles", "patrols", "grids")
@@ -21,7 +22,7 @@ _OF_THE_WAY = ("paths", "path_index", "goals", "num_goals")
 _HIDDEN_FROM = dict.fromkeys(("sensors", "bodies"), _OF_THE_WAY + _OF_THE_MAP) | {
     "path": _OF_THE_MAP,
     "goal": _OF_THE_MAP,
-    "map": (),
+    **dict.fromkeys(MAPPED, ()),
 }
 
 
@@ -30,8 +31,8 @@ class Briefing:
     """What a robot may know before it starts, for a batch of b robots.
 
     A policy that declares `sensors` or `bodies` finds None in the fields of path, goal and map; one that declares
-    `path` or `goal` finds those; only `map` is shown the obstacles. How near to its goal a robot has to come is told to
-    all.
+    `path` or `goal` finds those; only `map` is shown the obstacles; `team_map` is the same of one who reads the rows of
+    all robots of a world, where others read their own. How near to its goal a robot has to come is told to all.
     """
 
     num_envs: int
@@ -63,9 +64,10 @@ class Briefing:
         """
         choose("knows", knows, KNOWS)
         hidden: dict[str, Any] = dict.fromkeys(_HIDDEN_FROM[knows])
-        needed = {"path": ("paths", "goals"), "goal": ("goals",), "map": ("obstacles",)}.get(knows, ())
-        if needed and all(getattr(self, name) is None for name in needed):
-            raise TypeError(f"briefing has {' and '.join(needed)} None; one who has access to the {knows} needs it")
+        needed = {"path": ("paths", "goals"), "goal": ("goals",)} | dict.fromkeys(MAPPED, ("obstacles",))
+        fields = needed.get(knows, ())
+        if fields and all(getattr(self, name) is None for name in fields):
+            raise TypeError(f"briefing has {' and '.join(fields)} None; one who has access to the {knows} needs it")
         return dataclasses.replace(self, **hidden)
 
     @property

@@ -359,7 +359,7 @@ def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, 
     assert all(part is None for part in other)
     assert all((part is None) == (knows in ("sensors", "bodies")) for part in own)
     for part in (told.obstacles, told.num_obstacles, told.patrols):
-        assert (part is None) == (knows != "map")
+        assert (part is None) == (knows not in ("map", "team_map"))
     with pytest.raises(ValueError, match="knows='everything' is unknown"):
         env.briefing("everything")
 
