@@ -42,16 +42,20 @@ def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) 
 _COLLISION = Column("collision (%)", "collision", 1, 100.0, reduction="mean")
 _TIMES = (
     Column("extra time (s)", "extra_time", 1, successes_only=True, reduction="mean"),
+    Column("75th percentile (s)", "extra_time_p75", 1, successes_only=True, reduction="mean"),
     Column("90th percentile (s)", "extra_time_p90", 1, successes_only=True, reduction="mean"),
     Column("imputed (s)", COST, 1, with_interval=True, reduction="mean"),
 )
 _TO_PEOPLE = (
     Column("least gap to people (m)", "least_gap_people", 3),
     Column("within 0.45 m (%)", "intimate_share", 1, 100.0, reduction="mean"),
+    Column("within 0.5 m (%)", "close_share", 1, 100.0, reduction="mean"),
     Column("within 1.2 m (%)", "personal_share", 1, 100.0, reduction="mean"),
     Column("gap under 0.2 m (%)", "danger_share", 1, 100.0, reduction="mean"),
     Column("intrusion (%)", "intrusion", 1, 100.0, reduction="mean"),
+    Column("gap then (m)", "intrusion_gap", 3, reduction="mean"),
     Column("people slowed (m/s)", "people_slowed", 3, reduction="mean"),
+    Column("people later (s)", "people_extra_time", 2, reduction="mean"),
 )
 _NOTES = (
     "A world is one episode and the unit of all intervals, since its bodies are not independent: a success is a world "

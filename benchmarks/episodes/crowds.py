@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 AT_ONCE = 512  # robots
 MOVED, LATELY = 0.1, 10.0  # m, s: a robot that has moved less in that time is stuck
 INTIMATE, PERSONAL = 0.45, 1.2  # m, Hall 1966
+CLOSE = 0.5  # m: Francis et al. 2023
 DANGER = 0.2  # m, between hulls: CrowdNav's
 AHEAD = 1.25  # s, of AttnGraph's intrusion
 WALL, ROBOT, PERSON = 1, 2, 3  # what `touched` says
@@ -51,6 +52,7 @@ class World:
     parks: bool = False  # whether robots stay where they arrive
     width: float = math.nan  # m, of the gap that all must pass
     mine: NDArray[np.bool_] | None = None  # (n,) robots that the entry drives; None: all
+    people_goals: Array | None = None  # (q, 2) m, where the people go first; None: it is not known
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
@@ -192,6 +194,7 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
             task.parks,
             next((wide for name, wide in GAPS.items() if scenario.family.startswith(name)), math.nan),
             mine if case.beside else None,
+            np.column_stack([scenario.walks["goal_x"], scenario.walks["goal_y"]]),
         )
 
 
@@ -312,6 +315,7 @@ def delays(world: World) -> dict[str, float]:
     x = np.where(arrived, best / times, 0.0)
     return {
         "extra_time": float(extra.mean()) if len(extra) else math.nan,
+        "extra_time_p75": float(np.percentile(extra, 75.0)) if len(extra) else math.nan,
         "extra_time_p90": float(np.percentile(extra, 90.0)) if len(extra) else math.nan,
         "makespan_ratio": float(last / best.max()),
         "flow_rate": float(len(times) / (world.width * last)),
@@ -321,7 +325,8 @@ def delays(world: World) -> dict[str, float]:
 
 def near_people(world: World) -> dict[str, float]:
     """Returns how near the robots came to people, and what they cost them; gaps are between hulls."""
-    names = ("least_gap_people", "intimate_share", "personal_share", "danger_share", "intrusion", "people_slowed")
+    shares = ("intimate_share", "close_share", "personal_share", "danger_share", "intrusion")
+    names = ("least_gap_people", *shares, "intrusion_gap", "people_slowed", "people_extra_time")
     if not len(world.radii):
         return dict.fromkeys(names, math.nan)
     there = world.people[:, :, 4] > 0.0
@@ -344,11 +349,34 @@ def near_people(world: World) -> dict[str, float]:
     return {
         "least_gap_people": float(gap.min()),
         "intimate_share": float((gap < INTIMATE).mean()),
+        "close_share": float((gap < CLOSE).mean()),
         "personal_share": float((gap < PERSONAL).mean()),
         "danger_share": float((gap < DANGER).mean()),
         "intrusion": float(inside.mean()),
+        "intrusion_gap": float(gap[inside].mean()) if inside.any() else math.nan,
         "people_slowed": float(lost[both].mean()) if both.any() else math.nan,
+        "people_extra_time": _later(world),
     }
+
+
+def _later(world: World) -> float:
+    """Returns how much later (s) people come to their goals than without robots, in the mean over those who do in both.
+
+    NaN where nobody does before the last robot has ended.
+    """
+    if world.people_goals is None:
+        return math.nan
+    at = []
+    for walked in (world.people, world.alone):
+        apart = np.hypot(*(walked[:, :, :2] - world.people_goals).transpose(2, 0, 1))
+        come = (apart <= world.radii) & (walked[:, :, 4] > 0.0)
+        # who leaves at the goal is gone in the step of the arrival
+        gone = np.zeros_like(come)
+        gone[1:] = (walked[:-1, :, 4] > 0.0) & (walked[1:, :, 4] == 0.0)
+        come |= gone
+        at.append(np.where(come.any(axis=0), come.argmax(axis=0), np.nan))
+    later = world.dt * (at[0] - at[1])
+    return float(np.nanmean(later)) if not np.isnan(later).all() else math.nan
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -127,6 +127,7 @@ OF_CROWDS = (
     Column(
         "extra_time", float, "s", "time less that of the straight way at the asked speed, mean of robots that arrived"
     ),
+    Column("extra_time_p75", float, "s", "the same, 75th percentile"),
     Column("extra_time_p90", float, "s", "the same, 90th percentile"),
     Column("makespan_ratio", float, "", "last arrival over the longest straight way at the asked speed"),
     Column("flow_rate", float, "1/(m s)", "robots over the width of the gap and the last arrival"),
@@ -134,10 +135,13 @@ OF_CROWDS = (
     Column("least_gap", float, "m", "least gap to a body"),
     Column("least_gap_people", float, "m", "least gap to a person"),
     Column("intimate_share", float, "", "share of the time within 0.45 m of a person"),
+    Column("close_share", float, "", "share of the time within 0.5 m of a person"),
     Column("personal_share", float, "", "share of the time within 1.2 m of a person"),
     Column("danger_share", float, "", "share of the time with a gap under 0.2 m to a person"),
     Column("intrusion", float, "", "share of the time in a place where a person is in the next 1.25 s"),
+    Column("intrusion_gap", float, "m", "mean gap to the nearest person in that time"),
     Column("people_slowed", float, "m/s", "mean speed of the people without robots, less that with them"),
+    Column("people_extra_time", float, "s", "how much later people reach their goals than without robots, mean"),
 )
 
 ARRIVALS = Column("arrival_time_N", float, "s", "time until waypoint N, or behind the last one the goal, was reached")

@@ -54,6 +54,7 @@ def test_a_team_that_arrives_is_measured_as_by_hand() -> None:
     assert found["success"] == found["arrived"] == 1.0
     assert found["time"] == pytest.approx(8.0)  # the last
     assert found["extra_time"] == pytest.approx(0.5 * (0.0 + 4.0))
+    assert found["extra_time_p75"] == pytest.approx(3.0)
     assert found["extra_time_p90"] == pytest.approx(3.6)
     assert found["makespan_ratio"] == pytest.approx(2.0)
     assert found["flow_rate"] == pytest.approx(2.0 / (0.5 * 8.0))
@@ -92,6 +93,7 @@ def test_how_near_people_are_come_to_and_what_it_costs_them() -> None:
     assert found["least_gap_people"] == pytest.approx(0.1)
     away = np.minimum(np.hypot(robot.poses[:, 0] - 2.0, 0.5), 1.0) - 0.4
     assert found["intimate_share"] == pytest.approx((away < 0.45).mean())
+    assert found["close_share"] == pytest.approx((away < 0.5).mean())
     assert found["personal_share"] == 1.0
     assert found["danger_share"] == pytest.approx((away < 0.2).mean())
     assert found["people_slowed"] == pytest.approx(0.1)
@@ -105,6 +107,38 @@ def test_how_near_people_are_come_to_and_what_it_costs_them() -> None:
     late = robot.times[:, None] + DT * np.arange(1, 13) > robot.times[-1] + 1e-9
     assert inside == pytest.approx((expected & ~late).any(axis=1).mean(), abs=1.5 / count)
     assert measured(world([robot], touched=np.array([PERSON])))["touched_person"] == 1.0
+    # a person on the robot's line, 0.9 m before it all the time: between hulls 0.5 m
+    ahead = np.zeros((count, 1, 5))
+    ahead[:, 0] = (0.0, 0.0, -1.0, 0.0, 1.0)
+    ahead[:, 0, 0] = robot.poses[:, 0] + 0.9
+    found = measured(world([robot], people=ahead, alone=ahead, radii=np.array([0.2])))
+    assert found["intrusion"] == 0.0
+    assert math.isnan(found["intrusion_gap"])
+    ahead[:, 0, 0] = 2.03  # it stands in the way: the robot is in its place where it is within 0.4 m of it
+    found = measured(world([robot], people=ahead, alone=ahead, radii=np.array([0.2])))
+    near = np.abs(robot.poses[:-1, 0] - 2.03)
+    assert found["intrusion_gap"] == pytest.approx((near[near < 0.4] - 0.4).mean())
+
+
+def test_how_much_later_people_come_is_counted_to_their_goals() -> None:
+    robot = straight(4.0, 1.0)
+    count = len(robot.times)
+    people = np.zeros((count, 3, 5))
+    people[:, :, 4] = 1.0
+    people[:, :, 1] = (5.0, 6.0, 7.0)
+    alone = people.copy()
+    for k, (slower, speed) in enumerate(((0.8, 1.0), (0.5, 1.0), (0.1, 1.0))):
+        people[:, k, 0], alone[:, k, 0] = slower * robot.times, speed * robot.times
+    # goals 1.7 m on are reached within 0.2 m, after 1.5 m: 1.875 and 3 s beside 1.5 s; the third is not there in 4 s
+    goals = np.array([(1.7, 5.0), (1.7, 6.0), (1.7, 7.0)])
+    given = {"people": people, "alone": alone, "radii": np.full(3, 0.2 + 1e-9)}
+    found = measured(world([robot], people_goals=goals, **given))["people_extra_time"]
+    assert found == pytest.approx(0.5 * (0.4 + 1.5))  # in whole steps of 0.1 s
+    assert math.isnan(measured(world([robot], **given))["people_extra_time"])
+    # who leaves at the goal is there no more
+    people[16:, 0, 4] = 0.0
+    found = measured(world([robot], people_goals=goals, **given))["people_extra_time"]
+    assert found == pytest.approx(0.5 * (0.1 + 1.5))
 
 
 def evaluate(*options: object) -> Any:
