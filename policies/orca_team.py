@@ -18,6 +18,9 @@ from wayfield.system.elementary import sin_cos
 
 _STANDS_BELOW = 0.01  # m/s
 _ON_A_BODY = 0.1  # m, about a body's hull, within which a beam ends at it
+_TURNED = 2.0  # s, for which the wanted velocity of who is stuck stays turned
+_AWAY = 4.0  # s, for which who gives way stays away, times how often
+_BLOCKS = 0.6  # m between hulls, within which a robot ahead is in the way
 
 MEMORY = np.dtype(
     [
@@ -27,6 +30,7 @@ MEMORY = np.dtype(
         ("turned", np.float64),  # s, for which the wanted velocity stays turned
         ("times", np.int64),  # in a row that it was stuck
         ("begun", np.int64),
+        ("yields", np.int64),  # 1: it gives way while turned; -1: another does, and it goes straight on
     ],
     align=True,
 )
@@ -51,7 +55,10 @@ class OrcaTeam(Gains):
     with a disc of R + L about that point; a bound on the tracking error instead freezes from eight robots on a circle.
     Where all are symmetric, no robot would ever move on: u is turned to the right by `turn`, for everybody; and by
     `stuck_turn` for 2 s once it has not come 0.1 m on for `patience`, by twice that the next time, and so on up to
-    `most_turn`: so a robot jammed in a ring goes round it.
+    `most_turn`: so a robot jammed in a ring goes round it. Two who meet in a door would turn aside for ever: with
+    `back_off`, one who is stuck behind a tracked robot gives way if it comes before that in the order of (x, y), which
+    needs no word between them: it goes back by `back_off` and stays away for 4 s, the next time for twice both, and so
+    on, while the other does not turn.
 
     It has access to bodies, not to a map: it stops in dead ends. Velocities are taken to last. The point's guarantee is
     lost while |w| saturates: of circles in which all are exactly symmetric, differential drives solve those of up to
@@ -74,6 +81,7 @@ class OrcaTeam(Gains):
     stuck_turn: float = gain(0.6, "rad", "to the right, of the wanted velocity of who is stuck", least=0.0)
     most_turn: float = gain(1.8, "rad", "at most, of who is stuck time and again", least=0.0)
     patience: float = gain(3.0, "s", "after which who does not get on is stuck", above=0.0)
+    back_off: float = gain(0.0, "m", "back, of who gives way to a robot that it is stuck behind; 0: nobody", least=0.0)
 
     knows: ClassVar[str] = "bodies"
     observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
@@ -93,7 +101,8 @@ class OrcaTeam(Gains):
     ) -> NDArray[np.float64]:
         """Returns the velocities (b, 2) that it would drive were it alone, m/s, body frame."""
         out = np.empty((len(memory), 2))
-        want(params(self, briefing), *map(np.ascontiguousarray, (observation.pose, observation.goal)), memory, out)
+        seen = (observation.pose, observation.goal, observation.bodies)
+        want(params(self, briefing), *map(np.ascontiguousarray, seen), memory, out)
         return out
 
     def keep_clear(
@@ -121,7 +130,7 @@ class OrcaTeam(Gains):
 
 @any_layout
 @compiled
-def want(params, poses, goals, memory, out):
+def want(params, poses, goals, bodies, memory, out):
     """Fills the (b, 2) velocities of `OrcaTeam.wanted`."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -137,16 +146,47 @@ def want(params, poses, goals, memory, out):
                 m.times = 0
         m.waited += p.plant.dt
         m.turned = max(m.turned - p.plant.dt, 0.0)
+        if m.turned > 0.0 and m.yields == 1:
+            m.waited = 0.0  # it stands of its own will
         if m.waited > p.patience:
             m.waited = 0.0
-            m.turned = 2.0
+            m.turned = _TURNED
             m.times += 1
+            m.yields = order_at_door(p, poses[i], goals[i], bodies[i]) if p.back_off > 0.0 else 0
+            if m.yields == 1:
+                m.turned = _AWAY * m.times
         aside = min(p.stuck_turn * m.times, p.most_turn)
-        sine, cosine = sin_cos(-(aside if m.turned > 0.0 else p.turn))
+        sine, cosine = sin_cos(-(aside if m.turned > 0.0 and m.yields == 0 else p.turn))
         distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
         speed = min(p.k * distance, p.max_speed) / max(distance, 1e-12)
+        if m.turned > 0.0 and m.yields == 1:
+            # backwards as far as it shall, then it stands
+            going = _AWAY * m.times - m.turned < p.back_off * m.times / p.max_speed
+            speed = -p.max_speed / max(distance, 1e-12) if going else 0.0
         out[i, 0] = speed * (cosine * goals[i, 0] - sine * goals[i, 1])
         out[i, 1] = speed * (sine * goals[i, 0] + cosine * goals[i, 1])
+
+
+@compiled
+def order_at_door(p, pose, goal, bodies):
+    """Returns 1 if a robot gives way to the nearest one before it, -1 if that one does, 0 if there is none near.
+
+    Both see the same two places, so that they agree without a word: the first in the order of (x, y) gives way.
+    """
+    nearest = 2.0 * p.plant.hull_radius + _BLOCKS
+    found = 0
+    sine, cosine = sin_cos(pose[2])
+    for j in range(bodies.shape[0]):
+        x = bodies[j, 0]
+        y = bodies[j, 1]
+        distance = math.sqrt(x * x + y * y)
+        is_robot = bodies[j, 6] > 0.5 and bodies[j, 5] < 1.5
+        if is_robot and distance < nearest and x * goal[0] + y * goal[1] > 0.0:
+            nearest = distance
+            dx = cosine * x - sine * y
+            dy = sine * x + cosine * y
+            found = 1 if dx > 0.0 or (dx == 0.0 and dy > 0.0) else -1
+    return found
 
 
 @any_layout

@@ -47,7 +47,8 @@ PAPER: Mapping[str, Mapping[str, Any]] = {
     "vfh_plus": {**_REACTIVE, "magnitudes": "sum"},
     "dwa": {**_REACTIVE, "progress": 0.0, "room": 0.0},  # Fox's three terms alone
     "orca": {"roadmap": False},  # straight at the goal
-    "orca_team": {"turn": 0.0, "stuck_turn": 0.0},  # nothing against deadlocks
+    "orca_team": {"turn": 0.0, "stuck_turn": 0.0, "back_off": 0.0},  # nothing against deadlocks
+    "orca_team_map": {"turn": 0.0, "stuck_turn": 0.0, "back_off": 0.0},
 }
 ROBUST_LEVEL = "moderate"  # of disturbance, under which robust gains are tuned
 TRANSFER_SPLIT = "validation"  # by which gains are chosen: the generalisation gap is the score here minus that on test

@@ -277,6 +277,34 @@ def test_a_robot_pushed_by_nothing_takes_up_its_speed_as_people_do() -> None:
         assert twist["vy"] == 0.0
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
+def test_of_two_who_meet_in_a_door_one_gives_way_whoever_is_counted_first(angle: float) -> None:
+    from wayfield.envs.scenarios.obstacles import obstacle_field, wall
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y
+
+    sides = obstacle_field(*(wall(*at(0.0, side * 0.45), *at(0.0, side * 4.0)) for side in (-1.0, 1.0)))
+    ends = [(*at(-2.0, 0.3), angle), (*at(2.0, -0.2), angle + math.pi)]
+    steps = {}
+    for gains in ({}, {"turn": 0.0, "stuck_turn": 0.0, "back_off": 0.0}):
+        for order in (1, -1):
+            scenario = TeamScenario.made("door", ends[::order], ends[::-order], sides)
+            env: Any = gymnasium.make("wayfield/OmniTeam-v0", scenario=scenario, sees="bodies", actuators="lagged")
+            pilot = Pilot(policies.make("orca_team_map", **gains), env)
+            seen, _ = env.reset(seed=0)
+            pilot.reset()
+            ways, ended = [], False
+            while not ended and len(ways) < 800:
+                seen, _, ended, _, info = env.step(pilot.act(seen))
+                states = env.unwrapped.batch.states
+                ways.append(np.column_stack([states["x"], states["y"]])[::order])
+            assert bool(info["success"].all()) == (not gains)
+            steps[len(gains), order] = np.array(ways)
+    for gains in (0, 3):
+        np.testing.assert_allclose(steps[gains, 1], steps[gains, -1], atol=1e-9)
+
+
 def test_orca_team_turns_all_circles_and_lets_nobody_touch() -> None:
     for env_id, n in (
         ("wayfield/DiffDriveTeam-v0", 4),
