@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-cbor2 = pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
 pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 
-from oracles.desk import Desk, refused  # noqa: E402
+from oracles.desk import Desk, refused
 
-from wayfield.envs.coppelia import curves, frames  # noqa: E402
+from wayfield.envs.coppelia import frames
 
 
 @pytest.fixture(scope="module")
@@ -62,16 +61,6 @@ def test_at_a_right_angle_the_first_euler_angle_is_zero_and_the_turn_is_the_same
         found = frames.euler_from_quaternion(turn.as_quat())
         assert found[0] == 0.0
         assert Rotation.from_euler("XYZ", found).as_matrix() == pytest.approx(turn.as_matrix(), abs=1e-7)
-
-
-def test_half_turns_are_plus_pi_and_no_angle_is_a_negative_zero():
-    for axis, place in (("X", 0), ("Z", 2)):
-        for sign in (-1.0, 1.0):
-            found = frames.euler_from_quaternion(Rotation.from_euler(axis, sign * math.pi).as_quat())
-            assert found[place] == pytest.approx(math.pi)
-        assert math.copysign(1.0, frames.euler_from_quaternion((0.0, 0.0, 0.0, 1.0))[place]) > 0
-    for turn in (-math.pi, math.pi):
-        assert frames.yaw_of(frames.yawed(0.0, 0.0, 0.0, turn)) == pytest.approx(math.pi)
 
 
 def test_a_skew_matrix_and_a_zero_quaternion_are_refused(plain):
@@ -189,90 +178,6 @@ def test_lengths_along_a_path_and_its_nearest_point(plain):
         )
 
 
-@pytest.mark.parametrize(
-    ("function", "args", "words"),
-    [
-        ("getPathLengths", [[1.0, 2.0, 3.0], 2], "3 numbers are not 1 or more rows of 2"),
-        ("getPathLengths", [[2e6, 2.0], 2], "beyond 1e+06"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0], [0.0], 0.0], "2 or more rows"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0, 3.0], [0.0, 1.0], 0.0], "not a row for each of 2 lengths"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0], [1.0, 0.0], 0.0], "the lengths must ascend"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0], [0.0, 1.0], 0.0, {"type": "cubic"}], "method.type"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0], [0.0, 1.0], 0.0, {"strength": 1.5}], "method.strength 0 to 1"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0], [0.0, 1.0], 0.0, {}, [3]], "types are 1 of 0"),
-        ("getPathInterpolatedConfig", [[1.0, 2.0], [0.0, 1.0], 0.0, {}, [2]], "types are 1 of 0"),
-        ("getPathInterpolatedConfig", [[1.0] * 10, [0.0, 1.0], 0.0, {}, [2, 0, 2, 2, 2]], "types are 5 of 0"),
-        ("getPathLengths", [[1.0, 2.0], 1, "mine@func"], "a function of the client's"),
-        ("getClosestPosOnPath", [[0.0] * 6, [0.0], [0.0] * 3], "1 lengths for 2 rows"),
-    ],
-)  # fmt: skip
-def test_what_is_no_table_is_refused(plain, function, args, words):
-    refused(words, getattr(plain, function), *args)
-
-
-def test_a_path_through_control_points_is_its_rounding_spaced_evenly():
-    rng = np.random.default_rng(8)
-    types = (0, 0, 0, 2, 2, 2, 2)
-    for closed, smoothness, subdivision in itertools.product((False, True), (0.0, 0.3, 1.0), (5, 24)):
-        points = wandering(rng, 4, types, False)
-        found = curves.path_rows(points, closed, subdivision, smoothness)
-        rows = np.vstack([points, points[:1]]) if closed else points
-        if smoothness:
-            lengths = curves.lengths_of(rows)
-            ways = np.linspace(0.0, lengths[-1], 2 * subdivision)
-            ways[-1] -= 1e-8  # the end belongs to the last segment
-            rows = np.array([rounded(rows, lengths, at, types, smoothness, closed) for at in ways])
-        lengths = curves.lengths_of(rows)
-        for at, row in zip(np.linspace(0.0, lengths[-1], subdivision)[:-1], found[:-1], strict=True):
-            alike(row, rounded(rows, lengths, at, types, 0.0, False), types)
-        if closed:
-            assert found[-1].tolist() == found[0].tolist()
-        else:
-            assert found[-1] == pytest.approx(rows[-1], abs=1e-7) or found[-1] == pytest.approx(
-                rows[-1] * [1, 1, 1, -1, -1, -1, -1], abs=1e-7
-            )
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ([[0.0] * 7], "2 or more rows of 7"),
-        ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 2], "3 or more rows of 7"),
-        ([[0.0] * 14], "a control point's quaternion is zero"),
-        ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * 2], "all control points are the same"),
-        ([[[0.0, 0.0, 0.0], "a"]], "argument type is not correct"),
-        ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * 2, 0, 1], "subdivisions 2 or more"),
-        ([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * 2, 0, 10, 1.1], "smoothness is 1.1"),
-        ([[*[0.0] * 6, 1.0, 1.0, *[0.0] * 5, 1.0], 16], "computed orientations"),
-    ],
-)  # fmt: skip
-def test_what_is_no_path_is_refused_and_leaves_nothing(desk, args, words):
-    one = desk()
-    before = list(one.world.scene.objects)
-    refused(words, one.createPath, *args)
-    assert list(one.world.scene.objects) == before
-    assert not one.server.stored
-
-
-def test_a_path_s_points_stand_below_it_and_are_given_in_one_array_or_in_many(desk):
-    one = desk()
-    rng = np.random.default_rng(2)
-    points = wandering(rng, 4, (0, 0, 0, 2, 2, 2, 2), False)
-    long = points * [1, 1, 1, 3, 3, 3, 3]
-    handles = [one.createPath(long.ravel().tolist()), one.createPath(long.tolist(), 0, 100, 1.0)]
-    for handle in handles:
-        path = one.world.scene.objects[handle]
-        assert one.getObjectAlias(handle) == "Path"
-        assert np.frombuffer(path.data["PATHCTRLPTS"]).reshape(-1, 7) == pytest.approx(points)
-        assert np.frombuffer(path.data["PATH"]).reshape(-1, 7) == pytest.approx(
-            curves.path_rows(points, False, 100, 1.0)
-        )
-        assert [child.alias for child in path.children] == ["ctrlPt"] * 4
-        assert np.array([child.pose for child in path.children]) == pytest.approx(points)
-        assert all(child.kind == 4 for child in path.children)
-    assert one.server.stored == {(h, key): 56 * n for h in handles for key, n in (("PATH", 100), ("PATHCTRLPTS", 4))}
-
-
 # Packed tables.
 
 
@@ -299,42 +204,6 @@ def test_packed_tables_are_little_endian_numbers_of_a_width(plain, kind, code, l
 
 
 # Signals, properties and blocks.
-
-
-def test_signals_and_properties_are_kept_where_they_were_put_until_they_are_forgotten(desk):
-    one = desk()
-    dummy, other = one.createDummy(0.1), one.createDummy(0.1)
-    kept = {
-        ("String", "a"): "text", ("Buffer", "b"): b"\0\1", ("Int32", "c"): -5, ("Integer", "d"): 7,
-        ("Float", "e"): 0.5, ("Double", "f"): -0.25,
-    }  # fmt: skip
-    for (kind, key), value in kept.items():
-        assert getattr(one, f"get{kind}Signal")(key) is None
-        assert getattr(one, f"set{kind}Signal")(key, value) is None
-        assert getattr(one, f"get{kind}Signal")(key) == value
-        assert one.getFloatProperty(-12, f"signal.{key}") == value
-    one.clearStringSignal("a")
-    one.setFloatSignal("e", None)
-    assert one.getStringSignal("a") is None
-    assert one.world.signals == {key: value for (_, key), value in kept.items() if key not in "ae"}
-    values = {"Buffer": b"xyz", "String": "s", "Float": 1.5, "Int": 3, "Bool": True, "Table": {"k": [1, 2]}}
-    for i, (where, (kind, value)) in enumerate(itertools.product((dummy, other, -12, -13), values.items())):
-        for prefix in ("customData", "signal"):
-            key = f"{prefix}.own{i}"
-            put, get = getattr(one, f"set{kind}Property"), getattr(one, f"get{kind}Property")
-            refused("property is unknown", get, where, key)
-            assert get(where, key, {"noError": True}) is None
-            put(where, key, value)
-            assert get(where, key) == value
-            elsewhere = [each for each in (dummy, other, -12, -13) if each != where]
-            assert all(get(each, key, {"noError": True}) is None for each in elsewhere)
-            one.removeProperty(where, key)
-            assert get(where, key, {"noError": 1}) is None
-    for key in ("own", "customData", "customData.", "signal.", "data.own"):
-        for function in (one.getIntProperty, one.removeProperty):
-            refused("property is unknown", function, dummy, key)
-        refused("property is unknown", one.setIntProperty, dummy, key, 1)
-    assert not [entry for entry in one.server.stored if entry[0] == -1]
 
 
 # Drawing.

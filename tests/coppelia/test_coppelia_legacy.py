@@ -60,7 +60,7 @@ def test_braitenberg_avoidance_streams_and_buffers(serve, run):
         sim.simxStartSimulation(clientID, sim.simx_opmode_oneshot)
         nearest, met = 1.0, 0
         began = time.time()
-        while time.time() - began < 4:
+        while met < 20 and time.time() - began < 60:
             weights_l = [-0.2, -0.4, -0.6, -0.8, -1.0, -1.2, -1.4, -1.6]
             v_left = v_right = 2.0
             for i, handle in enumerate(sonars):
@@ -114,34 +114,6 @@ def test_go_to_a_point_in_synchronous_mode(serve, run):
     )
     assert (x, y) == pytest.approx((1.5, 1.0), abs=0.05)
     assert t == pytest.approx(0.0, abs=2e-3)
-
-
-def test_a_wall_follower_keeps_its_distance(serve, run):
-    gaps = run(
-        """
-        ret, side = sim.simxGetObjectHandle(clientID, '/PioneerP3DX/ultrasonicSensor[7]', sim.simx_opmode_blocking)
-        ret, front = sim.simxGetObjectHandle(clientID, '/PioneerP3DX/ultrasonicSensor[6]', sim.simx_opmode_blocking)
-        sim.simxSetObjectPosition(clientID, robot, -1, [-1.0, -1.7, 0.1388], sim.simx_opmode_oneshot)
-        sim.simxSynchronous(clientID, 1)
-        sim.simxStartSimulation(clientID, sim.simx_opmode_oneshot)
-        sim.simxSynchronousTrigger(clientID)
-        for k in range(120):
-            read = lambda h: sim.simxReadProximitySensor(clientID, h, sim.simx_opmode_blocking)[1:3]
-            (hit, point), (ahead, far) = read(side), read(front)
-            gap = math.hypot(*point) if hit else 1.0
-            slope = (math.hypot(*far) * math.cos(math.radians(40)) if ahead else 1.0) - gap
-            w = -0.6 * (gap - 0.4) - 1.0 * slope
-            sim.simxSetJointTargetVelocity(clientID, left, (0.2 - 0.1655 * w) / 0.0975, sim.simx_opmode_oneshot)
-            sim.simxSetJointTargetVelocity(clientID, right, (0.2 + 0.1655 * w) / 0.0975, sim.simx_opmode_oneshot)
-            sim.simxSynchronousTrigger(clientID)
-            if k > 80:
-                print(gap)
-        sim.simxStopSimulation(clientID, sim.simx_opmode_oneshot)
-        """,
-        serve("document-a"),
-    )
-    assert len(gaps) == 39
-    assert all(0.3 < float(gap) < 0.5 for gap in gaps)
 
 
 def test_a_circle_has_the_radius_of_its_wheel_speeds(serve, run):

@@ -165,6 +165,5 @@ VISITOR = """
 """
 
 
-@PLANTS
-def test_a_visitor_finds_its_habits_served(serve, dynamics):
-    assert run(VISITOR, serve("empty", speed=10.0, dynamics=dynamics)) == "done\n"
+def test_a_visitor_finds_its_habits_served(serve):
+    assert run(VISITOR, serve("empty", speed=10.0)) == "done\n"
