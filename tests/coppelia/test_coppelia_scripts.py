@@ -11,8 +11,6 @@ pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
 pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
 pytest.importorskip("coppeliasim_zmqremoteapi_client", reason='needs pip install "wayfield[coppelia]"')
 
-PLANTS = pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
-
 
 def run(script, server):
     """Runs a script whose port is that of the server; returns what it prints."""
@@ -67,9 +65,8 @@ FOLLOWER = """
 """
 
 
-@PLANTS
-def test_a_path_follower_keeps_its_look_ahead_point_on_document_a_s_path(serve, dynamics):
-    assert float(run(FOLLOWER, serve("document-a", dynamics=dynamics))) < 0.05
+def test_a_path_follower_keeps_its_look_ahead_point_on_document_a_s_path(serve):
+    assert float(run(FOLLOWER, serve("document-a"))) < 0.05
 
 
 # Sixteen handles in an array of floats, free running, until somebody else stops the simulation.
