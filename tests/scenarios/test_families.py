@@ -176,18 +176,6 @@ def test_missing_split_files_are_named(tmp_path: pathlib.Path, monkeypatch: pyte
 # ---- names
 
 
-def test_names_of_splits() -> None:
-    assert goal_scenarios("clutter_10", 0.25) == split("goal_reaching", "clutter_10", "train")
-    assert goal_scenarios("clutter_10/validation", HULL) == split("goal_reaching", "clutter_10", "validation")
-    assert path_scenarios("splines/test") == split("path_following", "splines", "test")
-    everything = path_scenarios("all/validation")
-    assert len(everything) == len(PATHS) * SPLITS["validation"]
-    assert {s.family for s in goal_scenarios("all/test", HULL)} == set(GOALS) - {"push_boxes"}
-    (plain, *_), (scaled, *_) = path_scenarios("splines/test"), path_scenarios("splines/test", 2.0)
-    assert scaled.path.points == pytest.approx(2.0 * plain.path.points)
-    assert (scaled.family, scaled.tier) == ("splines", "")
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -345,26 +333,6 @@ def test_clear_radius_is_that_of_the_widest_way() -> None:
             widest = min(1.0, float(clear.ravel()[way].min()))
             assert ways.clear_radius(s) == pytest.approx(widest, abs=0.05)
             assert ways.clear_radius(s) >= HULL
-
-
-@pytest.mark.parametrize("side", [1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j])
-def test_the_way_from_an_end_leads_over_whichever_node_is_farthest_from_what_stands_there(side: complex) -> None:
-    """Half a step off the nodes both ways, 0.3 m before a wall: only straight away from it is that room proven."""
-    # the grid begins 1.2 m before the hall, whose corner is (k + 0.5) steps from the end
-    low, high = -39.5 * ways.STEP, 3.0
-    hall = [
-        wall(low, low, high, low),
-        wall(high, low, high, high),
-        wall(high, high, low, high),
-        wall(low, high, low, low),
-    ]
-    away = side / abs(side)
-    first, last = (-0.3 * away + 0.2j * away * each for each in (-1, 1))
-    stands = obstacle_field(*hall, wall(first.real, first.imag, last.real, last.imag))
-    for start, goal in (((0.0, 0.0, 0.0), (1.6, 1.6, 0.0)), ((1.6, 1.6, 0.0), (0.0, 0.0, 0.0))):
-        found = ways.clear_radius(GoalScenario("before a wall", goal, start, obstacles=stands))
-        # over a node beside that one it would be a third of a step less
-        assert found == pytest.approx(0.3, abs=0.15 * ways.STEP)
 
 
 def test_searches_on_courses_with_known_ways() -> None:
