@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import json
 import math
-import os
 import sys
 import zipfile
 from collections.abc import Iterator
@@ -128,29 +127,6 @@ def test_a_law_of_one_s_own_is_made_and_looked_at_as_soon_as_it_is_named(home: P
             own_policies.own_policy(f"laws_of_mine:{name}")
 
 
-def test_a_law_with_a_speed_and_a_bound_is_asked_for_its_speed() -> None:
-    @dataclasses.dataclass(frozen=True)
-    class Both(Still):
-        max_speed: float = 1.0
-        speed: float = 0.5
-
-    @dataclasses.dataclass(frozen=True)
-    class Bound(Still):
-        max_speed: float = 1.0
-
-    for law, wanted in ((Both(), {"speed": 0.3}), (Bound(), {"max_speed": 0.3}), (Still(), None)):
-        entrant = own_policies.own_object(law, 1)
-        assert entrant.cruising(0.3) == wanted
-        made: Any = entrant.make(wanted or {})
-        assert made.policy == dataclasses.replace(law, **(wanted or {}))
-
-
-def test_files_of_the_user_take_the_place_of_no_module_once_theirs_is_there(home: Path) -> None:
-    own_policies.own_policy("laws_of_mine:Chase")
-    assert sys.path[-1] == os.getcwd()
-    assert sys.path[0] != os.getcwd()
-
-
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("place", range(4))
 def test_a_twist_that_is_not_finite_is_refused_wherever_it_stands(wrong: float, place: int) -> None:
@@ -221,27 +197,6 @@ def test_a_damaged_or_bloated_model_is_one_line_that_names_it(home: Path) -> Non
             with pytest.raises(ValueError, match=f"'model.zip'.*{said}") as caught:
                 own_policies.own_policy("model.zip")
             assert "\n" not in str(caught.value)
-
-
-def test_a_model_that_has_changed_since_it_was_named_is_not_driven(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with zipfile.ZipFile(tmp_path / "model.zip", "w") as archive:
-        archive.writestr("data", "{}")
-        archive.writestr("policy.pth", bytes(100))
-    model = own_policies.own_policy(f"td3:{tmp_path / 'model.zip'}")
-    assert isinstance(model, own_policies.OwnModel)
-    # in place of the package: what tells of which algorithm, and what, was loaded
-    td3 = SimpleNamespace(load=lambda file, device: (file, device))
-    monkeypatch.setitem(sys.modules, "stable_baselines3", SimpleNamespace(TD3=td3))
-    own_policies.loaded.cache_clear()
-    named = model.file, model.algorithm, model.digest
-    assert own_policies.loaded(*named) == (str(tmp_path / "model.zip"), "cpu")
-    own_policies.loaded.cache_clear()
-    with zipfile.ZipFile(tmp_path / "model.zip", "a") as archive:
-        archive.writestr("more", b"")
-    with pytest.raises(ValueError, match="of TD3: it has changed since the command began"):
-        own_policies.loaded(*named)
 
 
 def test_a_policy_of_another_task_is_told_what_both_speak(home: Path) -> None:
