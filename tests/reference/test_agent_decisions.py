@@ -84,20 +84,6 @@ def test_which_base_an_agent_drives_a_base_as_and_how_fast(known: tuple[str, ...
     assert out_of_distribution({}, told, 9.0) == ""
 
 
-MEASURED = [
-    {"asked_speed": 0.6, "env_kwargs": {"actuators": "slow", "num_beams": 72}, "success": 0.91, "collision": 0.04,
-     "error": 13.37},
-    {"asked_speed": 1.05, "env_kwargs": {"actuators": "lagged"}, "success": 0.8, "collision": 0.1, "error": 0.01234},
-    {"asked_speed": 0.6, "env_kwargs": {}, "success": 0.5, "collision": 0.2, "error": None},
-]  # fmt: skip
-SAID = [
-    "91 % succeeded, 4 % failed badly, 13.4 s (slow, 0.6 m/s, 72 beams)",
-    "80 % succeeded, 10 % failed badly, 0.0123 m off (lagged, 1.05 m/s)",
-    "50 % succeeded, 20 % failed badly (ideal, 0.6 m/s)",
-]
-VALIDATED = "97 % succeeded, 1 % failed badly, 11.0 s (lagged, 0.6 m/s, 72 beams)"
-
-
 def outputs_of(network: Network, inputs: Any) -> Any:
     """Returns what a network answers, by matrices of doubles."""
     values, first = np.asarray(inputs, float), 0
@@ -191,18 +177,6 @@ def test_an_agent_decides_by_its_parts_one_after_the_other(
         np.testing.assert_allclose(found, twists, atol=2e-5)
         observation, *_ = env.step(found)
     env.close()
-
-
-def test_a_base_is_held_by_the_limits_of_the_slower_one(told: Any) -> None:
-    robot = told.robot
-    for own, slower in itertools.product((ACTUATORS["ideal"], Actuators(True, 2.0, 4.0, 0.02)), TIERS[1:3]):
-        law, matrix = held_law(dataclasses.replace(told, actuators=own), slower)
-        decay = math.exp(-told.dt / (slower.lag - own.lag))
-        mean = (1.0 - decay) * (slower.lag - own.lag) / told.dt
-        most = robot.rated_wheel_speed if slower.at_rated_speed else robot.peak_wheel_speed
-        wanted = [slower.acceleration, slower.yaw_acceleration, told.dt, decay, mean, most, robot.turn_speed]
-        assert law.tolist() == pytest.approx(wanted)
-        np.testing.assert_array_equal(matrix, robot.wheel_matrix)
 
 
 def test_agents_are_found_by_their_seeds(tmp_path: Path) -> None:

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wayfield.envs.world import blocks, grids
+from wayfield.envs.world import blocks
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.system import checks
-from wayfield.system.threads import bounds
 
 # Blocks of obstacles.
 
@@ -66,60 +65,10 @@ def test_many_obstacles_are_halved_into_blocks_with_discs_around_them(count: int
     assert few.shape == (3, 128)
 
 
-def test_rows_are_shared_out_alike_in_blocks_that_are_not_small() -> None:
-    for rows in (1, 31, 32, 63, 64, 100, 1000):
-        for most in (1, 2, 3, 8):
-            found = bounds(rows, most)
-            assert len(found) == max(1, min(most, rows // 32))
-            assert [first for first, _ in found] + [rows] == [0] + [last for _, last in found]
-            sizes = [last - first for first, last in found]
-            assert max(sizes) - min(sizes) <= 1
-
-
 # Grids.
 
 
-def test_a_ray_from_beyond_a_grid_enters_it_by_a_side() -> None:
-    rng = np.random.default_rng(6)
-    rows, columns, met = 4, 7, 0
-    for _ in range(400):
-        u, v = rng.choice([-3.0, -0.05, 0.5, 2.5, 6.5, 7.05, 9.0], 1)[0], rng.choice([-2.0, -0.05, 0.5, 3.5, 4.05, 6.0])
-        if 0.0 <= u <= columns and 0.0 <= v <= rows:
-            continue
-        angle = rng.choice([0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi, rng.uniform(-3.0, 3.0)])
-        du, dv = (round(math.cos(angle), 15), round(math.sin(angle), 15))
-        gone, row, column = grids.entry.py_func(rows, columns, u, v, du + 0.0, dv + 0.0)
-        # where it is within the sides of either direction at once
-        low, high = 0.0, math.inf
-        for place, way, side in ((u, du, columns), (v, dv, rows)):
-            if way == 0.0:
-                low = low if 0.0 <= place <= side else math.inf
-            else:
-                ends = sorted(((0.0 - place) / way, (side - place) / way))
-                low, high = max(low, ends[0]), min(high, ends[1])
-        if low < high:
-            met += 1
-            assert gone == pytest.approx(low)
-            assert column == min(max(math.floor(u + (low + 1e-9) * du), 0), columns - 1)
-            assert row == min(max(math.floor(v + (low + 1e-9) * dv), 0), rows - 1)
-        else:
-            assert gone == math.inf
-    assert met > 40
-
-
 # Values.
-
-
-def test_values_are_shown_on_a_line_of_sixty_characters() -> None:
-    assert checks.shown("x" * 58) == repr("x" * 58)
-    assert checks.shown("x" * 59) == "'" + "x" * 56 + "..."
-    assert len(checks.shown("y" * 10_000)) == 60
-    assert checks.shown([1, 2]) == "[1, 2]"
-    assert checks.shown(np.zeros((2, 2))).count("\n") == 0
-    deep: list[Any] = []
-    deep.append([deep])
-    assert checks.shown(deep) == "[" * 57 + "..."
-    assert checks.shown(10**6000) == "a int too long to print"
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,6 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.sensing import beam_angles
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
-from wayfield.envs.world.patrols import PATROL, patrol_at
 from wayfield.policies import mppi
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.mppi import Mppi
@@ -28,7 +26,6 @@ from wayfield.policies.waypoint import Waypoint
 DT = 0.05
 REACH = 5.0  # m, of the beams
 BEAMS = 70  # of which none looks along the edge of a sector
-LIMIT = 1.2  # m/s, of the P3DX's rims
 
 
 def wrap(angle: float) -> float:
@@ -189,18 +186,6 @@ def test_the_law_of_document_b_is_its_docstring(policy: Waypoint) -> None:
             np.testing.assert_allclose(got[k], twist, rtol=1e-9, atol=1e-9, err_msg=f"robot {k}")
 
 
-def test_a_waypoint_is_passed_only_under_the_switching_radius() -> None:
-    policy, goals = Waypoint(switching_radius=0.25), np.array([[[0.25, 0.0, 0.0], [1.0, 0.0, 0.0]]])
-    briefing = told("omni3", "lagged", 1, goals=goals, num_goals=np.array([2]))
-    for x, index in ((0.0, 0), (1e-9, 1)):
-        memory = policy.reset(briefing)
-        seen = Observation(np.array([[x, 0.0, 0.0]]), *np.zeros((4, 1, 2)), np.zeros((1, 0)))
-        seen = seen._replace(goal_heading_error=np.zeros(1), waypoints_left=np.ones(1))
-        twist = policy.act(seen, briefing, memory)
-        assert memory.tolist() == [index]
-        assert twist[0] == pytest.approx((goals[0, index, 0] - x, 0.0, 0.0))
-
-
 def side_of(to_goal: Any, to_obstacle: Any) -> float:
     """Returns on which side of an obstacle the goal lies: 1 left or in line, -1 right."""
     return 1.0 if to_obstacle[0] * to_goal[1] - to_obstacle[1] * to_goal[0] >= -1e-6 else -1.0
@@ -321,83 +306,6 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
             twist = law(policy, briefing.robot, poses[k], to_goals[k], turns[k], field[: counts[k]], mine[k])
             np.testing.assert_allclose(got[k], twist, rtol=1e-7, atol=1e-9, err_msg=f"robot {k}")
         to_goals = to_goals + rng.normal(0.0, 0.3, (n, 2))
-
-
-AMONG = obstacle_field(circle(0.9, 0.3, 0.2), circle(-0.7, 0.8, 0.15))
-
-
-@pytest.mark.parametrize("policy", [PotentialField(escape=True, tau=0.9), CorrectedField(rho_0=0.9)])
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
-def test_of_a_map_a_field_feels_the_occupied_point_that_is_nearest(policy: Any, robot: str) -> None:
-    """As a disc of no size there, beside the obstacles; the cells are squares of a grid that lies askew."""
-    n, rng, cell, turn = 60, np.random.default_rng(6), 0.4, 0.5
-    blocked = np.zeros((12, 13), bool)
-    blocked[rng.integers(0, 12, 9), rng.integers(0, 13, 9)] = True
-    grid = OccupancyGrid(blocked, cell, (-2.3, -2.6, turn), "free")
-    u, v = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
-    rows, columns = np.nonzero(blocked)
-
-    def nearest(x: float, y: float) -> tuple[float, Any]:
-        local = np.array([[u @ (x + 2.3, y + 2.6), v @ (x + 2.3, y + 2.6)]])
-        low = cell * np.column_stack([columns, rows])
-        there = np.clip(local, low, low + cell)
-        away = np.hypot(*(local - there).T)
-        return away.min(), np.array([-2.3, -2.6]) + there[away.argmin()] @ [u, v]
-
-    poses, points = np.empty((n, 3)), np.empty((n, 2))
-    for k in range(n):
-        while True:
-            poses[k] = rng.uniform(-2.0, 2.0, 3) * [1.0, 1.0, 1.5]
-            away, points[k] = nearest(*poses[k, :2])
-            if away > 0.05 and min(surface(each, *poses[k, :2])[0] for each in AMONG) > 0.05:
-                break
-    stood = [np.append(AMONG, obstacle_field(circle(x, y, 1e-9))) for x, y in points.tolist()]
-    goals, turns = rng.uniform(-1.5, 1.5, (n, 2)), rng.uniform(-3.0, 3.0, n)
-    seen = Observation(poses, np.zeros((n, len(ROBOTS[robot].twist_axes))), goals, turns, np.zeros(n), np.zeros((n, 0)))
-    frames = frames_of(lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(n, np.int64))
-    twists = []
-    for field, more in ((np.tile(AMONG, (n, 1)), {"grids": frames}), (np.array(stood), {})):
-        briefing = told(
-            robot, "lagged", n, obstacles=field, num_obstacles=np.full(n, field.shape[1]),
-            goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64), **more,
-        )  # fmt: skip
-        twists.append(policy.act(seen, briefing, policy.reset(briefing)))
-    np.testing.assert_allclose(*twists, rtol=1e-5, atol=1e-6)
-    without = told(
-        robot, "lagged", n, obstacles=np.tile(AMONG, (n, 1)), num_obstacles=np.full(n, len(AMONG)),
-        goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64),
-    )  # fmt: skip
-    assert (np.abs(policy.act(seen, without, policy.reset(without)) - twists[0]).max(axis=1) > 1e-3).sum() > n // 4
-
-
-@pytest.mark.parametrize("policy", [PotentialField(escape=True, tau=0.9), CorrectedField(rho_0=0.9)])
-def test_a_field_feels_what_is_on_patrol_where_it_is_by_now(policy: Any) -> None:
-    n, rng = 40, np.random.default_rng(8)
-    patrols = np.zeros((n, len(AMONG)), PATROL)
-    for k in range(n):  # one of the two goes to and fro
-        way = AMONG[k % 2]["x"].item(), AMONG[k % 2]["y"].item()
-        patrols[k, k % 2] = (*way, *rng.uniform(-0.5, 0.5, 2), rng.uniform(0.5, 2.0), rng.uniform(0.0, 3.0))
-    poses = np.column_stack([rng.uniform(-1.3, 1.3, (n, 2)), rng.uniform(-3.0, 3.0, n)])
-    goals, turns = rng.uniform(-1.5, 1.5, (n, 2)), rng.uniform(-3.0, 3.0, n)
-    seen = Observation(poses, np.zeros((n, 2)), goals, turns, np.zeros(n), np.zeros((n, 0)))
-    more: dict[str, Any] = {
-        "num_obstacles": np.full(n, len(AMONG)), "goals": np.zeros((n, 1, 3)), "num_goals": np.ones(n, np.int64),
-    }  # fmt: skip
-    moving = told("p3dx", "lagged", n, obstacles=np.tile(AMONG, (n, 1)), patrols=patrols, **more)
-    memory, sides = policy.reset(moving), np.zeros(n)
-    for step in range(12):
-        got = policy.act(seen, moving, memory)
-        now = np.tile(AMONG, (n, 1))
-        for k in range(n):
-            now["x"][k, k % 2], now["y"][k, k % 2], *_ = patrol_at(patrols[k, k % 2], step * DT)
-        standing = told("p3dx", "lagged", n, obstacles=now, patrols=np.zeros_like(patrols), **more)
-        fresh = policy.reset(standing)
-        fresh["side"] = sides
-        np.testing.assert_allclose(got, policy.act(seen, standing, fresh), rtol=1e-9, atol=1e-9)
-        sides = memory["side"].copy()
-    fresh = policy.reset(moving)
-    fresh["side"] = sides
-    assert (np.abs(policy.act(seen, moving, fresh) - got).max(axis=1) > 1e-3).sum() > n // 4
 
 
 # By the scan: the dynamic window and the histogram, with what they remember, foresee and go round.
@@ -901,29 +809,6 @@ def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str
             known = np.array(hits).reshape(-1, 3)
             twist = histogram(me, known, to_goal, twist[2], left, pose, wheels)
         np.testing.assert_allclose(got, twist, atol=1e-6, err_msg=f"robot {k}")
-
-
-@pytest.mark.parametrize(("aim", "left"), [(2.4, 1.9), (-2.4, 1.9), (1.2, 1.9), (1.2, 0.2), (0.9, 0.2)])
-def test_who_drives_too_fast_for_what_is_open_turns_in_place_towards_it(aim: float, left: float) -> None:
-    """Blocked ahead, and beside it within the circles that it can turn on: to what is open behind, or to the left."""
-    policy, n = VfhPlus(foresight=0.0, recall=0.0, patience=math.inf), 1
-    briefing = told("p3dx", "lagged", n, BEAMS)
-    memory = policy.reset(briefing)
-    me = Histogram(policy, briefing)
-    me.command = np.array([0.55, 0.0, 0.0])
-    memory["state"]["command"] = me.command
-    pose = np.array([0.2, -0.3, 0.7])
-    ranges = np.where((briefing.beam_angles > -1.9) & (briefing.beam_angles < left), 0.62, REACH)
-    goal = (3.0 * math.cos(aim), 3.0 * math.sin(aim))
-    seen = Observation(pose[None], np.array([[0.55, 0.0]]), np.array([goal]), np.zeros(1), np.zeros(1), ranges[None])
-    got = policy.act(seen, briefing, memory)[0]
-    radius = me.robot.hull_radius + policy.margin
-    known = np.array(me.hits(ranges, pose, max(policy.window, radius + 3.0), radius))
-    twist = histogram(me, known, goal, me.turn(0.0), 0.0, pose, me.command.copy())
-    assert me.barred
-    assert me.previous is not None
-    np.testing.assert_allclose(got, twist[[0, 2]], atol=1e-6)
-    assert (got[0], got[1] * wrap(me.previous - pose[2]) > 0.0) == (0.0, True)
 
 
 # By sampled plans: what one of them costs.

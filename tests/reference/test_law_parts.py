@@ -8,36 +8,26 @@ from typing import Any
 import numpy as np
 import pytest
 from oracles.local_planning import briefing_of
-from oracles.nav2_memory import gains, memory, recovers
 
 import wayfield  # noqa: F401  registers the environments
-from wayfield.envs.crowds import half_planes
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.records import aligned
-from wayfield.policies import mpc_pose
-from wayfield.policies.dwa import Dwa, best_that_stops
 from wayfield.policies.nav2_dwb import Nav2Dwb
-from wayfield.policies.parts import costmap, polyline_tracker, scan_map
-from wayfield.policies.parts.costmap import POINT_SPACING
+from wayfield.policies.parts import polyline_tracker, scan_map
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polyline_tracker import plan_fields
 from wayfield.policies.parts.scan_map import CELLS, CHART, stamps
 from wayfield.policies.parts.steering import velocity_twists
-from wayfield.policies.parts.stopping import Scan, step_and_stop
+from wayfield.policies.parts.stopping import Scan
 from wayfield.policies.training.ways import sweep
-from wayfield.system.compiled import allocating, compiled
+from wayfield.system.compiled import compiled
 
 DT = 0.05
 CELL, SIDE, POINTS = 0.1, 60, 40  # m, cells, points
 FARTHEST, UNIT = 1.275, 0.005  # m
 
 relaxed = compiled(lambda m, held, wanted, least, rounds: polyline_tracker.relax(m[0], held, wanted, least, rounds))
-laid = allocating(
-    lambda m, corners, pinned, spacing, widest: polyline_tracker.lay(m[0], corners, pinned, spacing, widest)
-)
 is_clear = compiled(lambda m, reach, needed: polyline_tracker.plan_is_clear(m[0], reach, needed))
-stands_for = compiled(lambda m, row, column, x, y: polyline_tracker.stands_for(m[0], (row, column), x, y))
-ahead_of = compiled(lambda m, s, reach, half, x, y, points: costmap.ahead_of(m[0], s, reach, half, x, y, points))
 entered = compiled(lambda m, table, scan, pose, radius: scan_map.enter_scan(m[0], table, scan, 0, pose, radius))
 moved = compiled(lambda m, x, y: scan_map.move_grid(m[0], x, y))
 
@@ -123,42 +113,6 @@ def test_a_band_shortens_and_moves_off_what_is_near_across_itself(seed: int) -> 
         assert is_clear(memory, reach, needed) == wanted_clear
         found.add(wanted_clear)
     assert found == {True, False}
-
-
-@pytest.mark.parametrize("widest", [math.inf, 0.15])
-@pytest.mark.parametrize("scale", [0.05, 0.6, 3.0])
-def test_a_band_is_laid_from_corner_to_corner(scale: float, widest: float) -> None:
-    rng = np.random.default_rng(8)
-    corners = np.cumsum(scale * rng.normal(0.0, 1.0, (7, 2)), axis=0)
-    pinned = rng.random(7) < 0.4
-    memory = banded(rng, corners)
-    held = laid(memory, corners, pinned, 0.1, widest)
-    legs = [math.dist(a, b) for a, b in itertools.pairwise(corners)]
-    spacing = max(0.1, min(sum(legs) / max(POINTS - 14, POINTS // 4), widest))
-    points, fixed = [corners[0]], [True]
-    for k, leg in enumerate(legs):
-        pieces = max(math.ceil(leg / spacing - 1e-9), 1)
-        points += [corners[k] + (corners[k + 1] - corners[k]) * j / pieces for j in range(1, pieces + 1)]
-        fixed += [False] * (pieces - 1) + [bool(pinned[k + 1])]
-    cut = len(points) > POINTS
-    assert cut == (scale > 0.1 and widest < 1.0)
-    points, n = points[:POINTS], min(len(points), POINTS)
-    assert memory["num_points"][0] == n
-    np.testing.assert_allclose(memory["points"][0, :n], points, atol=1e-12)
-    np.testing.assert_allclose(memory["arc"][0, :n], arc_of(points), atol=1e-12)
-    assert (memory["segment"][0], bool(held[n - 1])) == (0, True)
-    assert held[: n - 1].tolist() == fixed[: n - 1]
-    alone = laid(memory, corners[:1], pinned[:1], 0.1, widest)
-    assert (memory["num_points"][0], alone[:3].tolist()) == (2, [True, True, False])
-    np.testing.assert_array_equal(memory["points"][0, :2], corners[[0, 0]])
-
-
-def test_a_point_is_stood_for_by_the_cell_that_it_lies_in_or_nearly() -> None:
-    memory = banded(np.random.default_rng(0), np.zeros((2, 2)))
-    for row, column in ((3, 7), (20, 0)):
-        for u, v in itertools.product((-0.6, -0.505, -0.4, 0.0, 0.4, 0.505, 0.6), repeat=2):
-            x, y = 1.0 + CELL * (column + 0.5 + u), 2.0 + CELL * (row + 0.5 + v)
-            assert stands_for(memory, row, column, x, y) == (abs(u) < 0.51 and abs(v) < 0.51)
 
 
 # A map of one's own scans.
@@ -264,72 +218,6 @@ def test_a_map_is_drawn_of_scans_cell_by_cell_and_moves_with_the_robot() -> None
 # What a robot does that does not get on.
 
 
-def test_recoveries_follow_one_another_while_a_robot_does_not_get_on() -> None:
-    seen = set()
-    for seed in range(8):
-        p, m, rng = gains(Nav2Dwb), memory(Nav2Dwb), np.random.default_rng(seed)
-        goal, pose = (3.0, -0.5, 0.0), np.zeros(3)
-        anchor: Any = None
-        since = begun = until = kind = stuck = forgotten = 0
-        m["evidence"][0, 4, 4] = 9
-        replan = round(1.0 / DT)
-        for step in range(1, 900):
-            if rng.random() < 0.004:
-                pose[:2] += rng.normal(0.0, 0.6, 2)
-            if seed % 2 and 600 < step < 900:
-                pose[:2] = (2.9, -0.4)  # at its goal
-            stuck = stuck + 1 if rng.random() < 0.85 - 0.6 * (seed % 3 == 0) else 0
-            m["steps"], m["stuck"] = step, stuck
-            m["command"] = 0.3, 0.2, 0.1
-            took = recovers(p, m, tuple(pose.tolist()), goal)
-            if anchor is None or math.dist(anchor, pose[:2]) > 0.5 or math.dist(pose[:2], goal[:2]) < 0.25:
-                anchor, since = pose[:2].copy(), step
-            if kind == 0 and (stuck * DT >= 0.3 or (step - since) * DT > 10.0):
-                kind, begun, stuck, since = begun % 4 + 1, begun + 1, 0, step
-                until = step + {1: 0, 2: 31, 3: 100, 4: 40}[kind]  # 1.57 rad at 1 rad/s, 5 s, 0.3 m at 0.15 m/s
-                if kind == 1:
-                    forgotten += 1
-                    assert m["evidence"].max() == 0
-                    assert m["planned_at"][0] == step - replan
-            held = kind > 0 and step < until
-            if kind > 0 and not held:
-                kind, since = 0, step
-            seen.add(kind)
-            twist = {0: [0.3, 0.2, 0.1], 2: [0.0, 0.0, 1.0], 3: [0.0, 0.0, 0.0], 4: [-0.15, 0.0, 0.0]}[kind]
-            assert (took, m["command"][0].tolist()) == (held, twist)
-            told = [int(m[name][0]) for name in ("recovering", "recoveries", "stuck", "anchored", "forgotten")]
-            assert told == [kind, begun, stuck, since, forgotten]
-            np.testing.assert_array_equal(m["anchor"][0], anchor)
-    assert seen == {0, 2, 3, 4}
-
-
-def test_the_part_of_a_plan_that_lies_ahead_ends_with_it_or_with_the_map() -> None:
-    rng = np.random.default_rng(2)
-    points = np.cumsum(rng.normal(0.08, 0.08, (30, 2)), axis=0)
-    memory = banded(rng, points)
-    arc = arc_of(points)
-    memory["arc"][0, : len(arc)] = arc
-    written = np.full((60, 2), np.nan)
-    counts = set()
-    for s, reach, half in itertools.product((0.0, 0.4, 1.1, arc[-1] - 0.01), (0.01, 0.31, 9.0), (0.0, 0.2, 9.0)):
-        x, y = (np.interp(s, arc, points[:, axis]) for axis in range(2))
-        memory["segment"] = max(np.searchsorted(arc, s, side="right") - 1, 0)
-        count = ahead_of(memory, s, reach, half, x, y, written)
-        end = min(arc[-1], s + reach)
-        at = [*np.arange(s, end - 1e-12, POINT_SPACING), end][: len(written)]
-        wanted = [[np.interp(each, arc, points[:, axis]) for axis in range(2)] for each in at]
-        inside = [max(abs(px - x), abs(py - y)) <= half for px, py in wanted]
-        inside[0] = True
-        expected = inside.index(False) if False in inside else len(wanted)
-        assert count == expected
-        np.testing.assert_allclose(written[:count], wanted[:count], atol=1e-9)
-        counts.add(count)
-    assert 1 in counts
-    assert len(written) in counts
-    memory["num_points"] = 0
-    assert ahead_of(memory, 0.0, 1.0, 9.0, 0.0, 0.0, written) == 0
-
-
 # Twists and velocities.
 
 
@@ -342,72 +230,6 @@ def test_a_planar_velocity_is_driven_or_turned_to(name: str) -> None:
         error = math.atan2(vy, vx) if (vx, vy) != (0.0, 0.0) else 0.0
         other = [vx, vy, 1.7 * wanted]
         assert twist.tolist() == pytest.approx([max(vx, 0.0), 1.7 * error] if name == "p3dx" else other, abs=1e-12)
-
-
-def test_the_least_violation_is_no_more_than_that_of_any_velocity_of_a_grid() -> None:
-    rng = np.random.default_rng(9)
-    axis = np.linspace(-1.0, 1.0, 101)
-    grid = np.array([(a, b) for a in axis for b in axis if math.hypot(a, b) <= 1.0])
-    kinds = {"kept": 0, "violated": 0}
-    for _ in range(120):
-        hard, count = int(rng.integers(0, 3)), int(rng.integers(2, 7))
-        around = rng.uniform(-math.pi, math.pi, count)
-        b = np.where(np.arange(count) < hard, rng.uniform(-0.3, 0.0, count), rng.uniform(-0.4, 0.9, count))
-        lines = np.column_stack([np.cos(around), np.sin(around), b])
-        u = rng.uniform(-1.2, 1.2, 2)
-        v = np.array(half_planes.best_velocity(lines, count, hard, 1.0, *u, np.empty((count, 3))))
-        lacking = lines[:, 2] - lines[:, :2] @ v
-        assert np.hypot(*v) <= 1.0 + 1e-9
-        assert (lacking[:hard] <= 1e-9).all()
-        others = b - grid @ lines[:, :2].T
-        fair = (others[:, :hard] <= 0.0).all(axis=1)
-        worst = others[fair][:, hard:].max(axis=1, initial=0.0)
-        assert lacking[hard:].max(initial=0.0) <= worst.min() + 1e-9
-        if worst.min() == 0.0:  # of those that keep all, the nearest to what is wanted
-            kinds["kept"] += 1
-            nearest = np.hypot(*(grid[fair][worst == 0.0] - u).T).min()
-            assert math.dist(v, u) <= nearest + 1e-9
-        elif worst.min() > 0.05:
-            kinds["violated"] += 1
-    assert min(kinds.values()) > 25
-
-
-def test_a_velocity_in_the_middle_of_what_a_disc_cuts_off_is_beside_a_leg() -> None:
-    px, py, reach, horizon = 1.5, 0.4, 0.6, 2.0
-    nx, ny, b = half_planes.disc_half_plane(px, py, reach, px / horizon, py / horizon, horizon, 0.5)
-    assert b == 0.0
-    assert math.hypot(nx, ny) == pytest.approx(1.0)
-    assert nx * px + ny * py == pytest.approx(-reach)  # the leg touches the disc
-
-
-def test_a_disc_on_the_robot_is_left_along_x() -> None:
-    assert half_planes.disc_half_plane(0.0, 0.0, 0.6, 0.2, 0.1, 2.0, 0.5) == (1.0, 0.0, 1.2)
-    assert half_planes.disc_half_plane(0.0, -0.3, 0.6, 0.2, 0.1, 2.0, 0.5) == pytest.approx((0.0, 1.0, 0.6))
-
-
-@pytest.mark.parametrize("name", ["p3dx", "turtlebot3"])
-def test_the_twist_of_a_plan_is_saturated_and_then_limited(name: str) -> None:
-    """A part of the way to the plan's first twist; one factor for both where the wheels are too slow."""
-    briefing, rng = briefing_of(name), np.random.default_rng(23)
-    policy = mpc_pose.MpcPose(step=0.2)
-    p = params(policy, briefing, dt=DT, substeps=4).copy()
-    robot, base = briefing.robot, briefing.actuators
-    p["plant"]["wheel_speed_limit"] = limit = 6.0
-    wheels, factors = np.ascontiguousarray(robot.wheel_matrix), []
-    commands, command, twists = np.zeros((1, 2, policy.horizon)), np.zeros((1, 2)), np.zeros((1, 2))
-    for _ in range(30):
-        last, first = rng.uniform(-0.6, 0.6, 2) * (1.0, 3.0), rng.uniform(-2.0, 2.0, 2) * (1.0, 3.0)
-        command[0], commands[0, :, 0] = last, first
-        mpc_pose.apply(p, wheels, commands, command, 0, twists)
-        asked = last + (first - last) * DT / 0.2
-        turning = np.abs(wheels @ [asked[0], 0.0, asked[1]]).max()
-        factor = min(1.0, limit / turning, robot.turn_speed / max(abs(asked[1]), 1e-12))
-        most = np.array([base.acceleration, base.yaw_acceleration]) * DT
-        wanted = last + np.clip(factor * asked - last, -most, most)
-        np.testing.assert_allclose(twists[0], wanted, atol=1e-12)
-        np.testing.assert_array_equal(command[0], twists[0])
-        factors.append(factor)
-    assert min(factors) < 0.9 < max(factors)
 
 
 # The shortest way.
@@ -469,24 +291,3 @@ def test_a_law_reads_its_gains_and_the_sheet_of_its_robot_and_may_not_write() ->
     np.testing.assert_array_equal(plant["wheel_matrix"], np.vstack([robot.wheel_matrix, np.zeros((4, 3))]))
     with pytest.raises(ValueError, match="read-only"):
         made["max_speed"] = 1.0
-
-
-def test_of_the_twists_that_stop_the_first_of_the_best_is_driven() -> None:
-    p, rng = params(Dwa(), briefing_of("p3dx")), np.random.default_rng(5)
-    wall = np.array([[0.36, 0.0, 0.3]])
-    best_of = compiled(lambda p, hits, command, c: best_that_stops(p[0].plant, hits, command, command, c))
-    stops = compiled(lambda p, hits, command, vx, w: step_and_stop(p[0].plant, hits, command, command, vx, 0.0, w))
-    firsts = set()
-    for turn in range(80):
-        candidates = np.column_stack([rng.uniform(0.0, 0.6, 105), np.zeros(105), rng.uniform(-1.0, 1.0, 105),
-                                      rng.integers(0, 60, 105).astype(float)])  # fmt: skip
-        candidates[turn % 40] = (0.01, 0.0, 0.1, 99.0)
-        candidates[rng.permutation(105)[:30], 3] = -np.inf
-        hits = wall if turn % 2 else np.empty((0, 3))
-        command = np.array([rng.uniform(0.0, 0.3), 0.0, 0.0])
-        left = [k for k in np.argsort(-candidates[:, 3], kind="stable") if candidates[k, 3] > -np.inf]
-        chosen = next((k for k in left if stops(p, hits, command, *candidates[k, [0, 2]])), None)
-        wanted = (0.0, 0.0, 0.0) if chosen is None else tuple(candidates[chosen, :3])
-        assert best_of(p, hits, command, candidates) == wanted
-        firsts.add(chosen == left[0])
-    assert firsts == {True, False}

@@ -1,9 +1,7 @@
 """Reference implementation of the pymunk plant: wheels that grip or slip, the body's motion, what a space holds."""
 
 import cmath
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,9 +13,7 @@ from oracles.episodes import DT, GOAL, PATH, Bank, Goals, Paths, Robot, compared
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import pymunk_plant
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.robots.hulls import clearance_of, way_out
-from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
-from wayfield.envs.tasks.stepping import Robots
+from wayfield.envs.scenarios.obstacles import circle, obstacle_field
 from wayfield.envs.world.geometry import OBSTACLE
 
 H = DT / 5.0  # s, a sub-step
@@ -170,26 +166,6 @@ def test_a_row_answers_what_friction_says(case: str) -> None:
     assert bank.slips == (case not in HELD)
 
 
-@pytest.mark.parametrize(("before", "command"), [((1.0, 0.0), (0.5, 3.0)), ((0.5, 0.0), (-0.5, 3.0))])
-def test_where_a_skid_leads_does_not_hang_on_the_last_bit(before: Any, command: Any) -> None:
-    env = gymnasium.make_vec(
-        PATH.format("DiffDrive"), 4, robot="jackal", scenario="straight", dynamics="pymunk", actuators="lagged"
-    )
-    env.reset(seed=0)
-    states = env.unwrapped.batch.states
-    for start in ("", "wheel_", "command_"):
-        states[f"{start}vx"], states[f"{start}yaw_rate"] = before
-    states["vx"][1] = np.nextafter(before[0], 9.0)
-    states["vy"][2] = states["yaw_rate"][3] = 1e-15
-    slips = []
-    for _ in range(3):
-        env.step(np.tile(np.array(command, np.float32), (4, 1)))
-        slips.append(abs(states["vx"][0] - states["wheel_vx"][0]))
-        for name in ("x", "y", "heading", "vx", "vy", "yaw_rate"):
-            assert states[name] == pytest.approx(states[name][0], abs=1e-12)
-    assert max(slips) > 1e-3
-
-
 def test_what_pushes_nothing_leaves_goals_as_they_are() -> None:
     env = gymnasium.make_vec(
         GOAL.format("Omni"), 2, robot="omni4", scenario="open_fields/train", max_episode_steps=20, dynamics="pymunk",
@@ -202,44 +178,6 @@ def test_what_pushes_nothing_leaves_goals_as_they_are() -> None:
 
 
 # The space around a robot.
-
-
-@pytest.mark.parametrize("name", ["p3dx", "jackal"])
-def test_a_space_holds_what_stands_and_what_can_be_pushed(name: str) -> None:
-    robot = ROBOTS[name]
-    obstacles = obstacle_field(
-        circle(2.0, 1.0, 0.3), circle(-2.0, 1.0, 0.4, 5.0), box(1.0, -2.0, 0.8, 0.6, 0.7, 3.0),
-        wall(4.0, -1.0, 4.0, 2.0), circle(-3.0, -3.0, 0.2), box(-5.0, 0.0, 0.6, 0.2, -0.4),
-    )  # fmt: skip
-    moving = np.array([False, False, False, False, True, False])
-    world = pymunk_plant.World(robot, obstacles, 0.01, moving)
-    assert world.space.iterations == 30
-    assert world.space.collision_slop == 2e-5
-    # of an overlap four fifths are left after a sub-step
-    assert world.space.collision_bias**0.01 == pytest.approx(0.8)
-    assert (world.hull.mass, world.hull.moment) == (robot.mass, robot.inertia)
-    (shape,) = world.hull.shapes
-    if robot.hull_box:
-        corners = sorted((abs(v.x), abs(v.y)) for v in shape.get_vertices())
-        assert corners == [(0.5 * robot.hull_box[0], 0.5 * robot.hull_box[1])] * 4
-    else:
-        assert shape.radius == robot.hull_radius
-    assert {s.friction for s in world.space.shapes} == {math.sqrt(0.5)}
-    assert [j for j, _ in world.pushable] == [1, 2]
-    assert [j for j, _ in world.moving] == [4]
-    assert len(world.space.shapes) == 1 + len(obstacles)
-    # a disc and a plate of even mass; the floor holds both by friction, and turns by that of a disc of their area
-    disc, plate = (body for _, body in world.pushable)
-    assert (disc.mass, disc.moment) == (5.0, pytest.approx(0.5 * 5.0 * 0.4**2))
-    assert (plate.mass, plate.moment) == (3.0, pytest.approx(3.0 / 12.0 * (0.8**2 + 0.6**2)))
-    assert (*disc.position, disc.angle) == (-2.0, 1.0, 0.0)
-    assert (*plate.position, plate.angle) == pytest.approx((1.0, -2.0, 0.7))
-    for body, reach in ((disc, 0.4), (plate, math.sqrt(0.8 * 0.6 / math.pi))):
-        push, turn = sorted(body.constraints, key=lambda joint: type(joint).__name__, reverse=True)
-        weight = 0.4 * body.mass * GRAVITY
-        assert push.max_force == pytest.approx(weight)
-        assert turn.max_force == pytest.approx(weight * 2.0 / 3.0 * reach)
-        assert push.max_bias == turn.max_bias == 0.0
 
 
 def test_a_pushed_disc_slides_as_far_as_friction_lets_it_and_a_spinning_one_stops() -> None:
@@ -257,68 +195,3 @@ def test_a_pushed_disc_slides_as_far_as_friction_lets_it_and_a_spinning_one_stop
 
 
 # What is near is looked at in time, wherever it stands and however the robot is turned.
-
-
-def arena(tmp_path: Path, robot: str, *obstacles: dict[str, Any]) -> Any:
-    file = tmp_path / "arena.json"
-    file.write_text(json.dumps({"goal": [90.0, 90.0, 0.0], "start": [30.0, 30.0, 0.0], "obstacles": obstacles}))
-    env_id = GOAL.format("Omni" if ROBOTS[robot].holonomic else "DiffDrive")
-    env: Any = gymnasium.make(
-        env_id, robot=robot, scenario=str(file), dynamics="pymunk", end_on_contact=False, num_beams=0
-    )
-    env.reset(seed=0)
-    return env.unwrapped
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_a_wall_is_met_where_coordinates_are_zero(tmp_path: Path, axis: int) -> None:
-    robot = ROBOTS["omni4"]
-    edge = robot.hull_radius + 0.001
-    ends = (-9.0, edge, 9.0, edge) if axis else (edge, -9.0, edge, 9.0)
-    env = arena(tmp_path, "omni4", {"kind": "wall", **dict(zip(("x1", "y1", "x2", "y2"), ends, strict=True))})
-    state = env.batch.states[0]
-    for k in range(24):
-        env.reset(seed=0)
-        state["x"], state["y"], state["heading"] = 0.0, 0.0, 0.0
-        state["xy"[axis]] = -0.15 - 0.0005 * k
-        state["clearance"] = edge - state["xy"[axis]] - robot.hull_radius
-        for name in ("vx", "vy")[axis], ("wheel_vx", "wheel_vy")[axis], ("command_vx", "command_vy")[axis]:
-            state[name] = 0.5
-        for _ in range(10):
-            env.step(np.array([0.0, 0.5, 0.0] if axis else [0.5, 0.0, 0.0], np.float32))
-        assert -2e-5 < state["clearance"] < 1e-3
-        assert state["contact"]
-
-
-def test_a_side_that_turns_into_a_post_meets_it_where_the_heading_is_zero(tmp_path: Path) -> None:
-    _, width = ROBOTS["jackal"].hull_box or (0.0, 0.0)
-    # first touched at -0.003 rad, on the left, 0.23 m ahead of the middle
-    at = complex(0.23, 0.5 * width + 0.1) * cmath.rect(1.0, -0.003)
-    env = arena(tmp_path, "jackal", {"kind": "circle", "x": at.real, "y": at.imag, "radius": 0.1})
-    state, obstacles = env.batch.states[0], env.batch.obstacles[0]
-    for k in range(24):
-        env.reset(seed=0)
-        state["x"], state["y"], state["heading"] = 0.0, 0.0, -0.004 - 0.0015 * k
-        state["clearance"] = clearance_of(ROBOTS["jackal"], obstacles, 1, (0.0, 0.0, state["heading"]))
-        for name in ("yaw_rate", "wheel_yaw_rate", "command_yaw_rate"):
-            state[name] = 1.0
-        for _ in range(3):
-            env.step(np.array([0.0, 1.0], np.float32))
-            assert state["clearance"] > -2e-4
-        assert state["contact"]
-
-
-def test_the_way_out_of_a_slanted_side_is_square_to_it(tmp_path: Path) -> None:
-    env = arena(tmp_path, "jackal")
-    task, states = env.task, env.batch.states
-    length, _ = ROBOTS["jackal"].hull_box or (0.0, 0.0)
-    obstacles = np.zeros((1, 1), OBSTACLE)
-    robots = Robots(task.params, states, obstacles, env.batch.noise, task.patrols, task.grids)
-    states["field"] = 0
-    for turn in np.linspace(-3.0, 3.0, 13).tolist():
-        # a disc that is 1 mm within the front side: out is straight back, along the heading
-        ahead = 0.5 * length + 0.2 - 0.001
-        obstacles["x"], obstacles["y"] = ahead * math.cos(turn), ahead * math.sin(turn)
-        obstacles["cos"], obstacles["radius"] = 1.0, 0.2
-        found = way_out(task.params[0], robots, 0, states[0], 0, 0.0, 0.0, turn)
-        assert found == pytest.approx((-math.cos(turn), -math.sin(turn)), abs=1e-4)

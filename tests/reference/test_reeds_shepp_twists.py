@@ -1,6 +1,5 @@
 """Reference implementation of the law along Reeds and Shepp's shortest ways gives the same twists."""
 
-import dataclasses
 import itertools
 import json
 import math
@@ -12,28 +11,12 @@ import numpy as np
 import pytest
 
 import wayfield  # noqa: F401  registers the environments
-from wayfield.envs.goal_reaching import Observation
-from wayfield.envs.robots import ACTUATORS, ROBOTS
-from wayfield.envs.scenarios.obstacles import circle, obstacle_field
-from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.world.grids import NO_GRIDS
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.world.reeds_shepp import plan_to
-from wayfield.policies import Pilot, reeds_shepp
-from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import Map
-from wayfield.policies.reeds_shepp import MEMORY, ReedsShepp
-from wayfield.system.compiled import compiled
+from wayfield.policies import Pilot
+from wayfield.policies.reeds_shepp import ReedsShepp
 
 DT = 0.05
-
-may_set_off = compiled(lambda p, told, m, now: reeds_shepp.may_set_off(p[0], told, m[0], 0, now))
-
-
-def told_of(robot: str, n: int) -> Briefing:
-    """Returns the briefing of robots without a scan."""
-    layout = Observation.layout(len(ROBOTS[robot].twist_axes), 0, 5.0)
-    return Briefing(n, ROBOTS[robot], ACTUATORS["lagged"], DT, "twist", layout, np.empty(0), 5.0)
 
 
 def wrap(angle: float) -> float:
@@ -240,86 +223,3 @@ def test_of_the_ways_that_spare_the_margin_the_shortest_is_taken(tmp_path: Path)
         assert (m["radius"], m["length"], m["no_path"]) == pytest.approx((radius, length, int(search == 4)), abs=1e-5)
         searches.append(search)
     assert set(searches) == {0, 1, 2, 3, 4}
-
-
-def test_it_sets_off_when_no_place_of_its_way_is_taken_a_little_before_or_after_it_is_there() -> None:
-    """Each 4 cm, at the speed that it would drive, from 0.2 s early to 0.5 s late; after 40 s it does not ask.
-
-    To the millimetre: what crosses its way is made so large that it spares as much, or takes it.
-    """
-    policy, base, radius = ReedsShepp(), ACTUATORS["lagged"], ROBOTS["p3dx"].hull_radius
-    rng, answers = np.random.default_rng(43), []
-    p = params(policy, told_of("p3dx", 1), deceleration=0.4, yaw_acceleration=1.0, preview=base.lag + DT)
-    for k in range(60):
-        way = Way((0.0, 0.0, 0.0), (*rng.uniform(-1.5, 1.5, 2), rng.uniform(-3.1, 3.1)), policy.radius)
-        patrols = np.zeros((1, 1), PATROL)
-        speed, heading = rng.uniform(0.1, 0.5), rng.uniform(-3.1, 3.1)
-        patrols[0, 0] = (*rng.uniform(-1.0, 1.0, 2), speed * math.cos(heading), speed * math.sin(heading), 4.0, 0.0)
-        memory = np.zeros(1, MEMORY)
-        memory["plan"][0, : len(way.pieces)] = way.pieces
-        memory["radius"], memory["length"], memory["start"] = policy.radius, way.length, 0.0
-        now = rng.uniform(0.0, 20.0) if k else 41.0
-        time, begun, end, nearest = now + base.lag + DT, 0.0, 0.0, math.inf
-        for s in np.arange(0.0, way.length, 0.04):
-            way.along = float(s)
-            if way.leg_end > end:
-                begun, end = s, way.leg_end
-            x, y, _ = way.pose(s)
-            for shift in (-0.2, 0.0, 0.5):
-                ox, oy, _, _ = patrol_at(patrols[0, 0], max(time + shift, now))
-                nearest = min(nearest, math.dist((x, y), (ox, oy)))
-            bend = abs(way.bend(s))
-            v = min(policy.speed, policy.max_yaw_rate / max(bend, 1e-9), math.sqrt(0.8 * (end - s)))
-            time += 0.04 / max(min(max(v, 0.02), math.sqrt(0.8 * (s - begun + 0.04))), 0.02)
-        if k and nearest < radius + 0.06:
-            continue
-        for spare in (0.001, -0.001):
-            obstacles = obstacle_field(circle(0.0, 0.0, max(nearest - radius - 0.05 - spare, 0.01)))[None]
-            told = Map(obstacles, np.array([1]), patrols, np.zeros((1, 1, 3)), np.ones(1, np.int64), *NO_GRIDS)
-            answers.append(may_set_off(p, told, memory, now))
-            assert answers[-1] == (spare > 0.0 or now > 40.0)
-    assert len(answers) > 40
-
-
-@pytest.mark.parametrize("aside", [0.1, 0.3])
-@pytest.mark.parametrize("blocked", [True, False])
-def test_a_robot_on_its_way_asks_again_before_it_sets_off_on_another(aside: float, blocked: bool) -> None:
-    """Where it has left its way it makes a new one, and waits there for what stands in that for now."""
-    policy, n = ReedsShepp(), 1
-    obstacles = obstacle_field(circle(1.2 if blocked else 9.0, 0.0, 0.2))[None].copy()
-    patrols = np.zeros((n, 1), PATROL)
-    patrols[0, 0] = (float(obstacles["x"][0, 0]), 0.0, 0.0, 1e-3, 30.0, 0.0)
-    briefing = dataclasses.replace(
-        told_of("p3dx", n), obstacles=obstacles, num_obstacles=np.ones(n, np.int64), patrols=patrols,
-        goals=np.array([[[2.0, 0.0, 0.0]]]), num_goals=np.ones(n, np.int64),
-    )  # fmt: skip
-    memory = policy.reset(briefing)
-    memory["plan"][0, 0] = 0.0, 2.0 / policy.radius  # straight to the goal
-    memory["radius"], memory["length"], memory["along"], memory["off"] = policy.radius, 2.0, 0.3, 1.0
-    seen = Observation(
-        np.array([[0.3, aside, 0.0]]), np.zeros((n, 2)), np.array([[1.7, -aside]]), *np.zeros((2, n)), np.zeros((n, 0))
-    )
-    (twist,) = policy.act(seen, briefing, memory)
-    if aside > 0.15:  # whatever moves is no part of what the way leads around
-        shortest = min(length for length, _ in plans((0.3, aside, 0.0), (2.0, 0.0, 0.0), policy.radius))
-        assert memory["length"][0] == pytest.approx(shortest)
-        assert memory["no_path"][0] == 0
-    waits = aside > 0.15 and blocked
-    assert bool(memory["off"][0]) == (not waits)
-    assert twist.any() == (not waits)
-
-
-@pytest.mark.parametrize(("tier", "yaw_acceleration"), [("lagged", 2.2), ("slow", 1.5)])
-def test_at_the_goal_it_turns_no_harder_than_the_base_can(tier: str, yaw_acceleration: float) -> None:
-    n, policy = 25, ReedsShepp(turn_gain=3.0, yaw_acceleration=2.2, max_yaw_rate=2.0)
-    briefing = dataclasses.replace(
-        told_of("p3dx", n), actuators=ACTUATORS[tier], obstacles=np.tile(obstacle_field(circle(9.0, 0.0, 0.2)), (n, 1)),
-        num_obstacles=np.ones(n, np.int64), patrols=np.zeros((n, 1), PATROL), goals=np.zeros((n, 1, 3)),
-        num_goals=np.ones(n, np.int64),
-    )  # fmt: skip
-    turns = np.linspace(-3.0, 3.0, n)
-    seen = Observation(np.zeros((n, 3)), *np.zeros((2, n, 2)), turns, np.zeros(n), np.zeros((n, 0)))
-    twists = policy.act(seen, briefing, policy.reset(briefing))
-    e = np.abs(turns)
-    rate = np.minimum(np.minimum(3.0 * e, np.sqrt(2.0 * yaw_acceleration * e)), 2.0)
-    np.testing.assert_allclose(twists, np.column_stack([np.zeros(n), np.copysign(rate, turns)]), atol=1e-12)

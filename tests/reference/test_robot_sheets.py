@@ -15,7 +15,6 @@ from wayfield.envs.robots import (
     ACTUATORS,
     ROBOTS,
     Robot,
-    Sensors,
     Wheel,
     read_robot,
 )
@@ -40,21 +39,6 @@ def after(value: float) -> float:
 
 def before(value: float) -> float:
     return math.nextafter(value, -math.inf)
-
-
-def test_what_a_sheet_leaves_out(tmp_path: Path) -> None:
-    pair, omni = read(tmp_path, PAIR), read(tmp_path, OMNI, "ring.JSON")
-    assert (pair.name, omni.name) == ("mine", "ring")
-    for robot, load in ((pair, 0.8), (omni, 1.0)):
-        assert (robot.peak_wheel_speed, robot.driven_load, robot.turn_speed) == (12.0, load, math.inf)
-        assert (robot.acceleration, robot.yaw_acceleration, robot.lag) == (1.0, 3.0, 0.1)
-        assert robot.sensors == Sensors(32, 5.0, 2.0 * math.pi)
-        assert (robot.encoders, robot.track, robot.wheelbase, robot.hull_box, robot.title) == ((), None, 0.0, None, "")
-    assert pair.wheels == (Wheel(0.0, -0.15, 0.05), Wheel(0.0, 0.15, 0.05))
-    assert pair.built == pair.wheels
-    assert omni.built == omni.wheels
-    assert [wheel.roller_angle for wheel in omni.wheels] == [0.0] * 3
-    assert (pair.holonomic, pair.twist_axes, omni.holonomic, omni.twist_axes) == (False, (0, 2), True, (0, 1, 2))
 
 
 def test_a_skid_steer_is_built_narrower_than_it_turns(tmp_path: Path) -> None:
@@ -99,14 +83,6 @@ def test_wheels_turn_as_fast_as_their_contact_points_move(name: str) -> None:
         assert found.yaw_acceleration == pytest.approx(yaw_acceleration * robot.yaw_acceleration)
         assert found.lag == pytest.approx(lag * robot.lag)
     assert robot.actuators("ideal") == ACTUATORS["ideal"]
-
-
-# the least and the most of each number that nothing else binds
-BOUNDS = [
-    ("mass", 1e-3, 1e6), ("friction", 1e-3, 10.0), ("driven_load", 1e-3, 1.0), ("acceleration", 1e-3, 1e4),
-    ("yaw_acceleration", 1e-3, 1e5), ("turn_speed", 1e-3, 1e4), ("lag", 0.0, 10.0), ("inertia", 1e-9, None),
-    ("rated_wheel_speed", 1e-3, None),
-]  # fmt: skip
 
 
 def test_numbers_that_go_together_do_so_to_their_edge(tmp_path: Path) -> None:
@@ -208,18 +184,6 @@ def test_wheels_are_those_of_a_drive(tmp_path: Path) -> None:
             dataclasses.replace(omni, encoders=wheels)
     with pytest.raises(ValueError, match="encoders cannot span"):
         dataclasses.replace(omni, encoders=(passive[0], dataclasses.replace(passive[0], y=-0.1)))
-
-
-@pytest.mark.parametrize("value", [0.5, "ab", {}, (0.5,), [0.5, 0.4, 0.3], (), None, (0.5, "a"), (0.0, 0.4)])
-def test_a_hull_box_is_a_length_and_a_width(value: Any) -> None:
-    sheet = ROBOTS["jackal"]
-    changed = dataclasses.replace(sheet, hull_box=[0.5, 0.4])  # type: ignore[arg-type]
-    assert changed.hull_box == (0.5, 0.4)
-    if value is None:
-        assert ROBOTS["p3dx"].hull_box is None
-        return
-    with pytest.raises(ValueError, match=r"^hull"):
-        dataclasses.replace(sheet, hull_box=value)
 
 
 def test_the_plants_alone_drive_exactly_straight_whatever_the_wheels() -> None:

@@ -3,24 +3,19 @@
 import dataclasses
 import json
 import math
-import statistics
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from wayfield.benchmarks.contests import CONTESTS, Score
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.own_scenario import POLICIES, own_cases, own_scenario, without_way
 from wayfield.benchmarks.episodes.metrics import smoothness
 from wayfield.benchmarks.episodes.shortest import shortest_way
-from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.trajectory import Trajectory
-from wayfield.benchmarks.runs.shards import badness, slim
 from wayfield.envs.scenarios import box, circle, obstacle_field, splits, wall
 
 PATH, GOAL, DOCK = (f"wayfield/DiffDrive{name}-v0" for name in ("PathFollowing", "GoalObstacles", "Docking"))
-NAN = math.nan
 
 
 def driven(n: int = 30) -> Trajectory:
@@ -45,88 +40,6 @@ def test_three_states_have_no_smoothness() -> None:
     assert set(smoothness(driven(4))) == {"velocity_smoothness", "ldlj", "squared_jerk"}
     still = dataclasses.replace(driven(9), twists=np.zeros((9, 3)))
     assert smoothness(still) == {"squared_jerk": 0.0, "velocity_smoothness": 0.0}
-
-
-def test_the_worst_are_failures_then_the_dearest() -> None:
-    rows = [{"success": s, "time": t} for s, t in ((1.0, 3.0), (0.0, 9.0), (1.0, 8.0), (0.0, NAN), (0.0, 12.0))]
-    assert [rows.index(row) for row in sorted(rows, key=lambda row: badness(row, "time"))] == [4, 1, 3, 2, 0]
-    whole = dataclasses.replace(driven(), references=np.ones((30, 5)))
-    thin = slim(whole)
-    for field in dataclasses.fields(Trajectory):
-        kept, had = (np.asarray(getattr(each, field.name)) for each in (thin, whole))
-        if field.name in ("twists", "wheel_speeds", "saturated", "references"):
-            assert kept.size == 0 < had.size
-        else:
-            assert kept.tobytes() == had.tobytes()
-
-
-def scored(name: str, seed: int) -> tuple[list[dict[str, str]], list[Any]]:
-    rng = np.random.default_rng(seed)
-    rows, scenarios = [], []
-    bank = splits.split("path_following", "circuits", "test")
-    for k in range(6):
-        won = rng.random() < 0.7
-        numbers = {"success": float(won), "time": rng.uniform(10.0, 40.0), "mean_speed": rng.uniform(0.55, 0.62),
-                   "acquisition_area": float(rng.choice([0.004, 0.1])), "sct": rng.random(),
-                   "tracking_rms": float(rng.choice([0.00004, 0.002, 0.3]))}  # fmt: skip
-        rows.append({key: repr(float(each)) for key, each in numbers.items()})
-        scenarios.append(dataclasses.replace(bank[k], laps=k % 4))  # 0: without end, of which one counts
-    return rows, scenarios
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_how_a_search_scores_a_set_of_gains(seed: int) -> None:
-    rows, scenarios = scored("x", seed)
-    speed, least = 0.59, (0.5, 0.61)[seed % 2]
-    won = [row for row in rows if row["success"] == "1.0"]
-    frames = sum(round(float(row["time"]) / 0.05) for row in rows)
-    mean = statistics.fmean(float(row["mean_speed"]) for row in won) if won else NAN
-    errors = [
-        (math.log(max(area, 1e-2) / 1e-2) + math.log(max(error, 1e-4) / 1e-4)) / 2.0
-        for area, error in (
-            (float(row["acquisition_area"]), float(row["tracking_rms"])) if row in won else (1.0, 1.0) for row in rows
-        )
-    ]
-    late = [
-        math.log(float(row["time"]) * speed / (max(each.laps, 1) * each.path.length)) if row in won else 0.0
-        for row, each in zip(rows, scenarios, strict=True)
-    ]
-    is_held = abs(mean - speed) <= 0.03 * speed
-    away = 0 if is_held else 2 if mean < least else 1
-    quality = max(statistics.fmean(errors) + (0.0 if is_held else statistics.fmean(late)), 0.0)
-    lost = len(rows) - len(won)
-    sct = 1.0 - statistics.fmean(float(row["sct"]) for row in rows)
-    times = statistics.fmean(float(row["time"]) / 60.0 for row in won) if won else 1.0
-    for name, wanted in (
-        ("path-following", Score(lost, away, quality, mean, 6, frames)),
-        ("goal-obstacles", Score(lost, 0, sct, mean, 6, frames)),
-        ("docking", Score(lost, 0, times, mean, 6, frames)),
-    ):
-        found = CONTESTS[name].score(Episodes(rows), scenarios, speed, least)
-        assert dataclasses.astuple(found) == pytest.approx(dataclasses.astuple(wanted), nan_ok=True)
-        share = (wanted.off_pace + wanted.quality / (1.0 + wanted.quality)) / 3.0
-        assert found.value == pytest.approx(lost + share)
-
-
-def test_the_bar_of_a_preset() -> None:
-    path, goal, dock = (CONTESTS[name].bar for name in ("path-following", "goal-obstacles", "docking"))
-    assert path is not None
-    assert goal is not None
-    assert dock is not None
-
-    def rows(won: int, hit: int, family: str = "clutter_10", error: float = 0.01) -> Episodes:
-        return Episodes(
-            {"family": family, "success": str(int(k < won)), "collision": str(int(k >= 100 - hit)),
-             "cross_track_rms": repr(error), "failure_cost": "1.0"}
-            for k in range(100)
-        )  # fmt: skip
-
-    tried = (100, 0.0147), (100, 0.0149), (76, 0.014), (60, 0.014)
-    assert [path.reached(rows(won, 0, error=error)) for won, error in tried] == [True, False, True, False]
-    assert [goal.reached(rows(*each)) for each in ((90, 3), (89, 3), (90, 4))] == [True, False, False]
-    assert goal.reached(rows(100, 0, "rooms")) is None
-    assert [dock.reached(rows(won, 0)) for won in (80, 79)] == [True, False]
-    assert dock.reached(Episodes()) is None
 
 
 def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:

@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-import re
 import statistics
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kept_rows import packed, thinned, unpacked
 from oracles.drawn_tables import (
     COMMAND,
     FRONT,
@@ -39,12 +37,11 @@ from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.benchmarks.leaderboards import verdicts
 from wayfield.benchmarks.leaderboards.entries import success_cell
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
-from wayfield.benchmarks.leaderboards.matrix import Runs, how_often_better, success_difference
+from wayfield.benchmarks.leaderboards.matrix import Runs, success_difference
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.report import findings
 from wayfield.benchmarks.statistics.aggregates import better, interval, iqm
-from wayfield.benchmarks.statistics.crossed import share_interval
 from wayfield.benchmarks.statistics.paired import holm
 from wayfield.envs.robots.disturbances import LEVELS
 
@@ -381,160 +378,7 @@ def test_the_ladder(name: str) -> None:
     assert list(alone) == [stem]
 
 
-def test_rows_that_are_kept_have_six_digits_of_what_tables_show() -> None:
-    contest = CONTESTS["path-following"]
-    rows = [row | {"own": "1.5", "steady_offset": "0.25"} for row in rows_of(contest, 3)]
-    kept = thinned(rows)
-    shown = {column.metric for column in contest.columns} - {"cost"} | {
-        "success",
-        "collision",
-        contest.spec.cost.metric,
-    }
-    few = {"success", "collision", "mean_speed", contest.spec.cost.metric, contest.cost.metric}
-    names = {"suite", "contest", "family", "scenario", "robot", "disturbance", "policy", "gains_name", "gains"}
-    names |= {"dynamics", "actuators", "seed", "episode", "split", "tier", "speed", "agent_seed", "knows"}
-    names |= {"parameters", "learned_from", "failure_cost"}
-    assert set(kept) >= names | shown
-    lines = [dict(zip(kept, cells, strict=True)) for cells in zip(*kept.values(), strict=True)]
-    for row, mine in zip(rows, lines, strict=True):
-        for name, cell in mine.items():
-            if name in names:
-                assert cell == row[name]
-            elif name not in (shown if row["split"] == "test" else few) or not row[name]:
-                assert cell == ""
-            else:
-                assert cell == f"{float(row[name]):.6g}"
-    assert unpacked(packed(kept), "here") == lines
-
-
 # What the report says of the same rows.
-
-
-def charted(numbers: Sequence[float], expected: Sequence[float]) -> None:
-    assert list(numbers) == pytest.approx(list(expected), rel=1e-12)
-
-
-def test_the_charts_of_a_report_hold_the_numbers_of_the_rows(drawn: Any) -> None:
-    contest, entries, _, _ = pieces(drawn)
-    by_cost, cost = contest.pace is not None, contest.spec.cost
-    rows = [row | {"success": f"{float(row['success']):g}"} for mine in entries.values() for row in mine]
-    finding = findings.found(contest, "p3dx", Episodes(rows))
-    bars, duels, heat = finding.charts
-    assert [bars[name] for name in ("kind", "unit", "decimals", "most")] == ["bars", "%", 1, 100.0]
-    for line, entry in zip(bars["rows"], in_order(entries, contest), strict=True):
-        mine = entries[entry]
-        assert line["label"] == named(entry)
-        won = [number(row, "success") for row in mine]
-        ends = share_interval(*table_of(mine, won))
-        assert ends is not None
-        charted(line["values"], [100.0 * each for each in (statistics.fmean(won), *ends)])
-    assert duels["labels"] == heat["labels"] == [named(entry) for entry in entries]
-    keys = list(entries)
-    runs = [Runs.of(Episodes(entries[key]), contest) for key in keys]
-    for i, j in itertools.combinations(range(len(entries)), 2):
-        share = how_often_better(runs[i], runs[j]).value
-        assert duels["cells"][i][j] == pytest.approx(0.5 + share)
-        assert duels["cells"][j][i] == pytest.approx(0.5 - share)
-    assert all(duels["cells"][i][i] is None for i in range(len(keys)))
-    families = [*dict.fromkeys(row["family"] for row in rows)]
-    assert heat["columns"] == [*(["family", name] for name in families), *(["tier", name] for name in TIERS)]
-    for cells, mine in zip(heat["cells"], entries.values(), strict=True):
-        for (column, name), (won, count, typical) in zip(heat["columns"], cells, strict=True):
-            group = [row for row in mine if row[column] == name]
-            good = [number(row, cost.metric) for row in group if number(row, "success")]
-            assert (won, count) == (len(good), len(group))
-            assert typical == (pytest.approx(float(iqm(np.array(good)))) if good else None)
-    assert (heat["by_cost"], heat["factor"], heat["decimals"]) == (by_cost, 100.0, 1 if by_cost else 0)
-    swept = [row for row in drawn[1] if row["split"] == "front"]
-    front = findings.front_chart(contest, "p3dx", Episodes(swept))
-    # who never succeeds has no mean speed, and no place on the front
-    there = [(entry, mine) for entry, mine in groups(swept).items() if not math.isnan(speed_of(mine))]
-    for series, (entry, mine) in zip(front["series"], there, strict=True):
-        assert series["label"] == named(entry)
-        for point, asked in zip(series["points"], FRONT, strict=True):
-            here = [row for row in mine if row["speed"] == asked]
-            assert not math.isnan(speed_of(here))
-            numbers = costs_of(here, contest.cost.metric)
-            typical = float(iqm(np.array(numbers)))
-            ends = interval(*table_of(here, numbers), iqm) or (typical, typical)
-            assert (point["x"], point["y"], point["low"], point["high"]) == pytest.approx(
-                (speed_of(here), typical, *ends), nan_ok=True
-            )
-            assert (point["asked"], point["lost"]) == (asked, any(not number(row, "success") for row in here))
-
-
-def test_the_chart_of_a_ladder_holds_shares_and_their_ends() -> None:
-    contest = CONTESTS["docking"]
-    rows = [row for row in rows_of(contest, 5, ("severe", "none")) if row["split"] == "test"]
-    chart = findings.ladder_chart(contest, "p3dx", Episodes(rows))
-    assert chart["levels"] == ["none", "severe"]
-    for series, (entry, mine) in zip(chart["series"], groups(rows).items(), strict=True):
-        assert series["label"] == named(entry)
-        for k, level in enumerate(("none", "severe")):
-            here = [row for row in mine if row["disturbance"] == level]
-            won = [number(row, "success") for row in here]
-            low, high = share_interval(*table_of(here, won)) or (0.0, 0.0)
-            point = series["points"][k]
-            assert (point["x"], point["asked"]) == (k, level)
-            charted(
-                [point[name] for name in ("y", "low", "high")], [100 * statistics.fmean(won), 100 * low, 100 * high]
-            )
-    few = [row for row in rows if int(row["episode"]) < 3]
-    for series in findings.ladder_chart(contest, "p3dx", Episodes(few))["series"]:
-        assert all(point["low"] == point["y"] == point["high"] for point in series["points"])
-
-
-@pytest.mark.parametrize("map_told", [False, True])
-def test_the_small_table_and_the_sentence(drawn: Any, map_told: bool) -> None:
-    contest, entries, _, _ = pieces(drawn)
-    cost = contest.cost
-    told_map = {("B", "default"), ("C", "default")} if map_told else set()
-    rows = [
-        row | {"knows": "map" if entry in told_map else "sensors"} for entry, mine in entries.items() for row in mine
-    ]
-    entries = groups(rows)
-    finding = findings.found(contest, "p3dx", Episodes(rows))
-    order = in_order(entries, contest)
-    rivals = [entry for entry in order if entry not in told_map]
-    upper = [entry for entry in order if entry in told_map][:1]
-    shown = [*rivals[:3]]
-    shown += [entry for entry in [*(each for each in order if each[1] == "trained"), *upper] if entry not in shown]
-    wanted = []
-    for entry in shown:
-        mine = entries[entry]
-        pace = shown_pace(speed_of(mine)) + "‡" * is_off(mine, contest.pace)
-        wanted.append([named(entry), won_told(mine), typical_of(mine, contest), pace, mine[0]["knows"]])
-    assert finding.small.rows == wanted
-    assert f"{len(order) - len(shown)} more are in the full table" in finding.small.note
-    families = len({row["family"] for row in rows})
-    assert finding.sentence.startswith(
-        f"{contest.title} with p3dx: 5 policies on the same 14 scenarios of {families} families. "
-        f"{named(rivals[0])} comes first: success {won_told(entries[rivals[0]])} %, {cost.name} "
-    )
-    # whom the sentence does not tell apart the table of pairs does not either
-    table = verdicts.pairs_table(Episodes(rows), COMMAND)
-    lines = [dict(zip(table.header, row, strict=True)) for row in table.rows]
-    alike = {
-        frozenset((line["policy"], line["beside"]))
-        for line, each in zip(lines, verdicts.judged(lines), strict=True)
-        if each.outcome == "alike"
-    }
-    open_with = [named(entry) for entry in rivals[1:] if frozenset((named(rivals[0]), named(entry))) in alike]
-    listed = finding.sentence.partition("Not significantly different: ")[2].partition(".")[0]
-    assert re.split(r", | and ", listed) == (open_with or [""])
-    assert (f"{named(upper[0])} has access to the map" in finding.sentence) if upper else "map" not in finding.sentence
-
-
-def test_the_sentence_where_there_is_little_to_say() -> None:
-    contest = CONTESTS["docking"]
-    rows = [row for row in rows_of(contest, 0) if row["split"] == "test"]
-    few = [row for row in rows if int(row["episode"]) < 2]
-    sentence = findings.found(contest, "p3dx", Episodes(few)).sentence
-    assert "5 policies on the same 4 scenarios of 2 families." in sentence
-    assert sentence.endswith("too few scenarios to tell policies apart.")
-    alone = [row for row in rows if row["policy"] == "ppo" and row["episode"] == row["seed"] == "3"]
-    sentence = findings.found(contest, "p3dx", Episodes(alone)).sentence
-    assert "1 policy on the same 1 scenario of 1 family. ppo (trained) has no rival: success" in sentence
 
 
 def test_a_law_that_never_arrives_is_in_tables_and_charts_that_a_page_can_hold() -> None:

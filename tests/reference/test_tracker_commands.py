@@ -253,18 +253,3 @@ def test_the_tracker_is_its_docstring(policy: PolylineTracker, name: str) -> Non
             pose = pose + DT * np.array([c * vx - s * vy, s * vx + c * vy, w])
     assert ties < 80
     assert {(True, False, False), (False, False, False), (False, True, False)} <= seen
-
-
-@pytest.mark.parametrize("policy", [PolylineTracker(), PolylineTracker(max_speed=0.1, slow_speed=0.3), OTHER])
-@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow"])
-def test_the_tracker_asks_for_four_fifths_of_the_base_and_in_narrow_places_for_no_more_than_in_wide(
-    policy: PolylineTracker, tier: str
-) -> None:
-    base = ACTUATORS[tier]
-    layout = Observation.layout(2, 0, 5.0)
-    p = policy.params(Briefing(1, ROBOTS["p3dx"], base, DT, "twist", layout, np.empty(0), 5.0))[0]
-    for name in ("acceleration", "yaw_acceleration"):
-        wanted = min(getattr(policy, name), 0.8 * getattr(base, name))
-        assert (p[name], p["plant"][name]) == (wanted, wanted)
-    assert p["slow_speed"] == min(policy.slow_speed, policy.max_speed)
-    assert p["delay"] == pytest.approx(base.lag + 2.0 * DT)
