@@ -5,13 +5,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracles.local_planning import ID, MAX_RANGE, Array, briefing_of, drive, free, observed, scan
+from oracles.local_planning import MAX_RANGE, Array, briefing_of, drive, free, observed, scan
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import ROBOTS
@@ -24,7 +23,6 @@ from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, sees_all_round
-from wayfield.policies.pilot import Pilot
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.vfh_plus import VfhPlus
 from wayfield.system.compiled import compiled
@@ -327,42 +325,7 @@ def test_turning_scene_and_goal_turns_what_an_omni_robot_does(planner: Any) -> N
     assert alike >= 58
 
 
-@every_planner
-@every_robot
-def test_a_row_of_a_batch_acts_exactly_as_alone(planner: Any, robot: str) -> None:
-    options: dict[str, Any] = {"robot": robot, "actuators": "lagged", "num_beams": 72, "scenario": "mixed"}
-    many: Any = gymnasium.make_vec(ID[robot], 6, vectorization_mode="vector_entry_point", **options)
-    seen, _ = many.reset(seed=4)
-    pilot = Pilot(planner(patience=0.5), many)
-    pilot.reset()
-    alone: Any = gymnasium.make(ID[robot], **options)
-    first, _ = alone.reset(seed=4 + 3)
-    lone = Pilot(planner(patience=0.5), alone)
-    lone.reset()
-    for _ in range(150):
-        actions, action = pilot.act(seen), lone.act(first)
-        assert action.tobytes() == actions[3].tobytes()
-        seen, _, ended, _, _ = many.step(actions)
-        first, *_ = alone.step(action)
-        if ended[3]:
-            break
-
-
 # To the goal.
-
-
-@every_planner
-@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
-@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
-def test_a_goal_pose_in_the_open_is_reached_and_kept(planner: Any, robot: str, actuators: str, tmp_path: Path) -> None:
-    scene = {"goal": [2, 1.5, -2.0], "heading_tolerance": 0.1, "position_tolerance": 0.1}
-    poses, info = drive(planner(), scene, robot, tmp_path, 600, actuators=actuators, end_on_success=False)
-    away = np.hypot(poses[:, 0] - 2.0, poses[:, 1] - 1.5)
-    assert info["success"]
-    assert away[-100:].max() < 0.1
-    assert np.ptp(poses[-40:], axis=0).max() < 0.01  # at rest
-    # it does not overshoot: nobody passes the goal by more than the tolerance
-    assert (poses[:, :2] @ [0.8, 0.6]).max() < 2.5 + 0.1
 
 
 @every_planner
@@ -440,26 +403,3 @@ def test_a_scan_without_beams_or_with_others_is_refused(planner: Any) -> None:
     for beams in (0, 36, 71, 73, 144):
         with pytest.raises(ValueError, match=f"ranges has {beams} values, the scan has 72 beams"):
             first_twist(planner(), briefing, np.full((1, beams), MAX_RANGE))
-
-
-@pytest.mark.parametrize(
-    ("planner", "gain", "value"),
-    [
-        (Dwa, "max_speed", 0.0),
-        (Dwa, "horizon", math.inf),
-        (Dwa, "margin", -0.1),
-        (Dwa, "patience", math.nan),
-        (VfhPlus, "window", 0.0),
-        (VfhPlus, "high", 0.1),
-        (VfhPlus, "high", 1.0),
-        (VfhPlus, "slowing", 1.5),
-        (VfhPlus, "recall", -1.0),
-        (VfhPlus, "foresight", -1.0),
-        (VfhPlus, "sideways", 0.5),
-        (Dwa, "foresight", math.inf),
-        (Dwa, "retreat", -0.1),
-    ],
-)
-def test_gains_out_of_range_are_refused(planner: Any, gain: str, value: float) -> None:
-    with pytest.raises(ValueError, match=gain):
-        planner(**{gain: value})

@@ -1,5 +1,6 @@
 """Ctrl-C while OSQP solves: it changes no plan, and it is not lost."""
 
+import signal
 import subprocess
 import sys
 
@@ -28,8 +29,8 @@ def interrupt():
 
 alone = drive(40)
 signal.signal(signal.SIGINT, signal.SIG_IGN if sys.argv[1] == "ignored" else signal.default_int_handler)
-threading.Thread(target=interrupt, daemon=True).start()
 try:
+    threading.Thread(target=interrupt, daemon=True).start()
     same = np.array_equal(drive(40 if sys.argv[1] == "ignored" else 100000), alone)
 except KeyboardInterrupt:
     os._exit(130)
@@ -37,7 +38,8 @@ os._exit(0 if same else 1)
 """
 
 
-@pytest.mark.parametrize(("handler", "status"), [("ignored", 0), ("default", 130)])
-def test_an_interrupt_in_a_solution_is_the_process_s(handler: str, status: int) -> None:
+# a second interrupt may come before the first is answered: then the process ends of that
+@pytest.mark.parametrize(("handler", "statuses"), [("ignored", {0}), ("default", {130, -signal.SIGINT})])
+def test_an_interrupt_in_a_solution_is_the_process_s(handler: str, statuses: set[int]) -> None:
     done = subprocess.run([sys.executable, "-c", DRIVE, handler], capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stdout[-500:] + done.stderr[-2000:]
+    assert done.returncode in statuses, done.stdout[-500:] + done.stderr[-2000:]

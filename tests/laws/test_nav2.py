@@ -13,13 +13,10 @@ from wayfield.policies.nav2_dwb import Nav2Dwb
 from wayfield.policies.nav2_mppi import FILTER, HISTORY, Nav2Mppi
 from wayfield.policies.parts.costmap import inflated
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT
-from wayfield.system.compiled import compiled
 
 CONTROLLERS = [Nav2Dwb, Nav2Mppi]
 every_controller = pytest.mark.parametrize("controller", CONTROLLERS)
 RADIUS = 0.25  # m, of the P3DX
-
-beyond = compiled(lambda p, controls: nav2_mppi.beyond_limits(p[0], controls))
 
 
 # The costmap.
@@ -81,17 +78,3 @@ def test_it_drives_around_a_block_to_its_goal(controller: Any, robot: str, tmp_p
     poses, info = drive(controller(), {"goal": [4, 0, 0], "obstacles": [block]}, robot, tmp_path, 600)
     assert info["success"]
     assert len(poses) > 20
-
-
-@pytest.mark.parametrize(
-    ("controller", "wrong", "words"),
-    [
-        (Nav2Mppi, {"prune_distance": 9.0}, r"prune_distance must be a finite number > 0 and <= 4, got 9\.0"),
-        (Nav2Dwb, {"prune_distance": 9.0}, r"prune_distance must be a finite number > 0 and <= 4, got 9\.0"),
-        (Nav2Mppi, {"inflation_radius": 3.0}, r"inflation_radius must be a finite number >= 0 and <= 1\.275, got 3\.0"),
-        (Nav2Dwb, {"turns": 1}, "turns must be a whole number"),
-    ],
-)
-def test_gains_out_of_range_are_named(controller: Any, wrong: dict[str, Any], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        controller(**wrong)

@@ -296,23 +296,6 @@ def test_a_path_that_turns_back_on_itself_is_driven_to_the_end(policy: Any, tmp_
 
 
 @both
-def test_a_batch_drives_as_each_robot_alone(policy: Any) -> None:
-    many: Any = gymnasium.make_vec(DIFF_ID, 5, actuators="lagged")
-    singles = [gymnasium.make(DIFF_ID, actuators="lagged") for _ in range(5)]
-    seen, _ = many.reset(seed=3)
-    each = [env.reset(seed=3 + i)[0] for i, env in enumerate(singles)]
-    pilot, pilots = Pilot(policy, many), [Pilot(policy, env) for env in singles]
-    for one in (pilot, *pilots):
-        one.reset()
-    for _ in range(60):
-        actions = pilot.act(seen)
-        alone = [one.act(saw) for one, saw in zip(pilots, each, strict=True)]
-        assert np.array(alone).tobytes() == actions.tobytes()
-        seen, *_ = many.step(actions)
-        each = [env.step(action)[0] for env, action in zip(singles, alone, strict=True)]
-
-
-@both
 @pytest.mark.parametrize("robot", ["omni3", "omni4"])
 def test_an_omni_base_is_driven_as_a_unicycle(policy: Any, robot: str) -> None:
     run = drive(policy, 4, OMNI_ID, robot=robot, actuators="lagged")

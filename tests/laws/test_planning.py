@@ -361,26 +361,6 @@ def test_among_wide_cells_gaps_of_one_cell_are_ways_and_the_plan_is_hardly_longe
         assert env.unwrapped.batch.task.scenarios[0].grid.clearances(along).min() > 0.36  # hull and half of the margin
 
 
-@settings(max_examples=settings().max_examples // 16)
-@given(seed=st.integers(0, 1000), planner=st.sampled_from(PLANNERS), robot=st.sampled_from(["p3dx", "omni3"]))
-def test_a_row_of_a_batch_acts_as_alone(seed: int, planner: Any, robot: str) -> None:
-    options = {"robot": robot, "scenario": "discs", "actuators": "lagged"}
-    envs = gymnasium.make_vec(ID_OF[robot], 3, vectorization_mode="vector_entry_point", **options)
-    env = gymnasium.make(ID_OF[robot], **options)
-    pilots = Pilot(planner(), envs), Pilot(planner(), env)
-    observations, _ = envs.reset(seed=seed)
-    observation, _ = env.reset(seed=seed + 2)
-    for pilot in pilots:
-        pilot.reset()
-    for _ in range(60):
-        actions, action = pilots[0].act(observations), pilots[1].act(observation)
-        np.testing.assert_array_equal(actions[2], action)
-        observations, _, terminated, _, _ = envs.step(actions.astype(np.float32))
-        observation = env.step(action.astype(np.float32))[0]
-        if terminated[2]:
-            break
-
-
 def test_scans_are_needed(tmp_path: Path) -> None:
     env = gymnasium.make(ID_OF["p3dx"], scenario=world(tmp_path, U_TRAP), num_beams=0)
     env.reset(seed=0)

@@ -27,7 +27,6 @@ from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
 from wayfield.policies.parts.stopping import SECTORS
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
 
 DT = 0.05
 DIFF = "wayfield/DiffDriveGoalObstacles-v0"
@@ -500,52 +499,6 @@ def test_ways_in_the_open_are_straight_and_behind_a_wall_lead_round_its_end() ->
 
 
 # At the wheel.
-
-
-@pytest.mark.parametrize("policy", [Mppi(samples=64), Orca()], ids=["mppi", "orca"])
-@pytest.mark.parametrize(("env_id", "robot"), [(DIFF, "p3dx"), (OMNI, "omni4")])
-def test_one_and_many_drive_alike_and_alike_again(policy: Policy, env_id: str, robot: str) -> None:
-    options: dict[str, Any] = {"robot": robot, "actuators": "lagged", "scenario": "discs"}
-    runs = []
-    for _ in range(2):
-        many: Any = gymnasium.make_vec(env_id, 3, vectorization_mode="vector_entry_point", **options)
-        seen, _ = many.reset(seed=8)
-        singles = [gymnasium.make(env_id, **options) for _ in range(3)]
-        each = [env.reset(seed=8 + i)[0] for i, env in enumerate(singles)]
-        pilot, pilots = Pilot(policy, many), [Pilot(policy, env) for env in singles]
-        for every in (pilot, *pilots):
-            every.reset()
-        run = []
-        for _ in range(12):
-            actions = pilot.act(seen)
-            for i, env in enumerate(singles):
-                action = pilots[i].act(each[i])
-                assert action.tobytes() == actions[i].tobytes()
-                each[i] = env.step(action)[0]
-            seen = many.step(actions)[0]
-            run.append(actions)
-        runs.append(np.array(run))
-    assert runs[0].tobytes() == runs[1].tobytes()
-    assert np.abs(runs[0]).max() > 0.1
-
-
-@pytest.mark.parametrize("policy", [Mppi(samples=96), Orca()], ids=["mppi", "orca"])
-@pytest.mark.parametrize(("env_id", "robot"), ENVIRONMENTS)
-def test_goals_in_the_open_are_reached_in_position_and_heading(policy: Policy, env_id: str, robot: str) -> None:
-    env: Any = gymnasium.make_vec(
-        env_id, 6, vectorization_mode="vector_entry_point", scenario="open_field", robot=robot, actuators="lagged"
-    )
-    seen, _ = env.reset(seed=0)
-    pilot = Pilot(policy, env)
-    pilot.reset()
-    done = np.zeros(6, bool)
-    for _ in range(700):
-        seen, _, _, _, info = env.step(pilot.act(seen))
-        done |= np.asarray(info["success"], bool)
-        assert not np.asarray(info["collision"]).any()
-        if done.all():
-            break
-    assert done.all()
 
 
 def test_seeing_needs_beams_and_gains_are_checked() -> None:
