@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import sensing
-from wayfield.envs.scenarios import GoalScenario, PathScenario, goal_scenarios, moving_circle, path_scenarios
+from wayfield.envs.scenarios import GoalScenario, PathScenario, goal_scenarios, path_scenarios
 from wayfield.envs.scenarios.curves import circle_path
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.paths import Path, PathPool, nearest_ahead, walk_to
@@ -110,21 +110,6 @@ def test_what_is_no_angle_any_more_is_refused(value: float) -> None:
         ):
             with pytest.raises(ValueError, match="start_turn is"):
                 make_one()
-
-
-@pytest.mark.parametrize(
-    ("patrol", "named"),
-    [({"leg_time": 1e-300}, "leg_time"), ({"phase": 1e300}, "phase"), ({"vx": 1e300}, "vx"), ({"x": 2e6}, "x")],
-)
-def test_patrols_have_bounds(patrol: dict[str, float], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        moving_circle(**{"x": 0.0, "y": 0.0, "radius": 0.2, "vx": 0.1, "vy": 0.0, "leg_time": 2.0} | patrol)
-
-
-@pytest.mark.parametrize("laps", [10**6 + 1, 2**63, 10**400, -(10**400)])
-def test_laps_have_bounds(laps: int) -> None:
-    with pytest.raises(ValueError, match="laps is"):
-        PathScenario("many", RING, laps=laps)
 
 
 def test_a_point_too_large_for_a_float_is_a_value_error() -> None:

@@ -212,13 +212,6 @@ def test_where_words_meet_rounding_hides_none() -> None:
             assert shortest_word(x, y, heading + rounding, word) == pytest.approx(length, abs=1e-6), (way, rounding)
 
 
-@given(PLACES, PLACES, ANGLES, st.floats(-1e-12, 1e-12))
-def test_the_length_is_continuous_in_the_heading(x: float, y: float, heading: float, change: float) -> None:
-    word = np.zeros((MOST_PIECES, 2))
-    length = shortest_word(x, y, heading, word)
-    assert shortest_word(x, y, heading + change, word) == pytest.approx(length, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("pose", "length"),
     [
@@ -405,10 +398,10 @@ STARTS = [
 
 
 @pytest.mark.parametrize(("name", "robot", "family", "actuators"), STARTS)
-def test_a_thousand_random_starts_all_end_in_the_pose(
+def test_random_starts_all_end_in_the_pose(
     name: str, robot: str, family: str, actuators: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert reached(name, robot, family, actuators, 1000, monkeypatch).all()
+    assert reached(name, robot, family, actuators, 300, monkeypatch).all()
 
 
 @pytest.mark.slow

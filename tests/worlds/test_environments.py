@@ -1,6 +1,5 @@
 """Every environment id: Gymnasium's contract, the documented equations, bad input, and any scenario whatever."""
 
-import copy
 import itertools
 import json
 import math
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
-from hypothesis import event, given, settings
+from hypothesis import event, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
@@ -49,6 +48,9 @@ EVERY_KIND = [
     for dynamics in ("kinematic", "pymunk")
     for action_mode in ("twist", "wheel_speeds")
 ]
+# each robot on both plants, in both action modes
+SOME_KINDS = [kind for k, kind in enumerate(EVERY_KIND) if k % 4 in (0, 3)]
+some_kinds = pytest.mark.parametrize(("env_id", "options"), SOME_KINDS)
 every_kind = pytest.mark.parametrize(
     ("env_id", "options"),
     EVERY_KIND,
@@ -113,10 +115,6 @@ def run_alone(code: str, folder: Path) -> str:
 # The contract.
 
 
-def test_the_ids_are_those_that_these_tests_know() -> None:
-    assert set(IDS) == set(ROBOTS_OF)
-
-
 @every_kind
 def test_checkers_of_gymnasium_and_stable_baselines_are_content(env_id: str, options: dict[str, str]) -> None:
     with warnings.catch_warnings():
@@ -126,7 +124,7 @@ def test_checkers_of_gymnasium_and_stable_baselines_are_content(env_id: str, opt
         check_env_of_sb3(gymnasium.make(env_id, **options))
 
 
-@every_kind
+@some_kinds
 def test_a_spec_survives_being_written_to_json(env_id: str, options: dict[str, str]) -> None:
     env = gymnasium.make(env_id, **options, noise=1.0, shove=(0.5, 0.2, -0.1, 0.3), actuators="lagged")
     again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
@@ -235,7 +233,7 @@ def test_bad_options_of_reset_are_named(env_id: str, options: dict[str, Any], me
     assert env.reset()[0].tobytes() == following.tobytes()
 
 
-@every_kind
+@some_kinds
 def test_results_are_not_overwritten_by_later_steps(env_id: str, options: dict[str, str]) -> None:
     env = base(env_id, **options)
     first, _ = env.reset(seed=0)
@@ -248,7 +246,7 @@ def test_results_are_not_overwritten_by_later_steps(env_id: str, options: dict[s
 # Observations.
 
 
-@every_kind
+@some_kinds
 def test_fields_are_the_flat_observation_in_order(env_id: str, options: dict[str, str]) -> None:
     env = base(env_id, **options)
     layout = env.task.layout
@@ -347,7 +345,7 @@ def test_driving_into_a_wall_is_a_collision(tmp_path: Path, dynamics: str, robot
         assert info["clearance"] >= 0.0
 
 
-@every_kind
+@some_kinds
 def test_the_clock_truncates(env_id: str, options: dict[str, str]) -> None:
     scenario = plain(env_id, "circle", "apf_1")
     assert gymnasium.spec(env_id).max_episode_steps == 1200
@@ -532,8 +530,10 @@ def spoiled(kind: Any, like: NDArray[np.float32]) -> Any:
     return bad
 
 
-@every_kind
-@pytest.mark.parametrize(("kind", "error"), BAD_ACTIONS, ids=[str(kind) for kind, _ in BAD_ACTIONS])
+@pytest.mark.parametrize(
+    ("env_id", "options", "kind", "error"),
+    [(*SOME_KINDS[k % len(SOME_KINDS)], *bad) for k, bad in enumerate([*BAD_ACTIONS, *BAD_ACTIONS[::-1]])],
+)
 def test_a_bad_action_is_refused_and_changes_nothing(
     env_id: str, options: dict[str, str], kind: Any, error: Any
 ) -> None:
@@ -609,13 +609,6 @@ def test_options_that_do_not_fit_are_named(env_id: str, options: dict[str, Any],
         with pytest.raises(ValueError) as caught:  # noqa: PT011  the message is compared in full
             make(env_id, **options)
         assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(("x", "place"), [(0.2, "start"), (5.1, "goal")])
-def test_obstacles_over_start_or_goal_are_refused(tmp_path: Path, x: float, place: str) -> None:
-    over = {"kind": "circle", "x": x, "y": 0.0, "radius": 0.1}
-    with pytest.raises(ValueError, match=f"is over the {place}"):
-        gymnasium.make(GOAL_ID, scenario=written(tmp_path, goal=[5, 0, 0], obstacles=[over]))
 
 
 # Any scenario whatever.
@@ -705,7 +698,6 @@ def survives(env: Any, scales: list[float], seed: int) -> bool:
     return touched
 
 
-@settings(max_examples=5 * settings().max_examples // 2)
 @given(st.data(), GOAL_SCENARIOS, OPTIONS, SCALES, st.integers(0, 9))
 def test_any_goal_scenario_is_refused_or_survived(
     tmp_path_factory: pytest.TempPathFactory,
@@ -733,7 +725,6 @@ def test_any_goal_scenario_is_refused_or_survived(
     event("touched something" if survives(env.unwrapped, scales, seed) else "touched nothing")
 
 
-@settings(max_examples=5 * settings().max_examples // 2)
 @given(st.sampled_from(PATH_IDS), PATH_SCENARIOS, OPTIONS, SCALES, st.integers(0, 9), st.floats(0.1, 4.0))
 def test_any_path_scenario_is_survived(
     tmp_path_factory: pytest.TempPathFactory,
@@ -783,17 +774,3 @@ def test_a_finite_action_beyond_all_bounds_saturates() -> None:
     env.step(np.array([1e308, 0.0, 0.0]))
     # what the acceleration limit lets through in one step, whatever was asked
     assert env.batch.states["command_vx"][0] == pytest.approx(1.0 * 0.05)
-
-
-@every_id
-def test_a_copy_goes_on_alike_and_on_its_own(env_id: str) -> None:
-    env = base(env_id, noise=1.0)
-    actions = actions_of(env, 60)
-    for action in actions[:30]:
-        env.step(action)
-    twin = copy.deepcopy(env)
-    ahead = [twin.step(action) for action in actions[30:]]
-    for action, (observation, *rest) in zip(actions[30:], ahead, strict=True):
-        own, *others = env.step(action)
-        assert own.tobytes() == observation.tobytes()
-        assert others == rest

@@ -136,32 +136,6 @@ def test_the_bounds_fit_with_a_margin_and_touch_it_on_two_sides(bounds):
     np.testing.assert_allclose(view.world_from_pixels(view.pixels_from_world((1.5, -2.5))), (1.5, -2.5))
 
 
-def test_a_ray_ends_where_its_range_says_and_one_that_meets_nothing_has_no_end():
-    pose, rays = (5.0, 4.0, 0.5), np.array([-1.0, 0.3, 2.0])
-    ranges = np.array([2.0, 3.0, 1.0])
-    renderer = Renderer("rgb_array", fps=20)
-    layers = {"pose": pose, "beam_angles": rays, "ranges": ranges}
-    without = frame_of(empty_scene(pose=pose), renderer)
-    hits = frame_of(empty_scene(**layers), renderer)
-    missed = frame_of(empty_scene(**layers, max_range=2.0), renderer)
-    view = renderer.view(SCENE)
-
-    def seen(frame: NDArray[np.uint8], k: int, distance: float) -> bool:
-        angle = pose[2] + rays[k]
-        at = view.pixels_from_world((pose[0] + distance * np.cos(angle), pose[1] + distance * np.sin(angle)))
-        column, row = at.round().astype(int)
-        near = slice(row - 1, row + 2), slice(column - 1, column + 2)
-        return bool((frame[near] != without[near]).any())
-
-    for k, end in enumerate(ranges):
-        assert seen(hits, k, end - 0.1)
-        assert not seen(hits, k, end + 0.2)
-    assert seen(missed, 1, 1.9), "a ray of 3 m is drawn up to 2 m"
-    assert not seen(missed, 1, 2.1)
-    end = view.pixels_from_world((pose[0] + 2.0 * np.cos(-0.5), pose[1] + 2.0 * np.sin(-0.5))).round().astype(int)
-    assert (hits[end[1], end[0]] != missed[end[1], end[0]]).any(), "only what is met has a dot"
-
-
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 def test_a_robot_that_turns_is_the_same_picture_turned(robot):
     """By a quarter to the left, in a square around it; by a tenth of that it is already another."""

@@ -1,6 +1,5 @@
 """The frame of every task holds what stands, moves and is driven; a briefing what a policy has access to."""
 
-import cmath
 import json
 import math
 from pathlib import Path
@@ -86,27 +85,6 @@ def test_a_paths_scene_shows_the_point_ahead_and_the_one_beside_it(tmp_path: Pat
     assert scene.reference == pytest.approx((2.0, 0.3 + 0.5 * math.sin(1.2)))
 
 
-def test_policies_are_told_what_they_ask_for_and_no_more(tmp_path: Path) -> None:
-    env = made(tmp_path, "GoalObstacles", "omni4", GOAL, num_beams=4, actuators="lagged", max_range=3.0)
-    sensors, goal, world = (env.briefing(knows) for knows in ("sensors", "goal", "map"))
-    for told in (sensors, goal, world):
-        assert (told.num_envs, told.robot, told.dt, told.action_mode) == (1, ROBOTS["omni4"], 0.05, "twist")
-        assert (told.actuators.acceleration, told.max_range, len(told.beam_angles)) == (1.0, 3.0, 4)
-    assert sensors.goals is None
-    assert sensors.obstacles is goal.obstacles is None
-    for told in (goal, world):
-        assert told.num_goals.tolist() == [3]
-        assert told.goals[0].tolist() == [[1.0, 1.0, 0.0], [2.0, -0.5, 0.0], [4.0, 1.0, 0.4]]
-    assert world.num_obstacles.tolist() == [3]
-    assert world.obstacles[0]["x"].tolist() == [6.0, 1.0, -1.0]
-    assert world.patrols["leg_time"].tolist() == [[0.0, 0.0, 4.0]]
-    path = made(tmp_path, "PathFollowing", "p3dx", {"path": [[0, 0], [2, 0]]})
-    assert path.briefing("sensors").paths is None
-    told = path.briefing("path")
-    assert (told.paths, told.path_index.tolist()) == (path.task.pool, [0])
-    assert path.briefing("map").num_obstacles.tolist() == [0]
-
-
 def drawn_of(env_id: str, index: int, actions: list[list[float]], **kwargs: Any) -> Any:
     """Returns a task, the state of its robot after some actions, and what a frame is told of it."""
     env: Any = gymnasium.make(f"wayfield/{env_id}-v0", **kwargs).unwrapped
@@ -121,54 +99,6 @@ def drawn_of(env_id: str, index: int, actions: list[list[float]], **kwargs: Any)
 
 def corners_of(points: Any, margin: float) -> list[float]:
     return [float(each) for each in (*(np.min(points, axis=0) - margin), *(np.max(points, axis=0) + margin))]
-
-
-@pytest.mark.parametrize("scenario", ["splines/test", "figure_eight_lap"])
-def test_a_frame_of_a_path_holds_its_corridor_and_both_points_of_document_a(scenario: str) -> None:
-    task, state, told = drawn_of("DiffDrivePathFollowing", 0, [[0.4, 0.6]] * 7, scenario=scenario)
-    course = task.scenarios[0]
-    lap = [course.path.points[:1]] if course.path.closed else []
-    np.testing.assert_allclose(told["path"], np.vstack([course.path.points, *lap]), atol=1e-9)
-    assert told["corridor"] == course.corridor
-    assert list(told["bounds"]) == pytest.approx(corners_of(told["path"], course.corridor + task.robot.hull_radius))
-    assert told["start"] == pytest.approx(tuple((course.start or course.path.points[0])[:2]), abs=1e-6)
-    at, ahead = complex(state["x"], state["y"]), 0.5 * cmath.exp(1j * state["heading"])
-    assert complex(*told["lookahead"]) == pytest.approx(at + ahead)
-    # the nearest point of the path to the one that is half a metre ahead
-    ends = told["path"] @ np.array([1.0, 1j])
-    shares = np.linspace(0.0, 1.0, 50)[:, None]
-    least = np.abs((1.0 - shares) * ends[:-1] + shares * ends[1:] - complex(*told["lookahead"])).min()
-    assert abs(complex(*told["reference"]) - complex(*told["lookahead"])) == pytest.approx(least, abs=1e-4)
-    error = 100.0 * float(state["cross_track_error"])
-    assert told["caption"] == f"t {0.35:5.2f} s   cross-track error {error:+6.1f} cm"
-
-
-@pytest.mark.parametrize("scenario", ["moving_crowd/test", "doors_medium/test", "clutter_10/test"])
-def test_a_frame_of_a_field_holds_all_that_stands_and_moves(scenario: str) -> None:
-    task, state, told = drawn_of("OmniGoalObstacles", 2, [[0.2, 0.1, 0.3]] * 4, scenario=scenario)
-    world = task.scenarios[2]
-    points = [complex(*world.start[:2]), complex(*world.goal[:2]), *(complex(*each) for each in world.waypoints)]
-    for k, each in enumerate(world.obstacles):
-        long, wide = each["half_length"], each["half_width"]
-        turn = complex(each["cos"], each["sin"])
-        round_ = [each["radius"] * side for side in (1, 1j, -1, -1j)]
-        shape = [turn * complex(a * long, b * wide) + r for a in (-1, 1) for b in (-1, 1) for r in round_]
-        places = [complex(each["x"], each["y"])]
-        way = world.patrols[k]
-        if way["leg_time"] > 0.0:
-            first = complex(way["x"], way["y"])
-            places += [first, first + way["leg_time"] * complex(way["vx"], way["vy"])]
-        points += [place + corner for place in places for corner in shape]
-    assert (scenario == "moving_crowd/test") == bool((world.patrols["leg_time"] > 0.0).any())
-    flat = np.array([[each.real, each.imag] for each in points])
-    assert list(told["bounds"]) == pytest.approx(corners_of(flat, 2.0 * task.robot.hull_radius))
-    assert told["start"] == world.start[:2]
-    assert told["goals"][-1].tolist() == list(world.goal)
-    assert np.isnan(told["goals"][:-1, 2]).all()
-    assert (told["goal_tolerance"], told["max_range"]) == (world.position_tolerance, task.max_range)
-    assert told["grid"] is None
-    away, room = float(state["goal_distance"]), float(state["clearance"])
-    assert told["caption"] == f"t {0.2:5.2f} s   goal {away:5.2f} m   clearance {room:5.2f} m"
 
 
 def test_a_frame_of_a_large_map_shows_where_the_robot_drives(tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 import functools
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -332,19 +330,3 @@ def test_arguments_are_checked() -> None:
             env.reset(options={"start": 1})
         with pytest.raises(ValueError, match="seed must be an int or 2 of them, got 3"):
             env.reset(seed=[1, 2, 3])
-
-
-SPAWNED = """
-import gymnasium
-assert not [spec for spec in gymnasium.registry if "wayfield" in spec]
-env = gymnasium.make("wayfield:wayfield/DiffDrivePathFollowing-v0")
-env.reset(seed=0)
-envs = gymnasium.make_vec("wayfield:wayfield/DiffDrivePathFollowing-v0", num_envs=2)
-envs.reset(seed=0)
-print(env.unwrapped.spec.id, envs.num_envs)
-"""
-
-
-def test_a_process_that_imports_gymnasium_alone_makes_an_id_that_names_the_package() -> None:
-    done = subprocess.run([sys.executable, "-c", SPAWNED], capture_output=True, text=True, check=True)
-    assert done.stdout == "wayfield/DiffDrivePathFollowing-v0 2\n"
