@@ -6,15 +6,12 @@ file, or by taking the places away in which numba looks.
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-
-import wayfield
 
 KERNEL = """
 from wayfield.system.compiled import compiled, inlined
@@ -255,37 +252,6 @@ def test_a_kernel_that_calls_what_cannot_be_followed_depends_on_all_sources(run:
         assert run(tmp_path, tmp_path / "cache", code) == [told]
 
 
-def test_another_copy_of_the_package_compiles_nothing_again(tmp_path: Path) -> None:
-    code = "import wayfield.system.elementary as e; e.sin_cos(0.5); "
-    code += "print(e.__file__, *e.sin_cos.stats.cache_hits.values())"
-    found = []
-    for k in range(2):
-        copy = tmp_path / str(k) / "wayfield"
-        home = Path(wayfield.__file__).parent
-        shutil.copytree(home, copy, ignore=lambda folder, names: {"__pycache__", "policies", "benchmarks", "splits"})
-        settings = os.environ | {"PYTHONPATH": str(copy.parent), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-        words = [sys.executable, "-c", code]
-        found.append(subprocess.run(words, env=settings, capture_output=True, text=True, check=True).stdout.split())
-    assert found == [
-        [str(tmp_path / "0/wayfield/system/elementary.py")],
-        [str(tmp_path / "1/wayfield/system/elementary.py"), "1"],
-    ]
-
-
-def test_older_versions_are_removed_where_a_kernel_is_kept_beside_its_source(run: Run, tmp_path: Path) -> None:
-    code = "import sys; sys.dont_write_bytecode = True; import numba, os; numba.config.CACHE_DIR = ''; "
-    code += "del os.environ['NUMBA_CACHE_DIR']; "
-    code += "import kernel; print(kernel.four_times(1.5))"
-    kept = []
-    for factor in ("2.0", "2.0", "3.0"):
-        (tmp_path / "kernel.py").write_text(KERNEL.replace("2.0 * twice", f"{factor} * twice"))
-        assert run(tmp_path, tmp_path, code) == [str(3.0 * float(factor))]
-        kept.append({file.name for file in (tmp_path / "__pycache__").glob("kernel.four_times*.nb?")})
-    assert kept[0] == kept[1]
-    assert kept[0].isdisjoint(kept[2])
-    assert len(kept[2]) == 2
-
-
 def test_without_any_folder_it_is_compiled_anew_and_said_once(called: Called, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "__pycache__").touch()  # beside the module
@@ -374,33 +340,6 @@ def test_what_other_kernels_call_is_a_part_of_them_until_python_calls_it(
     assert len(list(cache.rglob("kernel.twice*.nbc"))) == 2  # kept for those who call it from Python
 
 
-def test_the_collector_of_waste_is_left_as_it_was(called: Called) -> None:
-    between = """
-    import gc
-    for collecting, number in ((True, 2.5), (False, 2)):
-        (gc.enable if collecting else gc.disable)()
-        kernel.four_times(number)
-        print(gc.isenabled())
-    """
-    assert called("", between.strip()) == ["True", "False", "6.0 8.0", ""]
-
-
-def test_an_error_in_a_part_comes_out_of_it(called: Called, tmp_path: Path) -> None:
-    (tmp_path / "kernel.py").write_text(
-        KERNEL.replace("def twice(x):", "def twice(x):\n    if x == 1.5:\n        raise ValueError('one and a half')")
-    )
-    between = """
-    for function in (kernel.four_times, kernel.twice):
-        try:
-            function(1.5)
-        except ValueError as error:
-            print(error)
-    kernel.four_times = kernel.twice = lambda x: x
-    """
-    results = called("", between.strip())
-    assert results[:2] == ["one and a half"] * 2
-
-
 @pytest.mark.parametrize("decorator", ["compiled", "inlined"])
 def test_what_counts_no_references_may_not_hand_arrays_on(called: Called, tmp_path: Path, decorator: str) -> None:
     (tmp_path / "kernel.py").write_text(f"""
@@ -446,20 +385,6 @@ def test_code_of_another_signature_under_ones_name_is_not_used(called: Called, t
     first, second = sorted(cache.rglob("kernel.four_times*.nbc"))
     second.write_bytes(first.read_bytes())  # as two processes leave it that save at once
     assert called() == ["6.0 8.0", ""]
-
-
-def test_a_kernel_without_machine_code_to_keep_runs(called: Called) -> None:
-    before = """
-    from llvmlite.binding import executionengine
-    executionengine.ExecutionEngine._raw_object_cache_notify = None
-    from numba.core.codegen import CPUCodeLibrary
-    def none_yet(self):
-        raise RuntimeError("no compiled object yet")
-    CPUCodeLibrary._get_compiled_object = none_yet
-    """
-    results, told = called(before.strip())
-    assert results == "6.0 8.0"
-    assert "no compiled object yet" in told
 
 
 WEIGHTED = """

@@ -10,16 +10,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks.commands.evaluate import main
-from wayfield.benchmarks.contests import CONTESTS, COST, OF_KIND
+from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.entrants.own_scenario import POLICIES
 from wayfield.benchmarks.episodes.metrics import METRICS, measure
 from wayfield.benchmarks.episodes.rollout import roll_out
-from wayfield.benchmarks.figures.document_figures import figures_of
-from wayfield.benchmarks.leaderboards import document_tables
 from wayfield.benchmarks.records.results import read_rows, read_trajectories
 from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET
-from wayfield.envs.scenarios import TASKS
 
 OF_EVERY_RUN = ("run.json", ".lock", "report.html", "drives.npz", "worlds.json")
 CIRCUITS = Path(__file__).parents[2] / "shared" / "data" / "tum_racetracks"
@@ -222,19 +219,6 @@ def test_a_dock_of_ones_own(tmp_path):
     assert "Dock: my dock" in shown
     for column in ("final error (m)", "time (s)", "driven (m)", "changes of direction", "least clearance (m)"):
         assert column in shown
-
-
-def test_every_task_has_its_table_and_figures_of_a_file_of_ones_own():
-    for spec in TASKS.values():
-        columns, note = document_tables._shown(spec.kind)
-        assert columns
-        assert note
-        assert figures_of(spec.kind)
-        # every metric that is shown is one that its rows have
-        known = {column.name for column in (*METRICS, *OF_KIND[spec.kind].metrics)}
-        assert {metric for column in columns for metric in column.metrics} <= known
-        shown = {column.metric for column in OF_KIND[spec.kind].columns} - {COST}
-        assert shown <= known
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -13,7 +13,6 @@ import pytest
 from fingerprints import CONDITIONS, QUANTITIES, World, alone, batched, differences, fingerprint
 
 from wayfield import policies
-from wayfield.benchmarks.contests import CONTESTS
 from wayfield.policies import Pilot
 
 NAMES = ("zero", "pure_pursuit", "apf_escape", "ppo")
@@ -39,31 +38,6 @@ def test_another_process_finds_the_same(here: dict[str, Any]) -> None:
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(run.stdout) == here
     assert {key.split()[-2] for key in here} == set(NAMES)
-
-
-def test_every_robot_is_driven_on_every_plant_under_every_condition() -> None:
-    every = fingerprints.worlds()
-    late = {(each.contest, each.robot, each.plant) for each in every if each.condition.name == "late"}
-    assert late == {
-        (name, robot, plant) for name in CONTESTS for robot in fingerprints.LATE for plant in fingerprints.PLANTS
-    }
-    found = [each for each in every if each.condition.name != "late"]
-    conditions = {name: {each.condition.name for each in found if each.contest == name} for name in CONTESTS}
-    assert all(len(names) >= 3 for names in conditions.values())
-    wanted = {
-        (name, robot, plant, condition)
-        for name, names in conditions.items()
-        for robot in ("p3dx", "omni3", "omni4", "mecanum4")
-        for plant in ("kinematic", "pymunk")
-        for condition in names
-    }
-    assert {(each.contest, each.robot, each.plant, each.condition.name) for each in found} == wanted
-    assert len(found) == len(wanted)
-    for each in found:
-        options = each.options()
-        assert (options["robot"], options["dynamics"]) == (each.robot, each.plant)
-        assert options["id"] == CONTESTS[each.contest].env_id(each.robot)
-        assert options["scenario"] == each.condition.scenario
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=lambda world: world.contest)

@@ -1,6 +1,5 @@
 """Work on many machines: the same rows wherever they are made, none twice, and one line whatever is lost."""
 
-import concurrent.futures
 import dataclasses
 import json
 import os
@@ -91,40 +90,6 @@ def test_a_part_that_fails_once_is_done_and_one_that_fails_twice_is_told_while_t
         done.extend(threads.as_done(work, ["good", "bad", "unlucky", "fine"]))
     assert sorted(name for _, name in done) == ["fine", "good", "unlucky"]
     assert (calls.count("bad"), calls.count("unlucky"), calls.count("good")) == (TRIES, 2, 1)
-
-
-@pytest.mark.parametrize("results", [Executor.__call__, Executor.as_done])
-@pytest.mark.parametrize("fails", [False, True])
-def test_what_was_handed_over_is_taken_back_when_nobody_waits_for_it(results: Any, fails: bool) -> None:
-    futures: list[concurrent.futures.Future[Any]] = []
-
-    def submit(function: Any, item: int) -> Any:
-        futures.append(concurrent.futures.Future())
-        if item == 0:
-            futures[0].set_exception(ValueError("zero")) if fails else futures[0].set_result(None)
-        return futures[-1]
-
-    found = results(Executor(submit, ahead=7), str, range(50))
-    if fails:
-        with pytest.raises(ValueError, match="zero"):
-            next(found)
-    else:
-        next(found)
-        found.close()
-    assert [future.cancelled() for future in futures] == [False] + [True] * 6
-
-
-def test_work_in_this_process_ends_at_the_first_error() -> None:
-    seen: list[int] = []
-
-    def work(k: int) -> None:
-        seen.append(k)
-        if k == 2:
-            raise ValueError("two")
-
-    with pytest.raises(ValueError, match="two"):
-        list(HERE(work, range(5)))
-    assert seen == [0, 1, 2]
 
 
 # Payloads: what travels.
@@ -327,6 +292,7 @@ def test_a_scheduler_and_two_workers_train_and_drive_a_robot_whose_data_sheet_th
     assert b"mine" in found["far"][2]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(place: Place, tmp_path: Path) -> None:
     scheduler = place.scheduler()
@@ -369,18 +335,3 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, address: str,
     (line,) = [line for line in found.stderr.splitlines() if not line.startswith("first run")]
     assert line.startswith(f"evaluate: --cluster '{address}' {told}")
     assert not (tmp_path / "far").exists()
-
-
-def test_a_scheduler_of_another_version_is_one_line(place: Place, tmp_path: Path) -> None:
-    place.scheduler(
-        "from distributed import versions\nversions.get_package_info = "
-        "lambda names, found=versions.get_package_info: {**found(names), 'distributed': '2020.1.0'}\n"
-    )
-    found = evaluate(*ASKED, "--cluster", place.address, "--out", str(tmp_path / "far"))
-    assert found.exit_code == 1, found.stderr
-    (line,) = [line for line in found.stderr.splitlines() if not line.startswith("first run")]
-    here = distributed.__version__
-    assert line == (
-        f"evaluate: --cluster '{place.address}' is a scheduler of another version: distributed 2020.1.0 there, "
-        f"{here} here"
-    )

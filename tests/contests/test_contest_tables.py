@@ -1,27 +1,19 @@
 """The tables of a contest from rows made by hand, whose aggregates are known; and episodes rolled out one by one."""
 
 import math
-import re
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from oracles.contest_rows import COUNT, GOALS, PATHS, made
 
 from wayfield import policies
-from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.episodes.rollout import make_policy, roll_out
-from wayfield.benchmarks.leaderboards.disclosure import disclosed
-from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.leaderboards.terminal import print_short
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.records.trajectory import Trajectory
-from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm
-from wayfield.benchmarks.statistics.crossed import exact_interval
-from wayfield.envs.tasks.briefing import KNOWS
 from wayfield.policies.pilot import Pilot
 
 PATH_ID, GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
@@ -31,62 +23,6 @@ def column(table: Table, name: str) -> dict[str, str]:
     """Returns the cells of a column by policy."""
     at = table.header.index(name)
     return {line[0]: line[at] for line in table.rows}
-
-
-def numbers(cell: str) -> list[float]:
-    return [
-        float(part) for part in cell.replace("[", " ").replace("]", " ").replace(",", " ").replace("|", " ").split()
-    ]
-
-
-WON = np.array([1, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0, 1, 1.0])
-ERRORS = np.array([3, 1, 4, 0.5, 5, 9, 2, 6, 5, 3, 5, 8, 9, 140, 9, 3]) / 100.0
-TIMES = np.array([30, 11, 42, 6, 55, 9, 21, 16, 15, 33, 25, 18, 49, 5, 29, 31.0])
-STRATA = ["wide"] * COUNT + ["narrow"] * COUNT
-
-
-def ends(values: Any, statistic: Any) -> tuple[float, float]:
-    found = interval(values, STRATA, statistic)
-    assert found is not None
-    return found
-
-
-def counted(values: Any) -> tuple[float, float]:
-    found = counted_interval(values, WON, 60.0, STRATA)
-    assert found is not None
-    return found
-
-
-def test_a_failed_run_counts_as_the_corridor_or_the_whole_clock_and_means_are_interquartile() -> None:
-    cells = {"success": WON, "cross_track_rms": ERRORS, "time": TIMES, "mean_speed": TIMES / 60, "faults": TIMES}
-    rows = made(PATHS, "pure_pursuit", cells | {"saturated_share": TIMES / 100})
-    table = contest_tables(rows, [], "x", False)["path_following_p3dx"]
-    costs = np.where(WON == 1.0, ERRORS, 1.0)
-    assert numbers(column(table, "RMS error (m)")["pure_pursuit"]) == pytest.approx([costs.mean()], abs=6e-5)
-    low, high = ends(costs, iqm)
-    shown = numbers(column(table, "typical (m)")["pure_pursuit"])
-    assert shown == pytest.approx([float(iqm(costs)), low, high], abs=6e-5)
-    # of the successes alone
-    assert numbers(column(table, "time (s)")["pure_pursuit"]) == pytest.approx(
-        [float(iqm(TIMES[WON == 1.0]))], abs=0.06
-    )
-    # plain means of counts and shares
-    assert numbers(column(table, "faults")["pure_pursuit"]) == pytest.approx([TIMES.mean()], abs=6e-3)
-    assert numbers(column(table, "saturated (%)")["pure_pursuit"]) == pytest.approx([TIMES.mean()], abs=0.06)
-    low, high = exact_interval(14 / 16, 16)
-    assert numbers(column(table, "success (%)")["pure_pursuit"]) == pytest.approx(
-        [87.5, 100 * low, 100 * high], abs=0.06
-    )
-
-    rows = made(GOALS, "dwa", {"success": WON, "collision": 1.0 - WON, "time": TIMES, "spl": WON * TIMES / 60})
-    table = contest_tables(rows, [], "x", False)["goal_obstacles_p3dx"]
-    imputed = np.where(WON == 1.0, TIMES, 60.0)
-    low, high = counted(imputed)
-    shown = numbers(column(table, "imputed (s)")["dwa"])
-    assert shown == pytest.approx([imputed.mean(), low, high], abs=0.06)
-    assert numbers(column(table, "collision (%)")["dwa"]) == pytest.approx([12.5])
-    low, high = counted(np.where(WON == 1.0, TIMES / 60, 0.0))
-    assert numbers(column(table, "SPL")["dwa"]) == pytest.approx([(WON * TIMES / 60).mean(), low, high], abs=6e-4)
 
 
 def run_along(along: Any, errors: Any) -> dict[str, float]:
@@ -237,21 +173,6 @@ def test_laps_are_completed_one_after_the_other(tmp_path: Any) -> None:
     # 15 s at 0.6 m/s of three laps of 8 m
     assert found["completion"] == pytest.approx(found["path_length"] / 24.0, rel=0.1)
     assert 0.3 < found["completion"] < 0.45
-
-
-@pytest.mark.parametrize("name", CONTESTS)
-def test_only_who_has_a_path_is_told_one(name: str) -> None:
-    told = {knows: disclosed("mine", "default", knows, CONTESTS[name]).told for knows in KNOWS}
-    assert ("path" in told["path"]) == (CONTESTS[name].spec.kind == "path")
-    assert "goal" in told["goal"]
-    assert told["sensors"] == "nothing"
-
-
-def test_a_bar_in_a_cell_is_no_border() -> None:
-    text = Table("Costs", ["policy", "a|b"], [["mine:P", "|v|"]], "note").markdown()
-    lines = [line for line in text.splitlines() if line.startswith("|")]
-    assert {len(re.split(r"(?<!\\)\|", line)) for line in lines} == {4}
-    assert r"\|v\|" in text
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 200])

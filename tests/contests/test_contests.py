@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
@@ -36,7 +35,7 @@ from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.tuning import tune
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.disturbances import LEVELS
-from wayfield.envs.scenarios import TASKS, GoalScenario, circle, obstacle_field, path_scenarios, splits, wall
+from wayfield.envs.scenarios import TASKS, GoalScenario, obstacle_field, path_scenarios, splits, wall
 from wayfield.policies.tuned import condition, read_gains, tuned_set
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
@@ -102,11 +101,6 @@ def test_all_trajectories_are_kept_whole_on_request(tmp_path: Path) -> None:
         assert driven.times[-1] == pytest.approx(row["time"])
         # what the row says can be worked out from the file alone
         assert measure(driven, None)["cross_track_rms"] == pytest.approx(row["cross_track_rms"], rel=1e-9)
-
-
-def test_trajectories_of_the_documents_are_all_kept() -> None:
-    refused = CliRunner().invoke(main, ["--suite", "documents", "--keep-trajectories", "all"])
-    assert "--keep-trajectories belongs to the contests" in refused.stderr
 
 
 def test_every_policy_can_be_told_its_speed() -> None:
@@ -208,16 +202,6 @@ def test_comparisons_that_are_not_paired_are_refused(paths: tuple[Path, Result])
 
 
 # The shortest way.
-
-
-def test_the_shortest_way_is_straight_in_the_open_and_goes_round_what_stands() -> None:
-    open_field = GoalScenario("open", goal=(4.0, 3.0, 0.0), position_tolerance=0.2)
-    assert shortest_way(open_field, 0.25) == pytest.approx(5.0 - 0.2, rel=0.01)
-    # around a disc of 1 m halfway: two tangents and an arc at the hull's distance
-    disc = GoalScenario("disc", goal=(4.0, 0.0, 0.0), obstacles=obstacle_field(circle(2.0, 0.0, 0.75)))
-    tangent = np.sqrt(3.0)
-    arc = np.pi - 2.0 * np.arccos(1.0 / 2.0)
-    assert shortest_way(disc, 0.25) == pytest.approx(2.0 * tangent + arc - 0.1, rel=0.02)
 
 
 def test_a_goal_behind_walls_has_no_way() -> None:

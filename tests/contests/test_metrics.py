@@ -9,7 +9,6 @@ import pytest
 from wayfield.benchmarks.episodes import metrics
 from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.records.trajectory import Trajectory
-from wayfield.benchmarks.statistics.crossed import exact_interval
 
 DT = 0.05
 
@@ -124,11 +123,3 @@ def test_effort_is_the_integral_of_the_squared_wheel_speeds():
     found = measure(driven(np.zeros(21), 0.0, 0.0, wheel_speeds=speeds, saturated=np.arange(21) % 2))
     assert found["effort"] == pytest.approx(25.0)
     assert found["saturated_share"] == pytest.approx(0.5)
-
-
-def test_exact_interval():
-    assert exact_interval(0.0, 5) == pytest.approx((0.0, 0.5218), abs=1e-4)
-    assert exact_interval(0.5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
-    for share, trials in ((0.5, 0), (-0.1, 5), (1.1, 5), (math.nan, 5)):
-        with pytest.raises(ValueError, match=r"must lie in 0\.\.1"):
-            exact_interval(share, trials)

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.commands import evaluate
-from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Course, Entrants
+from wayfield.benchmarks.contests import PUBLIC_SPLIT, Course, Entrants
 from wayfield.benchmarks.entrants.own_scenario import without_way
 from wayfield.benchmarks.entrants.public_suites import PUBLIC, barn_courses, mrpb_courses, racetrack_courses
 from wayfield.benchmarks.episodes.metrics import measure
@@ -342,16 +342,6 @@ def test_options_that_do_not_go_together_are_one_line(words: list[str], said: st
     assert run.exit_code == 2
     assert said in run.output
     assert run.output.strip().count("\n") <= 1
-
-
-def test_every_public_suite_has_contests_of_its_own() -> None:
-    for name, suite in PUBLIC.items():
-        for mode in suite.modes:
-            contest = suite.contest(mode)
-            assert ALL_CONTESTS[contest.name] is contest
-            assert contest.name.startswith(name)
-            assert contest.rules is not None
-            assert contest.title != contest.spec.title
 
 
 def test_circuits_are_laps_in_small(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import dataclasses
 import errno
 import io
-import json
 import os
 import shutil
 import signal
@@ -34,7 +33,6 @@ from wayfield.benchmarks.records.run_folder import MANIFEST, Run, held, staging
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.runs import shards
 from wayfield.benchmarks.runs.suite import Setting
-from wayfield.envs.scenarios import FAMILIES, freeze, splits
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.executors import HERE, workers
 
@@ -342,15 +340,6 @@ def test_an_array_that_claims_to_be_what_it_is_not_is_refused_by_name(tmp_path, 
         read_trajectories(tmp_path)
 
 
-def test_numbers_alone_are_written_and_no_array_of_an_option(tmp_path):
-    rows_and_trajectories(tmp_path)
-    with np.load(tmp_path / TRAJECTORIES) as archive:
-        assert all(name.count("/") == 1 for name in archive.files)
-        assert not any(archive[name].dtype.hasobject for name in archive.files)
-    with pytest.raises(TypeError, match="not of numbers"):
-        write_trajectories(tmp_path, {"0": Trajectory(times=np.array([None]), poses=np.empty((0, 3)))})
-
-
 # Processes.
 
 
@@ -409,17 +398,6 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
         while any(map(alive, children)) and time.monotonic() < until:
             time.sleep(0.05)
         assert not any(map(alive, children))
-
-
-@pytest.mark.skipif(os.name != "posix", reason="there are no process groups")
-def test_workers_that_are_starting_say_nothing_about_an_interruption(tmp_path):
-    with working(tmp_path) as parent:
-        assert parent.stdout.readline() == "starts\n"
-        time.sleep(0.3)  # they import what they need
-        os.killpg(parent.pid, signal.SIGINT)
-        _, errors = parent.communicate(timeout=60)
-    assert errors.count("Traceback") <= 1  # the parent's own, which has no command around it
-    assert "SpawnProcess" not in errors
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals differ")
@@ -522,32 +500,3 @@ def test_a_defect_of_ours_is_a_traceback():
 
 
 # Freezing.
-
-
-@pytest.fixture
-def published(tmp_path, monkeypatch):
-    """Puts split files in place of those that ship, with one family missing."""
-    families = {task: dict.fromkeys(of_task, "published") for task, of_task in FAMILIES.items()}
-    del families["path_following"]["splines"]
-    for task, of_task in families.items():
-        (tmp_path / f"{task}.json").write_text(json.dumps({"task": task, "families": of_task}))
-    monkeypatch.setattr(splits, "FOLDER", tmp_path)
-    return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ([], "FAMILY"),
-        (["circels"], "Did you mean 'circles'?"),
-        (["circles"], "--force"),
-        (["splines", "rooms"], "--force"),
-    ],
-)
-def test_frozen_splits_are_rewritten_only_by_name_and_force(published, words, said):
-    before = content(published)
-    result = CliRunner().invoke(freeze.main, words)
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    assert said in result.stderr
-    assert content(published) == before
