@@ -34,6 +34,7 @@ def test_a_clone_that_stands_still_ends_the_run_with_what_to_raise_and_resume_in
     assert "done" in again.stdout
 
 
+@pytest.mark.slow
 def test_steps_scale_the_imitation_and_say_so(tmp_path: Path) -> None:
     words = [PATH, *TAUGHT, "--steps", "2000", "--set", "epochs=1"]
     found = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "scaled")])

@@ -123,6 +123,7 @@ def test_a_step_is_worth_its_reward_and_what_the_lower_critic_makes_of_what_foll
     np.testing.assert_allclose(found.numpy(), rewards + discounts * lower, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_alone() -> None:
     """Actions are even in [-1, 1] and the reward falls with (a - 0.6)^2: the mean of the data is 0."""
     rng = np.random.default_rng(0)
@@ -217,6 +218,7 @@ def test_gradient_steps_are_those_of_the_equations(activation: str) -> None:
                     np.testing.assert_allclose(mine, other.detach().numpy(), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_what_ends_the_task_is_left_alone_though_it_pays_as_well_as_anything_else() -> None:
     """Every step pays alike, and half of the actions end the episode: those that do not are worth more."""
     rng = np.random.default_rng(0)

@@ -51,11 +51,8 @@ def saved(preset: Preset, folder: Path) -> Job:
 @pytest.mark.parametrize(
     ("preset", "field", "value"),
     [
-        *((PATH, field, VAST) for field in ("scenario", "segment", "measured_segment", "noise_row")),
-        *((PATH, field, -1) for field in ("scenario", "segment", "steps")),
-        *((PATH, field, value) for field in ("x", "arc_length") for value in (np.nan, np.inf, 1e300)),
-        *((GOAL, field, VAST) for field in ("scenario", "waypoint", "field", "num_obstacles", "num_blocks")),
-        (GOAL, "waypoint", -1),
+        *((PATH, "scenario", VAST), (PATH, "segment", -1), (PATH, "noise_row", VAST), (PATH, "x", np.nan)),
+        *((GOAL, "waypoint", -1), (GOAL, "num_obstacles", VAST)),
     ],
 )
 def test_a_state_that_no_robot_can_have_is_refused_in_a_line(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from transfer import TRANSFER, TUNED_FOR, entries, main, transfer_table
+from transfer import TRANSFER, TUNED_FOR, main, transfer_table
 
 from wayfield.benchmarks.records.results import read_rows
 from wayfield.benchmarks.tuning.random_scenes import (
@@ -52,16 +52,6 @@ def test_rooms_are_of_their_seed() -> None:
     assert np.array_equal(occupied, again)
     assert ways == same
     assert occupied.shape != other.shape or not np.array_equal(occupied, other)
-
-
-def test_every_set_that_ships_is_tried_with_those_that_it_came_out_of() -> None:
-    found = list(entries(None))
-    assert {each.robot.name for each in found} == {robot.name for robot in TUNED_FOR}
-    for entry in found:
-        names = [each.gains_name for each in found if (each.robot, each.policy) == (entry.robot, entry.policy)]
-        assert names[0] == "default"
-        assert names[1] in ("tuned", "by hand")
-    assert {each.policy for each in entries(("dwa",))} == {"dwa"}
 
 
 def test_what_was_not_tuned_is_refused_in_one_line() -> None:
