@@ -1,7 +1,6 @@
 """Figures show obstacles where they stand, curves that differ, and of a large world what is driven in."""
 
 import dataclasses
-import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -10,18 +9,15 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
-from matplotlib.patches import Circle, Polygon
 from oracles.drawn_tables import rows_of
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.figures import contest_figures, document_figures
-from wayfield.benchmarks.figures.drawing import MANY_WALLS, colour, look, obstacle_patches, plt, wall_lines
+from wayfield.benchmarks.figures.drawing import colour, look, plt
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import write_trajectories
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
-
-NOWHERE = Path("nowhere")
 
 
 @pytest.fixture(autouse=True)
@@ -46,34 +42,6 @@ def driven(seed: int, path: bool) -> Trajectory:
     )
 
 
-def test_obstacles_are_drawn_where_they_stand() -> None:
-    _, axis = plt.subplots()
-    obstacles = driven(0, False).obstacles
-    obstacle_patches(axis, obstacles)
-    disc, cuboid, thin = axis.patches
-    assert isinstance(disc, Circle)
-    assert (*disc.center, disc.radius) == pytest.approx((1.0, 2.0, 0.3))
-    for patch, at, turn, sides in ((cuboid, 1j, 0.5, (0.4, 0.2)), (thin, 1.5 + 2.0j, math.atan2(4.0, 3.0), (5.0, 0.0))):
-        assert isinstance(patch, Polygon)
-        corners = {complex(*np.round(xy, 9)) for xy in patch.get_xy()}
-        signs = itertools.product((-0.5, 0.5), repeat=2)
-        wanted = [at + complex(a * sides[0], b * sides[1]) * np.exp(1j * turn) for a, b in signs]
-        assert corners == {complex(round(each.real, 9), round(each.imag, 9)) for each in wanted}
-        first, second, third = (complex(*xy) for xy in patch.get_xy()[:3])
-        assert abs(abs(second - first) - sides[0]) < 1e-9  # around, not across
-        assert abs(abs(third - second) - sides[1]) < 1e-9
-    assert (cuboid.get_linewidth(), thin.get_linewidth()) == (0.0, 2.0)
-    walls = np.arange(8.0).reshape(2, 2, 2)
-    wall_lines(axis, walls)
-    wall_lines(axis, np.empty(0))
-    (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
-    np.testing.assert_array_equal(np.array(lines.get_segments()), walls)
-    assert (lines.get_linewidth().tolist(), lines.get_rasterized()) == ([1.0], False)
-    wall_lines(axis, np.zeros((4 * MANY_WALLS, 2, 2)))
-    lines = axis.collections[-1]  # a picture in a drawing of lines
-    assert (lines.get_linewidth().tolist(), lines.get_rasterized()) == ([0.5], True)
-
-
 def test_no_two_of_three_dozen_curves_look_alike() -> None:
     looks = [(each["color"], each["linestyle"]) for each in map(look, range(36))]
     assert len(set(looks)) == 36
@@ -82,10 +50,6 @@ def test_no_two_of_three_dozen_curves_look_alike() -> None:
     assert len({look(k)["marker"] for k in range(9)}) == 9
     # where a colour comes again, the marker is another too
     assert all(look(k)["marker"] != look(k - 9)["marker"] for k in range(9, 36))
-
-
-# the same in every part of a figure, as its one legend has them
-STYLE_OF = {("p", ""): "-", ("q", "k=2"): "-", ("q", ""): "--"}
 
 
 def legend_of(figure: Any) -> list[str]:
