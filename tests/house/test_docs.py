@@ -129,11 +129,12 @@ def test_the_advice_sends_to_nobody_who_is_behind() -> None:
         assert wrong.startswith(f"{policy} where")
 
 
-# Tables of a hundred scenarios a family, and those of other robots, take as long as all others and are made in the same
-# way.
+# Tables of many rows, and those of other robots, take as long as all others and are made in the same way.
+LONG = {"disturbances", "goal-obstacles"}
 KEPT = [
-    pytest.param(each, id=each.name, marks=pytest.mark.slow if each.within == "claims/" or "omni" in each.name else ())
+    pytest.param(each, id=each.name, marks=pytest.mark.slow if is_long else ())
     for each in kept_sections()
+    for is_long in [each.within == "claims/" or "omni" in each.name or each.name in LONG]
 ]
 
 

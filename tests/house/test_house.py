@@ -234,6 +234,7 @@ PRIVATE = {
 PATCHES = {"setattr", "delattr", "setitem", "delitem"}
 
 
+@functools.cache
 def modules_of_tests() -> dict[str, ast.Module]:
     """Returns every module of the rooms of the tests, parsed, by its path."""
     home = Path(__file__).parents[1]
@@ -280,7 +281,7 @@ def read_privately(tree: ast.Module) -> Iterator[str]:
     """Yields private names of others that a module reads: attributes, imports, and names in dotted texts."""
     for node in ast.walk(tree):
         names = []
-        if isinstance(node, ast.Attribute) and ast.unparse(node.value) not in {"self", "cls"}:
+        if isinstance(node, ast.Attribute) and node.attr[0] == "_" and ast.unparse(node.value) not in {"self", "cls"}:
             names = [node.attr]
         elif isinstance(node, ast.ImportFrom):
             names = [each.name for each in node.names]
