@@ -642,8 +642,13 @@ def disturbance_tables() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def tables() -> dict[str, Any]:
-    """Returns all that the page needs beside the WebAssembly module."""
+def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, Any]:
+    """Returns all that the page needs beside the WebAssembly module.
+
+    Args:
+        robots: those that policies are prepared for; all that fit the families where none is named.
+        tiers: of actuators, that policies are prepared for; all where none is named.
+    """
     blobs = Blobs()
     told: dict[str, Any] = {
         "tasks": {},
@@ -667,8 +672,8 @@ def tables() -> dict[str, Any]:
     for task in TASKS:
         told["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
-        for robot in FITTING:
-            for actuators in ACTUATORS:
+        for robot in robots or FITTING:
+            for actuators in tiers or ACTUATORS:
                 env = environment(task, robot, actuators, f"{contest.timed_on}/test")
                 for name in decisions(task):
                     if lacks(make(name), ROBOTS[robot]):

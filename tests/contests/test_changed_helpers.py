@@ -69,15 +69,8 @@ def contest(home: Path, module: str, out: str, **more: str) -> subprocess.Comple
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param("a helper", marks=pytest.mark.slow),
-        "a helper that is imported while it acts",
-        pytest.param("a file that is run by its path", marks=pytest.mark.slow),
-        pytest.param("a package", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_part_is_played_again_when_what_its_policy_imports_has_changed(kind: str, tmp_path: Path) -> None:
     module, files, helper = KINDS[kind]
     for name, text in (files | {helper: "SPEED = 0.3\n"}).items():

@@ -123,12 +123,6 @@ def test_a_paper_s_law_is_held_by_a_trap_that_our_additions_leave() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_second_run_gives_the_same_rows(paths: tuple[Path, Result], tmp_path: Path) -> None:
-    assert evaluate(*SMALL, "--out", tmp_path / "again").exit_code == 0
-    assert (tmp_path / "again" / "episodes.csv").read_bytes() == (paths[0] / "episodes.csv").read_bytes()
-
-
-@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_run_keeps_what_is_done_and_goes_on(paths: tuple[Path, Result], tmp_path: Path) -> None:
     out = tmp_path / "out"
     script = Path(__file__).parents[2] / "evaluate.py"

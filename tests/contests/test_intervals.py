@@ -120,10 +120,8 @@ def test_differences_of_nothing_are_rarely_called_differences() -> None:
     assert called / 400 < 0.08
 
 
-# the narrowest of each kind; the command measures all of them
-@pytest.mark.parametrize(
-    "what", ["error, IQM, 7 % lost", "success, 99 %", "paired difference of success, 85 %", "time, 98 % reached"]
-)
+# the narrowest of two kinds; the command measures all of them
+@pytest.mark.parametrize("what", ["error, IQM, 7 % lost", "paired difference of success, 85 %"])
 def test_intervals_hold_as_often_as_they_say(what: str) -> None:
     (index, *_) = [k for k, each in enumerate(designs()) if each.what == what and each.agents == 1]
     assert covered((index, 300, 1)) / 300 >= HOLDS - 0.02  # of 300 samples

@@ -208,6 +208,7 @@ def test_agents_of_your_own_drive_as_those_that_ship(home: Path) -> None:
         policies.make("ppo", home=3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_agents_of_your_own_take_part_in_a_contest_under_the_name_of_their_folder(home: Path) -> None:
     out = home.parent / "out"

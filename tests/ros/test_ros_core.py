@@ -505,9 +505,8 @@ def random_messages(draw, count):
             bench.mission.arrived = not bench.mission.arrived
 
 
-@pytest.mark.parametrize("part", range(2))
-def test_no_sequence_of_messages_yields_a_command_beyond_the_limits_or_after_the_last_good_pair(part):
-    for seed in range(1000 * part, 1000 * part + 1000):
+def test_no_sequence_of_messages_yields_a_command_beyond_the_limits_or_after_the_last_good_pair():
+    for seed in range(700):
         random_messages(random.Random(seed), 25)
 
 
