@@ -277,7 +277,8 @@ def run_overview(options: Options) -> None:
             with contextlib.suppress(KeyboardInterrupt, SystemExit):  # a second interrupt, before the tables are shown
                 _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, executor)
             raise Interrupted("interrupted", parts) from None
-    _tell(options, [*contests.tables, *shown.tables], findings, folder)
+    *of_contests, (of_documents, _) = findings  # one plant: the sentence says what its table would
+    _tell(options, [*contests.tables, *shown.tables], [*of_contests, (of_documents, None)], folder)
 
 
 def _tell_so_far(
@@ -411,13 +412,15 @@ def _with_agents(options: Options, contests: Sequence[Contest]) -> tuple[str, ..
     return kept
 
 
-def _tell(options: Options, tables: Sequence[Table], findings: Iterable[tuple[str, Table]], folder: Path) -> None:
+def _tell(
+    options: Options, tables: Sequence[Table], findings: Iterable[tuple[str, Table | None]], folder: Path
+) -> None:
     """Prints the result and a small table of each task, with --full every table; the last line names the report."""
     if options.full:
         _print(tables)
     else:
         print_short(findings)
-        say(f"All tables, figures and episodes are in {folder}{os.sep}; --full prints the tables.")
+        say(f"Tables, figures, episodes: {folder}{os.sep}; --full prints the tables.")
     say(f"Report: {folder / REPORT}")
 
 

@@ -150,10 +150,10 @@ def agreement(found: Sequence[Compared]) -> str:
     for plant in dict.fromkeys(each.dynamics for each in found):
         here = [each for each in found if each.dynamics == plant]
         equations, means = ([each for each in here if each.printed is kind] for kind in (False, True))
-        words = f"{plant}, {_share_met(equations)} reference solutions of their equations are met"
-        sentences.append(words + (f" and {_share_met(means)} means that C prints" if means else ""))
-    met = f"{'; '.join(sentences)}, each within {100.0 * CLOSE:.0f} %."
-    return f"{met[0].upper()}{met[1:]} A and B print no figures."
+        words = f"{_share_met(equations)} reference solutions of their equations"
+        sentences.append(f"{plant}, {words}" + (f" and {_share_met(means)} means that C prints" if means else ""))
+    met = f"{'; '.join(sentences)} are met within {100.0 * CLOSE:.0f} %."
+    return f"{met[0].upper()}{met[1:]} A and B print none."
 
 
 def _share_met(found: Sequence[Compared]) -> str:

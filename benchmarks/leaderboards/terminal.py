@@ -12,24 +12,26 @@ from wayfield.system.command_line import say
 WIDTH = 100  # characters, where the terminal has them
 MOST_LINES = 6  # of a small table
 _NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
+_SHORT = {"speed (m/s)": "m/s", "has access to": "access", "tracking error (mm)": "tracking (mm)"}
 
 
-def print_short(findings: Iterable[tuple[str, Table]], most: int = WIDTH) -> None:
-    """Prints for each task its result as a sentence and a small table, at most `most` characters wide."""
+def print_short(findings: Iterable[tuple[str, Table | None]], most: int = WIDTH) -> None:
+    """Prints for each task its result, a sentence and a small table if it has one, at most `most` characters wide."""
     width = min(most, shutil.get_terminal_size((most, 24)).columns)
     for sentence, table in findings:
         say(textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False))
-        say(_small(table, width))
-        if len(table.rows) > MOST_LINES:
-            print(f"{len(table.rows) - MOST_LINES} more in table.md")
+        if table is not None:
+            say(_small(table, width))
+            if len(table.rows) > MOST_LINES:
+                print(f"{len(table.rows) - MOST_LINES} more in table.md")
         print()
 
 
 def _small(table: Table, width: int) -> str:
     """Returns the first lines of a table; where they are too wide, intervals, units, names go on in a second line."""
     rows = table.rows[:MOST_LINES]
-    header = [name.replace("speed (m/s)", "m/s") for name in table.header]
-    text = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+    header = [_SHORT.get(name, name) for name in table.header]
+    text = tabulate(rows, header, tablefmt="plain", disable_numparse=True)
     if max(map(len, text.splitlines())) > width:
         rows = [[cell.replace(" [", "\n[") for cell in row] for row in rows]
         rows = [["\n".join(textwrap.wrap(name, _NAME_WIDTH)), *cells] for name, *cells in rows]

@@ -93,14 +93,12 @@ def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
         sentences.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
     ranked = _standings(contest, rows)
     rivals = _rivals(ranked)
-    if len(sentences) > 1 and all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # said once
-        sentences = [f"{label(rivals[0].entry)} comes first ({_achieved(rivals[0], contest)}); {TOO_FEW}."]
-    sentence = (
-        f"{contest.title} with {robot}: {_count(len(entries), 'policy', 'policies')} on the same "
-        f"{_count(scenarios(rows), 'scenario', 'scenarios')} of "
-        f"{_count(len(rows.unique('family')), 'family', 'families')}. {' '.join(sentences)}"
-    )
-    if len(rivals) < len(ranked):
+    of, on = _count(len(entries), "policy", "policies"), _count(scenarios(rows), "scenario", "scenarios")
+    families = _count(len(rows.unique("family")), "family", "families")
+    sentence = f"{contest.title} with {robot}: {of} on the same {on} of {families}. {' '.join(sentences)}"
+    if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
+        sentence = f"{contest.title} with {robot}, {of}, {on}: too few to tell them apart."
+    elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
     small, seeds = _small(contest, robot, rivals, ranked), seeds_told([rows], contest)
