@@ -523,6 +523,14 @@ def note_hulls(bodies, people, w, scenario, robots):
 # ---- people alone
 
 
+def check_finite(walks: NDArray[np.void]) -> None:
+    """Raises ValueError, naming the person and the field, unless all numbers of WALK records (q,) are finite."""
+    for name in WALK.names or ():
+        bad = np.flatnonzero(~np.isfinite(walks[name].astype(np.float64)))
+        if len(bad):
+            raise ValueError(f"walks[{bad[0]}].{name} is {walks[name][bad[0]]}; it must be finite")
+
+
 def stroll(
     walks: NDArray[np.void],
     steps: int,
@@ -545,7 +553,11 @@ def stroll(
         cells_from: bodies from which on they are found by cells, with the same bits.
         velocities: (q, 2) m/s at the start; None: all rest.
         robots: bodies that count as robots, which people without eyes for robots ignore.
+
+    Raises:
+        ValueError: if a number of the walks, or a velocity, is not finite.
     """
+    check_finite(walks)
     q = len(walks)
     field = np.zeros((1, 0), OBSTACLE) if obstacles is None else np.ascontiguousarray(obstacles)[None].copy()
     people = People(walks[None].copy(), np.zeros((0, 4)) if tracks is None else tracks, np.zeros((1, q), WALKER))
@@ -560,6 +572,10 @@ def stroll(
     kinds = np.full(q, PERSON)
     kinds[list(robots)] = ROBOT
     first = np.zeros((q, 2)) if velocities is None else np.asarray(velocities, np.float64)
+    bad = np.argwhere(~np.isfinite(first))
+    if len(bad):
+        k, axis = bad[0].tolist()
+        raise ValueError(f"velocities[{k}, {axis}] is {first[k, axis]}; it must be finite")
     no_map = np.zeros(1, np.dtype(FRAME, align=True))
     _stroll(bodies, people, field, no_map, np.zeros(0, SHAPE), kinds, first, reach, cells_from, float(dt), out)
     return out

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.crowds.people import GOES_ON, LAWS, REPLAY, WALK
+from wayfield.envs.crowds.people import GOES_ON, LAWS, REPLAY, WALK, check_finite
 from wayfield.envs.scenarios.scenario import GoalScenario, check_clear
 from wayfield.system.checks import number, shown
 
@@ -54,10 +54,7 @@ class TeamScenario:
                 raise ValueError(f"robots[{i}] is {shown(each)}; it must be a GoalScenario")
         if self.walks.dtype != WALK or self.walks.ndim != 1 or len(self.walks) > MOST_PEOPLE:
             raise ValueError(f"walks is {shown(self.walks)}; it must be an array of at most {MOST_PEOPLE} WALK records")
-        for name in WALK.names or ():
-            bad = np.flatnonzero(~np.isfinite(self.walks[name].astype(np.float64)))
-            if len(bad):
-                raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be finite")
+        check_finite(self.walks)
         for name, most in (("speed", 3.0), ("radius", 0.5)):
             bad = np.flatnonzero((self.walks[name] < 0.0) | (self.walks[name] > most))
             if len(bad):

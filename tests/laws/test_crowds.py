@@ -204,6 +204,17 @@ def test_a_recorded_person_moves_as_the_track_says() -> None:
     np.testing.assert_allclose(out[there, 0, :4], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize(("field", "value"), [("x", math.inf), ("goal_y", math.nan), ("speed", -math.inf)])
+def test_a_walk_that_is_not_finite_is_refused_in_a_line(field: str, value: float) -> None:
+    walk = walks("moussaid", np.array([(0.0, 0.0), (3.0, 0.0)]), np.array([(9.0, 0.0), (-9.0, 0.0)]))
+    walk[field][1] = value
+    with pytest.raises(ValueError, match=rf"^walks\[1\].{field} is {value}; it must be finite$"):
+        stroll(walk, 3, 0.1)
+    good = walks("moussaid", np.zeros((1, 2)), np.ones((1, 2)))
+    with pytest.raises(ValueError, match=r"^velocities\[0, 1\] is inf; it must be finite$"):
+        stroll(good, 3, 0.1, velocities=np.array([(0.0, math.inf)]))
+
+
 # Statistical laws.
 
 
