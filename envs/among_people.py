@@ -36,7 +36,8 @@ class OmniPeople(OmniTeam):
         {
             "Description": """
                 One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
-                three social forces, at a constant velocity, or not at all. They see the robot or not (`visible`).
+                social forces by five names, at a constant velocity, or not at all. They see the robot or not
+                (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
                 Everything else is as in a team, which this is one of.
             """
         },
@@ -64,7 +65,8 @@ class DiffDrivePeople(OmniPeople):
         {
             "Description": """
                 One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
-                three social forces, at a constant velocity, or not at all. They see the robot or not (`visible`).
+                social forces by five names, at a constant velocity, or not at all. They see the robot or not
+                (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
                 Everything else is as in a team, which this is one of.
             """
         },

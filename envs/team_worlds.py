@@ -30,6 +30,7 @@ from wayfield.envs.crowds.bodies import (
 )
 from wayfield.envs.crowds.people import (
     LAWS,
+    OF_2009,
     REPLAY,
     STANDING,
     WALK,
@@ -750,6 +751,8 @@ class Teams(GoalReaching):
             walks["blind"] = not self._visible
         if self._law is not None:
             walks["law"][(walks["law"] != REPLAY) & (walks["law"] != STANDING)] = LAWS[self._law]
+            if LAWS[self._law] not in OF_2009:
+                walks["group"], walks["reaction"] = 0, 0
         return dataclasses.replace(scenario, walks=walks)
 
     @functools.cached_property

@@ -5,11 +5,19 @@ depends on who is counted first.
 
 The laws are those of the literature by name: `ORCA` (van den Berg et al. 2011), the social forces of
 Helbing and Molnar (Phys. Rev. E 51, 1995), of Moussaid et al. (Proc. R. Soc. B 276, 2009) and of Helbing, Farkas and
-Vicsek (Nature 407, 2000), a constant velocity, standing, and a recorded track.
+Vicsek (Nature 407, 2000), a constant velocity, standing, and a recorded track. "pysocialforce" and "lightsfm" are the
+force of 2009 with the numbers of two programs that many use: PySocialForce (config/default.toml: 5.1 m/s^2 among
+people, walls 10 m/s^2 within 0.2 m of the hull) and lightsfm, HuNavSim's (sfm.hpp: 2.1 m/s^2, the same walls, a drive
+twice as strong, and nobody faster than wanted). The nearest place of a wall pushes, where they sum points of it.
 
-In one stream the speed of people falls with their density (Weidmann 1993). The force of 1995 keeps that to a quarter at
-0.5 to 2 people a square metre. ORCA and the forces of 2000 and 2009 do not: who walk alike do not slow down, however
-dense.
+People of a group walk together by the forces of Moussaid et al. (PLoS ONE 5, e10047, 2010): they keep the others in
+view, near and apart. Of a person with a reaction to robots, HuNavSim says which (Perez-Higueras et al., RA-L 2023;
+agent_manager.cpp): see REACTIONS. Both are for the forces of 2009.
+
+In one stream the speed of people falls with their density (Weidmann 1993). No law keeps that to 20 % from 0.5 to 2
+people a square metre: by the force of 1995 they are slower by 16 to 26 %; by ORCA and the forces of 2009, its sets
+included, quicker by 5 to 22 % up to 1, and by 60 % at 1.5 and 110 to 120 % at 2, and by that of 2000 by more than 80 %
+there: who walk alike do not slow down.
 """
 
 import math
@@ -38,7 +46,7 @@ from wayfield.envs.world.grids import FRAME
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import bearing, exponential, sin_cos
 
-STANDING, CONSTANT, ORCA, HELBING_MOLNAR, MOUSSAID, HELBING_FARKAS_VICSEK, REPLAY = range(7)
+STANDING, CONSTANT, ORCA, HELBING_MOLNAR, MOUSSAID, HELBING_FARKAS_VICSEK, REPLAY, PYSOCIALFORCE, LIGHTSFM = range(9)
 LAWS = {
     "standing": STANDING,
     "constant_velocity": CONSTANT,
@@ -47,6 +55,18 @@ LAWS = {
     "moussaid": MOUSSAID,
     "helbing_farkas_vicsek": HELBING_FARKAS_VICSEK,
     "replay": REPLAY,
+    "pysocialforce": PYSOCIALFORCE,
+    "lightsfm": LIGHTSFM,
+}
+OF_2009 = (MOUSSAID, PYSOCIALFORCE, LIGHTSFM)  # laws of those who walk in groups or react
+REGULAR, IMPASSIVE, SURPRISED, SCARED, CURIOUS, THREATENING = range(6)
+REACTIONS = {
+    "regular": REGULAR,  # a robot is another person
+    "impassive": IMPASSIVE,  # a robot is a thing that stands: as near as a wall
+    "surprised": SURPRISED,  # stops while it sees a robot
+    "scared": SCARED,  # keeps away from it, slowly
+    "curious": CURIOUS,  # approaches it, and stops before it
+    "threatening": THREATENING,  # gets in front of it
 }
 STAYS, TURNS_BACK, COMES_AGAIN, LEAVES, GOES_ON = range(5)  # what a person does at the goal
 
@@ -75,6 +95,8 @@ WALK = np.dtype(
         ("begins", np.float64),  # s, when the first row is
         ("first", np.int64),  # the first row of the track; of who GOES_ON, of the goals that follow, round and round
         ("rows", np.int64),
+        ("group", np.int64),  # of whom one walks with, from 1 on; 0: alone
+        ("reaction", np.int64),  # to robots, of REACTIONS
     ],
     align=True,
 )
@@ -131,6 +153,25 @@ _MASS, _A_HFV, _B_HFV = 80.0, 2000.0, 0.08  # kg, N, m
 _BODY, _FRICTION = 1.2e5, 2.4e5  # kg/s^2, kg/(m s)
 _SUBSTEP = 1e-3  # s, of contact forces, which are stiff
 _FARTHEST_WALL = 2.0  # m, from which on walls exert no force
+_GAZE, _COHESION, _REPULSION, _CLOSE = 4.0, 3.0, 1.0, 0.8  # 1/s, m/s^2, m/s^2, m, of groups (Moussaid et al. 2010)
+# HuNavSim's: m, rad, how far and wide a robot is seen
+_NOTICED, _COS_NOTICED = 5.0, -0.16918235006698592  # cos(pi / 2 + 0.17)
+_SCARED_SPEED, _SCARED_FORCE = 0.6, 4.0  # m/s; m^2/s^2: 20 times 0.2 m
+_CURIOUS_SPEED, _CURIOUS_SIGHT, _CURIOUS_GAP = 1.8, 10.0, 1.5  # m/s at that distance (m), slower when nearer; m
+_BLOCK_SPEED, _BLOCK_AHEAD = 2.0, 1.4  # m/s, m
+
+
+@inlined
+def numbers_of(law):
+    """Returns (s, m/s^2, m/s^2, m, 1) of a force of 2009: relaxation, people, walls and their range, greatest speed.
+
+    Of the other forces only the first and the last count.
+    """
+    if law == PYSOCIALFORCE:
+        return 0.5, 5.1, 10.0, 0.2, 1.3
+    if law == LIGHTSFM:
+        return 0.25, 2.1, 10.0, 0.2, 1.0
+    return _RELAXATION_M if law == MOUSSAID else _RELAXATION, _A, _A_WALL, _B_WALL, _MOST
 
 
 @compiled
@@ -238,6 +279,12 @@ def pushed_2009(x, y, vx, vy):
 
     The exponent n' belongs to the deceleration along the interaction, n to the evasion across it.
     """
+    return pushed_by(_A, x, y, vx, vy)
+
+
+@inlined
+def pushed_by(most, x, y, vx, vy):
+    """Returns the acceleration of that interaction, `most` m/s^2 in the limit of nearness."""
     distance = max(math.sqrt(x * x + y * y), 1e-9)
     ex = x / distance
     ey = y / distance
@@ -249,8 +296,8 @@ def pushed_2009(x, y, vx, vy):
     across = tx * ey - ty * ex
     angle = bearing(across, tx * ex + ty * ey)
     b = _GAMMA * size
-    slow = _A * exponential(-distance / b - (_N_PRIME * b * angle) * (_N_PRIME * b * angle))
-    aside = _A * exponential(-distance / b - (_N * b * angle) * (_N * b * angle))
+    slow = most * exponential(-distance / b - (_N_PRIME * b * angle) * (_N_PRIME * b * angle))
+    aside = most * exponential(-distance / b - (_N * b * angle) * (_N * b * angle))
     side = 1.0 if across > 0.0 else -1.0 if across < 0.0 else 0.0
     return -slow * tx + side * aside * ty, -slow * ty - side * aside * tx
 
@@ -275,17 +322,113 @@ def pushed_2000(overlap, nx, ny, vx, vy):
 
 
 @compiled
-def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt):
+def together(walk, walker, people, w, scenario, k, ex, ey):
+    """Returns the acceleration (m/s^2) of a person of a group: gaze, cohesion and repulsion of Moussaid et al. 2010.
+
+    The head is turned until the centre of the others is within a right angle of (ex, ey), where one wants to go, and
+    the more it must turn, the slower one walks; who is farther than (N - 1) / 2 m from the centre of all N is drawn
+    to it; members nearer than 0.8 m are pushed apart.
+    """
+    total = 0
+    x = 0.0
+    y = 0.0
+    ax = 0.0
+    ay = 0.0
+    for j in range(people.walkers.shape[1]):
+        other = people.walkers[w, j]
+        if j == k or other.present == 0 or people.walks[scenario, j].group != walk.group:
+            continue
+        total += 1
+        x += other.x
+        y += other.y
+        dx = walker.x - other.x
+        dy = walker.y - other.y
+        distance = math.sqrt(dx * dx + dy * dy)
+        if 1e-9 < distance < _CLOSE:
+            ax += _REPULSION * dx / distance
+            ay += _REPULSION * dy / distance
+    if total == 0:
+        return 0.0, 0.0
+    dx = x / total - walker.x
+    dy = y / total - walker.y
+    turn = abs(bearing(ex * dy - ey * dx, ex * dx + ey * dy)) - 0.5 * math.pi
+    if turn > 0.0:
+        ax -= _GAZE * turn * walker.vx
+        ay -= _GAZE * turn * walker.vy
+    dx = (x + walker.x) / (total + 1) - walker.x
+    dy = (y + walker.y) / (total + 1) - walker.y
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > max(0.5 * total, 1e-9):
+        ax += _COHESION * dx / distance
+        ay += _COHESION * dy / distance
+    return ax, ay
+
+
+@inlined
+def noticed(bodies, now, w, robots, i, walker):
+    """Returns the nearest robot that person i sees ahead, or -1."""
+    here = bodies.places[now, w, i]
+    for a in range(bodies.counts[w, i]):
+        j = bodies.near[w, i, a]
+        if j < robots and bodies.places[now, w, j].present == 1:
+            dx = bodies.places[now, w, j].x - walker.x
+            dy = bodies.places[now, w, j].y - walker.y
+            distance = math.sqrt(dx * dx + dy * dy)
+            if distance <= _NOTICED and here.cos * dx + here.sin * dy >= _COS_NOTICED * distance:
+                return j
+    return -1
+
+
+@compiled
+def reaction_to(walk, walker, place, ux, uy, most):
+    """Returns the wanted velocity (m/s), the greatest speed and a further acceleration (m/s^2) of who sees a robot."""
+    dx = place.x - walker.x
+    dy = place.y - walker.y
+    distance = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+    if walk.reaction == SURPRISED:
+        return 0.0, 0.0, most, 0.0, 0.0
+    if walk.reaction == SCARED:
+        slower = min(1.0, _SCARED_SPEED / max(walk.speed, 1e-9))
+        push = _SCARED_FORCE / max(distance - walk.radius, 0.1) / distance
+        return slower * ux, slower * uy, min(most, _SCARED_SPEED), -push * dx, -push * dy
+    if walk.reaction == CURIOUS:
+        if distance <= _CURIOUS_GAP:
+            return 0.0, 0.0, most, 0.0, 0.0
+        speed = _CURIOUS_SPEED * distance / _CURIOUS_SIGHT
+        return speed * dx / distance, speed * dy / distance, speed, 0.0, 0.0
+    dx += _BLOCK_AHEAD * place.cos
+    dy += _BLOCK_AHEAD * place.sin
+    distance = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+    speed = min(_BLOCK_SPEED, distance)  # slower within a second of its place
+    return speed * dx / distance, speed * dy / distance, _BLOCK_SPEED, 0.0, 0.0
+
+
+@compiled
+def social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt):
     """Sets the next velocity of a person by a social force, after dt."""
     obstacles, field, count = around
     ux, uy = wanted(walk, walker)
-    relaxation = _RELAXATION_M if walk.law == MOUSSAID else _RELAXATION
+    i = robots + k
+    modern = walk.law == MOUSSAID or walk.law == PYSOCIALFORCE or walk.law == LIGHTSFM
+    relaxation, repulsion, wall, wall_range, factor = numbers_of(walk.law)
+    most = factor * walk.speed
+    px, py = 0.0, 0.0
+    if walk.reaction > IMPASSIVE:
+        j = noticed(bodies, now, w, robots, i, walker)
+        if j >= 0:
+            ux, uy, most, px, py = reaction_to(walk, walker, bodies.places[now, w, j], ux, uy, most)
     ax = (ux - walker.vx) / relaxation
     ay = (uy - walker.vy) / relaxation
     size = max(math.sqrt(ux * ux + uy * uy), 1e-12)
     ex = ux / size
     ey = uy / size
-    i = robots + k
+    if walk.reaction > IMPASSIVE:
+        ax += px
+        ay += py
+    if walk.group > 0:
+        px, py = together(walk, walker, people, w, scenario, k, ex, ey)
+        ax += px
+        ay += py
     for a in range(bodies.counts[w, i]):
         j = bodies.near[w, i, a]
         if j < robots and bodies.places[now, w, j].present == 0:
@@ -299,8 +442,15 @@ def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt)
             weight = 1.0 if seen else _BEHIND
             ax += weight * fx
             ay += weight * fy
-        elif walk.law == MOUSSAID:
-            fx, fy = pushed_2009(x, y, walker.vx - vx, walker.vy - vy)
+        elif modern:
+            if j < robots and walk.reaction == IMPASSIVE:
+                distance = max(math.sqrt(x * x + y * y), 1e-9)
+                gap = max(distance - bodies.hulls[w, j].reach - walk.radius, 0.0)
+                size = wall * exponential(-gap / wall_range) / distance
+                ax -= size * x
+                ay -= size * y
+                continue
+            fx, fy = pushed_by(repulsion, x, y, walker.vx - vx, walker.vy - vy)
             ax += fx
             ay += fy
         else:
@@ -317,8 +467,8 @@ def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt)
             size = _U0 / _WALL * exponential(-distance / _WALL)
             ax += size * nx
             ay += size * ny
-        elif walk.law == MOUSSAID:
-            size = _A_WALL * exponential(-max(distance - walk.radius, 0.0) / _B_WALL)
+        elif modern:
+            size = wall * exponential(-max(distance - walk.radius, 0.0) / wall_range)
             ax += size * nx
             ay += size * ny
         else:
@@ -329,7 +479,6 @@ def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt)
     vy = walker.vy + dt * ay
     if walk.law != HELBING_FARKAS_VICSEK:
         speed = math.sqrt(vx * vx + vy * vy)
-        most = _MOST * walk.speed
         if speed > most:
             vx *= most / speed
             vy *= most / speed
@@ -408,7 +557,7 @@ def decide_people(bodies, people, now, w, scenario, robots, around, scratch, dt)
         elif walk.law == CONSTANT:
             walker.next_vx, walker.next_vy = walker.vx, walker.vy
         else:
-            social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt)
+            social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt)
 
 
 @compiled

@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 from wayfield.envs.crowds.people import (
     GOES_ON,
     HELBING_FARKAS_VICSEK,
+    IMPASSIVE,
     LEAVES,
+    LIGHTSFM,
     MOUSSAID,
     ORCA,
     STANDING,
     STAYS,
+    THREATENING,
     TURNS_BACK,
     WALK,
     stroll,
@@ -199,6 +202,68 @@ def _crossing_flow(n: int) -> Callable[[Draw], "Field | None"]:
     return field
 
 
+def _crossing_streams(n: int) -> Callable[[Draw], "Field | None"]:
+    """Returns two streams at a right angle, each 5 m wide, n people in both; the robot goes with the first."""
+
+    def field(draw: Draw) -> "Field | None":
+        start, goal = (-7.0, draw.number(-1.5, 1.5)), (7.0, draw.number(-1.5, 1.5))
+        people: list[dict[str, Any]] = []
+        law = MOUSSAID if draw.sign() > 0.0 else ORCA
+        for k in range(n):
+            for _ in range(300):
+                along, across, radius = draw.number(-6.0, 6.0), draw.number(-2.5, 2.5), draw.number(0.2, 0.3)
+                x, y = (along, across) if k % 2 == 0 else (across, along)
+                if _clear(x, y, radius, start, people):
+                    break
+            else:
+                return None
+            to = 6.5 if draw.sign() > 0.0 else -6.5
+            goal_x, goal_y = (to, y) if k % 2 == 0 else (x, to)
+            person = {"law": law, "x": x, "y": y, "goal_x": goal_x, "goal_y": goal_y, "radius": radius}
+            people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
+        return start, goal, people, [], 95.0
+
+    return field
+
+
+def _walking_groups(draw: Draw) -> "Field | None":
+    """Returns two to four groups of 2 to 4 that walk together, towards the robot or across its way.
+
+    Moussaid et al. 2010 have 1.26 m/s less 0.04 m/s for each of a group, at low density.
+    """
+    start, goal = (0.0, 0.0), (9.0, 0.0)
+    people: list[dict[str, Any]] = []
+    for group in range(1, draw.whole(2, 4) + 1):
+        count = draw.whole(2, 4)
+        towards = draw.sign() > 0.0
+        x, y = (draw.number(5.0, 9.0), draw.number(-1.5, 1.5)) if towards else (draw.number(2.5, 6.5), 0.0)
+        side = draw.sign() * draw.number(2.5, 4.5)
+        for k in range(count):
+            aside = 0.7 * (k - 0.5 * (count - 1))  # abreast
+            at = (x, y + aside) if towards else (x + aside, side)
+            to = (-8.0, y + aside) if towards else (x + aside, -math.copysign(9.0, side))
+            if not _clear(*at, 0.25, start, people):
+                return None
+            place = {"x": rounded(at[0]), "y": rounded(at[1]), "goal_x": rounded(to[0]), "goal_y": rounded(to[1])}
+            own = {"law": MOUSSAID, "speed": rounded(1.26 - 0.04 * count), "group": group, "then": STAYS}
+            people.append(place | own | {"radius": 0.25})
+    return start, goal, people, [], 54.0
+
+
+def _reactions(draw: Draw) -> "Field | None":
+    """Returns five people across the robot's way, each with another reaction to it; by HuNavSim's force, lightsfm."""
+    start, goal = (0.0, 0.0), (9.0, 0.0)
+    people: list[dict[str, Any]] = []
+    for reaction in range(IMPASSIVE, THREATENING + 1):
+        x, side = draw.number(2.0, 7.5), draw.sign() * draw.number(1.5, 4.0)
+        if not _clear(x, side, 0.25, start, people):
+            return None
+        walk = {"law": LIGHTSFM, "x": x, "y": side, "goal_x": x, "goal_y": rounded(-math.copysign(6.0, side))}
+        own = {"speed": draw.number(0.7, 1.2), "reaction": reaction, "radius": 0.25, "then": STAYS}
+        people.append(walk | own)
+    return start, goal, people, [], 54.0
+
+
 def _few(along: float, speed: tuple[float, float]) -> Callable[[Draw], Field]:
     """Returns one to three people on the robot's line: ahead of it in its direction, or towards it."""
 
@@ -228,7 +293,16 @@ def _blind_corner(draw: Draw) -> Field:
 
 def _queue(draw: Draw) -> "Field | None":
     """Returns 10 to 20 people who push through a door of 1 m that the robot follows them through."""
-    start, goal = (-5.5, draw.number(-1.0, 1.0)), (4.0, 0.0)
+    return _through_door(draw, (-5.5, draw.number(-1.0, 1.0)), (4.0, 0.0))
+
+
+def _queue_against(draw: Draw) -> "Field | None":
+    """Returns 10 to 20 people who push through a door of 1 m towards the robot, which has to go through it too."""
+    return _through_door(draw, (4.0, draw.number(-2.0, 2.0)), (-5.5, draw.number(-1.0, 1.0)))
+
+
+def _through_door(draw: Draw, start: Point, goal: Point) -> "Field | None":
+    """Returns people who push through a door of 1 m, and where the robot begins and shall go."""
     people: list[dict[str, Any]] = []
     for _ in range(draw.whole(10, 20)):
         for _ in range(300):
@@ -277,6 +351,10 @@ FIELDS: dict[str, tuple[Callable[[Draw], "Field | None"], str]] = {
     "blind_corner": (_blind_corner, "one to three people from behind a corner"),
     "queue_at_door": (_queue, "10 to 20 people who push through a door of 1 m"),
     "standing_groups": (_standing_groups, "groups of 2 to 5 that stand on circles"),
+    **{f"crossing_streams_{n}": (_crossing_streams(n), f"two streams at a right angle, {n} in both") for n in (16, 32)},
+    "queue_against": (_queue_against, "10 to 20 people who push through a door of 1 m against the robot"),
+    "walking_groups": (_walking_groups, "groups of 2 to 4 that walk together, towards the robot or across its way"),
+    "reactions": (_reactions, "five people, each with another reaction to the robot"),
 }
 PEOPLE_FAMILIES: Mapping[str, Callable[[int], TeamScenario]] = {
     name: _family(name, field, 10.0 if name.startswith(("crowdnav", "attngraph")) else 5.0)

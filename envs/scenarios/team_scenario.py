@@ -9,13 +9,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.crowds.people import GOES_ON, LAWS, REPLAY, WALK, check_finite
+from wayfield.envs.crowds.people import GOES_ON, LAWS, OF_2009, REACTIONS, REPLAY, WALK, check_finite
 from wayfield.envs.scenarios.scenario import GoalScenario, check_clear
 from wayfield.system.checks import number, shown
 
 MOST_ROBOTS = 4096
 MOST_PEOPLE = 4096
 SIGHT = 5.0  # m, within which bodies are neighbours
+
+_BY_2009 = ("group", "reaction")  # of a person, which the forces of 2009 alone heed
 
 Pose = tuple[float, float, float]
 
@@ -59,10 +61,19 @@ class TeamScenario:
             bad = np.flatnonzero((self.walks[name] < 0.0) | (self.walks[name] > most))
             if len(bad):
                 raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most:g}")
-        for name, most in (("law", len(LAWS) - 1), ("then", GOES_ON), ("blind", 1)):
+        whole = (("law", len(LAWS) - 1), ("then", GOES_ON), ("blind", 1), ("reaction", len(REACTIONS) - 1))
+        for name, most in (*whole, ("group", MOST_PEOPLE)):
             bad = np.flatnonzero((self.walks[name] < 0) | (self.walks[name] > most))
             if len(bad):
                 raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most}")
+        for name in _BY_2009:
+            bad = np.flatnonzero((self.walks[name] > 0) & ~np.isin(self.walks["law"], OF_2009))
+            if len(bad):
+                laws = ", ".join(law for law, number in LAWS.items() if number in OF_2009)
+                law = next(law for law, number in LAWS.items() if number == self.walks["law"][bad[0]])
+                raise ValueError(
+                    f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]} with the law {law}; only {laws} have one"
+                )
         if self.tracks.dtype != np.float64 or self.tracks.ndim != 2 or self.tracks.shape[1] != 4:
             raise ValueError(f"tracks is {shown(self.tracks)}; it must be an array (rows, 4) of float64")
         last = self.walks["first"] + self.walks["rows"]
@@ -151,7 +162,8 @@ class TeamScenario:
 
     def decisive(self) -> list[Any]:
         """Returns all numbers that decide an episode, in an order of their own."""
-        walks = [self.walks[name] for name in WALK.names or ()]
+        # what nobody has decides nothing
+        walks = [self.walks[name] for name in WALK.names or () if name not in _BY_2009 or self.walks[name].any()]
         each = [part for robot in self.robots[:1] for part in robot.decisive()]
         return [len(self.robots), *each, self.starts, self.goals, len(self.walks), *walks, self.tracks, self.reach]
 

@@ -204,6 +204,107 @@ def test_a_recorded_person_moves_as_the_track_says() -> None:
     np.testing.assert_allclose(out[there, 0, :4], expected, atol=1e-9)
 
 
+def test_people_of_a_group_walk_by_the_forces_of_2010() -> None:
+    """Gaze, cohesion and repulsion restated: what a group adds to one step of who walk alone."""
+    starts = np.array([(0.0, 0.0), (0.5, 0.3), (-1.9, -0.9), (0.4, -0.2)])
+    velocities = np.array([(0.6, 0.1), (0.7, -0.1), (0.5, 0.0), (0.4, 0.2)])
+    walk = walks("moussaid", starts, starts + np.array([40.0, 0.0]))
+    alone = stroll(walk, 1, 0.01, velocities=velocities)[1, :, 2:4]
+    walk["group"][:3] = 1  # the fourth walks by itself
+    added = (stroll(walk, 1, 0.01, velocities=velocities)[1, :, 2:4] - alone) / 0.01
+    for i in range(3):
+        others = [j for j in range(3) if j != i]
+        to = starts[others].mean(axis=0) - starts[i]
+        turn = max(math.acos(to[0] / math.hypot(*to)) - 0.5 * math.pi, 0.0)
+        expected = -4.0 * turn * velocities[i]
+        to = starts[:3].mean(axis=0) - starts[i]
+        if math.hypot(*to) > 1.0:  # (N - 1) / 2
+            expected = expected + 3.0 * to / math.hypot(*to)
+        for j in others:
+            away = starts[i] - starts[j]
+            if math.hypot(*away) < 0.8:
+                expected = expected + away / math.hypot(*away)
+        np.testing.assert_allclose(added[i], expected, atol=1e-9)
+    assert (added[3] == 0.0).all()
+
+
+def test_a_group_stays_together_where_each_would_go_by_itself() -> None:
+    starts = np.array([(0.0, 0.0), (1.5, 1.2), (-1.0, -0.8)])
+    walk = walks("moussaid", starts, starts + np.array([60.0, 0.0]), speed=[1.0, 1.2, 1.4])
+    widths = []
+    for group in (0, 3):
+        walk["group"] = group
+        last = stroll(walk, 600, 0.05)[-1, :, :2]
+        widths.append(np.hypot(*(last - last.mean(axis=0)).T).max())
+    assert widths[0] > 3.0
+    assert widths[1] < 1.2
+
+
+@pytest.mark.parametrize(("law", "tau", "people_push", "most"), [("pysocialforce", 0.5, 5.1, 1.3),
+                                                                 ("lightsfm", 0.25, 2.1, 1.0)])  # fmt: skip
+def test_sets_of_programs_are_the_force_of_2009_with_their_numbers(
+    law: str, tau: float, people_push: float, most: float
+) -> None:
+    from wayfield.envs.scenarios.obstacles import obstacle_field, wall
+
+    starts, velocities = np.array([(0.0, 0.0), (1.4, 0.3)]), np.array([(0.5, 0.1), (-0.4, 0.0)])
+    goals = starts + np.array([(20.0, 0.0), (-20.0, 0.0)])
+
+    def pushed(name: str) -> Array:
+        both = stroll(walks(name, starts, goals), 1, 0.001, velocities=velocities)[1, 0, 2:4]
+        one = stroll(walks(name, starts[:1], goals[:1]), 1, 0.001, velocities=velocities[:1])[1, 0, 2:4]
+        return (both - one) / 0.001
+
+    np.testing.assert_allclose(pushed(law), people_push / 4.5 * pushed("moussaid"), rtol=1e-9)
+    alone = walks(law, starts[:1], goals[:1], speed=1.2)
+    free = stroll(alone, 200, 0.005)[:, 0, 2]
+    np.testing.assert_allclose(free, 1.2 * (1.0 - np.exp(-0.005 * np.arange(201) / tau)), atol=0.02)
+    fast = stroll(alone, 1, 0.001, velocities=np.array([(9.0, 0.0)]))[1, 0, 2]
+    assert fast == pytest.approx(most * 1.2)
+    side = obstacle_field(wall(-5.0, -0.6, 5.0, -0.6))
+    near = stroll(alone, 1, 0.001, side)[1, 0, 3] / 0.001
+    assert near == pytest.approx(10.0 * math.exp(-(0.6 - alone["radius"][0]) / 0.2), rel=1e-9)
+
+
+def met(reaction: str, **fields: Any) -> Array:
+    """Returns how a person of lightsfm walks towards a robot that stands at the origin, facing it: 12 s."""
+    start, goal = np.array([(6.0, 0.3)]), np.array([(-6.0, 0.3)])
+    walk = walks("lightsfm", start, goal, reaction=people.REACTIONS[reaction], **fields)
+    world = TeamScenario.made("met", [(0.0, 0.0, 0.0)], [(0.0, 9.0, 0.0)], walks=walk)
+    env: Any = gymnasium.make("wayfield/OmniPeople-v0", scenario=world).unwrapped
+    env.reset(seed=0)
+    found = []
+    for _ in range(240):
+        env.step(np.zeros(3, np.float32))
+        found.append(env.task.walking(env.batch.own)[0, 0, :4])
+    return np.array(found)
+
+
+def test_people_react_to_a_robot_as_in_hunavsim() -> None:
+    ways = {reaction: met(reaction) for reaction in people.REACTIONS}
+    gaps = {reaction: np.hypot(way[:, 0], way[:, 1]) for reaction, way in ways.items()}
+    for passes in ("regular", "impassive"):
+        assert ways[passes][-1, 0] < -4.0
+    # beside a thing one passes as near as beside a wall, a person is left more room
+    assert gaps["impassive"].min() != gaps["regular"].min()
+    assert np.hypot(*ways["surprised"][-1, 2:]) < 0.01
+    assert 3.0 < gaps["surprised"][-1] < 5.0
+    assert gaps["scared"].min() > max(gaps["regular"].min(), gaps["impassive"].min()) + 0.5
+    seen = gaps["scared"] < 4.9
+    assert np.hypot(*ways["scared"][:, 2:].T)[np.flatnonzero(seen)[1:]].max() <= 0.6 + 1e-9
+    assert gaps["curious"][-1] == pytest.approx(1.5, abs=0.4)
+    assert np.hypot(*ways["curious"][-1, 2:]) < 0.05
+    assert np.hypot(*(ways["threatening"][-1, :2] - (1.4, 0.0))) < 0.3
+    blind = met("threatening", blind=1)
+    assert blind.tobytes() == met("regular", blind=1).tobytes()
+
+
+def test_groups_and_reactions_are_refused_of_laws_that_have_none() -> None:
+    walk = walks("orca", np.array([(3.0, 0.0)]), np.array([(9.0, 0.0)]), reaction=people.REACTIONS["curious"])
+    with pytest.raises(ValueError, match=r"walks\[0\].reaction is 4 with the law orca; only moussaid, pysocialforce"):
+        TeamScenario.made("odd", [(0.0, 0.0, 0.0)], [(0.0, 9.0, 0.0)], walks=walk)
+
+
 @pytest.mark.parametrize(("field", "value"), [("x", math.inf), ("goal_y", math.nan), ("speed", -math.inf)])
 def test_a_walk_that_is_not_finite_is_refused_in_a_line(field: str, value: float) -> None:
     walk = walks("moussaid", np.array([(0.0, 0.0), (3.0, 0.0)]), np.array([(9.0, 0.0), (-9.0, 0.0)]))
