@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching
+from wayfield.envs import team_worlds
 from wayfield.envs.scenarios.ways import clearances, grid_over
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
@@ -76,13 +76,13 @@ class Central(Gains):
     ahead: float = gain(0.1, "m", "of the axle, of the point that a differential drive is driven by", above=0.0)
 
     knows: ClassVar[str] = "team_map"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns MEMORY records (b,)."""
         return np.zeros(briefing.num_envs, MEMORY)
 
-    def act(self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]) -> NDArray[Any]:
+    def act(self, observation: team_worlds.Observation, briefing: Briefing, memory: NDArray[Any]) -> NDArray[Any]:
         """Returns the twists (b, t): m/s and rad/s.
 
         Raises:

@@ -30,7 +30,9 @@ from wayfield.policies.central import KNOTS
 def test_all_robots_of_a_team_arrive_by_one_plan(env_id: str, family: str) -> None:
     worlds = tuple(TEAM_FAMILIES[family](7_000_000 + k) for k in range(2))
     n = worlds[0].team
-    env: Any = gymnasium.make_vec(env_id, num_envs=2 * n, scenario=worlds, actuators="lagged", max_episode_steps=1600)
+    env: Any = gymnasium.make_vec(
+        env_id, num_envs=2 * n, scenario=worlds, sees="bodies", actuators="lagged", max_episode_steps=1600
+    )
     pilot = Pilot(policies.make("central"), env)
     seen, _ = env.reset(seed=0, options={"scenario": np.repeat(np.arange(2), n)})
     pilot.reset()
@@ -73,7 +75,7 @@ def place(m: Any, times: Any) -> Any:
 def test_a_robot_without_a_way_stands_and_the_others_are_not_harmed() -> None:
     cell = obstacle_field(wall(-1, -1, 1, -1), wall(1, -1, 1, 1), wall(1, 1, -1, 1), wall(-1, 1, -1, -1))
     world = TeamScenario.made("shut", [(0, 0, 0), (3, 0, 0)], [(6, 3, 0), (3, 4, 0)], cell)
-    env: Any = gymnasium.make("wayfield/OmniTeam-v0", scenario=world)
+    env: Any = gymnasium.make("wayfield/OmniTeam-v0", scenario=world, sees="bodies")
     pilot = Pilot(policies.make("central"), env)
     seen, _ = env.reset(seed=0)
     pilot.reset()
@@ -88,7 +90,7 @@ def test_worlds_stay_whole_where_threads_share_them_out() -> None:
     worlds = tuple(TEAM_FAMILIES["open_8"](7_000_100 + k) for k in range(40))
     actions = []
     for threads in (1, 3):
-        env: Any = gymnasium.make_vec("wayfield/OmniTeam-v0", num_envs=320, scenario=worlds)
+        env: Any = gymnasium.make_vec("wayfield/OmniTeam-v0", num_envs=320, scenario=worlds, sees="bodies")
         pilot = Pilot(policies.make("central"), env, num_threads=threads)
         seen, _ = env.reset(seed=0, options={"scenario": np.repeat(np.arange(40), 8)})
         pilot.reset()
