@@ -23,8 +23,16 @@ _NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; neve
 
 
 def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
-    """Returns the rows of all pieces: those of a single one as they are, since every step makes its own."""
-    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+    """Returns the rows of all pieces: those of a single one as they are, since every step makes its own.
+
+    Rows that are shorter than others are filled up with zeros.
+    """
+    if len(pieces) == 1:
+        return pieces[0]
+    width = max(piece.shape[-1] for piece in pieces)
+    if pieces[0].ndim < 2 or all(piece.shape[-1] == width for piece in pieces):
+        return np.concatenate(pieces)
+    return np.concatenate([np.pad(piece, ((0, 0), (0, width - piece.shape[-1]))) for piece in pieces])
 
 
 def _taken(name: str, arrays: Mapping[str, NDArray[Any]], there: NDArray[Any]) -> NDArray[Any]:
@@ -48,13 +56,20 @@ class NativeVecEnv(VecEnv):
         worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
             rows stand one after the other. Observation spaces must agree. The action space has room for what the
             fastest robot can do; what is too fast for another is slowed down to what that can, in the same direction.
+        ragged: whether scans may have different numbers of beams; shorter observations are filled up with zeros.
         kwargs: keyword arguments of the environment, and max_episode_steps.
 
     Raises:
         ValueError: if the worlds differ in their observation spaces, or there are none.
     """
 
-    def __init__(self, env_id: str, worlds: int | Sequence[tuple[int, Mapping[str, Any]]] = 1, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        env_id: str,
+        worlds: int | Sequence[tuple[int, Mapping[str, Any]]] = 1,
+        ragged: bool = False,
+        **kwargs: Any,
+    ) -> None:
         if not isinstance(worlds, Sequence):
             worlds = [(worlds, {})]
         if not worlds:
@@ -74,14 +89,14 @@ class NativeVecEnv(VecEnv):
                     f'{env_id} with ends="leave" has robots that wait; ends must be "respawn", so that all rows live'
                 )
             self.parts.append(part)
-        first = self.parts[0]
-        for part in self.parts[1:]:
-            if part.single_observation_space != first.single_observation_space:
+        first = max(self.parts, key=lambda part: part.single_observation_space.shape)
+        for part in self.parts:
+            if not ragged and part.single_observation_space != first.single_observation_space:
                 raise ValueError(f"the worlds of {env_id} must have one observation space")
         # stable-baselines3 clips actions to it: that of a slow robot would hold back the others
         actions: list[Any] = [part.single_action_space for part in self.parts]
         fastest = np.max([each.high for each in actions], axis=0)
-        self.task = first.task
+        self.task = self.parts[0].task
         ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
         self.rows = [slice(end - part.num_envs, end) for end, part in zip(ends, self.parts, strict=True)]
         self.told: dict[str, NDArray[Any]] = {}
@@ -101,7 +116,7 @@ class NativeVecEnv(VecEnv):
         self._reset_options()
         self._tell([info for _, info in pieces])
         self._returns[:] = 0.0
-        return np.concatenate([observations for observations, _ in pieces])
+        return _joined([observations for observations, _ in pieces])
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Takes the actions of the next step."""
@@ -144,7 +159,8 @@ class NativeVecEnv(VecEnv):
     def final_observation(self, i: int) -> NDArray[np.float32]:
         """Returns the last observation of the episode of row i that the last step ended."""
         k = self._part(i)
-        return np.asarray(self._steps[k][4]["final_obs"][i - self.rows[k].start], np.float32)
+        last = np.asarray(self._steps[k][4]["final_obs"][i - self.rows[k].start], np.float32)
+        return np.pad(last, (0, self.observation_space.shape[0] - len(last)))  # type: ignore[index]
 
     def final_observations(self, ended: NDArray[np.int64]) -> NDArray[np.float32]:
         """Returns the last observations (n, size) of the rows that the last step ended."""

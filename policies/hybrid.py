@@ -58,6 +58,10 @@ class Hybrid(Gains):
         """
         return shipped_agent(TASK, body_of(briefing.robot).name, self.seed, self.speed)
 
+    def planner(self, briefing: Briefing, agent: Agent) -> ScanPlanner:
+        """Returns the planner, which drives as fast as the agent."""
+        return planner_of(body_of(briefing.robot).name, agent.speed)
+
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the planner's empty memory beside the agent's, (b,).
 
@@ -65,7 +69,7 @@ class Hybrid(Gains):
             ValueError: if no agent ships for robot and seed, or its card needs another scan or control period.
         """
         agent = self.agent(briefing)
-        planner = planner_of(body_of(briefing.robot).name, agent.speed)
+        planner = self.planner(briefing, agent)
         parts = {"planner": planner.reset(briefing), "agent": agent.reset(briefing)}
         fields: list[Any] = [(name, each.dtype, each.shape[1:]) for name, each in parts.items()]
         # whole words a robot, so that every map begins with one; by a field, as what only pads is not copied with a row
@@ -83,7 +87,7 @@ class Hybrid(Gains):
         agent = self.agent(briefing)
         # the planner's kernels take records that lie apart; the agent's are compiled for such as lie side by side
         planned, kept = memory["planner"], memory["agent"].copy()
-        planner_of(body_of(briefing.robot).name, agent.speed).act(observation, briefing, planned)
+        self.planner(briefing, agent).act(observation, briefing, planned)
         goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
         lead(planned["state"], observation.pose, self.ahead, goals, led)
         own = kept["network"] if "network" in (kept.dtype.names or ()) else kept

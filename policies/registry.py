@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+from wayfield.policies.any_robot import AnyRobot
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.central import Central
 from wayfield.policies.dwa import Dwa
@@ -227,6 +228,13 @@ ABOUT: dict[str, Listed] = {
     ),
     "hybrid": Listed(
         Hybrid, "the scan planner plans, the agent that ships drives along its way", "Faust et al. 2018", (GOALS,)
+    ),
+    "any_robot": Listed(
+        AnyRobot,
+        "drives every base by its data sheet: the scan planner plans, one agent drives, a shield brakes",
+        "Faust et al. 2018; Bastani 2021",
+        (GOALS,),
+        protected="as the scan planner; brakes before what its base could not stop at",
     ),
     "zero": Listed(Zero, "stands still: the floor", "", (DOCKS,)),
     "random": Listed(Random, "random twists: the floor", "", (DOCKS,)),

@@ -202,7 +202,7 @@ class Contest:
     label: str = ""  # the name of the suite; "": the task's
     heading: str = ""  # of its tables; "": the task's
     rules: Rules | None = None
-    on_request: tuple[str, ...] = ()  # of the policies, those that drive only where they are named: they take too long
+    on_request: tuple[str, ...] = ()  # of the policies, those that drive only where they are named
     published: tuple[Published, ...] = ()
     cross: bool = False  # whether every entry shares its teams, half and half, with every other policy
 

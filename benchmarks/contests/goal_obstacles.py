@@ -22,7 +22,8 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.policies.registry import entering
 
 # Of the public benchmarks, where a way is long or a scan dense: 8 ms a decision and more.
-ON_REQUEST = ("mppi", "nav2_mppi")
+ANY = "any_robot"  # which is measured by a study of its own
+ON_REQUEST = ("mppi", "nav2_mppi", ANY)
 ON_REQUEST_NOTE = "mppi and nav2_mppi take minutes a run: they drive where --policies names them, or says all."
 _SPEC = TASKS["goal_reaching"]
 BAR_FAMILY, BAR_SUCCESS, BAR_COLLISION = "clutter_10", 0.9, 0.03  # of the presets
@@ -52,6 +53,7 @@ GOAL_OBSTACLES = Contest(
     in_rooms=True,
     overview=("apf_corrected", "vfh_plus", "dwa", "scan_planner", "astar_tracker", "ppo", "hybrid"),
     claims=("vfh_plus", "scan_planner", "astar_tracker", "ppo", "hybrid"),
+    on_request=(ANY,),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         Column("collision (%)", "collision", 1, 100.0, reduction="mean"),

@@ -33,11 +33,13 @@ from wayfield.policies.learned.conditions import (
     out_of_distribution,
 )
 from wayfield.policies.learned.features import Numbers
+from wayfield.policies.learned.features_sheet import RobotFeatures, SheetFeatures
 from wayfield.policies.learned.perception import (
     FEATURES,
     Actions,
     Features,
     Perception,
+    features_for,
     features_kind,
     hold,
     limits_of,
@@ -186,11 +188,12 @@ class Agent(Gains):
     def perception(self, briefing: Briefing) -> Perception:
         """Returns how the agent sees under a briefing."""
         based = self.base is not None
-        return Perception(self.features, self.actions, len(briefing.robot.twist_axes), briefing.dt, based)
+        features = features_for(self.features, briefing, self.speed)
+        return Perception(features, self.actions.of(features), len(briefing.robot.twist_axes), briefing.dt, based)
 
     def trained_with(self, robot: Robot) -> bool:
         """Returns whether the agent was trained with a robot as it is: it then needs no prediction of delays."""
-        return drives(self.card, robot)
+        return not any_robot(self.card) and drives(self.card, robot)
 
     @property
     def keeps_pace(self) -> bool:
@@ -200,7 +203,7 @@ class Agent(Gains):
     def _of_body(self, briefing: Briefing) -> Briefing:
         """Returns the briefing with the robot that the agent knows, where the base has its body."""
         robot = briefing.robot
-        if not robot.responds or drives(self.card, robot):
+        if not robot.responds or any_robot(self.card) or drives(self.card, robot):
             return briefing
         return dataclasses.replace(briefing, robot=body_of(robot))
 
@@ -211,9 +214,12 @@ class Agent(Gains):
             ValueError: if robot or control period are not those of the card, or the scan cannot be read.
         """
         name, briefing = self.card.get("name", "an agent"), self._of_body(briefing)
-        if briefing.robot.name not in self.card["robots"]:
+        if any_robot(self.card):
+            if len(briefing.robot.twist_axes) != self.card["network"]["num_twist"]:
+                raise ValueError(f"{name} drives {', '.join(self.card['robots'])}, not {briefing.robot.name}")
+        elif briefing.robot.name not in self.card["robots"]:
             raise ValueError(f"{name} drives {', '.join(self.card['robots'])}, not {briefing.robot.name}")
-        if not drives(self.card, briefing.robot):
+        elif not drives(self.card, briefing.robot):
             raise ValueError(f"{name} drives another {briefing.robot.name}: its data sheet has other numbers than this")
         if briefing.dt != self.card["dt"]:
             raise ValueError(f"{name} decides every {self.card['dt']:g} s, not every {briefing.dt:g} s")
@@ -234,7 +240,7 @@ class Agent(Gains):
             parts["base"] = self.controller.reset(briefing)
         if effective_actuators(self.card, briefing) is not briefing.actuators:
             parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
-        if news and self.features.shielded:
+        if self.features.shielded == "always" or (news and self.features.shielded):
             parts["shield"] = SHIELD.reset(briefing)
         if self.keeps_pace:
             parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `kept_pace`
@@ -251,6 +257,8 @@ class Agent(Gains):
         briefing = self._of_body(briefing)
         perception, robot = self.perception(briefing), briefing.robot
         speed = network_speed(self.card, briefing, self.speed)
+        if isinstance(perception.features, RobotFeatures):
+            speed = perception.features.speed_scale
         speeds = np.full(len(memory), speed)
         if self.keeps_pace:
             # what the mean on other paths was is nothing to go by
@@ -273,20 +281,25 @@ class Agent(Gains):
             under = memory["base"].copy()
             asked = asks(self.base, self.controller)(observation, briefing, under)
             memory["base"] = under
-        limits = limits_of(self.features, actuators) if self.features.limits else None
+        features = perception.features
+        limits = limits_of(features, actuators) if features.limits else None
         inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
-        twists = commanded(self.actions, self.base, actions, asked, speeds, angles, robot)
+        twists = commanded(perception.actions, self.base, actions, asked, speeds, angles, robot)
         if self.base is not None and self.base.guards:
             twists = self.controller.keep_clear(observation, briefing, twists)  # type: ignore[union-attr]
-        twists = self.features.arrived(observation, twists, speed, actuators)
-        twists = self.features.guarded(observation, twists, speed, actuators, eased=True)
+        twists = features.arrived(observation, twists, speed, actuators)
+        twists = features.guarded(observation, twists, speed, actuators, eased=True)
         if held is not None:
             hold(*held_law(briefing, actuators), held, twists)
             held[:, 2, robot.twist_axes] = twists
         if "shield" in (memory.dtype.names or ()):
             twists = SHIELD.passed(measured, briefing, memory["shield"], twists)
+            if hasattr(self.controller, "driven"):
+                under = memory["base"].copy()
+                self.controller.driven(under, memory["shield"]["command"])
+                memory["base"] = under
         return twists
 
 
@@ -306,11 +319,23 @@ def held_law(briefing: Briefing, slower: Actuators) -> tuple[NDArray[np.float64]
     return law, np.ascontiguousarray(robot.wheel_matrix)
 
 
+def kind_of(card: Mapping[str, Any]) -> type[Features]:
+    """Returns the class of the features of a card."""
+    return SheetFeatures if any_robot(card) else features_kind(card["task"], card["features"])
+
+
+def any_robot(card: Mapping[str, Any]) -> bool:
+    """Returns whether an agent drives every base of a kinematic class, by its data sheet."""
+    return "ranges" in (card.get("trained_on") or {})
+
+
 def drives(card: Mapping[str, Any], robot: Robot) -> bool:
     """Returns whether an agent was trained with a robot: one that its card names, by the same data sheet.
 
     Cards without a digest of the sheet are for robots that ship.
     """
+    if any_robot(card):
+        return len(robot.twist_axes) == card["network"]["num_twist"]
     if robot.name not in card["robots"]:
         return False
     shipped = ROBOTS.get(robot.name)
@@ -533,7 +558,7 @@ def card_base(card: Mapping[str, Any], file: pathlib.Path) -> Base | None:
         return None
     try:
         base = Base(**card["base"])
-        if features_kind(card["task"], card["features"]).observation not in base.policy(1.0).observes:
+        if kind_of(card).observation not in base.policy(1.0).observes:
             raise ValueError(f"controller {base.controller!r} does not read observations of {card['task']}")
         return base
     except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
@@ -549,7 +574,7 @@ def card_features(card: Mapping[str, Any], file: pathlib.Path) -> tuple[Features
     trails = card["features"]["trails"]
     try:
         trails = tuple(trails) if isinstance(trails, list) else trails
-        kind = features_kind(card["task"], card["features"])
+        kind = kind_of(card)
         return kind(**card["features"] | {"trails": trails}), Actions(**card["actions"])
     except ValueError as error:
         raise ValueError(f"{file}: {str(error)[:500]}") from None
@@ -608,7 +633,7 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
     if card["format"] < FORMAT:
         card["features"] = {**_SINCE.get(card["task"], {}), **card["features"]}
         card["actions"] = {**_ACTIONS_SINCE, **card["actions"]}
-    for key, kind in (("features", features_kind(card["task"], card["features"])), ("actions", Actions)):
+    for key, kind in (("features", kind_of(card)), ("actions", Actions)):
         names = {field.name for field in dataclasses.fields(kind)}
         if set(card[key]) != names:
             odd = ", ".join(sorted(set(card[key]) ^ names))

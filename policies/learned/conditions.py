@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.robots import ACTUATORS, Actuators
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.learned.features_sheet import SHEET, numbers_of
 from wayfield.policies.learned.reading import is_number, is_whole
 from wayfield.system.checks import LAST_SEED, shown
 
@@ -79,7 +80,9 @@ def check_described(card: Mapping[str, Any]) -> None:
 def check_conditions(card: Mapping[str, Any]) -> None:
     """Raises ValueError, naming the field, unless a card's `trained_on`, `cruises`, `measured`, if any, are whole."""
     trained = card.get("trained_on")
-    if trained is not None:
+    if isinstance(trained, dict) and "ranges" in trained:
+        _check_ranges(trained)
+    elif trained is not None:
         kinds = {"actuators": str, "disturbances": str, "speeds": float, "beams": int}
         if isinstance(trained, dict) and "teams" in trained:
             kinds["teams"] = int
@@ -96,7 +99,8 @@ def check_conditions(card: Mapping[str, Any]) -> None:
         if not trained["speeds"] or not all(is_number(each) and each > 0.0 for each in trained["speeds"]):
             raise ValueError(f"trained_on.speeds must be speeds above 0 m/s, got {shown(trained['speeds'])}")
     cruises = card.get("cruises", {})
-    if not isinstance(cruises, dict) or not set(cruises) <= set(trained["actuators"] if trained else []):
+    tiers = trained.get("actuators", []) if trained else []
+    if not isinstance(cruises, dict) or not set(cruises) <= set(tiers):
         raise ValueError(f"cruises must be for actuators of trained_on, got {shown(cruises)}")
     for tier, cruise in cruises.items():
         if not _is_cruise(cruise):
@@ -110,6 +114,18 @@ def check_conditions(card: Mapping[str, Any]) -> None:
         if not _is_measured(each):
             needed = "env_kwargs, and numbers: asked_speed, success and collision (0 to 1), error if any"
             raise ValueError(f"measured[{k}] must have {needed}; got {shown(each)}")
+
+
+def _check_ranges(trained: Mapping[str, Any]) -> None:
+    """Raises ValueError unless what a card says of robots that were drawn is whole."""
+    if set(trained) != {"ranges", "robots", "disturbances"} or not is_whole(trained["robots"], 1, LAST_SEED):
+        raise ValueError(f"trained_on must have exactly ranges, robots, disturbances, got {shown(dict(trained))}")
+    if not _lists(_is_text)(trained["disturbances"]):
+        raise ValueError(f"trained_on.disturbances must be a list of text, got {shown(trained['disturbances'])}")
+    ranges = trained["ranges"]
+    pairs = isinstance(ranges, dict) and all(_lists(is_number)(each) and len(each) == 2 for each in ranges.values())
+    if not pairs or set(ranges) != set(SHEET) or not all(low <= high for low, high in ranges.values()):
+        raise ValueError(f"trained_on.ranges must be least and most of {', '.join(SHEET)}, got {shown(ranges)}")
 
 
 def _is_cruise(cruise: Any) -> bool:
@@ -216,8 +232,8 @@ def kept_pace(speed: float, paced: NDArray[np.float64], twists: NDArray[np.float
 
 def _known(card: Mapping[str, Any], briefing: Briefing) -> list[Actuators]:
     """Returns the actuators that an agent was trained on, of the robot; none where its card does not say."""
-    trained = card.get("trained_on")
-    return [briefing.robot.actuators(tier) for tier in trained["actuators"]] if trained else []
+    trained = card.get("trained_on") or {}
+    return [briefing.robot.actuators(tier) for tier in trained.get("actuators", [])]
 
 
 def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: float) -> str:
@@ -231,6 +247,8 @@ def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: floa
     trained = card.get("trained_on")
     if trained is None:
         return ""
+    if "ranges" in trained:
+        return _out_of_ranges(card, trained["ranges"], briefing, speed)
     tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
     tier, beams, new = next(tiers, ""), len(briefing.beam_angles), []
     late = briefing.actuators.response is not None
@@ -250,13 +268,42 @@ def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: floa
         new.append(f"in a team of {briefing.team}, not {min(teams)} to {max(teams)}")
     if not new:
         return ""
-    asked = {"actuators": tier, "num_beams": beams, "speed": speed}
+    return _told(card, new, {"actuators": tier, "num_beams": beams, "speed": speed})
+
+
+def _out_of_ranges(
+    card: Mapping[str, Any], ranges: Mapping[str, Sequence[float]], briefing: Briefing, speed: float
+) -> str:
+    """Returns the line of an agent that drives any robot: which numbers of the data sheet are beyond those it met."""
+    new = []
+    for name, value in numbers_of(briefing, speed).items():
+        low, high = ranges[name]
+        if not (1.0 - SLACK) * low <= value <= (1.0 + SLACK) * high:
+            unit = UNITS.get(name, "")
+            new.append(f"with {name} {value:.3g}{unit}, not {low:.3g} to {high:.3g}")
+    if not new:
+        return ""
+    tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
+    asked = {"actuators": next(tiers, ""), "num_beams": len(briefing.beam_angles), "speed": speed}
+    return _told(card, [f"{briefing.robot.name} {new[0]}", *new[1:]], asked | {"robot": briefing.robot.name})
+
+
+UNITS = {
+    **dict.fromkeys(("hull", "stopping_way", "range"), " m"),
+    **dict.fromkeys(("lag", "braking_time", "turning_time"), " s"),
+    **{"speed": " m/s", "yaw_rate": " rad/s", "view": " rad"},
+}
+
+
+def _told(card: Mapping[str, Any], new: Sequence[str], asked: Mapping[str, Any]) -> str:
+    """Returns the line that says what is new, and what was measured nearest to what is asked for."""
+    speed = asked["speed"]
     validated = card.get("validation")
     own = {"asked_speed": card["speed"], "env_kwargs": card["env_kwargs"]}
     own |= validated if isinstance(validated, dict) else {}
     everywhere = [*([own] if _is_measured(own) else []), *card.get("measured", [])]
     measured = sorted(everywhere, key=lambda each: (-_likeness(each, asked), abs(each["asked_speed"] - speed)))
-    found = _found(measured[0]) if measured else "nothing was measured"
+    found = _found(measured[0], "robot" in asked) if measured else "nothing was measured"
     name = str(card.get("name", "an agent")).split(",")[0]
     return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {found}"
 
@@ -264,13 +311,16 @@ def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: floa
 def _likeness(measured: Mapping[str, Any], asked: Mapping[str, Any]) -> int:
     """Returns in how many things a condition that was measured is the one that is asked for, the tier first."""
     found = {"actuators": "ideal", "num_beams": 0, **measured["env_kwargs"], "speed": measured["asked_speed"]}
-    return 2 * int(found["actuators"] == asked["actuators"]) + sum(int(found[name] == asked[name]) for name in asked)
+    same = sum(int(found.get(name) == asked[name]) for name in asked)
+    return 2 * int(found["actuators"] == asked["actuators"]) + same
 
 
-def _found(measured: Mapping[str, Any]) -> str:
+def _found(measured: Mapping[str, Any], of_any: bool) -> str:
+    """Returns what was found in a condition, with the robot where an agent of any was measured."""
     kwargs, error = measured["env_kwargs"], measured.get("error")
     beams = [f"{kwargs['num_beams']} beams"] if "num_beams" in kwargs else []
-    where = ", ".join([str(kwargs.get("actuators", "ideal")), f"{measured['asked_speed']:g} m/s", *beams])
+    robot = [str(kwargs.get("robot", "the default robot"))] if of_any else []
+    where = ", ".join([*robot, str(kwargs.get("actuators", "ideal")), f"{measured['asked_speed']:g} m/s", *beams])
     told = [f"{100.0 * measured['success']:.0f} % succeeded", f"{100.0 * measured['collision']:.0f} % failed badly"]
     if error is not None:
         told.append(f"{error:.1f} s" if beams else f"{error:.4f} m off")

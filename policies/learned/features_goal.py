@@ -91,7 +91,7 @@ class GoalFeatures(Gains):
             raise ValueError(f"GoalFeatures: pool must divide num_beams, got {self.pool} and {self.num_beams}")
 
     posed: ClassVar[int] = 0
-    shielded: ClassVar[bool] = True  # away from what an agent was trained on
+    shielded: ClassVar[bool | Literal["always"]] = True  # away from what an agent was trained on
 
     fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "ranges")
     observation: ClassVar[type] = goal_reaching.Observation

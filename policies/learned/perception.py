@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from wayfield.envs.robots import Actuators, Robot
 from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
+from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.features import LIMIT, Array, Numbers
 from wayfield.policies.learned.features_dock import DockFeatures
 from wayfield.policies.learned.features_goal import Crumbs, GoalFeatures, Sights, fill_crumbs, fill_moving
 from wayfield.policies.learned.features_path import PathFeatures
+from wayfield.policies.learned.features_sheet import RobotFeatures, SheetFeatures
 from wayfield.policies.learned.features_team import TeamFeatures
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import any_layout, compiled
@@ -27,7 +29,7 @@ MOST_INPUTS, MOST_KEPT = 2**16, 2**20  # numbers that a network may see, and a r
 
 
 Features = PathFeatures | GoalFeatures
-LIMITS = 3  # numbers of `limits_of`
+LIMITS = 3  # numbers of `limits_of`, but of `SheetFeatures`
 FEATURES: Mapping[str, type[Features]] = {
     "path_following": PathFeatures,
     "goal_reaching": GoalFeatures,
@@ -43,12 +45,20 @@ def features_kind(task: str, described: Mapping[str, Any]) -> type[Features]:
     return GoalFeatures if kind is TeamFeatures and "bodies" not in described else kind
 
 
+def features_for(features: Features, briefing: Briefing, speed: float) -> Features:
+    """Returns the features of a robot: those of any made for the one that is briefed, asked for a speed (m/s)."""
+    return features.of(briefing, speed) if isinstance(features, SheetFeatures) else features
+
+
 def limits_of(features: Features, actuators: Actuators) -> Numbers:
-    """Returns what a network sees of a base (3,): s_v / a, s_w / alpha and lag / 0.1 s, each at most 5.
+    """Returns what a network sees of a base, (3,): s_v / a, s_w / alpha and lag / 0.1 s, each at most 5.
 
     a and alpha are the accelerations (m/s^2, rad/s^2), s_v and s_w the scales of speed and yaw rate: so the first two
     are the seconds that a usual change of the twist takes, and all are 0 for a base that does at once what it is told.
+    Of `RobotFeatures` all numbers of SHEET.
     """
+    if isinstance(features, RobotFeatures):
+        return features.numbers
     seen = np.array(
         [
             features.speed_scale / actuators.acceleration,
@@ -76,6 +86,10 @@ class Actions(Gains):
     def size(self) -> int:
         """Returns how many outputs the network has."""
         return 2
+
+    def of(self, features: Features) -> "Actions":
+        """Returns the actions of the robot that features are for: of one of any, no sharper turns than it can."""
+        return dataclasses.replace(self, yaw_rate=features.yaw_scale) if isinstance(features, RobotFeatures) else self
 
     def twists(self, actions: NDArray[Any], speeds: Array, angles: Array, robot: Robot) -> Array:
         """Returns the twists (b, t) of actions (b, 2) in [-1, 1], m/s and rad/s."""
@@ -142,7 +156,8 @@ class Perception:
         self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
         self.dt = dt
         self.asked = actions.size if based else 0
-        self.limits = LIMITS if features.limits else 0
+        told = features.told if isinstance(features, SheetFeatures) else LIMITS
+        self.limits = told if features.limits else 0
         self.crumbed = features.crumbed
         self.moved = features.moved
         kept = self._kept()

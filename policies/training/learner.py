@@ -14,7 +14,8 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
-from wayfield.policies.learned.perception import Perception
+from wayfield.policies.learned.features_sheet import SheetFeatures
+from wayfield.policies.learned.perception import Features, Perception, features_for
 from wayfield.policies.training.imitation import teach
 from wayfield.policies.training.presets import Ppo, Preset
 from wayfield.policies.training.shaping import Shaped
@@ -293,7 +294,8 @@ class Timed(VecEnv):
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
     limit = {"max_episode_steps": preset.time_limit}
-    worlds = NativeVecEnv(env_id, [(count, {**limit, **kwargs}) for count, kwargs, _ in preset.parts])
+    any_robot = isinstance(preset.features, SheetFeatures)
+    worlds = NativeVecEnv(env_id, [(count, {**limit, **kwargs}) for count, kwargs, _ in preset.parts], any_robot)
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     if preset.actions.kind == "planar" and not robot_kind.holonomic and not preset.guards:
         raise ValueError(f"actions.kind must be unicycle with {robot_kind.name!r}, which cannot go sideways")
@@ -302,9 +304,16 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
         from wayfield.policies.training.ways import WAYS
 
         ways = WAYS[preset.task](worlds)
-    perception = Perception(preset.features, preset.actions, len(robot_kind.twist_axes), dt, preset.base is not None)
     paces = [pace for _, _, pace in preset.parts]
-    return Shaped(worlds, perception, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)
+    features: list[Features] = [preset.features]
+    if any_robot:
+        told = [part.briefing("sensors") for part in worlds.parts]
+        features = [features_for(preset.features, each, pace) for each, pace in zip(told, paces, strict=True)]
+    perceptions = [
+        Perception(each, preset.actions.of(each), len(robot_kind.twist_axes), dt, preset.base is not None)
+        for each in features
+    ]
+    return Shaped(worlds, perceptions, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)
 
 
 def policy_layers(policy: Any) -> Layers:

@@ -16,8 +16,10 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.tensorboard.writer import SummaryWriter
 
+from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent, weights_digest
+from wayfield.policies.learned.features_sheet import SHEET, numbers_of
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training.learner import Layers, Learner, PpoLearner
 from wayfield.policies.training.measured import cruises, measurement
@@ -28,6 +30,7 @@ from wayfield.system.checks import shown
 from wayfield.system.storage import clear_stale, locked
 
 LEARNERS: Mapping[str, type[Learner]] = {"ppo": PpoLearner, "sac": SacLearner}  # by the name of a preset's learner
+ANY = {2: "differential drive", 3: "omni base"}  # by the number of twist components
 USELESS = 0.05  # success, below which a clone is useless
 WORTH = 0.5  # success of its teacher, from which it is the clone's fault
 LESSONS = 2**19  # as the goal seekers' presets have
@@ -352,7 +355,7 @@ class _Run:
                 "run_cpu_seconds": round(self.cpu_seconds, 1),
                 "versions": versions(),
             },
-            "trained_on": trained_on(preset),
+            "trained_on": trained_on(preset, self.learner.env.briefings),
             "validation": finite({name: value for name, value in row.items() if name in _SCORES}),
             "measured": list(measured),
             **more,
@@ -366,8 +369,20 @@ def in_field(condition: Mapping[str, Any]) -> str:
     return f"{checkpoints.IN_FIELD}{kwargs['scenario'].partition('/')[0]}, {condition['asked_speed']:g} m/s{how}"
 
 
-def trained_on(preset: Preset) -> dict[str, list[Any]]:
-    """Returns what a network met in training: actuators, disturbances, requested speeds (m/s), beams, team sizes."""
+def trained_on(preset: Preset, briefings: Sequence[Briefing] = ()) -> dict[str, Any]:
+    """Returns what a network met in training: actuators, disturbances, requested speeds (m/s), beams, team sizes.
+
+    Of drawn robots, in place of these, the least and the most of each number of SHEET.
+
+    Args:
+        briefings: of the parts of the worlds, needed where robots are drawn.
+    """
+    if preset.drawn:
+        parts = preset.parts
+        told = [numbers_of(each, pace) for each, (_, _, pace) in zip(briefings, parts, strict=True)]
+        ranges = {name: [min(each[name] for each in told), max(each[name] for each in told)] for name in SHEET}
+        levels = dict.fromkeys(str(kwargs["disturbance"]) for _, kwargs, _ in parts)
+        return {"ranges": ranges, "robots": preset.drawn, "disturbances": list(levels)}
     worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds]
     tiers = [str(kwargs.get("actuators", "ideal")) for kwargs in worlds]
     levels = [str(kwargs.get("disturbance", "none")) for kwargs in worlds]
@@ -391,8 +406,8 @@ def described_agent(
         "env_id": env_id,
         "env_kwargs": dict(kwargs),
         "task": preset.task,
-        "robots": [task.robot.name],
-        "sheets": {task.robot.name: task.robot.digest},
+        "robots": [task.robot.name] if not preset.drawn else [f"any {ANY[len(task.robot.twist_axes)]}"],
+        "sheets": {task.robot.name: task.robot.digest} if not preset.drawn else {},
         "dt": task.options.dt,
         "speed": preset.speed,
         "observation": list(preset.features.fields),

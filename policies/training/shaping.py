@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
+from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
-from wayfield.policies.learned.agent import asks, commanded
+from wayfield.policies.learned.agent import SHIELD, asks, commanded
 from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
@@ -124,6 +125,7 @@ class Shaped(VecEnv):
     """The worlds as the learner meets them: inputs of the network in, actions in [-1, 1] out.
 
     Args:
+        perceptions: of the worlds' parts; one for all, or one for each, which have the same inputs.
         paces: m/s, the speed that is asked for in each of the worlds' parts.
         discount: the learner's gamma; rewards are multiplied by 1 - gamma, so that values are of order one.
         ways: returns the way left (b,), m, whose shortening is the progress; None takes what the worlds tell.
@@ -134,7 +136,7 @@ class Shaped(VecEnv):
     def __init__(
         self,
         worlds: NativeVecEnv,
-        perception: Perception,
+        perceptions: Sequence[Perception],
         reward: Reward,
         paces: Sequence[float],
         discount: float,
@@ -143,7 +145,8 @@ class Shaped(VecEnv):
         arriving: bool = False,
     ) -> None:
         self.worlds = worlds
-        self.perception = perception
+        self.perceptions = perceptions
+        self.perception = perception = perceptions[0]
         self.reward = reward
         self.paces = paces
         self.base = base
@@ -156,7 +159,15 @@ class Shaped(VecEnv):
         self.robot = worlds.task.robot
         self.memory = perception.fresh(worlds.num_envs)
         self.speeds = np.repeat(paces, [part.num_envs for part in worlds.parts])
-        limits = [limits_of(perception.features, part.task.options.actuators) for part in worlds.parts]
+        one = len(perceptions) == 1
+        self.seen_to = [slice(0, worlds.num_envs)] if one else worlds.rows  # the rows that each perception sees to
+        self.of_parts = list(perceptions) * (len(worlds.parts) if one else 1)
+        self.shields: list[NDArray[Any]] = []  # what they remember, of each part; none: there are none
+        self.briefings: list[Briefing] = [part.briefing("sensors") for part in worlds.parts]
+        limits = [
+            limits_of(each.features, part.task.options.actuators)
+            for each, part in zip(self.of_parts, worlds.parts, strict=True)
+        ]
         self.limits = np.repeat(limits, [part.num_envs for part in worlds.parts], axis=0)
         self.left = np.zeros(worlds.num_envs)  # m, of the way to the goal
         self.observations = np.empty(0, np.float32)  # of the environment, as they are
@@ -181,10 +192,17 @@ class Shaped(VecEnv):
         self.memory = self.perception.fresh(self.num_envs)
         if self.base is not None:
             self.pilots = self.make_pilots(self.base.policy)
+        self._shield()
         if self.ways is not None:
             self.left = self.ways(self.worlds)
         self._see(observations)
         return self._inputs
+
+    def _shield(self) -> None:
+        """Makes the shields behind features that are never without one."""
+        if getattr(self.perception.features, "shielded", False) == "always":
+            self.briefings = [part.briefing("sensors") for part in self.worlds.parts]
+            self.shields = [SHIELD.reset(each) for each in self.briefings]
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Takes the actions of the next step."""
@@ -195,20 +213,32 @@ class Shaped(VecEnv):
         actions = self._actions
         perception = self.perception
         changes = changes_of(actions, self.memory["actions"])
-        twists = commanded(perception.actions, self.base, actions, self._asked, self.speeds, self._angles, self.robot)
+        twists = np.concatenate(
+            [
+                commanded(
+                    each.actions, self.base, actions[rows], None if self._asked is None else self._asked[rows],
+                    self.speeds[rows], self._angles[rows], self.robot,
+                )
+                for each, rows in zip(self.perceptions, self.seen_to, strict=True)
+            ]
+        )  # fmt: skip
         guards = self.base is not None and self.base.guards
         wanted = twists
         if guards:
             twists = np.empty((self.num_envs, len(self.robot.twist_axes)))
         for k, (part, mine, pace) in enumerate(zip(self.worlds.parts, self.worlds.rows, self.paces, strict=True)):
-            seen = self._fields(self.observations[mine])
-            actuators = part.task.options.actuators
+            seen = self._fields(self.observations[mine], k)
+            actuators, features = part.task.options.actuators, self.of_parts[k].features
             if guards:
                 pilot: Any = self.pilots[k]
                 twists[mine] = pilot.policy.keep_clear(seen, pilot.briefing, wanted[mine])
             if self.arriving:
-                twists[mine] = perception.features.arrived(seen, twists[mine], pace, actuators)
-            twists[mine] = perception.features.guarded(seen, twists[mine], pace, actuators)
+                twists[mine] = features.arrived(seen, twists[mine], pace, actuators)
+            twists[mine] = features.guarded(seen, twists[mine], pace, actuators)
+            if self.shields:
+                twists[mine] = SHIELD.passed(seen, self.briefings[k], self.shields[k], twists[mine])
+                if self.base is not None and hasattr(self.pilots[k].policy, "driven"):
+                    self.pilots[k].policy.driven(self.pilots[k].memory, self.shields[k]["command"])
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
         ended = terminated | truncated
         rows = np.flatnonzero(ended)
@@ -220,15 +250,15 @@ class Shaped(VecEnv):
         perception.remember(self._inputs, actions, self.memory)
         infos: list[dict[str, Any]] = [{}] * self.num_envs
         if len(rows):
-            finals = self._fields(self.worlds.final_observations(rows))
             # the base's command there is not known: it has the briefing of the next episode
-            asked = None if self._asked is None else self._asked[rows]
-            last, _ = perception.inputs(finals, self.speeds[rows], self.memory[rows], asked, self.limits[rows])
+            last = self._last(rows)
             for j, i in enumerate(rows.tolist()):
                 late = bool(truncated[i] and not terminated[i])
                 infos[i] = {"terminal_observation": last[j], "TimeLimit.truncated": late}
             self.memory[rows] = perception.fresh(len(rows))
             self.tell(self.pilots, ended)
+            for shield, mine in zip(self.shields, self.worlds.rows, strict=False):
+                shield[ended[mine]] = np.zeros(1, shield.dtype)
         self._see(observations)
         return self._inputs, rewards.astype(np.float32), ended, infos
 
@@ -243,7 +273,7 @@ class Shaped(VecEnv):
     def ask(self, pilots: Sequence[Pilot]) -> Array:
         """Returns the twists (b, t) that pilots of the parts ask for, or the velocities of a base that guards."""
         if self.base is not None and self.base.guards:
-            seen = [self._fields(self.observations[rows]) for rows in self.worlds.rows]
+            seen = [self._fields(self.observations[rows], k) for k, rows in enumerate(self.worlds.rows)]
             return np.concatenate(
                 [
                     asks(self.base, pilot.policy)(fields, pilot.briefing, pilot.memory)
@@ -251,7 +281,10 @@ class Shaped(VecEnv):
                 ]
             )
         return np.concatenate(
-            [pilot.command(self.observations[rows]) for pilot, rows in zip(pilots, self.worlds.rows, strict=True)]
+            [
+                pilot.command(self.observations[rows][:, : pilot.briefing.layout.size])
+                for pilot, rows in zip(pilots, self.worlds.rows, strict=True)
+            ]
         )
 
     def tell(self, pilots: Sequence[Pilot], ended: NDArray[np.bool_]) -> None:
@@ -260,19 +293,46 @@ class Shaped(VecEnv):
             if ended[rows].any():
                 pilot.reset(np.flatnonzero(ended[rows]))
 
-    def _fields(self, observations: NDArray[np.float32]) -> Any:
-        return self.worlds.task.layout.unpack(observations.astype(np.float64))
+    def _fields(self, observations: NDArray[np.float32], part: int) -> Any:
+        """Returns the named fields of observations (b, size) as robots of a part make them."""
+        layout = self.worlds.parts[part].task.layout
+        return layout.unpack(observations[:, : layout.size].astype(np.float64))
 
     def actions_of(self, twists: Array) -> NDArray[np.float32]:
         """Returns the actions that come nearest to twists, for the robots as they now are."""
-        return self.perception.actions.of_twists(twists, self.speeds, self._angles)
+        return np.concatenate(
+            [
+                each.actions.of_twists(twists[rows], self.speeds[rows], self._angles[rows])
+                for each, rows in zip(self.perceptions, self.seen_to, strict=True)
+            ]
+        )
+
+    def _last(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Returns what the network sees at the end of the episodes that the last step ended in rows."""
+        finals, last = (
+            self.worlds.final_observations(rows),
+            np.empty((len(rows), self.perception.num_inputs), np.float32),
+        )
+        for k, (each, mine) in enumerate(zip(self.perceptions, self.seen_to, strict=True)):
+            here = (mine.start <= rows) & (rows < mine.stop)
+            if not here.any():
+                continue
+            own = rows[here]
+            asked = None if self._asked is None else self._asked[own]
+            fields = self._fields(finals[here], k)
+            last[here], _ = each.inputs(fields, self.speeds[own], self.memory[own], asked, self.limits[own])
+        return last
 
     def _see(self, observations: NDArray[np.float32]) -> None:
         self.observations = observations
         if self.base is not None:
             self._asked = self.ask(self.pilots)
-        fields = self._fields(observations)
-        self._inputs, self._angles = self.perception.inputs(fields, self.speeds, self.memory, self._asked, self.limits)
+        seen = []
+        for k, (each, rows) in enumerate(zip(self.perceptions, self.seen_to, strict=True)):
+            fields, asked = self._fields(observations[rows], k), None if self._asked is None else self._asked[rows]
+            memory = self.memory[rows]
+            seen.append(each.inputs(fields, self.speeds[rows], memory, asked, self.limits[rows]))
+        self._inputs, self._angles = (np.concatenate([pair[k] for pair in seen]) for k in range(2))
 
     def close(self) -> None:
         """Closes the worlds."""
@@ -304,6 +364,8 @@ class Shaped(VecEnv):
             arrays["shaped._asked"] = self._asked.copy()
         for k, pilot in enumerate(self.pilots):
             arrays[f"pilot_{k}"] = np.frombuffer(pilot.memory.tobytes(), np.uint8)
+        for k, shield in enumerate(self.shields):
+            arrays[f"shield_{k}"] = np.frombuffer(shield.tobytes(), np.uint8)
         return arrays
 
     def generators(self) -> list[Any]:
@@ -318,6 +380,9 @@ class Shaped(VecEnv):
         if self.memory.nbytes:
             self.memory[:] = np.frombuffer(arrays["shaped.memory"].tobytes(), self.memory.dtype)
         self.worlds.restore(arrays, generators)
+        self._shield()
+        for k, shield in enumerate(self.shields):
+            shield[:] = np.frombuffer(arrays[f"shield_{k}"].tobytes(), shield.dtype)
         if self.base is not None:
             self._asked = arrays["shaped._asked"].copy()
             self.pilots = self.make_pilots(self.base.policy)

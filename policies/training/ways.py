@@ -45,7 +45,8 @@ class Ways:
                 self.grids.append(None)
                 continue
             for scenario in courses:
-                key = scenario.name, tuple(scenario.goal)  # robots of one team have a name in common
+                # robots of one team have a name in common, and larger ones another way
+                key = scenario.name, tuple(scenario.goal), hull
                 if key not in done:
                     done[key] = way_field(scenario, hull, self.cell, self.dear)
                 fields.append(done[key])

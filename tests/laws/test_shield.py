@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 import pytest
-from oracles.sized import robot_like, scaled
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import FULL_TURN, Robot, Sensors
@@ -15,6 +14,7 @@ from wayfield.envs.scenarios import TASKS, field_scenarios
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.policies import Pilot, Policy, Shielded, make
 from wayfield.policies.parts.shield import LEAST_VIEW, Shield
+from wayfield.policies.training.drawn import robot_like, scaled
 
 FAMILIES = ("clutter_10", "clutter_15", "corridors", "doors_narrow", "rooms", "u_traps_15")
 THICK = 0.05  # m, half of a wall's thickness
