@@ -1,0 +1,304 @@
+"""A driver for every robot away from home, beside laws that serve all: python benchmarks/studies/everywhere.py
+
+Scenes are drawn from seeds that no split has, and proven as those of the splits are. In each condition all drive the
+same scenes from the same starts with the same scan; scenes of a hull beyond 0.3 m are scaled for it. Rows are kept as
+`everywhere.csv.xz`, and the page is made of them; cells that are there already are not driven again.
+"""
+
+import csv
+import dataclasses
+import functools
+import io
+import itertools
+import lzma
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import gymnasium
+import numpy as np
+from tabulate import tabulate
+
+from wayfield import policies
+from wayfield.benchmarks.statistics.paired import Difference, difference
+from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors
+from wayfield.envs.scenarios import TASKS, GoalScenario
+from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.policies.any_robot import agents_of
+from wayfield.policies.parts.shield import Shielded
+from wayfield.policies.pilot import Pilot
+from wayfield.policies.training.drawn import robot_like, scaled
+from wayfield.system.command_line import OneLineErrors
+from wayfield.system.storage import write_whole
+
+FIRST_SEED = 4_000_000  # no split goes so far
+STILL = (
+    *("clutter_5", "clutter_10", "clutter_15", "doors_narrow", "doors_medium", "u_traps_15", "u_traps_30"),
+    *("corridors", "rooms", "near_goal"),
+)
+MOVING = ("moving_crossing", "moving_crowd", "moving_head_on", "moving_overtaking")
+MORE = 2  # times as many scenes of a family that moves
+LAWS = ("vfh_plus", "vfh_plus shielded", "scan_planner")
+AGENT = "any_robot"
+FIELDS = ("condition", "family", "scene", "policy", "success", "collision", "seconds")
+SCAN: dict[str, Any] = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Condition:
+    """A robot, the speed (m/s) that it is asked for, and what its environment is made with."""
+
+    name: str
+    robot: Robot
+    speed: float
+    kwargs: dict[str, Any]
+
+
+def _p3dx(name: str, speed: float = 0.6, **kwargs: Any) -> Condition:
+    return Condition(name, ROBOTS["p3dx"], speed, SCAN | kwargs)
+
+
+def _sheet(number: int, holonomic: bool, hull: float, speed: float, brakes: float, lag: float, scan: Any) -> Condition:
+    """Returns a robot that is in no training, written down and not drawn, as a user would."""
+    robot = robot_like(f"sheet_{number}", holonomic, hull, speed / 0.9, 2.2, brakes, 3.0 * brakes, lag, Sensors(*scan))
+    told = f"sheet {number}: hull {hull:g} m, {speed:g} m/s, stops in {speed * lag + 0.5 * speed**2 / brakes:.2f} m"
+    return Condition(told, robot, speed, {"actuators": "lagged"})
+
+
+CONDITIONS = (
+    _p3dx("P3DX, home"),
+    _p3dx("P3DX, 0.3 m/s", 0.3),
+    _p3dx("P3DX, 1.0 m/s", 1.0),
+    _p3dx("P3DX, slow", actuators="slow"),
+    _p3dx("P3DX, slow, 1.0 m/s", 1.0, actuators="slow"),
+    _p3dx("P3DX, 32 beams", num_beams=32),
+    _p3dx("P3DX, 180 beams", num_beams=180),
+    _p3dx("P3DX, moderate", disturbance="moderate"),
+    Condition("TurtleBot3", ROBOTS["turtlebot3"], 0.2, {"actuators": "lagged"}),
+    Condition("Kobuki", ROBOTS["kobuki"], 0.6, {"actuators": "lagged"}),
+    Condition(
+        "Jackal, 270 degrees", ROBOTS["jackal"], 1.0,
+        {"actuators": "lagged", "num_beams": 720, "field_of_view": 0.75 * FULL_TURN, "max_range": 30.0},
+    ),
+    _sheet(1, False, 0.15, 0.4, 1.5, 0.05, (48, 4.0, FULL_TURN)),
+    _sheet(2, False, 0.22, 1.0, 0.8, 0.15, (120, 8.0, FULL_TURN)),
+    _sheet(3, False, 0.45, 0.8, 0.6, 0.2, (180, 10.0, 0.75 * FULL_TURN)),
+    _sheet(4, False, 0.12, 0.25, 0.4, 0.3, (32, 3.0, FULL_TURN)),
+    Condition("mecanum4", ROBOTS["mecanum4"], 0.55, {"actuators": "lagged"}),
+    _sheet(5, True, 0.2, 0.7, 1.0, 0.1, (90, 6.0, FULL_TURN)),
+)  # fmt: skip
+
+
+@functools.cache
+def scenes(count: int) -> tuple[GoalScenario, ...]:
+    """Returns so many scenes of each family that stands still, and twice as many of those that move."""
+    spec, found = TASKS["goal_reaching"], []
+    for family in (*STILL, *MOVING):
+        seed, wanted = FIRST_SEED, len(found) + count * (MORE if family in MOVING else 1)
+        while len(found) < wanted:
+            scenario = spec.families[family](seed)
+            seed += 1
+            if spec.feasible(scenario):
+                found.append(scenario)
+    return tuple(found)
+
+
+def fitted(scenario: GoalScenario, hull: float) -> GoalScenario:
+    """Returns a scene for a hull (m): fitted as the splits are to a small one, scaled to a large one."""
+    if hull < LARGEST_HULL:
+        return scenario.fitted(LARGEST_HULL - hull)
+    return scaled(scenario, 1.02 * hull / LARGEST_HULL)
+
+
+def entries(condition: Condition) -> list[str]:
+    """Returns who drives in a condition: nobody where no agent of the kinematic class ships."""
+    seeds = agents_of(condition.robot)
+    return [*LAWS, *(f"{AGENT} seed {seed}" for seed in seeds)] if seeds else []
+
+
+def policy_of(name: str, speed: float) -> Any:
+    """Returns an entry at a speed (m/s)."""
+    law, *rest = name.split()
+    if "seed" in rest:
+        return policies.make(law, seed=int(rest[1]), speed=speed)
+    policy = policies.make(law, **policies.cruising(law, {}, speed))
+    return Shielded(policy) if "shielded" in rest else policy
+
+
+def drive(name: str, condition: Condition, bank: Sequence[GoalScenario]) -> list[tuple[bool, bool, float]]:
+    """Returns of each scene whether an entry arrives, whether it collides, and the time (s)."""
+    robot, speed = condition.robot, condition.speed
+    env: Any = gymnasium.make_vec(
+        f"wayfield/{'Omni' if robot.holonomic else 'DiffDrive'}GoalObstacles-v0",
+        len(bank),
+        scenario=tuple(fitted(each, robot.hull_radius) for each in bank),
+        robot=robot,
+        max_episode_steps=round(TASKS["goal_reaching"].clock * 0.6 / min(speed, 0.6)),
+        **condition.kwargs,
+    ).unwrapped
+    pilot = Pilot(policy_of(name, speed), env)
+    seen, _ = env.reset(seed=0, options={"scenario": np.arange(len(bank))})
+    pilot.reset()
+    alive, steps = np.ones(len(bank), np.bool_), np.zeros(len(bank))
+    arrived, touched = np.zeros(len(bank), np.bool_), np.zeros(len(bank), np.bool_)
+    while alive.any():
+        seen, _, terminated, truncated, info = env.step(pilot.command(seen))
+        steps += alive
+        ended = alive & (terminated | truncated)
+        arrived[ended], touched[ended] = info["success"][ended], info["collision"][ended]
+        alive &= ~ended
+    times = steps * env.task.options.dt
+    env.close()
+    return list(zip(arrived.tolist(), touched.tolist(), times.tolist(), strict=True))
+
+
+def rows_of(count: int, file: Path, only: Sequence[str]) -> list[dict[str, str]]:
+    """Returns the rows of a file, with those that it lacked driven and written."""
+    rows = list(csv.DictReader(io.StringIO(lzma.decompress(file.read_bytes()).decode()))) if file.exists() else []
+    done = {(row["condition"], row["policy"]) for row in rows}
+    for condition in (each for each in CONDITIONS if not only or each.name in only):
+        for name in entries(condition):
+            if (condition.name, name) in done:
+                continue
+            click.echo(f"{condition.name}: {name}", err=True)
+            # family by family, since all of a bank are driven until the last has ended
+            for _, family in itertools.groupby(scenes(count), lambda scene: scene.family):
+                bank = list(family)
+                for scene, (success, collision, seconds) in zip(bank, drive(name, condition, bank), strict=True):
+                    cells = (
+                        condition.name,
+                        scene.family,
+                        scene.name,
+                        name,
+                        int(success),
+                        int(collision),
+                        f"{seconds:.2f}",
+                    )
+                    rows.append(dict(zip(FIELDS, map(str, cells), strict=True)))
+            text = io.StringIO()
+            writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+            write_whole(file, lzma.compress(text.getvalue().encode()))
+    return rows
+
+
+class Kept:
+    """The rows, by condition, policy and scene."""
+
+    def __init__(self, rows: Sequence[dict[str, str]]) -> None:
+        self.rows = {(row["condition"], row["policy"], row["scene"]): row for row in rows}
+        self.names = list(dict.fromkeys(row["policy"] for row in rows))
+        self.seeds = [each for each in self.names if each.startswith(AGENT)]
+        driven = {(row["condition"], row["policy"]) for row in rows}
+        conditions = dict.fromkeys(condition for condition, _ in driven)
+        self.conditions = [each.name for each in CONDITIONS if each.name in conditions
+                           and all((each.name, name) in driven for name in self.names)]  # fmt: skip
+
+    def of(self, name: str, field: str, moving: bool, conditions: Sequence[str]) -> dict[str, float]:
+        """Returns the mean of a field over some conditions that a policy drove, by scene: all drive the same scenes."""
+        found: dict[str, list[float]] = {}
+        for (condition, policy, scene), row in self.rows.items():
+            if policy == name and condition in conditions and (row["family"] in MOVING) == moving:
+                found.setdefault(scene, []).append(float(row[field]))
+        return {scene: float(np.mean(values)) for scene, values in found.items()}
+
+    def share(self, names: Sequence[str], field: str, moving: bool, condition: str) -> float:
+        """Returns the mean of a field (%) over all that some policies drove in a condition."""
+        return 100.0 * float(np.mean([list(self.of(name, field, moving, [condition]).values()) for name in names]))
+
+    def less(self, law: str, field: str, moving: bool, conditions: Sequence[str]) -> Difference:
+        """Returns the agent's share of successes or collisions less a law's; the families are strata."""
+        columns = [self.of(name, field, moving, conditions) for name in (*self.seeds, law)]
+        scenes = list(columns[-1])
+        families = [self.rows[conditions[0], law, scene]["family"] for scene in scenes]
+        *agent, other = ([each[scene] for scene in scenes] for each in columns)
+        return difference(np.array(agent).T, np.array([other]).T, families, "share")
+
+
+def _points(found: Difference) -> str:
+    return f"{100.0 * found.value:+.1f} [{100.0 * found.low:+.1f}, {100.0 * found.high:+.1f}]"
+
+
+def table(kept: Kept, moving: bool) -> str:
+    """Returns success / collisions (%) of all in each condition, and the agent's success less the laws'."""
+    lines = []
+    for condition in kept.conditions:
+        cells = [
+            f"{kept.share([name], 'success', moving, condition):.0f} / "
+            f"{kept.share([name], 'collision', moving, condition):.0f}"
+            for name in kept.names
+        ]
+        lines.append([condition, *cells, *(_points(kept.less(law, "success", moving, [condition])) for law in LAWS)])
+    header = ["condition", *(f"`{name}`" for name in kept.names), *(f"less `{law}`" for law in LAWS)]
+    return tabulate(lines, header, tablefmt="github", disable_numparse=True)
+
+
+def sentences(kept: Kept, moving: bool) -> str:
+    """Returns who wins, losses first."""
+    found = []
+    for law in LAWS:
+        each = {name: kept.less(law, "success", moving, [name]) for name in kept.conditions}
+        lost = [f"{name} ({_points(one)})" for name, one in each.items() if one.high < 0.0]
+        won = [f"{name} ({_points(one)})" for name, one in each.items() if one.low > 0.0]
+        whole = kept.less(law, "success", moving, kept.conditions)
+        what = "loses to" if whole.high < 0.0 else "beats" if whole.low > 0.0 else "is not told apart from"
+        found.append(
+            f"Over all conditions `{AGENT}` {what} `{law}`: {_points(whole)} points of success. "
+            f"It loses in {'; '.join(lost) or 'none'}. It wins in {'; '.join(won) or 'none'}."
+        )
+    touched = {name: kept.share(kept.seeds, "collision", moving, name) for name in kept.conditions}
+    over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]
+    found.append(f"More than 1 % of its scenes end in a collision in {'; '.join(over) or 'none'}.")
+    return "\n".join(f"* {each}" for each in found)
+
+
+def page(rows: Sequence[dict[str, str]]) -> str:
+    """Returns the page of the rows."""
+    kept = Kept(rows)
+    one = "One seed was trained, and is driven: how much seeds differ is not known."
+    told = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} trained seeds are driven."
+    left = [each.name for each in CONDITIONS if each.name not in kept.conditions]
+    parts = [PROSE.strip().format(seeds=told, left=f" Not driven: {'; '.join(left)}." if left else "")]
+    for title, moving in (("What stands still", False), ("What moves", True)):
+        name = kept.conditions[0]
+        number = len(kept.of(LAWS[0], "success", moving, [name]))
+        families = ", ".join(f"`{each}`" for each in (MOVING if moving else STILL))
+        parts.append(f"## {title}\n\n{number} scenes a condition: {families}.\n\n{sentences(kept, moving)}")
+        parts.append(table(kept, moving))
+    return "\n\n".join(parts) + "\n"
+
+
+PROSE = f"""# A driver for every robot, away from home
+
+Made by `python benchmarks/studies/everywhere.py`; tables and sentences are made of the rows beside it. `{AGENT}` is
+one network for all differential drives, told the data sheet, below the planner of `scan_planner`; none of the robots
+below was in its training. {{seeds}} A shield stands behind it, always.
+`vfh_plus` and `scan_planner` have their default gains. All see the same scan and are asked for the same speed. Cells
+are success / collisions in per cent. The differences are paired by scene, in points of success, with 95 % intervals
+that are not corrected for how many there are. Scenes are drawn from seeds of their own, and proven; those of a hull
+beyond 0.3 m are scaled for it.
+
+What it does not show: noise above "moderate", delays, other families, gains that were tuned for a condition.{{left}}
+
+[All results](../results.md)
+"""
+
+
+@click.command("everywhere", cls=OneLineErrors)
+@click.option("--scenes", "count", default=6, show_default=True, type=click.IntRange(2, 100), help="Of a family.")
+@click.option("--only", multiple=True, help="A condition by its name; may be repeated. Default: all.")
+@click.option("--out", default="docs/results", show_default=True, type=click.Path(path_type=Path, file_okay=False))
+def main(count: int, only: tuple[str, ...], out: Path) -> None:
+    """Drives what is missing, and writes everywhere.csv.xz and everywhere.md."""
+    names = [each.name for each in CONDITIONS]
+    unknown = [each for each in only if each not in names]
+    if unknown:
+        raise click.UsageError(f"--only has {unknown[0]!r}; choose from {'; '.join(names)}")
+    rows = rows_of(count, out / "everywhere.csv.xz", only)
+    write_whole(out / "everywhere.md", page(rows).encode())
+
+
+if __name__ == "__main__":
+    main()
