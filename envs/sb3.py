@@ -89,7 +89,7 @@ class NativeVecEnv(VecEnv):
                     f'{env_id} with ends="leave" has robots that wait; ends must be "respawn", so that all rows live'
                 )
             self.parts.append(part)
-        first = max(self.parts, key=lambda part: part.single_observation_space.shape)
+        first = max(self.parts, key=lambda part: part.single_observation_space.shape or ())
         for part in self.parts:
             if not ragged and part.single_observation_space != first.single_observation_space:
                 raise ValueError(f"the worlds of {env_id} must have one observation space")

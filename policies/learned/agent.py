@@ -296,9 +296,10 @@ class Agent(Gains):
             held[:, 2, robot.twist_axes] = twists
         if "shield" in (memory.dtype.names or ()):
             twists = SHIELD.passed(measured, briefing, memory["shield"], twists)
-            if hasattr(self.controller, "driven"):
+            law: Any = self.controller
+            if hasattr(law, "driven"):
                 under = memory["base"].copy()
-                self.controller.driven(under, memory["shield"]["command"])
+                law.driven(under, memory["shield"]["command"])
                 memory["base"] = under
         return twists
 
@@ -335,7 +336,7 @@ def drives(card: Mapping[str, Any], robot: Robot) -> bool:
     Cards without a digest of the sheet are for robots that ship.
     """
     if any_robot(card):
-        return len(robot.twist_axes) == card["network"]["num_twist"]
+        return bool(len(robot.twist_axes) == card["network"]["num_twist"])
     if robot.name not in card["robots"]:
         return False
     shipped = ROBOTS.get(robot.name)

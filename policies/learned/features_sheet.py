@@ -123,7 +123,7 @@ class RobotFeatures(SheetFeatures):
         """Returns a scan (b, beams) as that of the directions that are known, (b, num_beams), m."""
         beams, looked = self.windows
         least = ranges[:, beams].min(axis=2)
-        nothing = ~looked | (least >= (1.0 - 1e-6) * self.own_range)
+        nothing = np.logical_not(looked) | (least >= (1.0 - 1e-6) * self.own_range)
         return np.where(nothing, self.max_range, np.minimum(least, self.max_range))
 
     def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:

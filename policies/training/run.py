@@ -381,8 +381,8 @@ def trained_on(preset: Preset, briefings: Sequence[Briefing] = ()) -> dict[str, 
         parts = preset.parts
         told = [numbers_of(each, pace) for each, (_, _, pace) in zip(briefings, parts, strict=True)]
         ranges = {name: [min(each[name] for each in told), max(each[name] for each in told)] for name in SHEET}
-        levels = dict.fromkeys(str(kwargs["disturbance"]) for _, kwargs, _ in parts)
-        return {"ranges": ranges, "robots": preset.drawn, "disturbances": list(levels)}
+        noise = list(dict.fromkeys(str(kwargs["disturbance"]) for _, kwargs, _ in parts))
+        return {"ranges": ranges, "robots": preset.drawn, "disturbances": noise}
     worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds]
     tiers = [str(kwargs.get("actuators", "ideal")) for kwargs in worlds]
     levels = [str(kwargs.get("disturbance", "none")) for kwargs in worlds]

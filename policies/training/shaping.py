@@ -237,8 +237,9 @@ class Shaped(VecEnv):
             twists[mine] = features.guarded(seen, twists[mine], pace, actuators)
             if self.shields:
                 twists[mine] = SHIELD.passed(seen, self.briefings[k], self.shields[k], twists[mine])
-                if self.base is not None and hasattr(self.pilots[k].policy, "driven"):
-                    self.pilots[k].policy.driven(self.pilots[k].memory, self.shields[k]["command"])
+                law: Any = None if self.base is None else self.pilots[k].policy
+                if hasattr(law, "driven"):
+                    law.driven(self.pilots[k].memory, self.shields[k]["command"])
         observations, _, terminated, truncated, told = self.worlds.advance(twists)
         ended = terminated | truncated
         rows = np.flatnonzero(ended)

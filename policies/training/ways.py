@@ -35,7 +35,7 @@ class Ways:
     def __init__(self, worlds: NativeVecEnv) -> None:
         # of each part; None: nothing stands there, the straight way is the shortest
         self.grids: list[tuple[NDArray[Any], ...] | None] = []
-        done: dict[tuple[str, Any], tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
+        done: dict[tuple[str, Any, float], tuple[NDArray[np.float32], NDArray[np.float64]]] = {}
         for part in worlds.parts:
             hull = part.task.robot.hull_radius
             fields = []
