@@ -163,15 +163,12 @@ _BLOCK_SPEED, _BLOCK_AHEAD = 2.0, 1.4  # m/s, m
 
 @inlined
 def numbers_of(law):
-    """Returns (s, m/s^2, m/s^2, m, 1) of a force of 2009: relaxation, people, walls and their range, greatest speed.
-
-    Of the other forces only the first and the last count.
-    """
+    """Returns (s, m/s^2, m/s^2, m, 1) of a force of 2009: relaxation, people, walls and their range, greatest speed."""
     if law == PYSOCIALFORCE:
         return 0.5, 5.1, 10.0, 0.2, 1.3
     if law == LIGHTSFM:
         return 0.25, 2.1, 10.0, 0.2, 1.0
-    return _RELAXATION_M if law == MOUSSAID else _RELAXATION, _A, _A_WALL, _B_WALL, _MOST
+    return _RELAXATION_M, _A, _A_WALL, _B_WALL, _MOST
 
 
 @compiled
@@ -404,31 +401,17 @@ def reaction_to(walk, walker, place, ux, uy, most):
 
 
 @compiled
-def social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt):
+def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt):
     """Sets the next velocity of a person by a social force, after dt."""
     obstacles, field, count = around
     ux, uy = wanted(walk, walker)
-    i = robots + k
-    modern = walk.law == MOUSSAID or walk.law == PYSOCIALFORCE or walk.law == LIGHTSFM
-    relaxation, repulsion, wall, wall_range, factor = numbers_of(walk.law)
-    most = factor * walk.speed
-    px, py = 0.0, 0.0
-    if walk.reaction > IMPASSIVE:
-        j = noticed(bodies, now, w, robots, i, walker)
-        if j >= 0:
-            ux, uy, most, px, py = reaction_to(walk, walker, bodies.places[now, w, j], ux, uy, most)
+    relaxation = _RELAXATION_M if walk.law == MOUSSAID else _RELAXATION
     ax = (ux - walker.vx) / relaxation
     ay = (uy - walker.vy) / relaxation
     size = max(math.sqrt(ux * ux + uy * uy), 1e-12)
     ex = ux / size
     ey = uy / size
-    if walk.reaction > IMPASSIVE:
-        ax += px
-        ay += py
-    if walk.group > 0:
-        px, py = together(walk, walker, people, w, scenario, k, ex, ey)
-        ax += px
-        ay += py
+    i = robots + k
     for a in range(bodies.counts[w, i]):
         j = bodies.near[w, i, a]
         if j < robots and bodies.places[now, w, j].present == 0:
@@ -442,15 +425,8 @@ def social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, a
             weight = 1.0 if seen else _BEHIND
             ax += weight * fx
             ay += weight * fy
-        elif modern:
-            if j < robots and walk.reaction == IMPASSIVE:
-                distance = max(math.sqrt(x * x + y * y), 1e-9)
-                gap = max(distance - bodies.hulls[w, j].reach - walk.radius, 0.0)
-                size = wall * exponential(-gap / wall_range) / distance
-                ax -= size * x
-                ay -= size * y
-                continue
-            fx, fy = pushed_by(repulsion, x, y, walker.vx - vx, walker.vy - vy)
+        elif walk.law == MOUSSAID:
+            fx, fy = pushed_2009(x, y, walker.vx - vx, walker.vy - vy)
             ax += fx
             ay += fy
         else:
@@ -467,8 +443,8 @@ def social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, a
             size = _U0 / _WALL * exponential(-distance / _WALL)
             ax += size * nx
             ay += size * ny
-        elif modern:
-            size = wall * exponential(-max(distance - walk.radius, 0.0) / wall_range)
+        elif walk.law == MOUSSAID:
+            size = _A_WALL * exponential(-max(distance - walk.radius, 0.0) / _B_WALL)
             ax += size * nx
             ay += size * ny
         else:
@@ -479,9 +455,63 @@ def social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, a
     vy = walker.vy + dt * ay
     if walk.law != HELBING_FARKAS_VICSEK:
         speed = math.sqrt(vx * vx + vy * vy)
+        most = _MOST * walk.speed
         if speed > most:
             vx *= most / speed
             vy *= most / speed
+    walker.next_vx = vx
+    walker.next_vy = vy
+
+
+@compiled
+def velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt):
+    """Sets the next velocity of a person by a force of 2009, with group and reaction, after dt."""
+    obstacles, field, count = around
+    ux, uy = wanted(walk, walker)
+    i = robots + k
+    relaxation, repulsion, wall, wall_range, factor = numbers_of(walk.law)
+    most = factor * walk.speed
+    px, py = 0.0, 0.0
+    if walk.reaction > IMPASSIVE:
+        j = noticed(bodies, now, w, robots, i, walker)
+        if j >= 0:
+            ux, uy, most, px, py = reaction_to(walk, walker, bodies.places[now, w, j], ux, uy, most)
+    ax = (ux - walker.vx) / relaxation + px
+    ay = (uy - walker.vy) / relaxation + py
+    if walk.group > 0:
+        size = max(math.sqrt(ux * ux + uy * uy), 1e-12)
+        px, py = together(walk, walker, people, w, scenario, k, ux / size, uy / size)
+        ax += px
+        ay += py
+    for a in range(bodies.counts[w, i]):
+        j = bodies.near[w, i, a]
+        if j < robots and bodies.places[now, w, j].present == 0:
+            continue  # it has just left
+        x, y, vx, vy = other_body(bodies, people, now, w, robots, j)
+        x -= walker.x
+        y -= walker.y
+        if j < robots and walk.reaction == IMPASSIVE:
+            distance = max(math.sqrt(x * x + y * y), 1e-9)
+            gap = max(distance - bodies.hulls[w, j].reach - walk.radius, 0.0)
+            size = wall * exponential(-gap / wall_range) / distance
+            ax -= size * x
+            ay -= size * y
+        else:
+            fx, fy = pushed_by(repulsion, x, y, walker.vx - vx, walker.vy - vy)
+            ax += fx
+            ay += fy
+    for o in range(count):
+        distance, nx, ny = nearest_surface(obstacles[field, o], walker.x, walker.y)
+        if distance <= _FARTHEST_WALL:
+            size = wall * exponential(-max(distance - walk.radius, 0.0) / wall_range)
+            ax += size * nx
+            ay += size * ny
+    vx = walker.vx + dt * ax
+    vy = walker.vy + dt * ay
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed > most:
+        vx *= most / speed
+        vy *= most / speed
     walker.next_vx = vx
     walker.next_vy = vy
 
@@ -556,8 +586,10 @@ def decide_people(bodies, people, now, w, scenario, robots, around, scratch, dt)
             walker.next_vy = 0.0
         elif walk.law == CONSTANT:
             walker.next_vx, walker.next_vy = walker.vx, walker.vy
+        elif walk.law > REPLAY or walk.group > 0 or walk.reaction > 0:
+            velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt)
         else:
-            social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt)
+            social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt)
 
 
 @compiled
