@@ -93,7 +93,8 @@ CONDITIONS = (
 @functools.cache
 def scenes(count: int) -> tuple[GoalScenario, ...]:
     """Returns so many scenes of each family that stands still, and twice as many of those that move."""
-    spec, found = TASKS["goal_reaching"], []
+    spec = TASKS["goal_reaching"]
+    found: list[GoalScenario] = []
     for family in (*STILL, *MOVING):
         seed, wanted = FIRST_SEED, len(found) + count * (MORE if family in MOVING else 1)
         while len(found) < wanted:
@@ -232,7 +233,7 @@ def table(kept: Kept, moving: bool) -> str:
         ]
         lines.append([condition, *cells, *(_points(kept.less(law, "success", moving, [condition])) for law in LAWS)])
     header = ["condition", *(f"`{name}`" for name in kept.names), *(f"less `{law}`" for law in LAWS)]
-    return tabulate(lines, header, tablefmt="github", disable_numparse=True)
+    return str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
 
 
 def sentences(kept: Kept, moving: bool) -> str:
