@@ -146,7 +146,8 @@ SCANNING = dataclasses.replace(GUIDED, features=SEEKING.features, controller="vf
     ("env_id", "preset"),
     [
         *((PATH, SMALL), (PATH, TAUGHT), (PATH, ADDING), (PATH, REPLAYING), (OMNI, SEEKING)),
-        *(("wayfield/OmniTeam-v0", GUIDED), ("wayfield/OmniTeam-v0", SCANNING), ("wayfield/OmniPeople-v0", MEETING)),
+        *(("wayfield/OmniTeam-v0", GUIDED), ("wayfield/OmniTeam-v0", SCANNING)),
+        pytest.param("wayfield/OmniPeople-v0", MEETING, marks=pytest.mark.slow),
     ],
     ids=["plain", "taught", "adding", "replaying", "seeking", "guided", "scanning", "meeting"],
 )

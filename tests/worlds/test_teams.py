@@ -277,7 +277,7 @@ def among(people: list[dict[str, float]]) -> TeamScenario:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"law": 9}, r"walks\[0\].law is 9; it must be from 0 to 6"),
+        ({"law": 9}, r"walks\[0\].law is 9; it must be from 0 to 8"),
         ({"then": 7}, r"walks\[0\].then is 7; it must be from 0 to 4"),
         ({"speed": 30.0}, r"walks\[0\].speed is 30.0; it must be from 0 to 3"),
         ({"law": REPLAY}, r"walks\[0\] has rows 0 to 0 of tracks, which has 0; there must be at least 2"),
