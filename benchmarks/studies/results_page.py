@@ -27,6 +27,10 @@ from wayfield.policies.learned.ppo import shipped
 PAGE = "docs/results.md"
 CARDS = f"{KEPT}/cards.md"
 README = "README.md"
+STUDIES = {
+    "everywhere": "A driver for every robot, away from home",
+    "flocks": "Agents among others",
+}  # pages of their own
 BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"
 
 CHOOSING = "docs/choosing.md"
@@ -219,6 +223,7 @@ def _index(kept: Kept) -> str:
         if submitted(kept.home / LEADERBOARD)
         else "Each has its leaderboard, the verdicts on trained agents, and its full tables as files.",
         "\n".join(f"- [{each.title}](results/{each.name}.md)" for each in SECTIONS if each.name in there)
+        + "".join(f"\n- [{title}](results/{name}.md)" for name, title in STUDIES.items() if f"{KEPT}/{name}.md" in kept)
         + ("\n- [What the agents' cards say](results/cards.md)" if _cards() else ""),
         "## How to read it",
         "Every policy meets the same scenarios, starts and disturbances. `default` are the gains of the policy's file, "
