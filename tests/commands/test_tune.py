@@ -14,6 +14,7 @@ from wayfield.envs.robots import ROBOTS
 tune = pytest.importorskip("wayfield.benchmarks.tuning.tune")
 
 
+@pytest.mark.slow
 def test_a_search_for_an_identified_robot_says_what_it_gains_within_the_intervals(tmp_path: Path) -> None:
     sheet = ROBOTS["p3dx"].sheet | {"name": "mine", "delay": [0.12, 0.16], "response": "continuous"}
     interval = {"value": [0.12, 0.16], "low": [0.08, 0.1], "high": [0.2, None], "method": "by hand"}

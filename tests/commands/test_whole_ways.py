@@ -95,6 +95,7 @@ def test_decisions_are_timed_alone_and_side_by_side() -> None:
     assert beside > alone > 0.0
 
 
+@pytest.mark.slow
 def test_steps_are_counted_beside_cartpole_s() -> None:
     said = run(throughput.main, "--rounds", "1", "--seconds", "0.02")
     lines = [[cell.strip() for cell in line.split("│")[1:-1]] for line in said.splitlines() if line.startswith("│")]

@@ -53,7 +53,12 @@ def test_every_page_is_in_the_contents(pages: dict[str, str]) -> None:
     assert {"environments.md", "policies.md", "api.md"} <= set(pages)
 
 
-@pytest.mark.parametrize("spec", EVERY.values(), ids=lambda spec: spec.name)
+@pytest.mark.parametrize(
+    "spec",
+    # of teams with 100 robots a picture takes a while
+    [pytest.param(each, marks=[pytest.mark.slow] if name == "teams" else []) for name, each in EVERY.items()],
+    ids=list(EVERY),
+)
 def test_every_family_is_in_a_picture_of_today(spec: pictures.TaskSpec) -> None:
     with Image.open(DOCS / "pictures" / pictures.sheet_name(spec)) as sheet:
         told = sheet.info[pictures.DIGEST]
