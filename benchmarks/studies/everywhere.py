@@ -18,6 +18,7 @@ from typing import Any
 import click
 import gymnasium
 import numpy as np
+from flocks import first_episodes
 from tabulate import tabulate
 
 from wayfield import policies
@@ -139,16 +140,7 @@ def drive(name: str, condition: Condition, bank: Sequence[GoalScenario]) -> list
         **condition.kwargs,
     ).unwrapped
     pilot = Pilot(policy_of(name, speed), env)
-    seen, _ = env.reset(seed=0, options={"scenario": np.arange(len(bank))})
-    pilot.reset()
-    alive, steps = np.ones(len(bank), np.bool_), np.zeros(len(bank))
-    arrived, touched = np.zeros(len(bank), np.bool_), np.zeros(len(bank), np.bool_)
-    while alive.any():
-        seen, _, terminated, truncated, info = env.step(pilot.command(seen))
-        steps += alive
-        ended = alive & (terminated | truncated)
-        arrived[ended], touched[ended] = info["success"][ended], info["collision"][ended]
-        alive &= ~ended
+    steps, arrived, touched = first_episodes(env, pilot, np.arange(len(bank)))
     times = steps * env.task.options.dt
     env.close()
     return list(zip(arrived.tolist(), touched.tolist(), times.tolist(), strict=True))

@@ -90,16 +90,7 @@ def drive(policy: Any, family: str, worlds: int) -> list[tuple[bool, float, floa
         ENV_ID, worlds * robots, scenario=f"{family}/claims", max_episode_steps=CLOCK, **SEEN
     ).unwrapped
     pilot = Pilot(policy, env)
-    seen, _ = env.reset(seed=0, options={"scenario": np.repeat(np.arange(worlds), robots)})
-    pilot.reset()
-    alive = np.ones(worlds * robots, np.bool_)
-    steps, arrived, touched = np.zeros(len(alive)), np.zeros(len(alive), np.bool_), np.zeros(len(alive), np.bool_)
-    while alive.any():
-        seen, _, terminated, truncated, info = env.step(pilot.command(seen))
-        steps += alive
-        ended = alive & (terminated | truncated)
-        arrived[ended], touched[ended] = info["success"][ended], info["collision"][ended]
-        alive &= ~ended
+    steps, arrived, touched = first_episodes(env, pilot, np.repeat(np.arange(worlds), robots))
     straight = np.concatenate([each.straight for each in env.task.scenarios[:worlds]])
     extra = (steps * env.task.options.dt - straight / SPEED).reshape(worlds, robots)
     came = arrived.reshape(worlds, robots)
@@ -107,6 +98,25 @@ def drive(policy: Any, family: str, worlds: int) -> list[tuple[bool, float, floa
     return [
         (bool(came[w].all()), float(came[w].mean()), float(shares[w]), float(extra[w].mean())) for w in range(worlds)
     ]
+
+
+def first_episodes(env: Any, pilot: Pilot, indices: NDArray[Any]) -> tuple[Array, NDArray[Any], NDArray[Any]]:
+    """Returns of each row's first episode its steps, whether it arrived, and whether it touched anything.
+
+    Args:
+        indices: of the scenario of each row (b,).
+    """
+    seen, _ = env.reset(seed=0, options={"scenario": indices})
+    pilot.reset()
+    alive = np.ones(len(indices), np.bool_)
+    steps, arrived, touched = np.zeros(len(alive)), np.zeros(len(alive), np.bool_), np.zeros(len(alive), np.bool_)
+    while alive.any():
+        seen, _, terminated, truncated, info = env.step(pilot.command(seen))
+        steps += alive
+        ended = alive & (terminated | truncated)
+        arrived[ended], touched[ended] = info["success"][ended], info["collision"][ended]
+        alive &= ~ended
+    return steps, arrived, touched
 
 
 def entries(name: str) -> list[str]:
@@ -477,12 +487,14 @@ PROSE = """# Agents among others, beside the laws that they are to beat
 
 Made by `python benchmarks/studies/flocks.py`. Robots are omni3 with lagged actuators and a scan of 72 beams, asked for
 0.6 m/s, in CrowdNav's cases for 1 m/s; who arrives leaves. Laws have their default gains: `tune` searches none for
-teams. Worlds are the first of each family in the split `claims`, {worlds} of each family, and {large} where a team has
-more than 16 robots. A world is the unit: solved if all arrive and nobody touches anything. Differences are paired by
-world, of all seeds of training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that
-three seeds count as three. In parentheses: the least and the greatest seed. Extra time, and what people are put
-through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles, to which others are a
-part of the scan.
+teams, and `back_off`, with which `orca_team` gives way at doors, is off. Worlds are the first of each family in the
+split `claims`: {counts}. A world is the unit: solved if all arrive and nobody touches anything. Differences are paired
+by world, of all seeds of training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that
+three seeds count as three; they are not corrected for how many there are. In parentheses: the least and the greatest
+seed. Extra time, and what people are put through, are compared in worlds that both solve. `ppo` is the agent for one
+robot among obstacles, to which others are a part of the scan.
+
+What it does not show: other robots, noise, tuned laws, families that an entry did not drive, which are empty below.
 
 ![32 robots leave a room by one door: team_guided, and orca_team from the same starts](../doorway.gif)
 
@@ -494,6 +506,22 @@ CROWDNAV = """By CrowdNav's own rules, a disc that takes up any velocity up to 1
 42.6 % of these cases in 10.86 s, as was driven here; the log beside the weights of SARL in CrowdNav's repository
 (`output-torch-1.7.0-converted`, its own test) has 100 % in 10.58 s. Here the robot, its period and its actuators are
 others, so these are no rivals. What else is printed of these cases was not looked up, and is left out."""
+
+
+def counts(rows: Mapping[str, Sequence[Row]]) -> str:
+    """Returns how many worlds of a family each policy of each part drove, in words."""
+    told = []
+    for part in ("teams", "people", "cross"):
+        driven_by: dict[str, dict[str, set[str]]] = {}
+        for row in rows[part]:
+            if row["family"] != "crowdnav":  # which has all of its cases
+                name = row["policy"].partition(" seed ")[0]
+                driven_by.setdefault(name, {}).setdefault(row["family"], set()).add(row["world"])
+        sizes = {name: sorted({*map(len, each.values())}) for name, each in driven_by.items()}
+        words = [f"{name} {' or '.join(map(str, each))}" for name, each in sizes.items()]
+        if words:
+            told.append(f"{part}: {', '.join(words)}")
+    return "; ".join(told)
 
 
 def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:
@@ -579,7 +607,7 @@ def main(
     if reel is not None:
         write_whole(reel, film())
     rows = {name: read(out / file) for name, file in FILES.items()}
-    prose = PROSE.format(worlds=worlds, large=large)
+    prose = PROSE.format(counts=counts(rows))
     write_whole(out / "flocks.md", page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose).encode())
 
 

@@ -39,6 +39,17 @@ def described(num_twist: int, ranges: dict[str, Any]) -> tuple[list[Any], dict[s
     return layers, card
 
 
+def drive_alike(env: Any, pilots: list[Pilot], steps: int) -> None:
+    """Asserts that both pilots command the same, bit for bit."""
+    observation, _ = env.reset(seed=1)
+    for pilot in pilots:
+        pilot.reset()
+    for _ in range(steps):
+        ours, theirs = (pilot.act(observation) for pilot in pilots)
+        assert np.array_equal(ours, theirs)
+        observation, *_ = env.step(ours)
+
+
 def untrained(tmp_path: Path, num_twist: int, ranges: dict[str, Any] = WIDE, **gains: Any) -> Agent:
     """Returns an agent that adds nothing, as it is read from its folder."""
     save_agent(tmp_path / "agent", *described(num_twist, ranges))
@@ -51,13 +62,7 @@ def test_an_agent_that_has_learned_nothing_drives_as_its_planner_behind_the_shie
     env = gymnasium.make_vec(GOALS[len(base.twist_axes)], 4, scenario="discs", robot=robot, actuators="lagged")
     agent = untrained(tmp_path, len(base.twist_axes), speed=speed)
     pilots = [Pilot(each, env) for each in (agent, Shielded(make("scan_planner", max_speed=speed)))]
-    observation, _ = env.reset(seed=1)
-    for pilot in pilots:
-        pilot.reset()
-    for _ in range(100):
-        ours, theirs = (pilot.act(observation) for pilot in pilots)
-        assert np.array_equal(ours, theirs)
-        observation, *_ = env.step(ours)
+    drive_alike(env, pilots, 100)
 
 
 def test_scans_of_any_count_and_view_are_read_by_direction() -> None:
@@ -176,13 +181,7 @@ def test_where_no_agent_can_drive_the_planner_does_behind_the_shield() -> None:
         pilots = [
             Pilot(each, env) for each in (make("any_robot", speed=0.4), Shielded(make("scan_planner", max_speed=speed)))
         ]
-        observation, _ = env.reset(seed=1)
-        for pilot in pilots:
-            pilot.reset()
-        for _ in range(20):
-            ours, theirs = (pilot.act(observation) for pilot in pilots)
-            assert np.array_equal(ours, theirs)
-            observation, *_ = env.step(ours)
+        drive_alike(env, pilots, 20)
 
 
 @pytest.mark.parametrize("robot", ["kobuki", "jackal"])
