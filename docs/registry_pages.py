@@ -22,12 +22,10 @@ from simulators import places
 from sphinx.application import Sphinx
 
 import wayfield  # noqa: F401  registers the ids
-from wayfield.envs import team_worlds
 from wayfield.envs.robots import robots_with
-from wayfield.envs.tasks.specs import CROWDS, EVERY, TaskSpec, spec_of
-from wayfield.policies import ABOUT, POLICIES, make
+from wayfield.envs.tasks.specs import EVERY, spec_of
+from wayfield.policies import ABOUT, POLICIES, drives, make
 from wayfield.policies.gain import gains_of
-from wayfield.policies.policy import observation_of
 from wayfield.policies.tuned import tuned_conditions
 
 FOLDER = "generated"
@@ -151,7 +149,7 @@ def environment_page(env_id: str) -> str:
     drivers = [
         f"[`{policy}`](../policies/{policy}.md)"
         for policy in POLICIES
-        if _drives(policy, spec) and (holonomic or "holonomic" not in _needs(policy))
+        if drives(policy, spec) and (holonomic or "holonomic" not in _needs(policy))
     ]
     facts = [
         ("robots", ", ".join(f"`{robot}`" for robot in robots_with(holonomic))),
@@ -168,17 +166,9 @@ def environment_page(env_id: str) -> str:
     shown = {"path": "pure_pursuit, lqr", "goal": "vfh_plus, dwa", "dock": "reeds_shepp, polar"}.get(spec.kind, "")
     options = [f":kind: {spec.kind}", f":robot: {'omni3' if holonomic else 'p3dx'}", ":about: scenes"]
     options += [":family: 'dock: wall'", ":seed: 1"] if spec.kind == "dock" else []
-    drives = "\n".join([f"```{{simulator}} {shown}", *options, "```"]) if shown else ""
-    parts = [f"# {_stem(env_id)}", head, code, drives, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
+    simulated = "\n".join([f"```{{simulator}} {shown}", *options, "```"]) if shown else ""
+    parts = [f"# {_stem(env_id)}", head, code, simulated, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
     return "\n\n".join(filter(None, parts)) + "\n"
-
-
-def _drives(policy: str, spec: TaskSpec) -> bool:
-    """Returns whether a policy can read what a task gives: who reads the scan drives among others too."""
-    made = make(policy)
-    if spec in CROWDS.values() and team_worlds.Observation in made.observes:
-        return True
-    return observation_of(spec) in made.observes
 
 
 def choices(docs: Path) -> dict[str, str]:
@@ -192,7 +182,7 @@ def policy_page(name: str, advice: str) -> str:
     policy = make(name)
     kind = type(policy)
     what, source = ABOUT[name].what, ABOUT[name].source
-    tasks = [spec for spec in EVERY.values() if _drives(name, spec)]
+    tasks = [spec for spec in EVERY.values() if drives(name, spec)]
     tuned = [f"{spec.suite}: {', '.join(tuned_conditions(name, spec.suite))}" for spec in tasks]
     facts = [
         ("drives", ", ".join(spec.title.lower() for spec in tasks)),

@@ -9,7 +9,7 @@ from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.parts.shield import Shield, Shielded
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.policy import Policy
-from wayfield.policies.registry import ABOUT, POLICIES, Listed, NoCruisingSpeed, cruising, make, searched_gains
+from wayfield.policies.registry import ABOUT, POLICIES, Listed, NoCruisingSpeed, cruising, drives, make, searched_gains
 from wayfield.policies.tuned import NotTuned, tuned_gains
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "Shield",
     "Shielded",
     "cruising",
+    "drives",
     "gain",
     "gains_of",
     "load_agent",

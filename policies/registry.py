@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+from wayfield.envs import team_worlds
+from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.policies.any_robot import AnyRobot
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.central import Central
@@ -23,7 +25,7 @@ from wayfield.policies.orca_team import OrcaTeam
 from wayfield.policies.orca_team_map import OrcaTeamMap
 from wayfield.policies.people_free import PeopleFree
 from wayfield.policies.polar import Polar
-from wayfield.policies.policy import Policy
+from wayfield.policies.policy import Policy, observation_of
 from wayfield.policies.potential_field import CorrectedField, PotentialField
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.random import Random
@@ -249,6 +251,18 @@ RENAMED = {"agent": "ppo"}
 def entering(contest: str) -> tuple[str, ...]:
     """Returns the names of the policies that enter a contest."""
     return tuple(name for name, listed in ABOUT.items() if contest in listed.contests)
+
+
+def drives(name: str, spec: TaskSpec) -> bool:
+    """Returns whether a policy drives a task: it reads what the task gives; who reads the scan drives among others too.
+
+    One that enters contests of crowds alone drives the tasks of those: it was made, or trained, for them.
+    """
+    made, contests = make(name), ABOUT[name].contests
+    if contests and set(contests) <= set(CROWDS):
+        return spec.suite in contests
+    among = spec.suite in CROWDS and team_worlds.Observation in made.observes
+    return among or observation_of(spec) in made.observes
 
 
 def searched_gains(name: str) -> dict[str, Range]:

@@ -10,27 +10,19 @@ import rich.table
 
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TIERS
-from wayfield.envs.tasks.specs import CROWDS, EVERY
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.system.command_line import OneLineErrors
 
 
 @click.command("policies", cls=OneLineErrors)
 def policies() -> None:
     """Lists the policies: the task, privileged information, what they need, the law and its source."""
-    from wayfield.envs import team_worlds
-    from wayfield.policies import ABOUT
-    from wayfield.policies.policy import observation_of
+    from wayfield.policies import ABOUT, drives
 
     rows = []
     for name, about in ABOUT.items():
         policy = about.make()
-        # policies that read the scan drive in crowds too
-        kinds = [
-            spec.kind
-            for spec in EVERY.values()
-            if observation_of(spec) in policy.observes
-            or (spec in CROWDS.values() and team_worlds.Observation in policy.observes)
-        ]
+        kinds = [spec.kind for spec in EVERY.values() if drives(name, spec)]
         needs = ", ".join(getattr(policy, "needs", ())) or "-"
         rows.append(
             [name, "\n".join(kinds), policy.knows, needs, about.what + (f" ({about.source})" if about.source else "")]
