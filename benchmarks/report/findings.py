@@ -5,7 +5,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayfield.benchmarks.contests import COST, PACE_TOLERANCE, Column, Contest
+from wayfield.benchmarks.contests import COST, GAINS_NAMES, PACE_TOLERANCE, Column, Contest
+from wayfield.benchmarks.entrants.own_policies import OWN
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
     MAP,
@@ -93,7 +94,10 @@ def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
         sentences.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
     ranked = _standings(contest, rows)
     rivals = _rivals(ranked)
-    of, on = _count(len(entries), "policy", "policies"), _count(scenarios(rows), "scenario", "scenarios")
+    small = _small(contest, robot, rivals, ranked)
+    of, on = _count(len(entries), "entry", "entries"), _count(scenarios(rows), "scenario", "scenarios")
+    if len(small.rows) < len(entries):
+        of += f" ({len(small.rows)} shown)"
     families = _count(len(rows.unique("family")), "family", "families")
     sentence = f"{contest.title} with {robot}: {of} on the same {on} of {families}. {' '.join(sentences)}"
     if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
@@ -101,7 +105,7 @@ def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
-    small, seeds = _small(contest, robot, rivals, ranked), seeds_told([rows], contest)
+    seeds = seeds_told([rows], contest)
     if "alone" in seeds:
         small = dataclasses.replace(small, note=f"{small.note} Trained agents: {seeds}.")
     charts = (_bars(contest, robot, ranked), _duels(contest, robot, entries), _heat(contest, robot, entries))
@@ -198,11 +202,12 @@ def _is(names: Sequence[str]) -> str:
 
 
 def _small(contest: Contest, robot: str, rivals: Sequence[_Standing], ranked: Sequence[_Standing]) -> Table:
-    """Returns the small table: the first few, then the trained agents and the best upper reference."""
+    """Returns the small table: the first few, then the user's own, the trained agents and the best upper reference."""
     shown = list(rivals[:MOST_SMALL])
+    own = [each for each in ranked if each.entry[1] == OWN or each.entry[1] not in GAINS_NAMES]
     trained = [each for each in ranked if each.entry[1] == "trained"]
     with_map = [each for each in ranked if MAP in each.access]
-    shown += [each for more in (trained, with_map[:1]) for each in more if each not in shown]
+    shown += [each for more in (own, trained, with_map[:1]) for each in more if each not in shown]
     column = _scored(contest)
     lines = []
     for each in shown:

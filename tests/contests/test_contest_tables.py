@@ -6,12 +6,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from oracles.contest_rows import PATHS, made
 
 from wayfield import policies
+from wayfield.benchmarks.commands.contest_report import short_findings
 from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.episodes.rollout import make_policy, roll_out
 from wayfield.benchmarks.leaderboards.terminal import print_short
 from wayfield.benchmarks.records.cases import Case
+from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.policies.pilot import Pilot
@@ -66,6 +69,15 @@ def test_a_path_that_is_never_held_is_all_acquisition() -> None:
     assert found["acquisition_time"] == pytest.approx(4.0)
     assert found["acquisition_area"] == pytest.approx(0.4, rel=0.05)
     assert found["tracking_rms"] == pytest.approx(0.1)
+
+
+def test_a_run_says_how_many_of_its_entries_it_shows_and_the_user_s_own_are_among_them() -> None:
+    cells = {"success": 1.0, "mean_speed": 0.6, "tracking_rms": 0.001}
+    laws = [made(PATHS, f"law_{k}", cells, knows="path") for k in range(5)]
+    own = made(PATHS, "mine:Law", cells | {"tracking_rms": 0.05}, gains_name="own gain=2")
+    ((sentence, table),) = short_findings(Episodes.of([row for rows in (*laws, own) for row in rows]))
+    assert "6 entries (4 shown)" in sentence
+    assert [line[0] for line in table.rows] == ["law_0", "law_1", "law_2", "mine:Law (own gain=2)"]
 
 
 # Episodes one by one.
