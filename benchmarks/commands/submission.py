@@ -256,7 +256,7 @@ def differing(submission: Submission, entrant: Entrant | None, most: int | None)
                     return driven, f"{place(row)}: the policy is not deterministic, two drives of it differ"
                 if wrong not in now:
                     return driven, f"{place(row)}: {wrong} is no column of this version"
-                return driven, f"{place(row)}: {wrong} is {now[wrong]}, submitted as {row[wrong]}"
+                return driven, f"{place(row)}: {wrong} is {now[wrong]}, submitted as {row[wrong]:.40}"
     return driven, ""
 
 
@@ -291,7 +291,8 @@ def _case(row: Row, entrant: Entrant | None) -> Case:
     for case in contest.cases(row["robot"], Course(family, split), entrants, row["disturbance"]):
         if (case.gains_name, case.gains_text) == (row["gains_name"], row.get("gains", "")):
             return case
-    raise Refused(f"{place(row)}: no entry of this version has the gains {row.get('gains', '')!r}")
+    whose = "no entry of this version has" if entrant is None else "the policy that was named has not"
+    raise Refused(f"{place(row)}: {whose} the gains {row.get('gains', '')!r}")
 
 
 def _texts(setting: Setting) -> list[Row]:

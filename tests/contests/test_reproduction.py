@@ -11,6 +11,8 @@ from kept_rows import SUFFIX, packed, read_packed
 from reproduction import check, main
 from sections import KEPT, ROWS
 
+from wayfield.benchmarks.commands.submit import verify
+
 ROOT = Path(__file__).parents[2]
 PUBLISHED = results_page.Kept(ROOT).sections()
 
@@ -26,6 +28,13 @@ def test_a_section_says_how_its_sample_comes_out(section: results_page.Section) 
     found = check(section, results_page.Kept(ROOT))
     words = "python benchmarks/studies/reproduction.py --write"
     assert (found.sampled, found.same) == (made.sampled, made.same), "\n".join([words, *found.other])
+
+
+@pytest.mark.parametrize("name", results_page.submitted(ROOT / results_page.LEADERBOARD))
+def test_an_accepted_entry_drives_as_it_says(name: str) -> None:
+    done = CliRunner().invoke(verify, [str(ROOT / results_page.LEADERBOARD / name), "--sample", "1"])
+    assert done.exit_code == 0, done.output
+    assert "2 of " in done.output
 
 
 QUICK = ("documents", "path-following", "goal-obstacles", "docking")
