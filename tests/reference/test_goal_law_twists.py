@@ -12,8 +12,10 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.sensing import beam_angles
-from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
+from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
+from wayfield.envs.world.patrols import PATROL, patrol_at
 from wayfield.policies import mppi
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.mppi import Mppi
@@ -306,6 +308,33 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
             twist = law(policy, briefing.robot, poses[k], to_goals[k], turns[k], field[: counts[k]], mine[k])
             np.testing.assert_allclose(got[k], twist, rtol=1e-7, atol=1e-9, err_msg=f"robot {k}")
         to_goals = to_goals + rng.normal(0.0, 0.3, (n, 2))
+
+
+def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of_a_map() -> None:
+    disc, patrol = moving_circle(1.0, 0.9, 0.2, 0.1, -0.3, 5.0, 1.0)
+    seen = Observation(
+        np.zeros((1, 3)), np.zeros((1, 3)), np.array([[3.0, 0.0]]), np.zeros(1), np.zeros(1), np.zeros((1, 0))
+    )
+    policy = CorrectedField(rho_0=1.5)
+    goals = {"goals": np.zeros((1, 1, 3)), "num_goals": np.ones(1, np.int64), "position_tolerance": np.array([0.2])}
+
+    def driven(obstacle: Any, count: int = 1, times: int = 1, **more: Any) -> Any:
+        field = {"obstacles": obstacle_field(obstacle)[None], "num_obstacles": np.array([count])}
+        briefing = told("omni4", "lagged", 1, **field, **goals, **more)
+        memory = policy.reset(briefing)
+        return [policy.act(seen, briefing, memory) for _ in range(times)]
+
+    moving = driven(disc, times=12, patrols=np.array([[patrol]], PATROL))
+    for k, twist in enumerate(moving):
+        there = disc.copy()
+        there["x"], there["y"] = patrol_at(patrol, k * DT)[:2]
+        np.testing.assert_allclose(twist, driven(there)[0], atol=1e-12)
+    assert np.abs(moving[0] - moving[-1]).max() > 0.01
+    cell = OccupancyGrid(np.eye(1, dtype=bool), 0.2, (0.5, 0.3, 0.0), "free")
+    grids = frames_of(lay_grids([cell], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(1, np.int64))
+    corner = circle(0.5, 0.3, 1e-9)
+    np.testing.assert_allclose(driven(disc, 0, grids=grids)[0], driven(corner)[0], atol=1e-6)
+    assert np.abs(driven(corner)[0] - driven(disc, 0)[0]).max() > 0.01
 
 
 # By the scan: the dynamic window and the histogram, with what they remember, foresee and go round.
