@@ -19,7 +19,6 @@ from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.statistics.aggregates import iqm
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.scenarios import path_scenarios, splits
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
 from wayfield.policies.pilot import Pilot
@@ -132,27 +131,6 @@ def test_only_the_clock_truncates() -> None:
     assert (step, info["TimeLimit.truncated"]) == (left, False)
     step, info = first_end(left - 1)
     assert (step, info["TimeLimit.truncated"]) == (left - 1, True)
-
-
-def test_worlds_say_the_same_of_an_end_by_the_task_and_by_the_clock_at_once() -> None:
-    def last(clock: int) -> tuple[int, bool]:
-        worlds = NativeVecEnv(PATH, [(1, {"scenario": "circle", "max_episode_steps": clock})])
-        worlds.seed(0)
-        worlds.reset()
-        for step in range(1, clock + 1):
-            _, _, ended, infos = worlds.step(np.array([[0.6, 0.0]], np.float32))
-            if ended[0]:
-                # what is told belongs to the episode that has ended, not to the one that has begun
-                assert worlds.told["time"][0] == pytest.approx(step * DT)
-                assert worlds.told["arc_length"][0] > 0.1
-                assert worlds.told["left_corridor"][0] == (not infos[0]["TimeLimit.truncated"])
-                return step, infos[0]["TimeLimit.truncated"]
-        raise AssertionError("the clock should have run out")
-
-    left, late = last(1000)
-    assert not late
-    assert last(left) == (left, False)
-    assert last(left - 1) == (left - 1, True)
 
 
 # What is paid.

@@ -4,24 +4,19 @@ import dataclasses
 import itertools
 import math
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numpy as np
 import pytest
 
 import wayfield
 from wayfield import policies
 from wayfield.envs.robots import ACTUATORS, Actuators
-from wayfield.policies.learned.agent import Network, held_law, load_agent
+from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
-from wayfield.policies.learned.perception import hold
 from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.learned.residual import Base, controller_at
-from wayfield.policies.parts.shield import Shield
-from wayfield.policies.pilot import Pilot
 
 PATH, GOAL = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 TIERS: Any = (*ACTUATORS.values(), *(Actuators(True, a, w, lag) for a, w, lag in itertools.product(
@@ -82,101 +77,6 @@ def test_which_base_an_agent_drives_a_base_as_and_how_fast(known: tuple[str, ...
     assert effective_actuators({}, told) is told.actuators
     assert network_speed({}, told, 0.33) == 0.33
     assert out_of_distribution({}, told, 9.0) == ""
-
-
-def outputs_of(network: Network, inputs: Any) -> Any:
-    """Returns what a network answers, by matrices of doubles."""
-    values, first = np.asarray(inputs, float), 0
-    pairs = list(itertools.pairwise(network.sizes.tolist()))
-    for k, (come, go) in enumerate(pairs):
-        weight = network.numbers[first : first + come * go].reshape(come, go).astype(float)
-        values = values @ weight + network.numbers[first + come * go : first + (come + 1) * go]
-        first += (come + 1) * go
-        if k < len(pairs) - 1:
-            values = np.maximum(values, 0.0) if network.activation == "relu" else np.tanh(values)
-    return values
-
-
-def cases() -> Iterator[tuple[str, str, str, int]]:
-    yield "path_following", "p3dx", PATH, 0
-    yield "goal_reaching", "p3dx", GOAL, 72
-    yield "goal_reaching", "omni3", "wayfield/OmniGoalObstacles-v0", 72
-    yield "docking", "p3dx", "wayfield/DiffDriveDocking-v0", 72
-
-
-@pytest.mark.parametrize(("task", "robot", "env_id", "beams"), list(cases()))
-@pytest.mark.parametrize("tier", ["ideal", "lagged", "slow", "slower"])
-@pytest.mark.filterwarnings("ignore::wayfield.policies.learned.conditions.NewToAgent")
-def test_an_agent_decides_by_its_parts_one_after_the_other(
-    task: str, robot: str, env_id: str, beams: int, tier: str
-) -> None:
-    agent = dataclasses.replace(shipped_agent(task, robot, 0), speed=0.5)
-    based = task == "path_following" and tier == "lagged"
-    if based:  # a network of its own that adds to a law
-        base = Base("pure_pursuit", {}, 0.3)
-        seen = agent.perception(briefing_of(env_id)).num_inputs + 2
-        rng = np.random.default_rng(2)
-        layers = [(rng.normal(0.0, 0.3, (8, seen)), np.zeros(8)), (rng.normal(0.0, 0.4, (2, 8)), np.zeros(2))]
-        agent = dataclasses.replace(agent, network=Network.of(layers), base=base)
-        assert agent.knows == policies.make("pure_pursuit").knows
-    kwargs = {"num_beams": beams} if beams else {}
-    given_tier = "slow" if tier == "slower" else tier
-    env = gymnasium.make_vec(
-        env_id, 4, vectorization_mode="vector_entry_point", actuators=given_tier, robot=robot, **kwargs
-    )
-    pilot = Pilot(agent, env)
-    observation, _ = env.reset(seed=3)
-    pilot.reset()
-    if tier == "slower":  # than any that it was trained on
-        pilot.briefing = dataclasses.replace(pilot.briefing, actuators=Actuators(True, 0.3, 0.8, 0.25))
-    here = pilot.briefing
-    actuators, speed = effective_actuators(agent.card, here), network_speed(agent.card, here, 0.5)
-    is_held = actuators != here.actuators
-    assert is_held == (tier == "ideal")
-    assert (speed < 0.45) == (tier == "slower")
-    perception, axes = agent.perception(here), list(here.robot.twist_axes)
-    memory, speeds = perception.fresh(4), np.full(4, speed)
-    held, given = np.zeros((4, 2, 3)), np.zeros((4, 3))
-    law = controller_at("pure_pursuit", {}, 0.5) if based else None
-    kept = law.reset(here) if law else None
-    shield = Shield() if agent.features.shielded else None  # no agent was trained at 0.5 m/s
-    stopping = shield.reset(here) if shield else None
-    near = np.empty(0, int)
-    if beams:
-        near = here.layout.unpack(np.arange(observation.shape[1], dtype=float)[None]).ranges[0].astype(int)
-    draws = np.random.default_rng(7)
-    for k in range(6):
-        # what stands comes near on one side, so that the guard has to do, and the more the longer a base turns on
-        sides = np.cos(np.linspace(-np.pi, np.pi, len(near)) - draws.uniform(-np.pi, np.pi, (4, 1)))
-        room = (1.5, 1.0, 0.7, 0.4, 0.2, 0.1)[k] * np.exp(1.5 * sides)
-        observation[:, near] = np.minimum(observation[:, near], here.robot.hull_radius + room)
-        seen = measured = here.layout.unpack(observation.astype(float))
-        if is_held:
-            seen = seen._replace(twist=seen.twist + (held[:, 1] - given)[:, axes])
-        asked = law.act(seen, here, kept) if law else None
-        limits = None
-        if agent.features.limits:
-            told = (agent.features.speed_scale / actuators.acceleration,
-                    agent.features.yaw_scale / actuators.yaw_acceleration, actuators.lag / 0.1)  # fmt: skip
-            limits = np.minimum(np.float32(told), np.float32(5.0))
-        inputs, angles = perception.inputs(seen, speeds, memory, asked, limits)
-        actions = np.clip(outputs_of(agent.network, inputs), -1.0, 1.0).astype(np.float32)
-        perception.remember(inputs, actions, memory)
-        if asked is None:
-            twists = agent.actions.twists(actions, speeds, angles, here.robot)
-        else:
-            twists = agent.actions.added(asked, actions, 0.3, speeds, angles, here.robot)
-        twists = agent.features.arrived(seen, twists, speed, actuators)
-        twists = agent.features.guarded(seen, twists, speed, actuators, eased=True)
-        if is_held:
-            hold(*held_law(here, actuators), held, twists)
-            given[:, axes] = twists
-        if shield:
-            twists = shield.passed(measured, here, stopping, twists)
-        found = pilot.command(observation)
-        np.testing.assert_allclose(found, twists, atol=2e-5)
-        observation, *_ = env.step(found)
-    env.close()
 
 
 def test_agents_are_found_by_their_seeds(tmp_path: Path) -> None:

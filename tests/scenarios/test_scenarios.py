@@ -3,8 +3,6 @@
 import json
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from oracles.surfaces import clearances
 from scipy import ndimage
 
 from wayfield.envs.robots import ROBOTS
@@ -31,7 +30,7 @@ from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.paths import Path
 
 DATA = FilePath(__file__).parents[3] / "shared" / "data"
-HULL_RADII = [robot.hull_radius for robot in ROBOTS.values()]
+HULL_RADII = [least_or_most(robot.hull_radius for robot in ROBOTS.values()) for least_or_most in (min, max)]
 LINE = Path([(0.0, 0.0), (5.0, 0.0)])
 RING = Path([(0.0, 0.0), (5.0, 0.0), (0.0, 5.0)], closed=True)
 
@@ -40,22 +39,6 @@ def steps(path: Path) -> NDArray[np.float64]:
     points = np.vstack([path.points, path.points[:1]]) if path.closed else path.points
     lengths: NDArray[np.float64] = np.hypot(*np.diff(points, axis=0).T)
     return lengths
-
-
-def clearances(obstacles: NDArray[np.void], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns distances (k,) from points (k, 2) to the nearest surface, 0 inside.
-
-    Not the formula under test: it measures to the nearest point of the rectangle.
-    """
-    nearest = np.full(len(points), np.inf)
-    for o in obstacles:
-        along, across = np.array([o["cos"], o["sin"]]), np.array([-o["sin"], o["cos"]])
-        offset = points - [o["x"], o["y"]]
-        u = np.clip(offset @ along, -o["half_length"], o["half_length"])
-        v = np.clip(offset @ across, -o["half_width"], o["half_width"])
-        gap = np.linalg.norm(offset - u[:, None] * along - v[:, None] * across, axis=1) - o["radius"]
-        nearest = np.minimum(nearest, np.maximum(gap, 0.0))
-    return nearest
 
 
 # ---- named paths
@@ -215,24 +198,6 @@ def test_waypoint_course_is_clear_even_with_cut_corners(switching_radius: float)
         at = end
 
 
-BANKS = """
-import hashlib
-from wayfield.envs.scenarios import GOAL_SCENARIOS, goal_scenarios, path_scenarios
-drawn = hashlib.sha256()
-for name in GOAL_SCENARIOS:
-    for each in goal_scenarios(name, 0.3):
-        drawn.update(repr((each.start, each.goal, each.waypoints)).encode() + each.obstacles.tobytes())
-for each in path_scenarios("random_splines"):
-    drawn.update(each.path.points.tobytes())
-print(drawn.hexdigest())
-"""
-
-
-def test_banks_are_the_same_in_every_process() -> None:
-    commands = [[sys.executable, "-c", BANKS]] * 2
-    assert len({subprocess.run(each, capture_output=True, check=True).stdout for each in commands}) == 1
-
-
 def test_a_hull_too_large_for_a_field_is_refused() -> None:
     for hull_radius in (1.8, 5.5):
         with pytest.raises(ValueError, match=f"hull_radius is {hull_radius}; 'discs' has no 64 fields"):
@@ -364,29 +329,19 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
     ("content", "line", "message"),
     [
         (b"", 1, "the table has no points"),
-        (b"\n# nothing\n\n", 4, "the table has no points"),
         (b"x,y\n", 2, "the table has no points"),
         (b"1,2\n", 1, "ends after 1 distinct point(s); a path needs at least 2"),
-        (b"x,y\n1,2\n", 2, "ends after 1 distinct point(s)"),
         (b"1,2\n3,4\n1,2\n", 2, "ends after 2 distinct point(s); a closed path needs at least 3"),
         (b"1,2\n\n1,2\n", 3, "point [1.0, 2.0] repeats the one before it"),
         (b"0,0\n# c\n1,2\n1,2\n5,5\n", 4, "point [1.0, 2.0] repeats the one before it"),
-        (b"0,0\n1,2\n0,0\n0,0\n", 4, "repeats the one before it"),
         (b"0,0\n1,two\n3,4\n", 2, "'two' is not a number"),
-        (b"zero,0\n1,2\n", 1, "'zero' is not a number"),
         (b"0,0\n1,2_0\n3,4\n", 2, "'2_0' is not a number"),
         (b"0,0\n1,\n", 2, "'' is not a number"),
         (b"a,b\n1,2\n", 1, "'a,b' is neither a row of numbers nor a header with columns x and y"),
-        (b"x,z\n1,2\n", 1, "columns x and y"),
         (b"0,0\n\n1,nan\n", 3, "is not finite"),
-        (b"0,0\ninf,1\n", 2, "is not finite"),
         (b"0,0\n1e300,1\n", 2, "or beyond 1e+06 m"),
         (b"1\n2\n", 1, "'1' has 1 column(s); without a header it must be 2 (x, y) or 7"),
-        (b"1,2,3\n4,5,6\n", 1, "has 3 column(s)"),
-        (b"1;2\n3;4\n", 1, "neither a row of numbers"),
         (b"0,0\n1,1\n2\n", 3, "has 1 column(s), the first row has 2"),
-        (b"0,0\n1,1\n2,2,2\n", 3, "has 3 column(s), the first row has 2"),
-        (b"i,x,y\n0,0,0\n1,1\n", 3, "has 2 column(s), the first row has 3"),
         (b"i,x,y\n0,0,0\n1,1,1\n2,2,2,2\n", 4, "has 4 column(s), the first row has 3"),
         (b"x,y,width\n0,0,1\n1,1\n2,2,1\n", 3, "has 2 column(s), the first row has 3"),
         (b"i,x,y\n0,0\n", 2, "has 2 column(s), the header names 3"),
@@ -434,13 +389,6 @@ def test_points_survive_the_way_through_a_file(
     assert scenario.path.points.tolist() == [list(point) for point in points]
 
 
-def test_a_million_rows_are_read(tmp_path: FilePath) -> None:
-    file = tmp_path / "long.csv"
-    file.write_text("\n".join(f"{i / 100},{i % 7}" for i in range(1_000_000)))
-    (scenario,) = path_scenarios(str(file))
-    assert len(scenario.path.points) == 1_000_000
-
-
 @pytest.mark.skipif(not (DATA / "tum_racetracks").is_dir(), reason=f"no race circuits in {DATA}")
 def test_race_circuits_load_at_scale() -> None:
     files = sorted((DATA / "tum_racetracks").glob("*.csv"))
@@ -474,15 +422,12 @@ def written(folder: FilePath, content: object, name: str = "mine.json") -> str:
         ('{"path": [[0, 0], [NaN, 1]]}', "NaN is not a number of JSON"),
         ('{"laps": 1, "laps": 2, "path": []}', "field 'laps' is given twice"),
         ('{"path": [[0, 0], [1' + "0" * 5000 + ", 1]]}", "5001 digits"),
-        ({"pth": []}, "field 'pth' is not known; the fields are path, path_file"),
         ({"pth": []}, "Did you mean 'path'?"),
         ({}, "exactly one of the fields 'path' and 'path_file'"),
         ({"path": [], "path_file": "a.csv"}, "exactly one of"),
-        ({"path": None}, "path is None"),
         ({"path": []}, "needs at least 2 points, got 0"),
         ({"path": [[0, 0], [1, 2, 3]]}, "path[1] is [1, 2, 3]; it must be 2 numbers (x, y)"),
         ({"path": [[0, 0], [1, "2"]]}, "path[1][1] is '2'; it must be a finite number"),
-        ({"path": [[0, 0], [1, True]]}, "path[1][1] is True"),
         ({"path": [[0, 0], [1e300, 0]]}, "path[1][0] is 1e+300"),
         ({"path": [[0, 0], [0, 0], [1, 1]]}, "path points 0 and 1 are both"),
         ({"path": [[0, 0], [1, 1]], "closed": "yes"}, "closed is 'yes'; it must be true or false"),
@@ -510,12 +455,9 @@ def test_faulty_path_json_is_explained(tmp_path: FilePath, content: object, mess
     [
         ({}, "field 'goal' is missing"),
         ({"goal": [1, 2]}, "goal is [1, 2]; it must be 3 numbers (x, y, heading)"),
-        ({"goal": {"x": 1}}, "goal is {'x': 1}"),
         ({"goal": [1, 2, 0], "path": []}, "field 'path' is not known"),
         ({"goal": [1, 2, 0], "tolerance": 1}, "field 'tolerance' is not known; the fields are goal, start"),
-        ({"goal": [1, 2, 0], "waypoints": 3}, "waypoints is 3; it must be a list"),
         ({"goal": [1, 2, 0], "waypoints": [3]}, "waypoints[0] is 3; it must be 2 numbers (x, y)"),
-        ({"goal": [1, 2, 0], "obstacles": {}}, "obstacles is {}; it must be a list"),
         ({"goal": [1, 2, 0], "obstacles": [[1, 2]]}, "obstacles[0] is [1, 2]; it must be an object"),
         (
             {"goal": [1, 2, 0], "obstacles": [{}]},

@@ -44,28 +44,18 @@ def finished(code: str, **environment: str) -> "subprocess.CompletedProcess[str]
     ("env_id", "field", "value"),
     [
         (PATH_ID, "noise", 1e300),
-        (PATH_ID, "noise", 10**400),
         (PATH_ID, "scale", 1e300),
         (PATH_ID, "scale", 1e-320),
-        (PATH_ID, "scale", 10**400),
         (PATH_ID, "num_preview", 10**9),
-        (PATH_ID, "num_preview", 10**400),
         (PATH_ID, "preview_spacing", 1e300),
-        (PATH_ID, "preview_spacing", 1e-300),
-        (PATH_ID, "preview_spacing", 10**400),
         (PATH_ID, "robot", ["p3dx"]),
         (PATH_ID, "actuators", np.array(["ideal", "slow"])),
         (PATH_ID, "shove", (0.0, 0.0, 0.0, 1e20)),
-        (PATH_ID, "shove", (0.0, 1e160, 0.0, 0.0)),
         (PATH_ID, "shove", (1e300, 0.0, 0.0, 0.0)),
-        (PATH_ID, "shove", (10**400, 0.0, 0.0, 0.0)),
         (PATH_ID, "shove", ("1", "2", "3", "4")),
         (PATH_ID, "scenario", b"circle"),
         (GOAL_ID, "num_beams", 10**9),
-        (GOAL_ID, "num_beams", 10**400),
         (GOAL_ID, "max_range", 1e300),
-        (GOAL_ID, "max_range", 1e-300),
-        (GOAL_ID, "max_range", 10**400),
         (GOAL_ID, "field_of_view", 1e-300),
         (GOAL_ID, "field_of_view", np.ones(2)),
     ],
@@ -141,59 +131,6 @@ def written(folder: FilePath, name: str, content: Any) -> str:
     return str(file)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"[" * 200_000,
-        b'{"goal": ' + b"[" * 200_000,
-        b'{"goal": [1, 2, 1e999]}',
-        b'{"goal": [1, 2, ' + b"9" * 400 + b"]}",
-        b'{"goal": [1, 2, ' + b"9" * 100_000 + b"]}",
-        b'{"goal": [1, 2, \xff]}',
-        b"\xff\xfe{",
-        b"",
-        b"{",
-        b'{"goal": [1, 2, 1e20]}',
-        b'{"goal": [1, 2, 0], "start": [0, 0, 1e300]}',
-        b'{"goal": [1, 2, 0], "start_turn": 1e20}',
-        b'{"goal": [1, 2, 0], "start_offset": 1e160}',
-        b'{"goal": [1e7, 2, 0]}',
-        b'{"goal": [1, 2, 0], "obstacles": [{"kind": "circle", "x": 5, "y": 5, "radius": 1e-300}]}',
-        b'{"goal": [1, 2, 0], "obstacles": [{"kind": "circle", "x": 5, "y": 5, "radius": 1, "mass": 1e-300}]}',
-        b'{"goal": [1, 2, 0], "obstacles": [{"kind": "box", "x": 5, "y": 5, "length": 1, "width": 1,'
-        b' "heading": 1e20}]}',
-        b'{"goal": [1, 2, 0], "obstacles": [{"kind": "circle", "x": 5, "y": 5, "radius": 1, "patrol": {"vx": 1,'
-        b' "vy": 0, "leg_time": 1e-300}}]}',
-    ],
-)
-def test_a_faulty_goal_file_is_one_line_that_names_it(tmp_path: FilePath, content: bytes) -> None:
-    file = written(tmp_path, "mine.json", content)
-    with pytest.raises(ValueError, match=r"mine\.json:") as caught:
-        goal_scenarios(file, 0.3)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 1000
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("path.json", b'{"path": [[0, 0], [1, 0], [1, 1], [0, 0]], "laps": ' + b"9" * 401 + b"}"),
-        ("path.json", b'{"path": [[0, 0], [1, 0], [1, 1], [0, 0]], "laps": ' + b"9" * 30 + b"}"),
-        ("path.json", b'{"path": [[0, 0], [1e-300, 0]]}'),
-        ("path.json", b'{"path": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"),
-        ("path.csv", b"0,0\n1e-9,0\n"),
-        ("path.csv", b"0,0\n" + b"9" * 100_000 + b",1\n"),
-        ("path.csv", b"0,0\n1,1\n\xe9,2\n"),
-    ],
-)
-def test_a_faulty_path_file_is_one_line_that_names_it(tmp_path: FilePath, name: str, content: bytes) -> None:
-    file = written(tmp_path, name, content)
-    with pytest.raises(ValueError, match=r"path\.(json|csv)") as caught:
-        path_scenarios(file)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 1000
-
-
 def test_files_and_lists_that_are_too_large_are_not_read(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "huge.csv"
     with file.open("wb") as stream:
@@ -211,44 +148,6 @@ def test_what_is_no_file_name_is_said(name: str) -> None:
     for scenarios in (path_scenarios, lambda each: goal_scenarios(each, 0.3)):
         with pytest.raises((ValueError, OSError)):
             scenarios(name)
-
-
-numbers = st.one_of(
-    st.floats(-5.0, 5.0),
-    st.floats(allow_nan=False, allow_infinity=False),
-    st.sampled_from([1e20, 1e160, 1e300, 1e-300]),
-)
-
-
-@settings(max_examples=30)
-@given(st.fixed_dictionaries(
-    {"goal": st.tuples(numbers, numbers, numbers)},
-    optional={
-        "start": st.tuples(numbers, numbers, numbers), "start_turn": numbers, "start_offset": numbers,
-        "position_tolerance": numbers, "heading_tolerance": numbers, "waypoint_radius": numbers,
-        "waypoints": st.lists(st.tuples(numbers, numbers), max_size=2),
-        "obstacles": st.lists(st.fixed_dictionaries(
-            {"kind": st.just("circle"), "x": numbers, "y": numbers, "radius": numbers}), max_size=2),
-    },
-))  # fmt: skip
-def test_a_goal_file_is_refused_or_can_be_driven(
-    tmp_path_factory: pytest.TempPathFactory, scenario: dict[str, Any]
-) -> None:
-    file = written(tmp_path_factory.mktemp("goal"), "mine.json", scenario)
-    try:
-        env = gymnasium.make(GOAL_ID, scenario=file, num_beams=8)
-    except ValueError as error:
-        refusal = str(error)
-    else:
-        refusal = ""
-    if refusal:
-        assert refusal.startswith(file)
-        return
-    seen, _ = env.reset(seed=0)
-    for _ in range(3):
-        assert np.isfinite(seen).all()
-        assert env.observation_space.contains(seen)
-        seen, *_ = env.step(env.action_space.high)  # type: ignore[attr-defined]
 
 
 # ---- compiled code, whatever it is given

@@ -74,23 +74,6 @@ def test_every_rung_drives_further_off(make: Any, dynamics: str) -> None:
     assert all(low < high for low, high in itertools.pairwise(off))
 
 
-@every_id
-@every_plant
-@pytest.mark.parametrize("name", ["moderate", "severe", "delay_2", "shove"])
-def test_rows_equal_single_environments(env_id: str, dynamics: str, name: str) -> None:
-    options: dict[str, Any] = {"dynamics": dynamics, "actuators": "lagged", "disturbance": name}
-    many: Any = gymnasium.make_vec(env_id, 2, max_episode_steps=70, **options)
-    one: Any = gymnasium.make_vec(env_id, 2, vectorization_mode="sync", max_episode_steps=70, **options)
-    rng = np.random.default_rng(1)
-    assert many.reset(seed=4)[0].tobytes() == one.reset(seed=4)[0].tobytes()
-    for k in range(160):
-        if k % 10 == 0:
-            action = (rng.uniform(-1.0, 1.0, many.action_space.shape) * many.action_space.high).astype(np.float32)
-        (a, *rest), (b, *others) = many.step(action), one.step(action)
-        assert a.tobytes() == b.tobytes(), k
-        assert all(np.array_equal(x, y) for x, y in zip(rest[:3], others[:3], strict=True))
-
-
 # Wheels.
 
 

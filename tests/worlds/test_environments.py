@@ -207,14 +207,9 @@ def test_an_option_of_reset_chooses_the_scenario(env_id: str) -> None:
     [
         ({"scenarios": 1}, "options key='scenarios' is unknown. Did you mean 'scenario'?"),
         ({"scenario": 320}, "options['scenario'] must be an int from 0 to {last}, got 320"),
-        ({"scenario": -1}, "options['scenario'] must be an int from 0 to {last}, got -1"),
         ({"scenario": 1.0}, "options['scenario'] must be an int from 0 to {last}, got 1.0"),
-        ({"scenario": True}, "options['scenario'] must be an int from 0 to {last}, got True"),
         ({"scenario": "discs"}, "options['scenario'] must be an int from 0 to {last}, got 'discs'"),
         ({"scenario": [1, 2]}, "options['scenario'] must be an int from 0 to {last}, got [1, 2]"),
-        ({"scenario": [[1], 2]}, "options['scenario'] must be an int from 0 to {last}, got [[1], 2]"),
-        ({"scenario": 10**30}, "options['scenario'] must be an int from 0 to {last}, got 1000"),
-        ({"scenario": None}, "options['scenario'] must be an int from 0 to {last}, got None"),
     ],
 )
 def test_bad_options_of_reset_are_named(env_id: str, options: dict[str, Any], message: str) -> None:
@@ -558,20 +553,12 @@ def test_a_bad_action_is_refused_and_changes_nothing(
     [
         ({"dynamics": "pymnk"}, "dynamics='pymnk' is unknown. Did you mean 'pymunk'?"),
         ({"dynamics": None}, "dynamics=None is unknown. Choose from 'kinematic', 'pymunk'"),
-        ({"actuators": "laged"}, "actuators='laged' is unknown. Did you mean 'lagged'?"),
-        ({"action_mode": "wheels_speed"}, "action_mode='wheels_speed' is unknown. Did you mean 'wheel_speeds'?"),
-        ({"pose_source": "odometri"}, "pose_source='odometri' is unknown. Did you mean 'odometry'?"),
         ({"render_mode": "rgb_aray"}, "render_mode='rgb_aray' is unknown. Did you mean 'rgb_array'?"),
         ({"robot": "omni5"}, "robot='omni5' is unknown."),
         ({"noise": -0.1}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got -0.1"),
-        ({"noise": math.nan}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got nan"),
-        ({"noise": "low"}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got 'low'"),
         ({"noise": True}, "noise must be a finite number"),
         ({"disturbance": "sever"}, "disturbance='sever' is unknown. Did you mean 'severe'?"),
-        ({"disturbance": None}, "disturbance=None is unknown. Did you mean 'none'? Choose from 'none', 'light'"),
         ({"shove": (1.0, 2.0)}, "shove must be (time >= 0, dx, dy, turn), four finite numbers, got (1.0, 2.0)"),
-        ({"shove": (-1.0, 0.0, 0.0, 0.0)}, "shove must be (time >= 0"),
-        ({"shove": (1.0, math.inf, 0.0, 0.0)}, "shove must be (time >= 0"),
     ],
 )
 @every_id
@@ -588,19 +575,15 @@ def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: st
     [
         (PATH_ID, {"scenario": "figure_ate"}, "'figure_ate'. Did you mean 'figure_eight'?"),
         (PATH_ID, {"scenario": "discs"}, "unknown path scenario 'discs'"),
-        (GOAL_ID, {"scenario": "disks"}, "'disks'. Did you mean 'discs'?"),
         (PATH_ID, {"scale": 0.0}, "scale is 0.0; it must be a finite number above 0"),
         (PATH_ID, {"robot": "omni3"}, "robot 'omni3' has the drive omni; this environment needs differential"),
         (PATH_ID, {"num_preview": -1}, "num_preview must be a whole number >= 0, got -1"),
-        (PATH_ID, {"num_preview": 2.5}, "num_preview must be a whole number >= 0, got 2.5"),
-        (PATH_ID, {"preview_spacing": 0.0}, "preview_spacing must be a finite number > 0, got 0.0"),
         (PATH_ID, {"pose_source": "odometry_uncorrected"}, "pose_source='odometry_uncorrected' needs passive"),
         (PATH_ID, {"pose_source": "odometry_plain_sum"}, "pose_source='odometry_plain_sum' belongs to"),
         (GOAL_ID, {"robot": "omni4", "pose_source": "odometry_uncorrected"}, "needs passive encoder wheels"),
         (GOAL_ID, {"robot": "p3dx"}, "robot 'p3dx' has the drive differential; this environment needs omni or mecanum"),
         (GOAL_ID, {"end_on_contact": False}, 'end_on_contact=False needs dynamics="pymunk"'),
         (GOAL_ID, {"num_beams": -1}, "num_beams must be a whole number >= 0, got -1"),
-        (GOAL_ID, {"max_range": -2.0}, "max_range must be a finite number > 0, got -2.0"),
         (GOAL_ID, {"field_of_view": 7.0}, "field_of_view must be above 0 and at most 2 pi rad, got 7.0"),
     ],
 )

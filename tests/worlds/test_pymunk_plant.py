@@ -437,32 +437,6 @@ def room_file(tmp_path: Path) -> str:
     return str(file)
 
 
-@pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_rows_equal_single_environments_bit_for_bit(tmp_path: Path, noise: float) -> None:
-    options: dict[str, Any] = {"scenario": room_file(tmp_path), "dynamics": "pymunk", "end_on_contact": False,
-                               "actuators": "lagged", "noise": noise, "pose_source": "odometry"}  # fmt: skip
-    actions = np.repeat(np.random.default_rng(5).uniform(-1.5, 1.5, (15, 5, 3)), 8, axis=0).astype(np.float32)
-    runs = []
-    for num_envs in (5, 3, 5):
-        env = gymnasium.make_vec(GOAL_ID, num_envs, **options)
-        observations = [env.reset(seed=7)[0]]
-        contacts = 0.0
-        for action in actions:
-            result = env.step(action[:num_envs])
-            contacts += result[4]["collision"].sum()
-            observations.append(result[0])
-        assert contacts > 20
-        runs.append(np.stack(observations))
-    assert runs[0].tobytes() == runs[2].tobytes()
-    assert runs[0][:, :3].tobytes() == runs[1].tobytes()
-    for i in range(3):
-        single = gymnasium.make(GOAL_ID, **options)
-        observations = [single.reset(seed=7 + i)[0]]
-        observations += [single.step(action[i])[0] for action in actions]
-        differ = [k for k, each in enumerate(observations) if each.tobytes() != runs[0][k, i].tobytes()]
-        assert not differ, f"row {i} leaves the single environment in step {differ[0]}"
-
-
 def test_a_reset_forgets_what_was_pushed(tmp_path: Path) -> None:
     env: Any = gymnasium.make(GOAL_ID, scenario=room_file(tmp_path), dynamics="pymunk", end_on_contact=False).unwrapped
     runs = []

@@ -48,6 +48,11 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "dock-moving-noise": (DIFF_DOCK_ID, {"scenario": "moving/test", "noise": 1.0, "disturbance": "moderate"}),
     "dock-omni4-berth": (OMNI_DOCK_ID, {"scenario": "berth", "robot": "omni4", "action_mode": "wheel_speeds"}),
     "dock-pymunk": (OMNI_DOCK_ID, {"scenario": "all", "dynamics": "pymunk", "pose_source": "odometry"}),
+    "goal-moving-noise": (GOAL_ID, {"scenario": "moving_crowd/test", "noise": 1.0, "actuators": "lagged"}),
+    "goal-moving-pymunk": (
+        GOAL_ID,
+        {"scenario": "moving_crossing/test", "dynamics": "pymunk", "actuators": "slow"},
+    ),
     "goal-pymunk-pushing": (GOAL_ID, {"dynamics": "pymunk", "scenario": "push_box", "end_on_contact": False}),
 }
 # where nothing but the clock, or a goal that random motion does not find, ends an episode
@@ -115,12 +120,8 @@ def kept(env: Any) -> dict[str, Any]:
     return found
 
 
-# each case in both modes and under both clocks, and each mode under each clock
-MODES_AND_CLOCKS = [
-    (case, mode, clock)
-    for k, case in enumerate(CASES)
-    for mode, clock in (("NextStep", (37, 200)[k % 2]), ("SameStep", (200, 37)[k % 2]))
-]
+# each mode under each clock, one of the four with each case
+MODES_AND_CLOCKS = [(case, ("NextStep", "SameStep")[k % 2], (37, 200)[k // 2 % 2]) for k, case in enumerate(CASES)]
 
 
 @pytest.mark.parametrize(("case", "autoreset_mode", "clock"), MODES_AND_CLOCKS)
