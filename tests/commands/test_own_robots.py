@@ -87,6 +87,7 @@ def test_training_refuses_a_robot_before_it_drives(
 SCENE = {"goal": [3, 0, 0.5], "obstacles": [{"kind": "circle", "x": 1.5, "y": 0.6, "radius": 0.3}]}
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("option", ["--path", "--scenarios"])
 def test_a_trained_policy_without_an_agent_is_left_out_and_the_others_drive(tmp_path: Path, option: str) -> None:
     folder = tmp_path / "scenes"

@@ -184,6 +184,7 @@ def test_other_code_that_drives_the_same_is_told_of(submitted: Path, tmp_path: P
     assert "driven by other code" in refused.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("speed", "after", "told"),
     [

@@ -74,6 +74,7 @@ def test_an_agent_is_trained_driven_reported_audited_and_filmed(tmp_path: Path) 
     assert max(Image.open(film).size) == 300
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_what_a_controller_drove_is_recorded_learned_from_and_driven(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -107,6 +108,7 @@ def test_steps_are_counted_beside_cartpole_s() -> None:
             assert float(share) == pytest.approx(float(rate.replace(",", "")) / of_cartpole, abs=0.006)
 
 
+@pytest.mark.slow
 def test_intervals_are_counted_that_hold_what_they_should(tmp_path: Path) -> None:
     run(interval_coverage.main, "--simulations", "10", "--workers", "1", "--out", tmp_path)
     (file,) = tmp_path.glob("*.csv")

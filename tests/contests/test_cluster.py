@@ -230,6 +230,7 @@ def evaluate(*words: str) -> Result:
     return CliRunner().invoke(main, words)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_scheduler_and_two_workers_make_the_rows_of_one_process_and_refuse_a_third_by_name(
     place: Place, tmp_path: Path

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import pytest
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.envs.robots import ROBOTS
@@ -56,12 +57,18 @@ def trees() -> dict[str, ast.Module]:
     return found
 
 
-def functions() -> Iterator[tuple[str, Function]]:
-    """Yields every function of the installed package, methods and nested ones too, with its file and name."""
-    for name, tree in trees().items():
-        for node in ast.walk(tree):
-            if isinstance(node, Function):
-                yield f"{name}:{node.name}", node
+@functools.cache
+def nodes() -> dict[str, list[ast.AST]]:
+    """Returns all nodes of every module of the installed package: to walk them takes as long as all that is asked."""
+    return {name: list(ast.walk(tree)) for name, tree in trees().items()}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forgotten() -> Iterator[None]:
+    """Lets go of a million nodes, which every collection of garbage of the tests behind these would look at."""
+    yield
+    for each in (trees, nodes, modules_of_tests):
+        each.cache_clear()
 
 
 def lines(function: Function) -> int:
@@ -72,7 +79,8 @@ def lines(function: Function) -> int:
 
 
 def test_no_function_is_longer_than_a_page() -> None:
-    long = {name: lines(function) for name, function in functions() if lines(function) > MOST_LINES}
+    functions = ((name, node) for name, found in nodes().items() for node in found if isinstance(node, Function))
+    long = {f"{name}:{node.name}": length for name, node in functions if (length := lines(node)) > MOST_LINES}
     assert not long
 
 
@@ -96,9 +104,9 @@ def room_of(module: str, known: Sequence[str]) -> str | None:
     return next((name for name in names if name in known), None)
 
 
-def imported(tree: ast.Module) -> Iterator[str]:
+def imported(module: Sequence[ast.AST]) -> Iterator[str]:
     """Yields what a module imports of the package, wherever in it, by dotted names without the package's."""
-    for node in ast.walk(tree):
+    for node in module:
         names = []
         if isinstance(node, ast.Import):
             names = [each.name for each in node.names]
@@ -115,12 +123,12 @@ def test_a_room_imports_from_rooms_above_it_in_the_table_of_the_architecture() -
     known = rooms()
     assert len(known) > 15
     upward = set()
-    for name, tree in trees().items():
+    for name, found in nodes().items():
         if name == "benchmarks/__init__.py":  # what a user imports from there
             continue
         own = room_of(name.removesuffix(".py").replace("/", "."), known)
         assert own is not None, f"{name} is in no room of docs/architecture.md"
-        for module in imported(tree):
+        for module in imported(found):
             room = room_of(module, known)
             if room is not None and known.index(room) > known.index(own):
                 upward.add((name, room))
@@ -151,8 +159,8 @@ def test_nobody_guesses_which_task_it_is() -> None:
     """No comparison with a task's name, and no class of one task asked for; a registry by name is a lookup."""
     names = {word for spec in TASKS.values() for word in (spec.name, spec.suite)}
     asking = set()
-    for name, tree in trees().items():
-        for node in ast.walk(tree):
+    for name, found in nodes().items():
+        for node in found:
             if isinstance(node, ast.Compare):
                 constants = {each.value for each in ast.walk(node) if isinstance(each, ast.Constant)}
                 assert not names & constants, f"{name}:{node.lineno}"
@@ -180,13 +188,13 @@ NAMES_A_TASK = {
 }
 
 
-def words(tree: ast.Module) -> Iterator[str]:
+def words(module: Sequence[ast.AST]) -> Iterator[str]:
     """Yields what a module's code names: variables, attributes, modules, texts; not its comments and docstrings."""
     told = set()
-    for node in ast.walk(tree):
+    for node in module:
         if isinstance(node, ast.Module | ast.ClassDef | Function) and ast.get_docstring(node) is not None:
             told.add(node.body[0].value)  # type: ignore[attr-defined]
-    for node in ast.walk(tree):
+    for node in module:
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in told:
             yield node.value
         elif isinstance(node, ast.Name):
@@ -198,7 +206,7 @@ def words(tree: ast.Module) -> Iterator[str]:
 
 
 def test_a_task_with_other_numbers_takes_few_files() -> None:
-    naming = {name for name, tree in trees().items() if any("docking" in word.lower() for word in words(tree))}
+    naming = {name for name, found in nodes().items() if any("docking" in word.lower() for word in words(found))}
     wanted = {name.format(task="docking") for name in FILES_OF_A_TASK if name.endswith(".py")}
     assert wanted <= naming <= wanted | set(NAMES_A_TASK)
 
@@ -270,7 +278,7 @@ def patched(tree: ast.Module) -> Iterator[str]:
             if root_of(name) == "wayfield" or root_of(name) not in {root_of(each) for each in known.values()}:
                 yield name
         elif isinstance(node, ast.Import | ast.ImportFrom):
-            assert "mock" not in ast.unparse(node)
+            assert not any("mock" in each.name for each in node.names)
 
 
 def root_of(name: str) -> str:

@@ -277,7 +277,7 @@ def test_the_tangent_reading_converges_at_an_open_end(tmp_path: Path, direction:
 # B. Waypoints with a three-omni-wheel robot.
 
 
-@pytest.mark.parametrize("lam", [0.3, 0.5, 1.0, 1.7, 3.0])
+@pytest.mark.parametrize("lam", [0.3, 0.5, 1.0, 3.0])
 @pytest.mark.parametrize("goal", [(3.0, 4.0), (-2.0, 1.0)])
 def test_the_position_error_decays_exponentially(tmp_path: Path, lam: float, goal: tuple[float, float]) -> None:
     scenario = written(tmp_path, goal=[*goal, 0.0], position_tolerance=0.001)
@@ -490,7 +490,7 @@ def test_a_goal_near_an_obstacle_is_pushed_out_of_reach(
 
 
 @pytest.mark.parametrize("scenario", RUNS)
-@pytest.mark.parametrize("tau", [0.2, 0.35, 0.5, 0.8, 1.0, 1.3, 2.0, 3.0])
+@pytest.mark.parametrize("tau", [0.2, 0.5, 1.0, 3.0])
 def test_the_documented_field_reaches_no_goal(scenario: str, tau: float) -> None:
     run = seek(scenario, policies.make("apf_documented", tau=tau))
     assert run["goal_distance"].min() > 0.25
@@ -498,7 +498,7 @@ def test_the_documented_field_reaches_no_goal(scenario: str, tau: float) -> None
 
 
 @pytest.mark.parametrize("scenario", RUNS)
-@pytest.mark.parametrize("tau", [0.4, 0.5, 0.65, 0.8])
+@pytest.mark.parametrize("tau", [0.4, 0.8])
 def test_the_avoiding_force_frees_the_documented_field(scenario: str, tau: float) -> None:
     run = seek(scenario, policies.make("apf_escape", tau=tau))
     assert not run["contact"].any()

@@ -103,8 +103,7 @@ def test_no_gain_takes_what_is_no_value_of_it(name: str) -> None:
 
 
 @every_pair
-@pytest.mark.parametrize("action_mode", ["twist", "wheel_speeds"])
-@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+@pytest.mark.parametrize(("action_mode", "dynamics"), [("twist", "kinematic"), ("wheel_speeds", "pymunk")])
 def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: str, dynamics: str) -> None:
     options: dict[str, Any] = {"action_mode": action_mode, "dynamics": dynamics, "actuators": "lagged"}
     options |= senses(name, env_id)
@@ -118,8 +117,8 @@ def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: 
     pilots = [Pilot(policies.make(name, **({"seed": 0} if name == "random" else {})), env) for env in singles]
     for each_pilot in pilots:
         each_pilot.reset()
-    # what a law remembers and plans anew shows in the first of the four, what the others change in every step
-    for _ in range(25 if (action_mode, dynamics) == ("twist", "kinematic") else 8):
+    # what a law remembers and plans anew shows in the first, what the other changes in every step
+    for _ in range(25 if dynamics == "kinematic" else 8):
         actions = pilot.act(seen)
         assert actions.shape == many.action_space.shape
         assert np.isfinite(actions).all()
@@ -173,7 +172,7 @@ def _started(name: str, env: Any, seed: int = 0) -> tuple[Pilot, Any]:
 
 
 @every_pair
-@pytest.mark.parametrize("actuators", ["ideal", "lagged", "slow"])
+@pytest.mark.parametrize("actuators", ["ideal", "slow"])
 def test_an_action_is_a_member_of_the_space(name: str, env_id: str, actuators: str) -> None:
     for robot, mode in itertools.product(ROBOTS_OF[env_id], ("twist", "wheel_speeds")):
         # what a law asks for is largest at the start, far from goals and beside paths
@@ -252,22 +251,6 @@ def test_what_is_not_finite_is_left_for_the_environment_to_refuse() -> None:
         pilot.reset()
         with pytest.raises(ValueError, match="is not finite"):
             env.step(pilot.act(seen))
-
-
-@every_pair
-def test_acting_twice_is_acting_the_same(name: str, env_id: str) -> None:
-    env: Any = gymnasium.make_vec(env_id, 4, **senses(name, env_id))
-    actions = []
-    for _ in range(2):
-        seen, _ = env.reset(seed=3)
-        pilot = Pilot(policies.make(name), env)
-        pilot.reset()
-        run = []
-        for _ in range(30):
-            run.append(pilot.act(seen))
-            seen, *_ = env.step(run[-1])
-        actions.append(np.array(run))
-    assert actions[0].tobytes() == actions[1].tobytes()
 
 
 @pytest.mark.parametrize("name", dict.fromkeys(name for name, _ in EVERY_PAIR))

@@ -258,7 +258,7 @@ ENCOUNTERS = {
 }
 
 
-@pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4"])
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
 @pytest.mark.parametrize("encounter", ENCOUNTERS)
 def test_moving_discs_are_passed_without_contact(robot: str, encounter: str) -> None:
     least, left = passes(robot, ENCOUNTERS[encounter])
@@ -267,9 +267,8 @@ def test_moving_discs_are_passed_without_contact(robot: str, encounter: str) -> 
 
 
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_disc_on_the_line_is_passed(robot: str, seed: int) -> None:
-    least, left = passes(robot, [], standing=(circle(3.0, 0.0, 0.4),), seed=seed)
+def test_a_disc_on_the_line_is_passed(robot: str) -> None:
+    least, left = passes(robot, [], standing=(circle(3.0, 0.0, 0.4),))
     assert least > 0.0
     assert left < 0.1
 
@@ -409,7 +408,7 @@ def grids(
 
 
 @given(st.lists(st.floats(0.3, 6.0), min_size=12, max_size=40))
-@settings(max_examples=3 * settings().max_examples // 10)
+@settings(max_examples=settings().max_examples // 10)
 def test_clearances_are_distances_to_the_nearest_hit(values: list[float]) -> None:
     policy = Mppi(reach=2.0)
     ranges = np.minimum(np.array(values), 5.0)
@@ -417,7 +416,7 @@ def test_clearances_are_distances_to_the_nearest_hit(values: list[float]) -> Non
     nodes = policy.cell * np.stack(np.meshgrid(*[np.arange(-20, 21)] * 2, indexing="ij"), axis=-1)
     expected = np.full(clearances.shape, np.inf)
     for h in range(count):
-        for share in np.linspace(0.0, 1.0, 200 if hits[h, 2] else 1):
+        for share in np.linspace(0.0, 1.0, 100 if hits[h, 2] else 1):
             point = (1.0 - share) * hits[h, :2] + share * hits[(h + 1) % count, :2]
             expected = np.minimum(expected, np.hypot(*np.moveaxis(nodes - point, -1, 0)))
     known = expected - 0.25 < policy.influence

@@ -16,6 +16,7 @@ PATH, DOCK = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveDocking-v0
 TAUGHT = ["--set", "num_envs=32", "--set", "horizon=16", "--set", "validations=1"]
 
 
+@pytest.mark.slow
 def test_a_clone_that_stands_still_ends_the_run_with_what_to_raise_and_resume_insists(tmp_path: Path) -> None:
     words = [DOCK, *TAUGHT, "--set", "imitation=512", "--set", "steps=1600", "--out", str(tmp_path)]
     found = CliRunner().invoke(main, words)

@@ -18,8 +18,11 @@ TINY = ("num_envs=24", "horizon=8")
 @pytest.mark.parametrize(
     ("name", "setting"),
     [
-        *((PATH, "features.num_preview=0"), (PATH, "features.num_preview=30")),
-        *((GOAL, "features.num_beams=2"), (GOAL, "features.pool=72")),
+        *((PATH, "features.num_preview=0"), (GOAL, "features.num_beams=2")),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in ((PATH, "features.num_preview=30"), (GOAL, "features.pool=72"))
+        ),
     ],
 )
 def test_an_agent_is_trained_and_validated_by_what_it_is_set_to_see(name: str, setting: str) -> None:

@@ -95,7 +95,6 @@ class Killed(Exception):
 
 
 TAUGHT = dataclasses.replace(SMALL, controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
-ADDING = dataclasses.replace(SMALL, controller="lqr", reach=0.2, paces=(0.4, 0.6))
 # a replay buffer that comes round, not with the end of an update, and random actions until after the first update
 REPLAYING = dataclasses.replace(SMALL, batch_size=16, learner=Sac(16 * 22, learning_starts=16 * 10, gradient_steps=2))
 
@@ -145,11 +144,11 @@ SCANNING = dataclasses.replace(GUIDED, features=SEEKING.features, controller="vf
 @pytest.mark.parametrize(
     ("env_id", "preset"),
     [
-        *((PATH, SMALL), (PATH, TAUGHT), (PATH, ADDING), (PATH, REPLAYING), (OMNI, SEEKING)),
-        *(("wayfield/OmniTeam-v0", GUIDED), ("wayfield/OmniTeam-v0", SCANNING)),
+        *((PATH, SMALL), (PATH, TAUGHT), (PATH, REPLAYING), (OMNI, SEEKING), ("wayfield/OmniTeam-v0", GUIDED)),
+        pytest.param("wayfield/OmniTeam-v0", SCANNING, marks=pytest.mark.slow),
         pytest.param("wayfield/OmniPeople-v0", MEETING, marks=pytest.mark.slow),
     ],
-    ids=["plain", "taught", "adding", "replaying", "seeking", "guided", "scanning", "meeting"],
+    ids=["plain", "taught", "replaying", "seeking", "guided", "scanning", "meeting"],
 )
 def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
     tmp_path: Path, env_id: str, preset: Preset, monkeypatch: pytest.MonkeyPatch
@@ -157,7 +156,7 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
     # validations of a few seconds: whole ones take longer than all the rest
     monkeypatch.setattr(training_run, "validate", lambda *asked: validate(*asked[:-1], clock=100))
     train(job(tmp_path / "whole", preset, env_id=env_id), quiet)
-    for name, last in (("early", 1), ("between", 3), ("late", 5)) if preset is SMALL else (("between", 3),):
+    for name, last in (("early", 1), ("late", 5)) if preset is SMALL else (("between", 3),):
         folder = tmp_path / name
         count = 0
 
@@ -440,38 +439,27 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
         ([PATH, "--set", "learning_rat=1"], "Did you mean 'learning_rate'"),
         ([PATH, "--set", "reward.eror_cost=1"], "Did you mean 'error_cost'"),
         ([PATH, "--set", "reward=1"], "has parts"),
-        ([PATH, "--set", "epochs=many"], "whole number"),
-        ([PATH, "--set", "learning_rate=nan"], "finite"),
         ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--steps", "0"], "steps must be a whole number >= 1"),
         ([PATH, "--preset", PLAIN, "--steps", str(1024 * 32 - 1)], "at least one update, num_envs x horizon = 32768"),
         ([PATH, "--preset", PLAIN, "--set", "controller=lqr"], "either teaches"),
         ([PATH, "--preset", PLAIN, "--set", "reach=0.2"], "either teaches"),
-        ([PATH, "--set", "batch_size=1"], "batch_size must be a whole number >= 2"),
-        ([PATH, "--set", "patience=-3"], "patience must be a whole number >= 0"),
-        ([PATH, "--set", "features.stride=0"], "stride"),
-        ([PATH, "--set", "reward.stall_share=0"], "stall_share"),
         ([PATH, "--set", "paces=0.5,fast"], "paces must be a finite number"),
         ([PATH, "--set", "controller=LQR"], "controller='LQR' is unknown"),
         ([PATH, "--set", "gains=default"], "key 'gains' is unknown"),
         ([PATH, "--set", "num_envs=4"], "too few robots"),
-        ([PATH, "--preset", RESIDUAL, "--set", "controller=lqrr"], "Did you mean 'lqr'"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=dwa"], "does not read"),
         ([PATH, "--preset", "path_following", "--set", "steps=400000"], "imitation must be"),
         ([PATH, "--resume"], "no run to resume"),
         ([PATH, "--seed", "99999999999"], "2147483647"),
         ([PATH, "--seed", "-1"], "0<=x"),
         ([PATH, "--seeds", "0"], "1<=x<=1000"),
-        ([PATH, "--seeds", "99999999999"], "1<=x<=1000"),
         ([PATH, "--steps", "9" * 30], "steps must be a whole number from 1 to"),
-        ([PATH, "--set", "num_envs=99999999"], "num_envs must be a whole number from"),
-        ([PATH, "--set", "horizon=99999999"], "horizon must be a whole number from"),
-        ([PATH, "--set", "batch_size=99999999"], "batch_size must be a whole number from"),
-        ([PATH, "--set", "hidden=64,99999999"], "hidden must be at most"),
-        ([PATH, "--set", "hidden=64,0"], "hidden must be at most"),
-        ([PATH, "--set", "features.frames=99999999"], "frames must be a whole number from"),
-        ([PATH, "--set", "features.previous=99999999"], "previous must be a whole number from"),
-        ([PATH, "--preset", PLAIN, "--set", "num_envs=65536", "--set", "horizon=65536", "--steps", "9" * 11], "memory"),
+        pytest.param(
+            [PATH, "--preset", PLAIN, "--set", "num_envs=65536", "--set", "horizon=65536", "--steps", "9" * 11],
+            "memory",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_wrong_input_is_refused_in_one_line(

@@ -301,7 +301,7 @@ def test_who_knows_of_the_delay_brakes_in_time() -> None:
         saturation="wheels",
         response="continuous",
     )
-    count = 32
+    count = 12
     env = gymnasium.make_vec(
         IDS[False],
         count,
