@@ -162,11 +162,13 @@ def environment_page(env_id: str) -> str:
     head, _, rest = sheet.partition("\n")
     pictures = [_picture(env_id, "png", "../..", "60%"), _picture(env_id, "gif", "../..", "36%")]
     code = f'```python\nimport gymnasium\nimport wayfield\n\nenv = gymnasium.make("{env_id}")\n```'
-    # worlds of several bodies are films alone
-    shown = {"path": "pure_pursuit, lqr", "goal": "vfh_plus, dwa", "dock": "reeds_shepp, polar"}.get(spec.kind, "")
+    shown = {
+        "path": "pure_pursuit, lqr", "goal": "vfh_plus, dwa", "dock": "reeds_shepp, polar",
+        "team": "orca_team, social_force", "people": "orca_team, vfh_plus",
+    }[spec.kind]  # fmt: skip
     options = [f":kind: {spec.kind}", f":robot: {'omni3' if holonomic else 'p3dx'}", ":about: scenes"]
     options += [":family: 'dock: wall'", ":seed: 1"] if spec.kind == "dock" else []
-    simulated = "\n".join([f"```{{simulator}} {shown}", *options, "```"]) if shown else ""
+    simulated = "\n".join([f"```{{simulator}} {shown}", *options, "```"])
     parts = [f"# {_stem(env_id)}", head, code, simulated, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
     return "\n\n".join(filter(None, parts)) + "\n"
 

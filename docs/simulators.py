@@ -22,10 +22,13 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from wayfield.benchmarks.report.page import TABLES, asset
-from wayfield.envs.scenarios import TASKS
+from wayfield.envs.tasks.specs import EVERY
 
 # of each kind of scenarios a family and one of the demo's seeds
-FIRST = {"path": ("path: circuits", 0), "goal": ("goal: clutter_10", 1), "dock": ("dock: open", 1)}
+FIRST = {
+    "path": ("path: circuits", 0), "goal": ("goal: clutter_10", 1), "dock": ("dock: open", 1),
+    "team": ("team: circle_8", 0), "people": ("people: crossing_flow_8", 0),
+}  # fmt: skip
 
 
 @functools.cache
@@ -36,7 +39,7 @@ def tables() -> Any:
 
 def pilots(kind: str, robot: str) -> list[str]:
     """Returns the policies that can drive in the page, by label, in scenarios of a kind with a robot."""
-    task = next(spec.name for spec in TASKS.values() if spec.kind == kind)
+    task = next(spec.name for spec in EVERY.values() if spec.kind == kind)
     start = f"{task} {robot} lagged "
     return [key.removeprefix(start) for key in tables()["pilots"] if key.startswith(start)]
 
@@ -61,13 +64,13 @@ def state(
     """
     family, seed = place
     if family.partition(": ")[0] != kind or not any(
-        family == f"{spec.kind}: {each}" for spec in TASKS.values() for each in spec.families
+        family == f"{spec.kind}: {each}" for spec in EVERY.values() for each in spec.families
     ):
         raise ValueError(f"the demo has no scenes {family!r} of kind {kind!r}")
     able = pilots(kind, robot)
     if unknown := [each for each in policies if each not in able]:
         raise ValueError(f"{', '.join(unknown)} cannot drive {robot} in the page; here drive {', '.join(able)}")
-    task = next(spec.name for spec in TASKS.values() if spec.kind == kind)
+    task = next(spec.name for spec in EVERY.values() if spec.kind == kind)
     known = {
         each["name"] for each in tables()["sliders"].get(f"{task} {policies[0].split()[0]}", {"gains": []})["gains"]
     }

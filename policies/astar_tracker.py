@@ -19,7 +19,6 @@ from wayfield.policies.parts.polyline_tracker import (
     FINE_CELL,
     UNIT,
     PolylineTracker,
-    clearance_prices,
     level_of,
     plan_fields,
     plan_way,
@@ -98,13 +97,11 @@ class AstarTracker(PolylineTracker):
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
-        radius = briefing.robot.hull_radius
-        prices = np.array([clearance_prices(radius + self.margin * share, 0.0, 0.0) for share in MARGIN_SHARES])
         p = self.params(
             briefing, theta=True, snap=0.3, spacing=2.0, rounds=60, patience_steps=round(self.patience / briefing.dt)
         )
         told = Map.of(briefing)
-        decide(p, prices, told, observation.pose, observation.goal_heading_error, observation.waypoints_left, memory)
+        decide(p, told, observation.pose, observation.goal_heading_error, observation.waypoints_left, memory)
         return self.twists(briefing, memory)
 
 
@@ -155,7 +152,7 @@ def corners_of(frame):
 
 @any_layout
 @compiled
-def decide(params, prices, told, poses, heading_errors, waypoints_left, memory):
+def decide(params, told, poses, heading_errors, waypoints_left, memory):
     """Sets the commands of all robots; plans for those that have not, are off their plan, or are held up."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -175,7 +172,7 @@ def decide(params, prices, told, poses, heading_errors, waypoints_left, memory):
                 lay_grid(p, m, told, i, x, y)
             m.stuck = 0
             m.plans += 1
-            m.no_path = 0 if plan_with_room(p, m, prices, x, y, stops) else 1
+            m.no_path = 0 if plan_with_room(p, m, x, y, stops) else 1
             if m.no_path == 1:
                 m.num_points = 0
             m.arrived = 0
@@ -189,7 +186,7 @@ def decide(params, prices, told, poses, heading_errors, waypoints_left, memory):
             if m.held_up > p.patience_steps and waited > p.patience_steps and m.arrived == 0:
                 m.planned_at = m.steps
                 m.plans += 1
-                dodge(p, m, prices, told, i, x, y, stops, time)
+                dodge(p, m, told, i, x, y, stops, time)
                 s, _, _ = project(m, x, y)
                 speed_limit = speed_among(p, m, told, i, s, time)
         if speed_limit <= 0.0 and m.arrived == 1:
@@ -217,8 +214,16 @@ def moves(told, i):
 
 
 @allocating
-def plan_with_room(p, m, prices, x, y, stops):
-    """Lays the way with the widest of the margins, a row of prices each, that has one; returns whether one has."""
+def plan_with_room(p, m, x, y, stops):
+    """Lays the way with the widest of the margins that has one; returns whether one has.
+
+    A metre of a way costs 1 where a margin is kept and inf where it is not: a row of prices for each margin.
+    """
+    prices = np.empty((len(MARGIN_SHARES), 256))
+    for choice in range(prices.shape[0]):
+        least = p.plant.hull_radius + p.margin * MARGIN_SHARES[choice] - 1e-9
+        for units in range(256):
+            prices[choice, units] = 1.0 if FARTHEST - UNIT * units >= least else np.inf
     if m.cell <= FINE_CELL:
         for choice in range(prices.shape[0]):
             if plan_way(p, m, prices[choice], prices[choice], x, y, stops, np.inf) < np.inf:
@@ -244,7 +249,7 @@ def plan_with_room(p, m, prices, x, y, stops):
 
 
 @allocating
-def dodge(p, m, prices, told, i, x, y, stops, time):
+def dodge(p, m, told, i, x, y, stops, time):
     """Plans robot i's way around what the patrols sweep in a while, or a third of it; without one it keeps its plan."""
     still = m.grid.copy()
     reach = p.plant.hull_radius + p.wanted_clearance + 2.0 * m.cell
@@ -260,7 +265,7 @@ def dodge(p, m, prices, told, i, x, y, stops, time):
                     o = told.obstacles[i, j]
                     stamp(m, o, mx - o.x, my - o.y, reach)
                 after += 0.25
-        found = plan_with_room(p, m, prices, x, y, stops)
+        found = plan_with_room(p, m, x, y, stops)
         assign(m.grid, still)
         if found:
             return

@@ -13,14 +13,15 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal, grid_place, grid_ray
 from wayfield.envs.world.patrols import patrol_at
-from wayfield.policies.astar_tracker import MARGIN_SHARES, lay_grid, memory_of, plan_with_room
+from wayfield.policies.astar_tracker import lay_grid, memory_of, plan_with_room
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.polyline_tracker import clearance_at, clearance_prices, point_at, project
-from wayfield.policies.parts.steering import Map, velocity_twists
+from wayfield.policies.parts.polyline_tracker import clearance_at, point_at, project
+from wayfield.policies.parts.steering import Map
+from wayfield.policies.parts.stopping import Seen
 from wayfield.system.checks import LAST_SEED
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
-from wayfield.system.elementary import sin_cos
+from wayfield.system.elementary import bearing, logarithm, sin_cos
 
 LOOKS = (3.0, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35)  # m along the way, tried as the point to drive at, the farthest first
 LOOKS_AROUND = 24  # directions in which a grid is looked at
@@ -107,8 +108,6 @@ class Orca(Gains):
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): m/s and rad/s."""
         robot = briefing.robot
-        velocity = np.empty((len(memory), 2))
-        forward = np.empty(len(memory))
         side = 1.0 if np.random.default_rng(self.seed).random() < 0.5 else -1.0
         p = params(
             self,
@@ -120,82 +119,98 @@ class Orca(Gains):
             spacing=2.0,
             rounds=60,
         )
-        needed = robot.hull_radius + self.margin * np.array(MARGIN_SHARES)
-        prices = np.array([clearance_prices(each, 0.0, 0.0) for each in needed.tolist()])
-        measured = np.zeros((len(memory), 2))
-        measured[:, : len(robot.twist_axes) - 1] = observation.twist[:, :-1]
-        # one kernel for every batch: slices of a single row would be compiled anew
-        poses, goals = np.ascontiguousarray(observation.pose), np.ascontiguousarray(observation.goal)
-        left = np.ascontiguousarray(observation.waypoints_left)
-        find_velocities(p, prices, Map.of(briefing), poses, measured, goals, left, memory, velocity, forward)
-        memory["steps"] += 1
-        distance = np.hypot(observation.goal[:, 0], observation.goal[:, 1])
-        arrived = (distance <= self.arrival_radius) & (observation.waypoints_left < 0.5)
-        # unless something drives it away
-        arrived &= np.hypot(velocity[:, 0], velocity[:, 1]) <= self.k * self.arrival_radius
-        if not robot.holonomic:
-            # what the bound on the tracking error leaves of the speed at this angle
-            angle = np.abs(np.arctan2(velocity[:, 1], velocity[:, 0]))
-            drift = np.hypot(velocity[:, 0], velocity[:, 1]) * tracking_drift(angle) / self.turn_gain
-            velocity *= np.minimum(1.0, self.tracking_error / np.maximum(drift, 1e-12))[:, None]
-        most = self.max_yaw_rate / self.turn_gain
-        twists = velocity_twists(robot, velocity, np.clip(observation.goal_heading_error, -most, most), self.turn_gain)
-        if not robot.holonomic:
-            twists[:, 0] = np.minimum(twists[:, 0], forward)
-            twists[arrived, 0] = 0.0
-            twists[arrived, -1] = self.turn_gain * observation.goal_heading_error[arrived]
-        return twists
+        twists = np.empty((len(memory), 3))
+        decide(p, Map.of(briefing), Seen.of(observation, briefing), memory, twists)
+        return twists[:, robot.twist_axes]
 
 
-def tracking_drift(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+@compiled
+def tracking_drift(angle):
     """Returns by how many metres, at a speed of 1 m/s and a turn gain of 1/s, the tracking law leaves the wanted way.
 
-    While the angle e decays exponentially the robot drives cos e of the speed: the drift is the integral of
+    While the angle e >= 0 decays exponentially the robot drives cos e of the speed: the drift is the integral of
     (1 - cos^2 e, cos e sin e) de / e from 0 to the angle, to 3 % for angles up to a quarter turn, above which the robot
     turns on the spot and lags by the whole way.
     """
-    e = np.minimum(angle, 0.5 * math.pi)
-    along = 0.5 * e**2 * (1.0 - e**2 / 6.0 + e**4 / 67.5)
-    across = e * (1.0 - 2.0 * e**2 / 9.0 + 2.0 * e**4 / 75.0)
-    return np.asarray(np.hypot(along + np.log(np.maximum(angle / (0.5 * math.pi), 1.0)), across))
+    e = min(angle, 0.5 * math.pi)
+    z = e * e
+    along = 0.5 * z * (1.0 - z / 6.0 + z * z / 67.5) + logarithm(max(angle / (0.5 * math.pi), 1.0))
+    across = e * (1.0 - 2.0 * z / 9.0 + 2.0 * z * z / 75.0)
+    return math.sqrt(along * along + across * across)
 
 
 @any_layout
 @allocating
-def find_velocities(params, prices, told, poses, measured, goals, waypoints_left, memory, velocities, forward):
-    """Fills the (b, 2) velocities of `Orca`, body frame, m/s, and the (b,) speeds at which the way ahead is free.
+def decide(params, told, seen, memory, twists):
+    """Fills the (b, 3) twists of `Orca`, m/s and rad/s.
 
-    Beside the gains: `perturbation` with its side, and `tracking_error` 0 for an omni base. prices: of a metre at each
-    level of the grid, a row for each of the margins that are tried.
+    Beside the gains: `perturbation` with its side, and `tracking_error` 0 for an omni base.
     """
     p = params[0]
-    most = told.obstacles.shape[1] + (1 + LOOKS_AROUND if told.cells.shape[0] > 0 else 0)
+    most = most_lines(told)
     lines = np.empty((most, 3))
     scratch = np.empty((most, 3))
-    for i in range(velocities.shape[0]):
+    forward = np.empty(twists.shape[0])
+    for i in range(twists.shape[0]):
         m = memory[i]
-        sine, cosine = sin_cos(poses[i, 2])
-        total, hard = fill_lines(p, told, poses, measured, i, m.steps * p.plant.dt, lines, forward)
-        # where to, world frame, and how far that way is
-        to_x = cosine * goals[i, 0] - sine * goals[i, 1]
-        to_y = sine * goals[i, 0] + cosine * goals[i, 1]
-        way = math.sqrt(to_x**2 + to_y**2)
-        if p.roadmap:
-            to_x, to_y, way = along_the_way(p, m, prices, told, i, poses, waypoints_left[i], to_x, to_y)
-        speed = min(p.k * way, p.max_speed) / max(math.sqrt(to_x**2 + to_y**2), 1e-12)
-        turn_s, turn_c = sin_cos(p.perturbation * min(way, 1.0))
-        wanted_x = speed * (turn_c * to_x - turn_s * to_y)
-        wanted_y = speed * (turn_s * to_x + turn_c * to_y)
+        total, hard = fill_lines(p, told, seen.poses, seen.twists, i, m.steps * p.plant.dt, lines, forward)
+        wanted_x, wanted_y = wanted(p, m, told, seen, i)
         ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted_x, wanted_y, scratch)
-        velocities[i, 0] = cosine * ux + sine * uy
-        velocities[i, 1] = cosine * uy - sine * ux
+        m.steps += 1
+        sine, cosine = sin_cos(seen.poses[i, 2])
+        twists[i, 0], twists[i, 1], twists[i, 2] = followed(
+            p, seen, i, cosine * ux + sine * uy, cosine * uy - sine * ux, forward[i]
+        )
+
+
+@inlined
+def most_lines(told):
+    """Returns how many half-planes `fill_lines` leaves at most."""
+    return told.obstacles.shape[1] + (1 + LOOKS_AROUND if told.cells.shape[0] > 0 else 0)
+
+
+@inlined
+def followed(p, seen, i, ux, uy, forward):
+    """Returns the twist by which robot i drives a velocity (ux, uy), body frame, m/s; forward: m/s free ahead.
+
+    An omni base drives it as it is. A differential drive turns towards it, and drives forward with what lies ahead and
+    the bound on the tracking error leaves of the speed at this angle, as `velocity_twists` has it.
+    """
+    turn = seen.heading_errors[i]
+    if p.plant.holonomic == 1:
+        most = p.max_yaw_rate / p.turn_gain
+        return ux, uy, p.turn_gain * min(max(turn, -most), most)
+    speed = math.sqrt(ux * ux + uy * uy)
+    distance = math.sqrt(seen.goals[i, 0] * seen.goals[i, 0] + seen.goals[i, 1] * seen.goals[i, 1])
+    # unless something drives it away
+    rests = distance <= p.arrival_radius and seen.waypoints_left[i] < 0.5 and speed <= p.k * p.arrival_radius
+    angle = bearing(uy, ux) if speed >= 1e-9 else 0.0
+    drift = speed * tracking_drift(abs(angle)) / p.turn_gain
+    share = min(1.0, p.tracking_error / max(drift, 1e-12))
+    ahead = min(max(share * ux, 0.0), forward)
+    return 0.0 if rests else ahead, 0.0, p.turn_gain * (turn if rests else angle)
 
 
 # The way around what stands.
 
 
 @compiled
-def along_the_way(p, m, prices, told, i, poses, waypoints_left, goal_x, goal_y):
+def wanted(p, m, told, seen, i):
+    """Returns the velocity (m/s, world frame) that robot i would drive were it alone."""
+    sine, cosine = sin_cos(seen.poses[i, 2])
+    # where to, and how far that way is
+    to_x = cosine * seen.goals[i, 0] - sine * seen.goals[i, 1]
+    to_y = sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
+    way = math.sqrt(to_x**2 + to_y**2)
+    if p.roadmap:
+        to_x, to_y, way = along_the_way(p, m, told, i, seen.poses, seen.waypoints_left[i], to_x, to_y)
+    speed = min(p.k * way, p.max_speed) / max(math.sqrt(to_x**2 + to_y**2), 1e-12)
+    turn_s, turn_c = sin_cos(p.perturbation * min(way, 1.0))
+    return speed * (turn_c * to_x - turn_s * to_y), speed * (turn_s * to_x + turn_c * to_y)
+
+
+@compiled
+def along_the_way(p, m, told, i, poses, waypoints_left, goal_x, goal_y):
     """Returns (x, y, length): from robot i to the place on its way that it drives at, and the way left, m, world frame.
 
     Plans the way where there is none to the next goal yet, or the robot has left it. goal_x, goal_y: from the robot to
@@ -215,7 +230,7 @@ def along_the_way(p, m, prices, told, i, poses, waypoints_left, goal_x, goal_y):
             lay_grid(p, m, told, i, x, y)
         m.plans += 1
         m.planned_at = nth
-        m.no_path = 0 if plan_with_room(p, m, prices, x, y, stops) else 1
+        m.no_path = 0 if plan_with_room(p, m, x, y, stops) else 1
         if m.no_path == 1:
             m.num_points = 0
         s = 0.0

@@ -194,55 +194,11 @@ def order_at_door(p, pose, goal, bodies):
 def avoid(params, twists, bodies, ranges, beams, wanted, out):
     """Fills the (b, t) twists of `OrcaTeam.keep_clear`."""
     p = params[0]
-    num_bodies = bodies.shape[1]
-    num_beams = ranges.shape[1]
-    lines = np.empty((num_bodies + num_beams, 3))
-    scratch = np.empty((num_bodies + num_beams, 3))
+    lines = np.empty((bodies.shape[1] + ranges.shape[1], 3))
+    scratch = np.empty(lines.shape)
     ahead = p.ahead
-    radius = p.plant.hull_radius + ahead
     for i in range(twists.shape[0]):
-        own = (twists[i, 0], twists[i, 1] + ahead * twists[i, 2])
-        total = 0
-        for k in range(num_beams):
-            distance = ranges[i, k]
-            if distance >= p.max_range:
-                continue
-            x = distance * beams[k, 0]
-            y = distance * beams[k, 1]
-            tracked = False
-            for j in range(num_bodies):
-                if bodies[i, j, 6] > 0.5:
-                    dx = x - bodies[i, j, 0]
-                    dy = y - bodies[i, j, 1]
-                    reach = bodies[i, j, 4] + _ON_A_BODY
-                    tracked = tracked or dx * dx + dy * dy < reach * reach
-            away = math.sqrt((x - ahead) * (x - ahead) + y * y)
-            if tracked or away > radius + p.wall_margin + 2.0 * p.max_speed * p.wall_horizon or away < 1e-9:
-                continue
-            lines[total, 0] = (ahead - x) / away
-            lines[total, 1] = -y / away
-            lines[total, 2] = min(-(away - radius - p.wall_margin) / p.wall_horizon, 0.0)
-            total += 1
-        hard = total
-        for j in range(num_bodies):
-            if bodies[i, j, 6] < 0.5:
-                continue
-            vx = bodies[i, j, 2]
-            vy = bodies[i, j, 3]
-            speed = math.sqrt(vx * vx + vy * vy)
-            x = bodies[i, j, 0] - ahead
-            y = bodies[i, j, 1]
-            reach = radius + bodies[i, j, 4] + 2.0 * p.margin
-            is_robot = bodies[i, j, 5] < 1.5
-            share = p.share if is_robot else p.people_share
-            if is_robot:
-                reach += ahead  # it swings about its axle as this one does
-            if speed < _STANDS_BELOW:
-                share = 1.0
-            lines[total, 0], lines[total, 1], lines[total, 2] = shared_half_plane(
-                x, y, reach, own, (vx, vy), p.horizon, 0.5, share
-            )
-            total += 1
+        total, hard = fill_lines(p, twists, bodies, ranges, beams, i, lines)
         ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted[i, 0], wanted[i, 1], scratch)
         if ahead == 0.0:
             out[i, 0] = ux
@@ -252,3 +208,57 @@ def avoid(params, twists, bodies, ranges, beams, wanted, out):
             factor = min(1.0, p.max_yaw_rate / max(abs(yaw_rate), 1e-12))
             out[i, 0] = factor * ux
             out[i, 1] = factor * yaw_rate
+
+
+@compiled
+def fill_lines(p, twists, bodies, ranges, beams, i, lines):
+    """Fills the half-planes of robot i, rows (nx, ny, b) in the body frame, of the point that is driven.
+
+    Returns how many they are, and how many of them, the first, belong to what stands: these are never given up.
+    """
+    num_bodies = bodies.shape[1]
+    ahead = p.ahead
+    radius = p.plant.hull_radius + ahead
+    own = (twists[i, 0], twists[i, 1] + ahead * twists[i, 2])
+    total = 0
+    for k in range(ranges.shape[1]):
+        distance = ranges[i, k]
+        if distance >= p.max_range:
+            continue
+        x = distance * beams[k, 0]
+        y = distance * beams[k, 1]
+        tracked = False
+        for j in range(num_bodies):
+            if bodies[i, j, 6] > 0.5:
+                dx = x - bodies[i, j, 0]
+                dy = y - bodies[i, j, 1]
+                reach = bodies[i, j, 4] + _ON_A_BODY
+                tracked = tracked or dx * dx + dy * dy < reach * reach
+        away = math.sqrt((x - ahead) * (x - ahead) + y * y)
+        if tracked or away > radius + p.wall_margin + 2.0 * p.max_speed * p.wall_horizon or away < 1e-9:
+            continue
+        lines[total, 0] = (ahead - x) / away
+        lines[total, 1] = -y / away
+        lines[total, 2] = min(-(away - radius - p.wall_margin) / p.wall_horizon, 0.0)
+        total += 1
+    hard = total
+    for j in range(num_bodies):
+        if bodies[i, j, 6] < 0.5:
+            continue
+        vx = bodies[i, j, 2]
+        vy = bodies[i, j, 3]
+        speed = math.sqrt(vx * vx + vy * vy)
+        x = bodies[i, j, 0] - ahead
+        y = bodies[i, j, 1]
+        reach = radius + bodies[i, j, 4] + 2.0 * p.margin
+        is_robot = bodies[i, j, 5] < 1.5
+        share = p.share if is_robot else p.people_share
+        if is_robot:
+            reach += ahead  # it swings about its axle as this one does
+        if speed < _STANDS_BELOW:
+            share = 1.0
+        lines[total, 0], lines[total, 1], lines[total, 2] = shared_half_plane(
+            x, y, reach, own, (vx, vy), p.horizon, 0.5, share
+        )
+        total += 1
+    return total, hard

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs import team_worlds
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.astar_tracker import MARGIN_SHARES, memory_of
+from wayfield.policies.astar_tracker import memory_of
 from wayfield.policies.gain import gain
 from wayfield.policies.orca import along_the_way
 from wayfield.policies.orca_team import MEMORY, OrcaTeam
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.polyline_tracker import clearance_prices
 from wayfield.policies.parts.steering import Map
 from wayfield.system.compiled import allocating, any_layout
 from wayfield.system.elementary import sin_cos
@@ -51,24 +50,22 @@ class OrcaTeamMap(OrcaTeam):
     ) -> NDArray[np.float64]:
         """Returns the velocities (b, 2) along its way that it would drive were it alone, m/s, body frame."""
         p = params(self, briefing, theta=True, snap=0.3, spacing=2.0, rounds=60)  # the planner's, see `plan_way`
-        needed = briefing.robot.hull_radius + self.margin * np.array(MARGIN_SHARES)
-        prices = np.array([clearance_prices(each, 0.0, 0.0) for each in needed.tolist()])
         seen = (observation.pose, observation.goal, observation.waypoints_left)
         targets = np.empty((len(memory), 2))
-        find_targets(p, prices, Map.of(briefing), *map(np.ascontiguousarray, seen), memory, targets)
+        find_targets(p, Map.of(briefing), *map(np.ascontiguousarray, seen), memory, targets)
         return super().wanted(observation._replace(goal=targets), briefing, memory)
 
 
 @any_layout
 @allocating
-def find_targets(params, prices, told, poses, goals, waypoints_left, memory, targets):
+def find_targets(params, told, poses, goals, waypoints_left, memory, targets):
     """Fills the (b, 2) targets of `OrcaTeamMap`, body frame, m: on its way, as far off as that is long."""
     p = params[0]
     for i in range(poses.shape[0]):
         sine, cosine = sin_cos(poses[i, 2])
         x = cosine * goals[i, 0] - sine * goals[i, 1]
         y = sine * goals[i, 0] + cosine * goals[i, 1]
-        x, y, way = along_the_way(p, memory[i], prices, told, i, poses, waypoints_left[i], x, y)
+        x, y, way = along_the_way(p, memory[i], told, i, poses, waypoints_left[i], x, y)
         scale = way / max(math.sqrt(x * x + y * y), 1e-12)
         targets[i, 0] = scale * (cosine * x + sine * y)
         targets[i, 1] = scale * (cosine * y - sine * x)

@@ -24,6 +24,7 @@ from wayfield.system.storage import write_whole
 World = dict[str, Any]
 
 MOST_CELLS = 100_000  # bytes of a map's cells in a page; of a larger one the outline's walls are driven among
+MOST_BODIES, MOST_TRACKED = 64, 4_000  # bodies, and numbers of recorded ways, of a world that a page drives in
 DRAWS = 6  # uniform numbers of a reset, at most: the scenario, the start, a shove
 
 
@@ -113,16 +114,25 @@ def plain(scenario: Any, steps: int) -> World:
 
 
 def _crowd(scenario: TeamScenario, steps: int) -> World:
-    """Returns a world of several bodies: what the first robot is asked, the others' goals, and all their radii."""
+    """Returns a world of several bodies: what the first robot is asked, the others' goals, and all their radii.
+
+    Where they are few enough to be driven in a page, also the others' starts, and how people walk: WALK records.
+    """
     kind = "team" if scenario.team > 1 else "people"
     own = {name: getattr(scenario, name) for name in ("name", "family", "tier")}
     quantity = scenario.quantity if math.isfinite(scenario.quantity) else None
     # None: a robot, as large as the first
     radii = [None] * (scenario.team - 1) + scenario.walks["radius"].tolist()
     others = [list(each.goal) for each in scenario.robots[1:]]
-    return plain(scenario.robots[0], steps) | own | {
-        "kind": kind, "quantity": quantity, "bodies": radii, "goals": others,
-    }  # fmt: skip
+    world = {"kind": kind, "quantity": quantity, "bodies": radii, "goals": others}
+    if len(radii) <= MOST_BODIES and scenario.tracks.size <= MOST_TRACKED:
+        world |= {
+            "starts": [list(each.start) for each in scenario.robots[1:]],
+            "walks": [list(each) for each in scenario.walks.tolist()],
+            "tracks": scenario.tracks.tolist(),
+            "reach": scenario.reach,
+        }
+    return plain(scenario.robots[0], steps) | own | world
 
 
 def _closing(scenario: Any) -> World:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from wayfield.envs.crowds.half_planes import best_velocity
 from wayfield.envs.world.reeds_shepp import pose_along
-from wayfield.policies import dwa, lqr, mppi, stanley, vfh_plus
+from wayfield.policies import dwa, lqr, mppi, orca, orca_team, stanley, vfh_plus
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
 from wayfield.policies.parts.detour import LOOK, seek
 from wayfield.policies.parts.stopping import (
@@ -32,6 +33,7 @@ from wayfield.system.elementary import sin_cos
 
 DRAWN = 48  # rollouts of MPPI, its first ones
 GRID = 441  # places that a field is drawn at
+LINES = 64  # half-planes that are drawn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,6 +214,75 @@ def arcs(params: Any, scan: Any, seen: Any, memory: Any, looked: Any) -> None:
 
 
 @allocating
+def half_planes(params: Any, told: Any, seen: Any, memory: Any, looked: Any) -> None:
+    """Fills the half-planes (LINES, 4) of `Orca` that cut velocities off: n (world frame), bound (m/s), 1 if it stands.
+
+    NaN beyond them. In two rows more: the wanted velocity and the nearest that keeps them; the greatest speed, m/s.
+    """
+    p = params[0]
+    m = memory[0]
+    lines = np.empty((orca.most_lines(told), 3))
+    total, hard = orca.fill_lines(p, told, seen.poses, seen.twists, 0, m.steps * p.plant.dt, lines, np.empty(1))
+    note_lines(lines, total, hard, p.max_speed, looked)
+    wanted_x, wanted_y = orca.wanted(p, m, told, seen, 0)
+    looked[LINES, 0] = wanted_x
+    looked[LINES, 1] = wanted_y
+    looked[LINES, 2], looked[LINES, 3] = best_velocity(
+        lines, total, hard, p.max_speed, wanted_x, wanted_y, np.empty(lines.shape)
+    )
+
+
+@allocating
+def orca_of_team(
+    params: Any, measured: Any, poses: Any, goals: Any, bodies: Any, ranges: Any, beams: Any, memory: Any, out: Any
+) -> None:
+    """Fills the (1, t) twists of `OrcaTeam`, which decides in two steps."""
+    wanted = np.empty((1, 2))
+    orca_team.want(params, poses, goals, bodies, memory, wanted)
+    orca_team.avoid(params, measured, bodies, ranges, beams, wanted, out)
+
+
+@allocating
+def half_planes_of_team(
+    params: Any, measured: Any, poses: Any, goals: Any, bodies: Any, ranges: Any, beams: Any, memory: Any, looked: Any
+) -> None:
+    """Fills what `half_planes` does of `OrcaTeam`."""
+    p = params[0]
+    lines = np.empty((bodies.shape[1] + ranges.shape[1], 3))
+    total, hard = orca_team.fill_lines(p, measured, bodies, ranges, beams, 0, lines)
+    wanted = np.empty((1, 2))
+    orca_team.want(params, poses, goals, bodies, memory, wanted)
+    ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted[0, 0], wanted[0, 1], np.empty(lines.shape))
+    note_lines(lines, total, hard, p.max_speed, looked)
+    looked[LINES, 0] = wanted[0, 0]
+    looked[LINES, 1] = wanted[0, 1]
+    looked[LINES, 2] = ux
+    looked[LINES, 3] = uy
+    sine, cosine = sin_cos(poses[0, 2])
+    for k in range(LINES + 1):
+        for j in range(0, 4 if k == LINES else 2, 2):
+            x = looked[k, j]
+            y = looked[k, j + 1]
+            looked[k, j] = cosine * x - sine * y
+            looked[k, j + 1] = sine * x + cosine * y
+
+
+@compiled
+def note_lines(lines: Any, total: Any, hard: Any, max_speed: Any, looked: Any) -> None:
+    """Fills the half-planes that velocities of up to max_speed can violate, and that speed."""
+    looked[:] = np.nan
+    row = 0
+    for k in range(total):
+        if lines[k, 2] > -max_speed and row < LINES:
+            looked[row, 0] = lines[k, 0]
+            looked[row, 1] = lines[k, 1]
+            looked[row, 2] = lines[k, 2]
+            looked[row, 3] = 1.0 if k < hard else 0.0
+            row += 1
+    looked[LINES + 1, 0] = max_speed
+
+
+@allocating
 def rollouts(params: Any, beams: Any, ranges: Any, seen: Any, memory: Any, looked: Any) -> None:
     """Fills where the first plans of `Mppi` lead, (DRAWN, 32, 2), m, body frame, and the mean of all in the last row.
 
@@ -298,4 +369,9 @@ TO_POSES: Mapping[str, Look] = {
     "astar_tracker": Look("way", "plan", planned, (256, 2)),
     "reeds_shepp": Look("way", "plan", maneuver, (129, 2)),
     "mppi": Look("rollouts", "rollouts", rollouts, (DRAWN + 1, 33, 2)),
+    "orca": Look("half_planes", "half-planes of velocities", half_planes, (LINES + 2, 4)),
+}
+# of those that drive among other bodies alone
+AMONG_BODIES: Mapping[str, Look] = {
+    "orca_team": Look("half_planes", "half-planes of velocities", half_planes_of_team, (LINES + 2, 4)),
 }

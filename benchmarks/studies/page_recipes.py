@@ -12,17 +12,21 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from page_looks import ALONG_PATHS as LOOKS_ALONG_PATHS
+from page_looks import AMONG_BODIES as LOOKS_AMONG_BODIES
 from page_looks import TO_POSES as LOOKS_TO_POSES
-from page_looks import Look
+from page_looks import Look, orca_of_team
 
 from wayfield.benchmarks.contests import CONTESTS, Contest
+from wayfield.benchmarks.contests.crowds import PEOPLE, TEAMS
 from wayfield.envs import scenarios
 from wayfield.envs.batch import ALONE, Results
+from wayfield.envs.crowds.bodies import HULL, PLACE
+from wayfield.envs.crowds.people import WALK, WALKER
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.records import MAX_WHEELS
-from wayfield.envs.scenarios import TASKS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import NO_GRIDS
@@ -61,6 +65,13 @@ TO_POSES: Mapping[str, Decision] = {
     "mppi": ("mppi", "decide", "twists", "planar"),
     "scan_planner": ("scan_planner", "decide", "memory.command", "planar"),
     "astar_tracker": ("astar_tracker", "decide", "memory.command", "planar"),
+    "orca": ("orca", "decide", "twists", "planar"),
+}
+# Among other bodies, whose robots each have the law; "axes" are the components that the base can command.
+AMONG_BODIES: Mapping[str, Decision] = {
+    **{name: TO_POSES[name] for name in ("polar", "vfh_plus", "dwa", "mppi", "scan_planner")},
+    "orca_team": ("orca_team", "avoid", "out", "axes"),
+    "social_force": ("social_force", "push", "out", "axes"),
 }
 OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
 # Of a trained agent, which puts together what several functions fill.
@@ -113,6 +124,8 @@ ROLES = {
     "seen.waypoints_left": "seen.waypoints_left",
     "waypoints_left": "seen.waypoints_left",
     "seen.twists": "seen.twist3",
+    "measured": "seen.twist3",
+    "bodies": "seen.bodies",
     "told.obstacles": "told.obstacles",
     "told.counts": "told.num_obstacles",
     "told.patrols": "told.patrols",
@@ -125,6 +138,7 @@ ROLES = {
     "arrived": "memory",
     "twists": "out",
     "command": "out",
+    "out": "out",
 }
 
 # What a law's record has of the base besides `plant`, by field: how it comes from a data sheet, and from which number,
@@ -140,6 +154,9 @@ OF_SHEETS: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "vfh_plus": {},
     "dwa": {},
     "mppi": {"step_decay": ("decay", "step_time"), "step_mean": ("mean", "step_time")},
+    "orca": {},
+    "orca_team": {"max_yaw_rate": ("most_yaw", "")},
+    "social_force": {"max_yaw_rate": ("most_yaw", "")},
     "polar": {**_BOUNDED, "deceleration": ("least_half", "deceleration")},
     "reeds_shepp": {**_BOUNDED, "deceleration": ("least_half", "deceleration"), "preview": ("late", "")},
 }
@@ -191,18 +208,21 @@ def _copied(value: Any) -> Any:
 
 def contest_of(task: str) -> Contest:
     """Returns the contest of a task."""
-    return next(contest for contest in CONTESTS.values() if contest.spec.name == task)
+    every = (*CONTESTS.values(), TEAMS, PEOPLE["people-seen"])
+    return next(contest for contest in every if contest.spec.name == task)
 
 
 def decisions(task: str) -> dict[str, Decision]:
     """Returns the compiled decisions of those that drive in the page in a task."""
     contest = contest_of(task)
-    known = ALONG_PATHS if contest.spec.on_path else TO_POSES
+    known = ALONG_PATHS if contest.spec.on_path else AMONG_BODIES if task in CROWDS else TO_POSES
     return {name: each for name, each in known.items() if name in (*contest.policies, *OF_ANY_TASK)}
 
 
 def look_of(task: str, name: str) -> Look | None:
     """Returns what the page draws of a policy's looking ahead in a task."""
+    if task in CROWDS and name in LOOKS_AMONG_BODIES:
+        return LOOKS_AMONG_BODIES[name]
     return (LOOKS_ALONG_PATHS if contest_of(task).spec.on_path else LOOKS_TO_POSES).get(name)
 
 
@@ -210,6 +230,27 @@ def network(task: str) -> Sequence[tuple[str, str]]:
     """Returns the compiled functions of the agents that ship for a task; none where none ship."""
     contest = contest_of(task)
     return NETWORKS[contest.spec.kind] if AGENT in contest.policies else ()
+
+
+# Of laws that decide in two steps: the one kernel that the page calls, and the function of the first step.
+JOINED: Mapping[str, tuple[Any, str]] = {"orca_team": (orca_of_team, "want")}
+
+
+def first_of(task: str, name: str, policy: Any, env: NativeVectorEnv) -> tuple[Any, tuple[Any, ...]]:
+    """Returns the compiled function by which a policy decides in the page, and what its first decision hands it."""
+    module, function, *_ = decisions(task)[name]
+    room = of_policies(module)
+    if name not in JOINED:
+        ((kernel, values),) = first_decision(env, policy, [(room, function)])
+        return kernel, values
+    kernel, before = JOINED[name]
+    known: dict[str, Any] = {}
+    for part, values in first_decision(env, policy, [(room, before), (room, function)]):
+        handed = dict(zip(names_of(part), values, strict=True))
+        if part.py_func.__name__ == function:
+            handed["measured"] = handed.pop("twists")
+        known |= handed
+    return kernel, tuple(known[each] for each in names_of(kernel))
 
 
 def halves(numbers: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -290,9 +331,9 @@ def recipe(
     """
     module, function, out, kind = decisions(task)[name]
     policy: Any = make(name, **gains)
-    ((kernel, values),) = first_decision(env, policy, [(of_policies(module), function)])
-    arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
-    handed = dict(leaves(names_of(kernel), values))
+    kernel, asked = first_of(task, name, policy, env)
+    handed = dict(leaves(names_of(kernel), asked))
+    arguments = [_argument(each, value, blobs) for each, value in handed.items()]
     memory = handed.get("memory")
     fields = (memory.dtype.fields if memory is not None else None) or {}
     field = 0
@@ -445,20 +486,21 @@ def _made(task: str, name: str, field: str, env: NativeVectorEnv) -> set[int]:
     made = [each for each, told in OF_SHEETS.get(name, {}).items() if told == ("share_yaw", field)]
     if not made:
         return set()
-    module, function, *_ = decisions(task)[name]
-    ((kernel, values),) = first_decision(env, make(name), [(of_policies(module), function)])
+    kernel, values = first_of(task, name, make(name), env)
     fields = dict(leaves(names_of(kernel), values))["params"].dtype.fields
     return {int(fields[each][1]) for each in made}
 
 
 def _near(each: Gain) -> float:
-    return float(each.default + 1 if each.kind is int else 1.01 * each.default + (each.default == 0.0) * 0.01)
+    if each.kind is int:
+        return float(each.default + 1)
+    near = 1.01 * each.default + (each.default == 0.0) * 0.01
+    return float(near if near < min(each.below, each.most + 1e-9) else 0.99 * each.default)
 
 
 def _numbers(task: str, name: str, gains: Mapping[str, Any], env: NativeVectorEnv) -> dict[str, Any]:
     """Returns the constants, first memory and numbers that a decision is handed, by argument."""
-    module, function, *_ = decisions(task)[name]
-    ((kernel, values),) = first_decision(env, make(name, **gains), [(of_policies(module), function)])
+    kernel, values = first_of(task, name, make(name, **gains), env)
     return {
         each: np.frombuffer(np.ascontiguousarray(value).tobytes(), np.uint8) if isinstance(value, np.ndarray) else value
         for each, value in leaves(names_of(kernel), values)
@@ -615,7 +657,8 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
             "requested": env.task.options.num_requested,  # numbers behind an action, of a base with a delay
         }
     told["ids"] = {robot: contest.env_id(robot) for robot in FITTING}
-    told["kwargs"] = dict(contest.env_kwargs)
+    # whether people see the robot is said by each of them
+    told["kwargs"] = {name: each for name, each in contest.env_kwargs.items() if name != "visible"}
     kind = contest.spec.scenario
     told["scenario"] = [
         "wayfield.envs.scenarios" if hasattr(scenarios, kind.__name__) else kind.__module__,
@@ -629,7 +672,8 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     told["flags"] = [*env.task.flag_names, "ended"]
     told["draws"] = env.task.draws
     told["beams"] = env.task.num_beams
-    told["directions"] = blobs.put(env.task.world[-1]) if env.task.num_beams else None
+    told["directions"] = blobs.put(env.task.world[5]) if env.task.num_beams else None
+    told["tracks"] = env.task.noise_columns
     return told
 
 
@@ -669,7 +713,7 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
         },
         "records": {name: layout(each) for name, each in _RECORDS.items()},
     }
-    for task in TASKS:
+    for task in EVERY:
         told["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
         for robot in robots or FITTING:
@@ -704,7 +748,17 @@ def _finite(number: float) -> float | None:
 # the robots that fit where the frozen scenarios leave room
 FITTING = tuple(name for name, robot in ROBOTS.items() if robot.hull_radius <= LARGEST_HULL)
 
-_RECORDS = {"obstacle": OBSTACLE, "patrol": PATROL, "vertex": VERTEX, "run": RUN, "frame": NO_GRIDS.frames.dtype}
+_RECORDS = {
+    "walk": WALK,
+    "walker": WALKER,
+    "place": PLACE,
+    "hull": HULL,
+    "obstacle": OBSTACLE,
+    "patrol": PATROL,
+    "vertex": VERTEX,
+    "run": RUN,
+    "frame": NO_GRIDS.frames.dtype,
+}
 
 
 @compiled
@@ -719,7 +773,7 @@ Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an 
 
 def jobs() -> list[tuple[str, str]]:
     """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
-    return [(task, name) for task in TASKS for name in ("", *decisions(task), *((AGENT,) if network(task) else ()))]
+    return [(task, name) for task in EVERY for name in ("", *decisions(task), *((AGENT,) if network(task) else ()))]
 
 
 def exports(task: str, policy: str) -> dict[str, Export]:
@@ -742,7 +796,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)
     if policy:
         module, function, *_ = decisions(task)[policy]
-        ((kernel, values),) = first_decision(env, make(policy), [(of_policies(module), function)])
+        kernel, values = first_of(task, policy, make(policy), env)
         found = {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
         if (look := look_of(task, policy)) is not None:
             known = dict(zip(names_of(kernel), values, strict=True))
@@ -754,7 +808,17 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     results = Results(env.task, 1)
     outputs = (results.observations, results.numbers, results.flags)
     rows, draws = np.zeros(1, np.int64), np.zeros((1, batch.draws))
-    reset = (env.task.params, batch.states, batch.obstacles, rows, draws, batch.noise, *env.task.world, *outputs)
+    reset = (
+        env.task.params,
+        batch.states,
+        batch.obstacles,
+        rows,
+        draws,
+        batch.noise,
+        *env.task.world,
+        *batch.own,
+        *outputs,
+    )
     step = (7, 0, ALONE, *batch._inputs, *outputs)
     corners = (np.zeros(2), np.zeros(2), np.zeros(2))
     return {

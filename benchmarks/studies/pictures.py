@@ -58,7 +58,6 @@ POLICY_FILMS: Mapping[str, Film] = {
     "apf_escape": Film("apf_escape", "apf_1", 0, "omni4"),
     "nav2_dwb": Film("nav2_dwb", "clutter_10/train", 1, "turtlebot3"),
     "nav2_mppi": Film("nav2_mppi", "clutter_10/train", 1, "turtlebot3"),
-    "orca": Film("orca", "moving_crossing/train", 0, "omni3"),
     "hybrid": Film("hybrid", "clutter_10/train", 1, "p3dx"),
 }
 

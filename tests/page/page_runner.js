@@ -18,12 +18,13 @@ async function main() {
       const simulator = new Simulator(kernels, world, { robot, actuators });
       simulator.reset();
       const pilot = pilotFor(simulator, policy);
-      const poses = [simulator.pose];
+      const placed = () => [...simulator.pose, ...simulator.others.flat()];
+      const poses = [placed()];
       const begun = process.hrtime.bigint();
       let flags = { ended: false };
       for (let k = 0; k < steps && !flags.ended; k++) {
         flags = simulator.step(pilot.act());
-        poses.push(simulator.pose);
+        poses.push(placed());
       }
       const seconds = Number(process.hrtime.bigint() - begun) / 1e9;
       results.push({ poses: Buffer.from(new Float64Array(poses.flat()).buffer).toString("base64"), flags, seconds });

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import page_recipes
 import pytest
@@ -111,7 +112,41 @@ def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np
     return world, np.array(poses)
 
 
-def compare(chosen: list[dict[str, Any]], steps: int) -> None:
+def driven_among(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np.float64]]:
+    """Returns the world, and (n + 1, 3 + 2 m) the pose of the first robot and where its m others are, 1e6: gone."""
+    contest = contest_of(case["task"])
+    env = gymnasium.make(
+        contest.env_id(case["robot"]),
+        scenario=f"{case['family']}/test",
+        robot=case["robot"],
+        actuators=case["actuators"],
+        people=case.get("people"),
+        max_episode_steps=contest.spec.clock,
+        **{name: each for name, each in contest.env_kwargs.items() if name != "visible"},
+    )
+    inner: Any = env.unwrapped
+    pilot = Pilot(make(case["policy"]), env)
+    observation, _ = env.reset(seed=0, options={"scenario": 0})
+    pilot.reset()
+    world = plain(inner.task.scenarios[0], contest.spec.clock)
+
+    def placed() -> list[float]:
+        places, *_, clocks, _ = inner.batch.own
+        others = places[clocks[0, 0], 0, 1:]
+        spots = np.where(others["present"][:, None] == 1, np.column_stack([others["x"], others["y"]]), 1e6)
+        return [*inner.batch.states[0][["x", "y", "heading"]].item(), *spots.ravel().tolist()]
+
+    poses = [placed()]
+    for _ in range(steps):
+        observation, _, terminated, _, _ = env.step(pilot.command(observation))
+        poses.append(placed())
+        if terminated:
+            break
+    env.close()
+    return world, np.array(poses)
+
+
+def compare(chosen: list[dict[str, Any]], steps: int, driven: Any = driven) -> None:
     """Asserts that page and Python drive the same poses to the last bit."""
     python = [driven(case, steps) for case in chosen]
     asked = [case | {"world": world, "steps": steps} for case, (world, _) in zip(chosen, python, strict=True)]
@@ -124,7 +159,7 @@ def compare(chosen: list[dict[str, Any]], steps: int) -> None:
         if "error" in result:
             off.append(f"{name}: {result['error']}")
             continue
-        found = np.frombuffer(base64.b64decode(result["poses"])).reshape(-1, 3)
+        found = np.frombuffer(base64.b64decode(result["poses"])).reshape(-1, poses.shape[1])
         if found.shape != poses.shape or found.tobytes() != poses.tobytes():
             n = min(len(found), len(poses))
             first = np.flatnonzero((found[:n] != poses[:n]).any(axis=1))
@@ -136,6 +171,30 @@ def compare(chosen: list[dict[str, Any]], steps: int) -> None:
 @node
 def test_the_page_drives_what_python_drives() -> None:
     compare(list(cases(every=False)), 60)
+
+
+@node
+def test_the_page_drives_teams_and_people_as_python_does() -> None:
+    """Each law of the page once, people by each law of theirs, walls, groups, reactions, and who leaves."""
+    chosen = [
+        {"task": task, "robot": robot, "actuators": "lagged", "policy": policy, "family": family, "people": law}
+        for task, robot, policy, family, law in (
+            ("teams", "p3dx", "orca_team", "circle_8", None),
+            ("teams", "omni3", "orca_team", "head_on_2cm", None),
+            ("teams", "omni4", "social_force", "doorway_4", None),
+            ("teams", "p3dx", "vfh_plus", "crossing_4", None),
+            ("people", "omni3", "orca_team", "crowdnav_5", None),
+            ("people", "p3dx", "social_force", "crossing_flow_16", "helbing_molnar"),
+            ("people", "p3dx", "dwa", "walking_groups", None),
+            ("people", "p3dx", "scan_planner", "reactions", None),
+            ("people", "omni3", "mppi", "blind_corner", "moussaid"),
+            ("people", "p3dx", "polar", "crowdnav_5", "helbing_farkas_vicsek"),
+            ("people", "omni3", "orca_team", "crossing_flow_8", "lightsfm"),
+            ("people", "p3dx", "orca_team", "crossing_flow_8", "pysocialforce"),
+            ("people", "p3dx", "orca_team", "crossing_flow_8", "constant_velocity"),
+        )
+    ]
+    compare(chosen, 120, driven_among)
 
 
 ROOM = ("." * 40 + "\n") * 12 + ("." * 18 + "@@@@" + "." * 18 + "\n") * 8 + ("." * 40 + "\n") * 12

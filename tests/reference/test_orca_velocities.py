@@ -177,7 +177,7 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
             twist = [*u, policy.turn_gain * min(max(turns[i], -most), most)]
         else:
             angle = math.atan2(u[1], u[0]) if math.hypot(*u) > 1e-9 else 0.0
-            drift = math.hypot(*u) * float(tracking_drift(np.array([abs(angle)]))[0]) / policy.turn_gain
+            drift = math.hypot(*u) * tracking_drift(abs(angle)) / policy.turn_gain
             u = u * min(1.0, policy.tracking_error / max(drift, 1e-12))
             ahead = np.array([c, s])
             stands = [there for _, _, there in found if there is not None]

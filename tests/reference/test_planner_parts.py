@@ -314,10 +314,9 @@ def test_an_end_that_lies_too_near_to_a_wall_is_gone_to_from_the_free_cell_next_
     )  # fmt: skip
     policy = AstarTracker(margin=0.0)
     p = policy.params(briefing, theta=True, snap=0.3, spacing=2.0, rounds=0, patience_steps=20)  # as it is found
-    prices = np.array([astar_tracker.clearance_prices(base.hull_radius, 0.0, 0.0)] * len(astar_tracker.MARGIN_SHARES))
     memory = policy.reset(briefing)
     pose = np.array([[-0.986, at["start"], 0.0]])
-    astar_tracker.decide(p, prices, Map.of(briefing), pose, np.zeros(1), np.zeros(1), memory)
+    astar_tracker.decide(p, Map.of(briefing), pose, np.zeros(1), np.zeros(1), memory)
     state = memory[0]
     points, cell, origin = state["points"][: int(state["num_points"])], float(state["cell"]), state["origin"]
     fits = FARTHEST - UNIT * state["grid"].astype(float) >= base.hull_radius - 1e-9

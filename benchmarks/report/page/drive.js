@@ -4,19 +4,22 @@ const KEYBOARD = "you, by keyboard or pad";
 const FAST = 10; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
+const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""], ["hybrid", "joins two that drive here"], ["nav2", "keeps a cost map that the page does not carry"],
+  ["central", "plans for all at once, in Python"], ["orca_team_map", "plans in Python what it lets orca_team drive"], ["team_guided", "its network sees bodies, the page's do not"], ["people_free", "its network sees bodies, the page's do not"]]; // why not here
 
 // Whether the cells of a world's map are not in the page.
 const outlined = (world) => Boolean(world.walls && !world.grid);
 
 // What was driven by hand, once more.
 class Tape {
-  constructor(twists) {
+  constructor(twists, rest) {
     this.twists = twists;
+    this.rest = rest;
     this.step = 0;
   }
 
   act() {
-    return this.twists[this.step++] || [0, 0, 0];
+    return this.twists[this.step++] || this.rest;
   }
 }
 
@@ -104,7 +107,7 @@ class Drive {
     who.value = able.includes(before) || before === KEYBOARD ? before : this.trained(able) || able[0] || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
-    const reason = (label) => (label.startsWith("mpc") ? "solves its problem with OSQP" : /^(ppo|agent)/.test(label) ? "" : label.startsWith("hybrid") ? "joins two that drive here" : label.startsWith("nav2") ? "keeps a cost map that the page does not carry" : "decides in NumPy");
+    const reason = (label) => (REASONS.find(([start]) => label.startsWith(start)) || ["", "decides in NumPy"])[1];
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.` : "";
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
@@ -182,8 +185,8 @@ class Drive {
     this.forget(this.runs.find(same), true);
     const other = this.runs.some((run) => run.asked.label === label && !reference);
     const about = [other && conditions.actuators, other && conditions.disturbance !== "none" && conditions.disturbance, reference && "untouched"].filter(Boolean).join(", ");
-    const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), error: from.error && Array.from(from.error).slice(0, step + 3) };
-    const actor = { x: [], y: [], heading: [], version: 0, policy: label, label: about ? `${label}, ${about}` : label, outcome: "", note: "", robot: conditions.robot,
+    const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), others: (from.others || []).map(({ x, y }) => ({ x: x.slice(0, step + 3), y: y.slice(0, step + 3) })), error: from.error && Array.from(from.error).slice(0, step + 3) };
+    const actor = { x: [], y: [], heading: [], others: [], version: 0, policy: label, label: about ? `${label}, ${about}` : label, outcome: "", note: "", robot: conditions.robot,
       error: replay.world.kind === "path" ? [] : null, ghost: false };
     const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: true, reference, tape: [] };
     this.runs.push(run);
@@ -251,6 +254,12 @@ class Drive {
       turn * (on("ArrowLeft", "q") - on("ArrowRight", "e") + (omni ? 0 : on("a") - on("d")))];
   }
 
+  // What a step by hand asks of all: of the other robots of a team what a law does.
+  byHand({ simulator, beside }) {
+    const twist = this.twistByHand(simulator);
+    return simulator.crowd ? [twist, ...beside.act().slice(1)] : twist;
+  }
+
   endHand() {
     if (!this.hand) return;
     this.abort(); // its simulator lies below that of the job
@@ -297,17 +306,17 @@ class Drive {
     const { from, step, conditions, label, gains } = run.asked;
     const simulator = new Simulator(kernels, replay.world, conditions);
     try {
-      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null };
+      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null, others: [] };
       const note = this.again(simulator, run.asked);
-      if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0);
-      this.note(draft, simulator.pose, this.errorOf(simulator));
-      const pilot = byHand ? null : label === KEYBOARD ? new Tape(run.tape) : pilotFor(simulator, label, gains);
+      if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0, from.others.map(({ x, y }) => [x[k], y[k]]));
+      this.note(draft, simulator.pose, this.errorOf(simulator), simulator.others);
+      const pilot = byHand ? null : label === KEYBOARD ? new Tape(run.tape, simulator.crowd ? simulator.each.map(() => [0, 0, 0]) : [0, 0, 0]) : pilotFor(simulator, label, gains);
       if (!byHand && !pilot) throw new Error("the page has no such policy for this robot");
       run.exact = note;
       // what is shown already stays until the new run is there
       if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", version: run.actor.version + 1 });
       const target = run.actor.x === draft.x ? run.actor : draft;
-      if (byHand) Object.assign(run, { simulator, target, tape: [] });
+      if (byHand) Object.assign(run, { simulator, target, tape: [], beside: simulator.crowd && pilotFor(simulator, "orca_team") });
       else this.job = { run, simulator, pilot, target };
     } catch (error) {
       simulator.free();
@@ -326,6 +335,7 @@ class Drive {
       for (let k = 0; k < step; k++) simulator.step(before.act());
       return `from ${(step * DT).toFixed(2)} s of ${from.label}`;
     }
+    if (simulator.crowd) throw new Error("among others a run begins at the start, or goes on from one that the page has driven here");
     const [a, b] = [Math.max(step - 2, 0), Math.min(step + 2, from.x.length - 1)];
     const heading = from.heading[step];
     const span = Math.max(b - a, 1) * DT;
@@ -337,12 +347,17 @@ class Drive {
     return `from the rounded pose at ${(step * DT).toFixed(2)} s of ${from.label}`;
   }
 
-  note(target, [x, y, heading], error) {
+  note(target, [x, y, heading], error, others) {
     const last = target.heading.length ? target.heading[target.heading.length - 1] : heading;
     target.x.push(x);
     target.y.push(y);
     target.heading.push(last + Math.atan2(Math.sin(heading - last), Math.cos(heading - last)));
     if (target.error) target.error.push(error);
+    others.forEach((at, k) => {
+      target.others[k] = target.others[k] || { x: [], y: [] };
+      target.others[k].x.push(at[0]);
+      target.others[k].y.push(at[1]);
+    });
   }
 
   errorOf(simulator) {
@@ -352,7 +367,7 @@ class Drive {
   // A step of a run; returns whether it has ended.
   tick(run, simulator, twist, target) {
     const flags = simulator.step(twist);
-    this.note(target, simulator.pose, this.errorOf(simulator));
+    this.note(target, simulator.pose, this.errorOf(simulator), simulator.others);
     if (!flags.ended && target.x.length <= (this.replay.world.steps || 2400)) return false;
     this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : "timeout");
     return true;
@@ -374,7 +389,7 @@ class Drive {
   measured(actor) {
     const { world } = this.replay;
     const last = actor.x.length - 1;
-    const solid = solidsOf(world).length > 0 && !BOXES[actor.robot];
+    const solid = (world.bodies || solidsOf(world).length > 0) && !BOXES[actor.robot];
     let length = 0;
     for (let k = 1; k <= last; k++) length += Math.hypot(actor.x[k] - actor.x[k - 1], actor.y[k] - actor.y[k - 1]);
     return { outcome: actor.outcome, time: last * DT, error: actor.error ? rmsOf(actor, last) : null, speed: length / (last * DT), length,
@@ -417,7 +432,7 @@ class Drive {
     if (hand && !hand.actor.outcome) {
       const until = Math.min(due, hand.actor.x.length + 40);
       while (hand.actor.x.length - 1 < until) {
-        const twist = this.twistByHand(hand.simulator);
+        const twist = this.byHand(hand);
         hand.tape.push(twist);
         if (this.tick(hand, hand.simulator, twist, hand.target)) { this.held.clear(); break; }
       }

@@ -294,6 +294,7 @@ class Editor {
   }
 
   save() {
+    if (this.replay.world.walks) { this.say("No file holds several bodies yet: copy a link, or Python."); return; }
     const blob = new Blob([fileOf(this.replay.world)], { type: "application/json" });
     const link = el("a", { href: URL.createObjectURL(blob), download: `${(this.replay.world.name || "scenario").replace(/[^\w.-]/g, "_")}.json` });
     link.click();

@@ -2,6 +2,7 @@
 
 const LOOKING = 10; // ms of a frame to come to the moment that is shown
 const KEPT_LOOKS = 600; // moments
+const SHOWN = 2; // s: a velocity is drawn as where it leads in that time
 
 // Where an arc leads from the pose at the origin, after some seconds.
 function onArc(vx, vy, w, time) {
@@ -138,6 +139,34 @@ const LOOKS = {
     brush.line(row(rows - 1), "--accent", 3.5);
   },
 
+  // Velocities around the robot: what each half-plane takes away, the wanted one, and the nearest that is left.
+  half_planes(brush, numbers) {
+    const { context, x, y } = brush;
+    const rows = numbers.length / 4 - 2;
+    const [wx, wy, vx, vy, most] = numbers.slice(4 * rows, 4 * rows + 5);
+    const reach = SHOWN * most;
+    context.save();
+    context.beginPath();
+    context.arc(x, y, reach, 0, 2 * Math.PI);
+    context.clip();
+    for (let k = 0; k < rows && !Number.isNaN(numbers[4 * k]); k++) {
+      const [nx, ny, bound, stands] = numbers.slice(4 * k, 4 * k + 4);
+      const [fx, fy] = [x + SHOWN * bound * nx, y + SHOWN * bound * ny];
+      const corner = (along, back) => [fx - along * ny - back * nx, fy + along * nx - back * ny];
+      context.beginPath();
+      for (const [along, back] of [[-3, 0], [3, 0], [3, 3], [-3, 3]]) context.lineTo(...corner(along * reach, back * reach));
+      context.fillStyle = ink(stands ? "--solid" : "--fail");
+      context.globalAlpha = 0.16;
+      context.fill();
+      brush.line([corner(-3 * reach, 0), corner(3 * reach, 0)], stands ? "--faint" : "--fail", 1, 0.7);
+    }
+    context.restore();
+    brush.circle([x, y], reach);
+    brush.line([[x, y], [x + SHOWN * wx, y + SHOWN * wy]], "--goal", 2, 1, [5, 4]);
+    const speed = Math.hypot(vx, vy);
+    if (speed > 1e-6) brush.arrow([x, y], Math.atan2(vy, vx), SHOWN * speed, "--accent");
+  },
+
   // What the network wanted, and what its guard and its limits left of that.
   guard(brush, numbers, { twist, wanted }) {
     brush.circle([brush.x, brush.y], numbers[0]);
@@ -209,8 +238,10 @@ class Looks {
     // of a scene that is just being changed: what is drawn would not be what was driven
     if (Math.abs(pose[0] - actor.x[step]) + Math.abs(pose[1] - actor.y[step]) > 1e-9) return null;
     const places = fresh ? this.places(view, look.places) : null;
+    if (!shadow.simulator.alive[0]) return null; // it has arrived, and others have not
     const looked = { numbers: look.numbers || shadow.pilot.look(places), places, shape: look.shape, twist: null, solid: fresh ? solidsAt(drive.replay.world, step * DT) : null };
-    if (["arcs", "guard"].includes(look.kind)) looked.twist = shadow.twist = shadow.pilot.act(); // the one that is driven
+    if (["arcs", "guard"].includes(look.kind)) shadow.twist = shadow.pilot.act(); // the one that is driven
+    looked.twist = shadow.simulator.crowd ? shadow.twist && shadow.twist[0] : shadow.twist;
     looked.wanted = shadow.pilot.wanted;
     if (shadow.kept.size > KEPT_LOOKS) shadow.kept.clear();
     shadow.kept.set(step, looked);

@@ -4,7 +4,24 @@ function pilotFor(simulator, label, gains = {}) {
   const { kernels, task, robot, actuators } = simulator;
   const recipe = kernels.tables.pilots[`${task} ${robot} ${actuators} ${label}`];
   if (!recipe) return null;
+  if (simulator.crowd) return new Everyone(simulator, recipe, gains);
   return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe, gains);
+}
+
+// One law drives all robots of a world, each by what it sees.
+class Everyone {
+  constructor(simulator, recipe, gains) {
+    this.simulator = simulator;
+    this.pilots = simulator.each.map((one) => new Law(one, recipe, gains));
+  }
+
+  act() {
+    return this.pilots.map((pilot, row) => (this.simulator.alive[row] ? pilot.act() : null));
+  }
+
+  look(places) {
+    return this.pilots[0].look(places);
+  }
 }
 
 // Policies that can drive here, by label.
@@ -41,7 +58,8 @@ class Law {
         this.values[each.name] = place;
         this.inputs.push([each.role.slice(5), place]);
       } else if (each.role === "out") {
-        this.values[each.name] = { at: kernels.room(each.size * each.shape.reduce((a, b) => a * b, 1)), shape: each.shape };
+        const bytes = each.size * each.shape.reduce((a, b) => a * b, 1);
+        this.values[each.name] = { at: kernels.put(new Uint8Array(bytes)), shape: each.shape }; // zeros, as Python begins with
       } else this.values[each.name] = { at: kernels.put(kernels.blob(each.blob)), shape: each.shape };
     }
     for (const { name, whole, places } of gainsOf(kernels, simulator.task, recipe).gains) {
@@ -99,7 +117,9 @@ class Law {
     const { kernels } = this.simulator;
     this.sense();
     kernels.call(this.recipe.export, this.values);
-    const out = kernels.f64(this.values[this.recipe.out].at + this.recipe.offset, this.recipe.kind === "unicycle" ? 2 : 3);
+    const { axes } = this.simulator.body;
+    const out = kernels.f64(this.values[this.recipe.out].at + this.recipe.offset, { unicycle: 2, planar: 3, axes: axes.length }[this.recipe.kind]);
+    if (this.recipe.kind === "axes") return [0, 1, 2].map((axis) => (axes.includes(axis) ? out[axes.indexOf(axis)] : 0));
     return this.recipe.kind === "unicycle" ? [out[0], 0, out[1]] : [out[0], out[1], out[2]];
   }
 }

@@ -297,9 +297,9 @@ class Replay {
     const pixel = 1 / view.pixels;
     const hull = HULLS[this.robot] || 0.25;
     drawWorld(context, world, step * DT, pixel);
-    if (this.scans && chosen && (world.walls || (world.obstacles && world.obstacles.length))) {
+    if (this.scans && chosen && (world.bodies || world.walls || (world.obstacles && world.obstacles.length))) {
       const k = Math.min(step, chosen.x.length - 1);
-      drawScan(context, world, step * DT, chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
+      drawScan(context, [...solidsAt(world, step * DT), ...bodiesAt(world, chosen, step, hull)], chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
     }
     if (this.under) this.under(view, chosen, pane);
     if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);
@@ -326,7 +326,7 @@ class Replay {
     const context = this.paint(view, this.other ? [chosen] : shown, chosen && !chosen.hidden ? chosen : null, 0);
     if (this.overlay) this.overlay(context, 1 / view.pixels);
     // that of a rectangle is not what is drawn: it turns
-    const clear = (world.walls || (world.obstacles && world.obstacles.length)) && !BOXES[this.robot];
+    const clear = (world.bodies || world.walls || (world.obstacles && world.obstacles.length)) && !BOXES[this.robot];
     const able = this.traces.filter((trace) => trace.name !== "clearance" || clear);
     for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace) || !shown.length;
     this.rank();

@@ -90,7 +90,7 @@ function addRobot(kernels, sheet) {
       const now = baseOf(sheet, tiers, tier);
       const [decay, mean] = lagFactors(now.lag, DT);
       const kinds = { least: (number) => Math.min(number, now.acceleration), least_half: (number) => Math.min(number, 0.5 * now.acceleration), least_yaw: (number) => Math.min(number, now.yaw),
-        share_yaw: (number) => number * now.yaw, late: () => now.lag + DT, decay: (step) => lagFactors(now.lag, step)[0], mean: (step) => lagFactors(now.lag, step)[1] };
+        share_yaw: (number) => number * now.yaw, late: () => now.lag + DT, most_yaw: () => top[1], decay: (step) => lagFactors(now.lag, step)[0], mean: (step) => lagFactors(now.lag, step)[1] };
       const at = (field) => recipe.sheet.plant + plant[field][0];
       const changes = [[at("hull_radius"), sheet.hull], [at("wheel_matrix"), matrix], [at("wheel_speed_limit"), now.limit], [at("turn_speed"), sheet.turn_speed], [at("acceleration"), now.acceleration],
         [at("yaw_acceleration"), now.yaw], [at("lag"), now.lag], [at("lag_decay"), decay], [at("lag_mean"), mean], ...recipe.sheet.fields.map(([place, kind, number]) => [place, kinds[kind](number)])];

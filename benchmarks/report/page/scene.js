@@ -37,6 +37,12 @@ function distanceTo([ox, oy, cos, sin, halfLength, halfWidth, radius], x, y) {
   return Math.sqrt(a * a + b * b) + Math.min(Math.max(u, v), 0) - radius; // Math.hypot is slow
 }
 
+// The other bodies of an actor's run as obstacles, robots as large as it.
+function bodiesAt(world, actor, k, hull) {
+  const found = (actor.others || []).map(({ x, y }, j) => [x[Math.min(k, x.length - 1)], y[Math.min(k, y.length - 1)], 1, 0, 0, 0, world.bodies[j] ?? hull, 0]);
+  return found.filter(([x]) => x < AWAY);
+}
+
 function clearanceAt(world, time, x, y, hull) {
   let least = Infinity;
   for (const obstacle of solidsAt(world, time)) least = Math.min(least, distanceTo(obstacle, x, y));
@@ -77,6 +83,8 @@ function boundsOf(world, actors) {
   for (const point of [world.start, world.goal, ...(world.waypoints || [])]) if (point) put(near, point[0], point[1], 0.6);
   for (const { x, y } of actors) for (let k = 0; k < x.length; k += 10) put(near, x[k], y[k], 0.3);
   for (const { others } of actors) for (const { x, y } of others || []) if (x[0] < AWAY) put(near, x[0], y[0], 0.3);
+  for (const [x, y] of [...(world.starts || []), ...(world.goals || [])]) put(near, x, y, 0.6);
+  for (const [, x, y, toX, toY] of world.walks || []) { put(near, x, y, 0.3); put(near, toX, toY, 0.3); }
   for (const [x, y, cos, sin, l, w, r] of [...(world.obstacles || []), ...(world.walls || [])]) {
     put(all, x, y, Math.abs(cos) * l + Math.abs(sin) * w + r, Math.abs(sin) * l + Math.abs(cos) * w + r);
   }
@@ -204,7 +212,7 @@ function drawBodies(context, world, actor, k, hull, pixel) {
   context.lineWidth = 1.5 * pixel;
   actor.others.forEach(({ x, y }, j) => {
     const at = Math.min(k, x.length - 1);
-    if (x[at] > AWAY) return;
+    if (at < 0 || x[at] > AWAY) return;
     const radius = world.bodies[j];
     context.strokeStyle = context.fillStyle = ink(radius === null ? colourName(actor.policy) : "--solid");
     context.beginPath();
@@ -236,8 +244,8 @@ function failed(context, x, y, size, pixel) {
   context.stroke();
 }
 
-function drawScan(context, world, time, x, y, heading, pixel) {
-  const obstacles = solidsAt(world, time).filter((each) => distanceTo(each, x, y) < REACH);
+function drawScan(context, solids, x, y, heading, pixel) {
+  const obstacles = solids.filter((each) => distanceTo(each, x, y) < REACH);
   context.strokeStyle = ink("--accent");
   context.globalAlpha = 0.35;
   context.lineWidth = pixel;

@@ -132,7 +132,7 @@ function stripped(world) {
 function checkedWorld(world) {
   if (typeof world !== "object" || world === null) throw new Error("its scene is no object");
   for (const field of ["kind", "name", "family", "tier"]) if (typeof world[field] !== "string") throw new Error(`its scene's ${field} is ${JSON.stringify(world[field])}`);
-  if (!["path", "goal", "dock"].includes(world.kind)) throw new Error(`its scene's kind is ${JSON.stringify(world.kind)}`);
+  if (!["path", "goal", "dock", "team", "people"].includes(world.kind)) throw new Error(`its scene's kind is ${JSON.stringify(world.kind)}`);
   const rows = (field, width, most) => {
     const value = world[field] || [];
     if (!Array.isArray(value) || value.length > most) throw new Error(`its scene's ${field} is no list of at most ${most}`);
@@ -159,7 +159,25 @@ function checkedWorld(world) {
   }
   for (const field of ["start", "goal"]) if (!world[field]) throw new Error(`its scene lacks its ${field}`);
   for (const field of ["position_tolerance", "heading_tolerance", "waypoint_radius"]) number(field, 1e-6);
-  return { ...kept, obstacles, patrols, waypoints };
+  return { ...kept, obstacles, patrols, waypoints, ...(["team", "people"].includes(world.kind) ? checkedBodies(world, rows) : {}) };
+}
+
+// The other bodies of a world that came by a link: what the package's own check of such a scenario asks for.
+function checkedBodies(world, rows) {
+  const [starts, goals, tracks, walks] = [rows("starts", 3, MOST_BODIES), rows("goals", 3, MOST_BODIES), rows("tracks", 4, MOST_POINTS), rows("walks", WALK.length, MOST_BODIES)];
+  if (starts.length !== goals.length) throw new Error(`its scene has ${starts.length} starts and ${goals.length} goals of other robots; there must be as many of either`);
+  const whole = { law: [0, 8], then: [0, 4], blind: [0, 1], reaction: [0, 5], group: [0, MOST_BODIES], first: [0, MOST_POINTS], rows: [0, MOST_POINTS] };
+  const ends = { ...whole, speed: [0, 3], radius: [0, 0.5], horizon: [1e-3, 1000], wall_horizon: [1e-3, 1000], frame_time: [0, 1000], share: [0, 1] };
+  walks.forEach((walk, k) => {
+    const of = (field) => walk[WALK.indexOf(field)];
+    for (const [field, [least, most]] of Object.entries(ends)) asNumber(`walks[${k}].${field}`, of(field), least, most);
+    for (const field of Object.keys(whole)) if (!Number.isInteger(of(field))) throw new Error(`walks[${k}].${field} is ${of(field)}; it must be a whole number`);
+    const least = of("law") === REPLAYED ? 2 : of("then") === GOES_ON ? 1 : 0;
+    if (of("rows") < least || (least && of("first") + of("rows") > tracks.length)) throw new Error(`walks[${k}] has rows ${of("first")} to ${of("first") + of("rows")} of tracks, which has ${tracks.length}; there must be at least ${least}`);
+    if (of("law") === REPLAYED && !(of("frame_time") > 0)) throw new Error(`walks[${k}].frame_time is 0; of a recorded walk it must be more`);
+  });
+  const bodies = [...starts.map(() => null), ...walks.map((walk) => walk[WALK.indexOf("radius")])];
+  return { starts, goals, tracks, walks, bodies, reach: asNumber("reach", world.reach, 1e-3, 1000) };
 }
 
 function checkedGains(gains, recipe) {
@@ -174,6 +192,10 @@ function checkedGains(gains, recipe) {
   }
   return gains;
 }
+
+// A person's numbers, in the order of the package's WALK.
+const WALK = ["law", "x", "y", "goal_x", "goal_y", "gate_x", "gate_y", "gate_to_x", "gate_to_y", "speed", "radius", "then", "blind", "horizon", "wall_horizon", "margin", "share", "turn", "frame_time", "begins", "first", "rows", "group", "reaction"];
+const [REPLAYED, GOES_ON, MOST_BODIES] = [6, 4, 64];
 
 const tuple = (values) => `(${values.join(", ")}${values.length === 1 ? "," : ""})`;
 const rowsOf = (rows) => `[\n${rows.map((row) => `        ${tuple(row)},\n`).join("")}    ]`;
@@ -195,6 +217,12 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
     lines.push("from wayfield.envs.scenarios import PathScenario", "from wayfield.envs.world.paths import Path");
     scene = [`scenario = PathScenario(`, `    ${value(world.name)},`, `    Path(np.array(${rowsOf(world.path)}), closed=${value(world.closed)}),`, field("laps"), field("corridor"),
       ...(still && !world.start ? [] : [`    start=${tuple(start)},`]), ")"];
+  } else if (world.walks) {
+    lines.push("from wayfield.envs.crowds.people import WALK", "from wayfield.envs.scenarios.team_scenario import TeamScenario", "from wayfield.envs.world.geometry import OBSTACLE");
+    const rows = (list, kind) => `np.array(${list.length ? rowsOf(list) : "[]"}${kind})`;
+    scene = ["scenario = TeamScenario.made(", `    ${value(world.name)},`, `    starts=${rowsOf([start, ...world.starts])},`, `    goals=${rowsOf([world.goal, ...world.goals])},`,
+      `    obstacles=${rows(solidsOf(world), ", OBSTACLE")},`, `    walks=${rows(world.walks, ", WALK")},`, `    tracks=${rows(world.tracks, ", float")}.reshape(-1, 4),`,
+      field("reach"), field("position_tolerance"), field("heading_tolerance"), ")"];
   } else {
     const [room, kind] = tables.scenario;
     lines.push(`from ${room} import ${kind}`, "from wayfield.envs.world.geometry import OBSTACLE", "from wayfield.envs.world.patrols import PATROL");
@@ -214,7 +242,8 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
   const told = Object.entries(mine).map(([name, each]) => `, ${name}=${value(each)}`).join("");
   const byHand = label === KEYBOARD;
   const axes = tables.robots[conditions.robot].axes;
-  const loop = byHand ? [`commands = [${tape.map((twist) => tuple(axes.map((axis) => twist[axis]))).join(", ")}]`, "observation, info = env.reset(seed=0)", "for command in commands:",
+  const asked = (twist) => tuple(axes.map((axis) => (twist ? twist[axis] : 0)));
+  const loop = byHand ? [`commands = [${tape.map((all) => (world.walks ? (world.starts.length ? tuple(all.map(asked)) : asked(all[0])) : asked(all))).join(", ")}]`, "observation, info = env.reset(seed=0)", "for command in commands:",
     "    observation, reward, terminated, truncated, info = env.step(np.array(command))"]
     : [`pilot = Pilot(make(${value(recipe.make.name)}${told}), env)`, "observation, info = env.reset(seed=0)", "pilot.reset()", "terminated = truncated = False", "while not (terminated or truncated):",
       "    observation, reward, terminated, truncated, info = env.step(pilot.command(observation))"];

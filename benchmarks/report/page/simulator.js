@@ -1,4 +1,4 @@
-// One robot in one world, stepped by the package's own kernels.
+// The robots of one world, stepped by the package's own kernels; among people too, who walk by theirs.
 
 // The task of a world; undefined where the kernels know none of its kind.
 const taskOf = ({ tables }, { kind }) => Object.keys(tables.tasks).find((task) => tables.tasks[task].kind === kind);
@@ -8,6 +8,9 @@ const robotsOf = ({ tables }, task) => Object.keys((tables.tasks[task] || Object
 const solidsOf = (world) => [...(world.obstacles || []), ...((!world.grid && world.walls) || [])];
 const NOISE_BLOCK = 64;
 const POSE_COLUMNS = 7;
+const NEAREST = 10; // bodies that are kept of each
+const SIGHT = 5; // m, within which bodies are seen
+const GONE = 1e6; // m: where a body is that has left
 
 // The page's own noise, for disturbed runs: Python draws others.
 function normals(seed) {
@@ -35,11 +38,16 @@ class Simulator {
     this.body = this.tables.robots[robot];
     this.random = normals(seed);
     this.begun = kernels.mark();
+    this.crowd = Boolean(world.walks); // whether there are others: robots, each with a goal of its own, and people
+    this.team = 1 + (world.starts || []).length;
+    this.alive = new Array(this.team).fill(true);
+    this.ends = new Array(this.team).fill("");
     this.build(`${robot} ${actuators} ${disturbance}`);
+    this.each = this.alive.map((_, row) => Object.assign(Object.create(this), { row })); // as the pilots of each see it
   }
 
   build(conditions) {
-    const { kernels, tables, world, disturbance } = this;
+    const { kernels, tables, world, disturbance, team } = this;
     const memory = (array, Kind) => ({ at: kernels.put(new Uint8Array(new Kind(array).buffer)), shape: [array.length] });
     const room = (bytes, shape) => {
       const at = kernels.room(Math.max(bytes, 8));
@@ -50,9 +58,9 @@ class Simulator {
     const obstacles = this.solids.length;
     this.beams = tables.beams;
     this.rows = disturbance.noisy ? NOISE_BLOCK : 1;
-    this.columns = POSE_COLUMNS + this.beams * (disturbance.drops ? 2 : 1);
-    this.state = new Records(kernels, tables.state, 1);
-    this.course = new Records(kernels, tables.course, 1);
+    this.columns = POSE_COLUMNS + this.beams * (disturbance.drops ? 2 : 1) + (tables.tracks || 0);
+    this.state = new Records(kernels, tables.state, team);
+    this.course = new Records(kernels, tables.course, team);
     const field = (values, name) => {
       const records = new Records(kernels, kernels.tables.records[name], values.length);
       const names = Object.keys(records.layout.fields);
@@ -65,38 +73,78 @@ class Simulator {
       params: { at: kernels.put(kernels.blob(tables.params[conditions])), shape: [1] },
       states: this.state.array,
       courses: this.course.array,
-      obstacles: { ...field(this.solids, "obstacle"), shape: [1, obstacles] },
-      actions: room(8 * columns, [1, columns]),
-      noise: room(8 * this.rows * this.columns, [1, this.rows, this.columns]),
-      skip: room(1, [1]),
+      obstacles: { ...field(this.forAll(this.solids), "obstacle"), shape: [team, obstacles] },
+      actions: room(8 * columns * team, [team, columns]),
+      noise: room(8 * team * this.rows * this.columns, [team, this.rows, this.columns]),
+      skip: room(team, [team]),
       shares: room(8, [0]),
-      rows: memory([0n], BigInt64Array),
-      out: room(4 * this.body.size, [1, this.body.size]),
-      numbers: room(8 * tables.numbers.length, [tables.numbers.length, 1]),
-      flags: room(tables.flags.length, [tables.flags.length, 1]),
+      rows: memory(this.alive.map((_, row) => BigInt(row)), BigInt64Array),
+      out: room(4 * team * this.body.size, [team, this.body.size]),
+      numbers: room(8 * team * tables.numbers.length, [tables.numbers.length, team]),
+      flags: room(team * tables.flags.length, [tables.flags.length, team]),
     };
     const shoved = disturbance.shove > 0 ? 2 : 0;
     const count = 1 + tables.draws + shoved;
-    const draws = Array.from({ length: count }, (_, k) => (world.draws && k < world.draws.length ? world.draws[k] : k > tables.draws ? this.random.uniform() : 0.5));
+    const draws = Array.from({ length: count * team }, (_, k) => (world.draws && k < Math.min(count, world.draws.length) ? world.draws[k] : k % count > tables.draws ? this.random.uniform() : 0.5));
     draws[0] = 0;
-    this.arrays.draws = { ...memory(draws, Float64Array), shape: [1, count] };
+    this.arrays.draws = { ...memory(draws, Float64Array), shape: [team, count] };
     if (world.kind === "path") this.layPath(field);
     else this.layGoals(field, memory);
-    this.asked = Array.from({ length: disturbance.delay }, () => new Float64Array(actions));
+    if (this.crowd) this.layBodies(field, memory, room);
+    this.asked = Array.from({ length: disturbance.delay }, () => this.alive.map(() => new Array(actions).fill(0)));
+  }
+
+  // A row a robot of what all have in common.
+  forAll(rows) {
+    return this.alive.flatMap(() => rows);
+  }
+
+  // What a world keeps of its bodies: robots first, then people.
+  layBodies(field, memory, room) {
+    const { kernels, tables, world, arrays, team } = this;
+    const people = world.walks.length;
+    const count = team + people;
+    const records = (name, length, shape) => ({ ...new Records(kernels, kernels.tables.records[name], length).array, shape });
+    const set = (name, value) => new KINDS[tables.sheet[name][1]](kernels.memory.buffer, arrays.params.at + tables.sheet[name][0], 1).fill(tables.sheet[name][1] === "<i8" ? BigInt(value) : value);
+    set("team", team);
+    set("people", people);
+    set("reach", Math.max(world.reach, SIGHT));
+    arrays.walks = { ...field(world.walks, "walk"), shape: [1, people] };
+    arrays.tracks = { ...memory((world.tracks || []).flat(), Float64Array), shape: [(world.tracks || []).length, 4] };
+    arrays.shapes = room(8, [0]);
+    arrays.near_places = records("place", 2 * count, [2, 1, count]);
+    arrays.hulls = records("hull", count, [1, count]);
+    arrays.near = room(8 * count * NEAREST, [1, count, NEAREST]);
+    arrays.counts = room(8 * count, [1, count]);
+    arrays.clocks = room(16, [1, 2]);
+    arrays.walkers = records("walker", people, [1, people]);
+    this.places = Object.assign(Object.create(Records.prototype), { kernels, layout: kernels.tables.records.place, count: 2 * count, at: arrays.near_places.at });
+  }
+
+  // Where the other bodies are: [x, y] of robots, then of people; far away who has left.
+  get others() {
+    if (!this.crowd) return [];
+    const count = this.arrays.counts.shape[1];
+    const now = Number(this.kernels.i64(this.arrays.clocks.at, 1)[0]) * count;
+    return Array.from({ length: count - 1 }, (_, k) => (this.places.get("present", now + k + 1) ? [this.places.get("x", now + k + 1), this.places.get("y", now + k + 1)] : [GONE, GONE]));
   }
 
   layGoals(field, memory) {
-    const { kernels, tables, world, course, arrays, solids } = this;
+    const { kernels, tables, world, course, arrays, solids, team } = this;
     const obstacles = solids.length;
     const points = (world.waypoints || []).map(([x, y]) => [x, y, 0]).concat([world.goal]);
-    for (const name of ["start", "start_offset", "start_turn", "position_tolerance", "heading_tolerance", "waypoint_radius"]) course.set(name, world[name]);
-    course.set("num_goals", points.length);
-    course.set("num_obstacles", obstacles);
-    arrays.goals = { ...memory(points.flat(), Float64Array), shape: [1, points.length, 3] };
-    arrays.fields = { ...field(solids, "obstacle"), shape: [1, obstacles] };
+    const starts = [world.start, ...(world.starts || [])];
+    starts.forEach((start, row) => {
+      for (const name of ["start_offset", "start_turn", "position_tolerance", "heading_tolerance", "waypoint_radius"]) course.set(name, world[name], row);
+      course.set("start", start, row);
+      course.set("num_goals", points.length, row);
+      course.set("num_obstacles", obstacles, row);
+    });
+    arrays.goals = { ...memory([...points, ...(this.crowd ? world.goals : [])].flat(), Float64Array), shape: [team, points.length, 3] };
+    arrays.fields = { ...field(this.forAll(solids), "obstacle"), shape: [team, obstacles] };
     const standing = solids.map((_, k) => (world.patrols && world.patrols[k]) || [0, 0, 0, 0, 0, 0]);
     const patrols = world.patrols && world.patrols.length ? standing : [];
-    arrays.patrols = { ...field(patrols, "patrol"), shape: [1, patrols.length] };
+    arrays.patrols = { ...field(this.forAll(patrols), "patrol"), shape: [team, patrols.length] };
     const { frame, cells } = world.grid || { frame: new Array(9).fill(0), cells: "" };
     const bytes = bytesOf(cells);
     arrays.cells = { at: bytes.length ? kernels.put(bytes) : kernels.room(8), shape: [bytes.length] };
@@ -153,7 +201,7 @@ class Simulator {
 
   fillNoise() {
     if (!this.disturbance.noisy) return;
-    const noise = this.kernels.f64(this.arrays.noise.at, this.rows * this.columns);
+    const noise = this.kernels.f64(this.arrays.noise.at, this.team * this.rows * this.columns);
     for (let k = 0; k < noise.length; k++) noise[k] = this.random.normal();
   }
 
@@ -210,34 +258,47 @@ class Simulator {
   }
 
   observe() {
-    const flat = this.kernels.f32(this.arrays.out.at, this.body.size);
-    const seen = {};
-    let k = 0;
-    for (const [name, shape] of this.body.fields) {
-      const size = shape.reduce((a, b) => a * b, 1);
-      seen[name] = Float64Array.from(flat.subarray(k, k + size));
-      k += size;
+    const { size: width, fields } = this.body;
+    for (const one of this.each) {
+      const flat = this.kernels.f32(this.arrays.out.at + 4 * width * one.row, width);
+      one.seen = {};
+      let k = 0;
+      for (const [name, shape] of fields) {
+        const size = shape.reduce((a, b) => a * b, 1);
+        one.seen[name] = Float64Array.from(flat.subarray(k, k + size));
+        k += size;
+      }
     }
-    this.seen = seen;
-    return seen;
+    this.seen = this.each[0].seen;
+    return this.seen;
   }
 
-  step(twist) {
-    const { kernels, arrays, state, disturbance } = this;
-    let action = this.body.axes.map((axis) => twist[axis]);
+  // A step of all: the twist of the robot, or of a team a list of them. A robot that has ended waits.
+  step(twists) {
+    const { kernels, arrays, state, disturbance, alive, ends, team } = this;
+    const all = this.crowd ? twists : [twists];
+    let asked = all.map((twist) => this.body.axes.map((axis) => (twist ? twist[axis] : 0)));
     if (disturbance.delay) {
-      this.asked.push(action);
-      action = this.asked.shift();
+      this.asked.push(asked);
+      asked = this.asked.shift();
     }
-    kernels.f64(arrays.actions.at, action.length).set(action);
-    if (disturbance.noisy && state.get("noise_row") >= NOISE_BLOCK) {
+    const columns = arrays.actions.shape[1];
+    asked.forEach((action, row) => kernels.f64(arrays.actions.at + 8 * columns * row, action.length).set(action));
+    if (disturbance.noisy && alive.some((is, row) => is && state.get("noise_row", row) >= NOISE_BLOCK)) {
       this.fillNoise();
-      state.set("noise_row", 0);
+      alive.forEach((_, row) => state.set("noise_row", 0, row));
     }
+    new Uint8Array(kernels.memory.buffer, arrays.skip.at, team).set(alive.map((is) => (is ? 0 : 1)));
     kernels.call(`${this.tables.rows}_step`, { phases: 7, thread: 0, ...arrays });
     this.observe();
-    const flags = new Uint8Array(kernels.memory.buffer, arrays.flags.at, this.tables.flags.length);
-    return Object.fromEntries(this.tables.flags.map((name, k) => [name, flags[k] !== 0]));
+    const flags = new Uint8Array(kernels.memory.buffer, arrays.flags.at, team * this.tables.flags.length);
+    const of = (row) => Object.fromEntries(this.tables.flags.map((name, k) => [name, flags[k * team + row] !== 0]));
+    if (!this.crowd) return of(0);
+    alive.forEach((is, row) => {
+      const told = of(row);
+      if (is && told.ended) [alive[row], ends[row]] = [false, told.success ? "success" : "collision"];
+    });
+    return { ended: !alive.includes(true), success: ends.every((each) => each === "success"), collision: ends.includes("collision") };
   }
 
   get pose() {
@@ -246,13 +307,13 @@ class Simulator {
 
   // What a policy may be told, by the name that recipes use.
   get told() {
-    const { arrays } = this;
+    const { arrays, row = 0 } = this;
     const index = () => { this.zero = this.zero || { at: this.kernels.room(8), shape: [1] }; this.kernels.i64(this.zero.at, 1)[0] = 0n; return this.zero; };
     if (this.world.kind === "path") return { vertices: arrays.vertices, runs: arrays.runs, path_index: index() };
     const count = (value) => { const at = this.kernels.room(8); this.kernels.i64(at, 1)[0] = BigInt(value); return { at, shape: [1] }; };
     const obstacles = this.kernels.put(new Uint8Array(this.kernels.memory.buffer, arrays.obstacles.at, 64 * arrays.obstacles.shape[1]).slice());
-    return { obstacles: { at: obstacles, shape: arrays.obstacles.shape }, num_obstacles: count(arrays.obstacles.shape[1]),
-      patrols: this.toldPatrols, goals: arrays.goals, num_goals: count(arrays.goals.shape[1]),
+    return { obstacles: { at: obstacles, shape: [1, arrays.obstacles.shape[1]] }, num_obstacles: count(arrays.obstacles.shape[1]),
+      patrols: this.toldPatrols, goals: { at: arrays.goals.at + 24 * arrays.goals.shape[1] * row, shape: [1, ...arrays.goals.shape.slice(1)] }, num_goals: count(arrays.goals.shape[1]),
       frames: this.toldFrames, cells: arrays.cells };
   }
 

@@ -17,7 +17,7 @@ function errorsOf(actor, world) {
 
 function clearances(actor, world) {
   const hull = HULLS[actor.robot] || 0.25;
-  return actor.x.map((x, k) => clearanceAt(world, k * DT, x, actor.y[k], hull));
+  return actor.x.map((x, k) => Math.min(clearanceAt(world, k * DT, x, actor.y[k], hull), ...bodiesAt(world, actor, k, hull).map((body) => distanceTo(body, x, actor.y[k]) - hull)));
 }
 
 class Trace {
