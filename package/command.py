@@ -60,7 +60,17 @@ _HELP = "\n".join(
 
 def main() -> None:
     """Runs the command that the words of the process name, and exits."""
-    words = sys.argv[1:]
+    try:
+        try:
+            _run(sys.argv[1:])
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # who reads has left, as in `wayfield --help | head -3`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _run(words: list[str]) -> None:
     if not words or words[0] in ("-h", "--help", "help"):
         started()
         print(_HELP)

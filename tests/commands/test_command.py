@@ -58,6 +58,14 @@ def test_the_help_names_every_command_without_any_extra() -> None:
         assert all(f"  {name} " in told.stdout for name in command.COMMANDS)
 
 
+def test_a_reader_who_leaves_gets_no_traceback() -> None:
+    left, ours = os.pipe()
+    os.close(left)
+    told = subprocess.run([sys.executable, "-m", "wayfield.command"], stdout=ours, stderr=subprocess.PIPE, check=False)
+    os.close(ours)
+    assert (told.returncode, told.stderr) == (1, b"")
+
+
 @pytest.mark.parametrize("name", ["evaluate", "train", "render"])
 def test_without_its_extra_a_command_says_one_line(name: str) -> None:
     told = said(name, "--help", missing=("click",))
