@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
-from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing
+from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing, Surroundings
 from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.tasks.task import Task
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import SCRATCH, WORDS, scan_grid
-from wayfield.envs.world.patrols import PATROL
 from wayfield.system.checks import choose, memory, shown
 from wayfield.system.compiled import machine_code
 from wayfield.system.sharing import PART
@@ -344,11 +343,9 @@ class Batch:
         task = self.task
         told = task.told(self.states, knows)
         if knows in MAPPED:
-            told |= {
-                "obstacles": self.told_obstacles[self.states["field"]],
-                "num_obstacles": task.obstacle_counts(self.states),
-            }
-            told.setdefault("patrols", np.zeros(told["obstacles"].shape, PATROL))
+            obstacles, scenario = self.told_obstacles[self.states["field"]], self.states["scenario"]
+            counts, patrols = task.obstacle_counts(self.states), task.patrols[scenario]
+            told["map"] = Surroundings.of(obstacles, counts, patrols, task.grids, scenario)
         return Briefing(
             num_envs=self.num_envs,
             robot=task.robot,

@@ -14,7 +14,7 @@ from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.briefing import MAPPED
+from wayfield.envs.tasks.briefing import Goals
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
@@ -30,7 +30,7 @@ from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.blocks import in_blocks
 from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
-from wayfield.envs.world.grids import FRAME, SCRATCH, WORDS, Grids, clearance_around, frames_of, lay_grids, scan_grids
+from wayfield.envs.world.grids import FRAME, SCRATCH, WORDS, Grids, clearance_around, lay_grids, scan_grids
 from wayfield.envs.world.patrols import PATROL, patrol
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.system.compiled import allocating, inlined
@@ -538,14 +538,9 @@ class GoalReaching(Task):
         """Returns the task's part of the briefing: waypoints and goal, and the obstacles for a policy with a map."""
         courses, goals, *_ = self.world
         scenario = states["scenario"]
-        told = {"position_tolerance": courses["position_tolerance"][scenario]}
-        if knows in ("sensors", "bodies"):
-            return told
-        told |= {"goals": goals[scenario], "num_goals": courses["num_goals"][scenario]}
-        if knows in MAPPED and self.patrols.shape[1]:
-            told["patrols"] = self.patrols[scenario]
-        if knows in MAPPED:
-            told["grids"] = frames_of(self.grids, scenario)
+        told: dict[str, Any] = {"position_tolerance": courses["position_tolerance"][scenario]}
+        if knows not in ("sensors", "bodies"):
+            told["goal"] = Goals(goals[scenario], courses["num_goals"][scenario])
         return told
 
 

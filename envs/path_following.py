@@ -12,6 +12,7 @@ from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
@@ -389,7 +390,7 @@ class PathFollowing(Task):
         """Returns the task's part of the briefing: the path, unless the policy knows its sensors alone."""
         if knows in ("sensors", "bodies"):
             return {}
-        return {"paths": self.pool, "path_index": states["scenario"].copy()}
+        return {"path": Course.of(self.pool, states["scenario"].copy())}
 
 
 class DiffDrivePathFollowing(SingleEnv):

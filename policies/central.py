@@ -111,15 +111,13 @@ class Central(Gains):
         self, p: NDArray[Any], briefing: Briefing, rows: slice, poses: NDArray[Any], memory: NDArray[Any]
     ) -> None:
         """Plans for all robots of a world, from where they are."""
-        assert briefing.goals is not None
-        assert briefing.num_goals is not None
-        assert briefing.obstacles is not None
-        assert briefing.num_obstacles is not None
+        assert briefing.goal is not None
+        assert briefing.map is not None
         ahead = p["ahead"][0]
         starts = poses[:, :2] + ahead * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-        last = briefing.num_goals[rows] - 1
-        goals = np.ascontiguousarray(briefing.goals[rows][np.arange(len(poses)), last, :2])
-        obstacles = briefing.obstacles[rows][0][: briefing.num_obstacles[rows][0]]
+        last = briefing.goal.num_goals[rows] - 1
+        goals = np.ascontiguousarray(briefing.goal.goals[rows][np.arange(len(poses)), last, :2])
+        obstacles = briefing.map.obstacles[rows][0][: briefing.map.counts[rows][0]]
         points = np.vstack([starts, goals])
         extent = float((points.max(axis=0) - points.min(axis=0)).max())
         cell = max(self.cell, (extent + 2.0 * _AROUND) / _NODES)

@@ -14,7 +14,7 @@ from wayfield.envs.world.paths import along_lap, nearest_ahead, segment_at, vert
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import Course, unicycle_twists
+from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
@@ -69,7 +69,7 @@ class Lookahead(Gains):
             disc_heading=math.nan if self.reference_heading is None else float(self.reference_heading),
         )
         errors = np.empty((len(pose), 5))
-        reference_points(p, Course.of(briefing), pose, arc_length, errors)
+        reference_points(p, briefing.path, pose, arc_length, errors)
         return errors
 
     def act(

@@ -14,7 +14,7 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.speed_profile import curvature_at, heading_at, limits, reference_at, speed_at
-from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
+from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
 from wayfield.system.linear import product, riccati
@@ -87,7 +87,7 @@ class Lqr(Gains):
             **limits(briefing, self.acceleration, self.lateral_acceleration, self.share),
         )
         command = np.empty((2, len(observation.pose)))
-        steer_rows(p, *self.gains(briefing), Course.of(briefing), Motion.of(observation), memory, command)
+        steer_rows(p, *self.gains(briefing), briefing.path, Motion.of(observation), memory, command)
         return unicycle_twists(briefing.robot, command[0], command[1])
 
 

@@ -125,7 +125,7 @@ class Mpc(Gains):
 
     def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
-        assert briefing.paths is not None
+        assert briefing.path is not None
         model = self.model(briefing)
         wheels = np.ascontiguousarray(briefing.robot.wheel_matrix)
         program = quadratic_program(
@@ -139,9 +139,7 @@ class Mpc(Gains):
         for i in range(len(memory)):
             shift_plan(model, commands, progress, multipliers, i)
             locate(
-                briefing.paths.vertices,
-                briefing.paths.runs,
-                briefing.path_index,
+                *briefing.path,
                 model,
                 observation.pose,
                 observation.arc_length,

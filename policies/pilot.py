@@ -106,7 +106,7 @@ class Pilot:
             return
         if not self._started:
             raise RuntimeError("call the pilot's reset for all rows before its reset for some")
-        self.briefing = _briefed(self.briefing, briefing, rows)
+        self.briefing = self.briefing.with_rows(briefing, rows)
         self.memory[rows] = self.policy.reset(self.briefing)[rows]
         self._parts = self._shared_out()
 
@@ -176,7 +176,7 @@ class Pilot:
             spacing = getattr(getattr(task, "task_params", None), "preview_spacing", 0.0)
             self._ahead = ForwardPrediction(told, spacing)
         else:
-            self._ahead.episodes = told if rows is None else _briefed(self._ahead.episodes, told, rows)
+            self._ahead.episodes = told if rows is None else self._ahead.episodes.with_rows(told, rows)
         self._ahead.reset(slice(None) if rows is None else rows)
         return dataclasses.replace(briefing, actuators=undelayed(briefing.actuators))
 
@@ -206,16 +206,7 @@ class Pilot:
             return []
         team = self.briefing.team  # the robots of a world stay together
         parts = [(a - a % team, b - b % team) for a, b in bounds(self.briefing.num_envs, self._threads)]
-        return [(first, last, _part(self.briefing, first, last)) for first, last in parts if first < last]
-
-
-def _part(briefing: Briefing, first: int, last: int) -> Briefing:
-    """Returns the briefing of some of the robots."""
-    told = {name: getattr(briefing, name) for name in _OF_EACH_ROBOT}
-    few: Any = {name: None if array is None else array[first:last] for name, array in told.items()}
-    if briefing.grids is not None:
-        few["grids"] = briefing.grids._replace(frames=briefing.grids.frames[first:last])
-    return dataclasses.replace(briefing, num_envs=last - first, **few)
+        return [(first, last, self.briefing.part(first, last)) for first, last in parts if first < last]
 
 
 def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -226,21 +217,3 @@ def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]
     excess = np.maximum(np.abs(actions) / most, 1.0).max(axis=-1, keepdims=True)
     scaled = actions / np.where(np.isfinite(excess), excess, 1.0)
     return np.clip(scaled, -most, most, where=np.isfinite(scaled), out=scaled).astype(np.float32)
-
-
-def _briefed(briefing: Briefing, anew: Briefing, rows: NDArray[Any]) -> Briefing:
-    """Returns a briefing with some rows of another: of all fields that hold an array with a row for each robot."""
-    told: dict[str, Any] = {}
-    for name in _OF_EACH_ROBOT:
-        old, new = getattr(briefing, name), getattr(anew, name)
-        if old is not None and new is not None:
-            told[name] = old.copy()
-            told[name][rows] = new[rows]
-    if briefing.grids is not None and anew.grids is not None:
-        frames = briefing.grids.frames.copy()
-        frames[rows] = anew.grids.frames[rows]
-        told["grids"] = anew.grids._replace(frames=frames)
-    return dataclasses.replace(briefing, **told)
-
-
-_OF_EACH_ROBOT = ("path_index", "goals", "num_goals", "position_tolerance", "obstacles", "num_obstacles", "patrols")

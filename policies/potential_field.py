@@ -235,18 +235,17 @@ def obstacles_now(
 
     Those on patrol have moved on. Of a grid the point nearest to the robot is one obstacle more, of no size.
     """
-    assert briefing.obstacles is not None
-    assert briefing.num_obstacles is not None
-    obstacles, counts = briefing.obstacles, briefing.num_obstacles
-    if briefing.patrols is not None and briefing.patrols["leg_time"].any():
+    assert briefing.map is not None
+    obstacles, counts, patrols, frames, cells = briefing.map
+    if patrols["leg_time"].any():
         obstacles = obstacles.copy()
-        move(briefing.patrols, obstacles, counts, memory["steps"] * briefing.dt)
+        move(patrols, obstacles, counts, memory["steps"] * briefing.dt)
         memory["steps"] += 1.0
-    if briefing.grids is not None and len(briefing.grids.cells):
+    if len(cells):
         seen = np.zeros((len(obstacles), obstacles.shape[1] + 1), obstacles.dtype)
         seen[:, :-1] = obstacles
         counts = counts.copy()
-        append_nearest(*briefing.grids, poses, seen, counts)
+        append_nearest(frames, cells, poses, seen, counts)
         obstacles = seen
     return obstacles, counts
 

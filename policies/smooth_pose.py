@@ -14,7 +14,7 @@ from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import Course, Motion, unicycle_twists
+from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import bearing, power, sin_cos, wrap_angle
 
@@ -98,8 +98,8 @@ class SmoothPose(Gains):
         )
         twists = np.empty((len(observation.pose), 2))
         seen: Any = observation
-        if briefing.paths is not None:
-            chase(p, Course.of(briefing), Motion.of(seen), twists)
+        if briefing.path is not None:
+            chase(p, briefing.path, Motion.of(seen), twists)
         else:
             approach(p, seen.goal, seen.goal_heading_error, seen.waypoints_left, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])

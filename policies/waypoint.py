@@ -11,7 +11,6 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import Goals
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
 
@@ -49,7 +48,7 @@ class Waypoint(Gains):
         """Returns the twists (b, 3): m/s, m/s, rad/s."""
         twists = np.empty((len(memory), 3))
         seen = observation.pose, observation.goal_heading_error
-        drive(params(self, briefing), Goals.of(briefing), *seen, memory, twists)
+        drive(params(self, briefing), briefing.goal, *seen, memory, twists)
         return twists
 
 

@@ -129,8 +129,7 @@ def _trajectory(
         return np.column_stack([states[name] for name in names])
 
     wheel_twists = columns("wheel_vx", "wheel_vy", "wheel_yaw_rate")
-    assert briefing.obstacles is not None
-    assert briefing.num_obstacles is not None
+    assert briefing.map is not None
     driven = Trajectory(
         times=states["steps"] * briefing.dt,
         poses=columns("x", "y", "heading"),
@@ -142,16 +141,15 @@ def _trajectory(
     )
     if env.task.spec.on_path:
         return _on_path(driven, env.task, briefing, policy, states, flags)
-    assert briefing.goals is not None
-    assert briefing.num_goals is not None
+    assert briefing.goal is not None
     scenario = env.task.scenarios[int(states["scenario"][0])]
     driven = dataclasses.replace(
         driven,
         max_speed=min(case.asked, float(briefing.robot.max_twist[0])),
         acceleration=briefing.actuators.acceleration,
         clearances=states["clearance"].copy(),
-        goals=briefing.goals[i, : briefing.num_goals[i]],
-        obstacles=briefing.obstacles[i, : briefing.num_obstacles[i]],
+        goals=briefing.goal.goals[i, : briefing.goal.num_goals[i]],
+        obstacles=briefing.map.obstacles[i, : briefing.map.counts[i]],
         walls=np.empty(0) if scenario.grid is None else scenario.grid.outline(),
     )
     if case.rules is not None:
@@ -187,7 +185,8 @@ def _on_path(
     last = vertices[-1]
     end_pose = (last["x"], last["y"], math.atan2(last["uy"], last["ux"]))
     lookahead = policy if isinstance(policy, Lookahead) else Lookahead()
-    along = dataclasses.replace(briefing, path_index=np.full(len(states), scenario))
+    assert briefing.path is not None
+    along = dataclasses.replace(briefing, path=briefing.path._replace(path_index=np.full(len(states), scenario)))
     laps = task.scenarios[scenario].laps
     completion = float(states["arc_length"].max() / (run["length"] * max(laps, 1)))
     # on laps without end the environment knows no success: a lap kept inside the corridor is one

@@ -1,7 +1,9 @@
 """The information that a policy has access to before an episode starts."""
 
 import dataclasses
-from typing import Any
+import warnings
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,30 +11,83 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import Actuators, Robot
 from wayfield.envs.tasks.observation import Layout
 from wayfield.envs.tasks.specs import TaskSpec
-from wayfield.envs.world.grids import Grids
+from wayfield.envs.world.grids import NO_GRIDS, Grids, frames_of
 from wayfield.envs.world.paths import PathPool
+from wayfield.envs.world.patrols import PATROL
 from wayfield.system.checks import choose
 
 KNOWS = ("sensors", "path", "bodies", "goal", "map", "team_map")
 MAPPED = ("map", "team_map")  # to whom what stands is told
 
-
-_OF_THE_MAP = ("obstacles", "num_obstacles", "patrols", "grids")
-_OF_THE_WAY = ("paths", "path_index", "goals", "num_goals")
-_HIDDEN_FROM = dict.fromkeys(("sensors", "bodies"), _OF_THE_WAY + _OF_THE_MAP) | {
-    "path": _OF_THE_MAP,
-    "goal": _OF_THE_MAP,
-    **dict.fromkeys(MAPPED, ()),
+# names of until 0.1: where each is now
+_FORMERLY = {
+    "paths": ("path", ""),
+    "path_index": ("path", "path_index"),
+    "goals": ("goal", "goals"),
+    "num_goals": ("goal", "num_goals"),
+    "obstacles": ("map", "obstacles"),
+    "num_obstacles": ("map", "counts"),
+    "patrols": ("map", "patrols"),
 }
+
+
+class Course(NamedTuple):
+    """The paths of b robots."""
+
+    vertices: NDArray[np.void]  # of all paths; the records of `PathPool`
+    runs: NDArray[np.void]
+    path_index: NDArray[np.int64]  # (b,) the run of each robot
+
+    @classmethod
+    def of(cls, pool: PathPool, path_index: NDArray[np.int64]) -> "Course":
+        """Returns the paths of robots on these of a pool."""
+        return cls(pool.vertices, pool.runs, path_index)
+
+
+class Goals(NamedTuple):
+    """The waypoints and goals of b robots."""
+
+    goals: NDArray[np.float64]  # (b, w, 3) waypoints and, last of num_goals, the goal pose
+    num_goals: NDArray[np.int64]  # (b,)
+
+
+class Surroundings(NamedTuple):
+    """What stands around b robots, and what moves by itself."""
+
+    obstacles: NDArray[np.void]  # (b, m) OBSTACLE records
+    counts: NDArray[np.int64]  # (b,) of them
+    patrols: NDArray[np.void]  # (b, m) PATROL records of the obstacles; leg_time 0 where one stands
+    frames: NDArray[np.void]  # (b,) of each robot's grid
+    cells: NDArray[np.uint8]  # of all grids; none where there is no grid
+
+    @classmethod
+    def of(
+        cls,
+        obstacles: NDArray[np.void],
+        counts: NDArray[np.int64],
+        patrols: NDArray[np.void] | None = None,
+        grids: Grids = NO_GRIDS,
+        scenarios: NDArray[np.int64] | None = None,
+    ) -> "Surroundings":
+        """Returns it of obstacles that stand unless patrols are given, and of the grids of scenarios (b,), if any."""
+        if patrols is None or not patrols.shape[1]:
+            patrols = np.zeros(obstacles.shape, PATROL)
+        which = np.zeros(len(obstacles), np.int64) if scenarios is None or not len(grids.cells) else scenarios
+        return cls(obstacles, counts, patrols, *frames_of(grids, which))
+
+
+# of each, the arrays with a row for each robot
+_ROWS = {"path": ("path_index",), "goal": Goals._fields, "map": ("obstacles", "counts", "patrols", "frames")}
 
 
 @dataclasses.dataclass(frozen=True)
 class Briefing:
     """What a robot may know before it starts, for a batch of b robots.
 
-    A policy that declares `sensors` or `bodies` finds None in the fields of path, goal and map; one that declares
-    `path` or `goal` finds those; only `map` is shown the obstacles; `team_map` is the same of one who reads the rows of
-    all robots of a world, where others read their own. How near to its goal a robot has to come is told to all.
+    A policy that declares `sensors` or `bodies` finds None in `path`, `goal` and `map`; one that declares `path` or
+    `goal` finds those two where the task has them; only `map` is shown the map; `team_map` is the same of one who reads
+    the rows of all robots of a world, where others read their own. How near to its goal a robot has to come is told to
+    all; bodies that are in sight come with the observation.
     """
 
     num_envs: int
@@ -44,14 +99,9 @@ class Briefing:
     beam_angles: NDArray[np.float64]  # (beams,) rad, body frame
     max_range: float  # m
     position_tolerance: NDArray[np.float64] | None = None  # (b,) m, from the goal where it is reached; None on a path
-    paths: PathPool | None = None
-    path_index: NDArray[np.int64] | None = None  # (b,) run of each robot in the pool
-    goals: NDArray[np.float64] | None = None  # (b, w, 3) waypoints and, last of num_goals, the goal pose
-    num_goals: NDArray[np.int64] | None = None  # (b,)
-    obstacles: NDArray[np.void] | None = None  # (b, m) OBSTACLE records
-    num_obstacles: NDArray[np.int64] | None = None  # (b,)
-    patrols: NDArray[np.void] | None = None  # (b, m) PATROL records of the obstacles; leg_time 0 where one stands
-    grids: Grids | None = None  # what stands besides; a frame a robot
+    path: Course | None = None
+    goal: Goals | None = None
+    map: Surroundings | None = None
     team: int = 1  # robots of a world, whose rows lie together
     sight: float = 0.0  # m, within which bodies are tracked; 0: none are
 
@@ -63,12 +113,50 @@ class Briefing:
             TypeError: if there is not what it declares; the message names the field.
         """
         choose("knows", knows, KNOWS)
-        hidden: dict[str, Any] = dict.fromkeys(_HIDDEN_FROM[knows])
-        needed = {"path": ("paths", "goals"), "goal": ("goals",)} | dict.fromkeys(MAPPED, ("obstacles",))
+        needed = {"path": ("path", "goal"), "goal": ("goal",)} | dict.fromkeys(MAPPED, ("map",))
         fields = needed.get(knows, ())
         if fields and all(getattr(self, name) is None for name in fields):
             raise TypeError(f"briefing has {' and '.join(fields)} None; one who has access to the {knows} needs it")
-        return dataclasses.replace(self, **hidden)
+        if knows in MAPPED:
+            return self
+        if fields:
+            return dataclasses.replace(self, map=None)
+        return dataclasses.replace(self, path=None, goal=None, map=None)
+
+    def part(self, first: int, last: int) -> "Briefing":
+        """Returns the briefing of the robots from `first` to `last`, exclusive."""
+        few = self._by_rows(self, lambda array, _: array[first:last])
+        return dataclasses.replace(self, num_envs=last - first, **few)
+
+    def with_rows(self, anew: "Briefing", rows: NDArray[Any]) -> "Briefing":
+        """Returns it with some rows of another, of all arrays that hold one for each robot."""
+
+        def mixed(array: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+            array = array.copy()
+            array[rows] = other[rows]
+            return array
+
+        return dataclasses.replace(self, **self._by_rows(anew, mixed))
+
+    def _by_rows(self, other: "Briefing", change: Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]) -> Any:
+        """Returns the fields that hold a row for each robot, their arrays changed with those of another."""
+        found: dict[str, Any] = {}
+        if self.position_tolerance is not None and other.position_tolerance is not None:
+            found["position_tolerance"] = change(self.position_tolerance, other.position_tolerance)
+        for name, rows in _ROWS.items():
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine is not None:
+                found[name] = mine._replace(**{k: change(getattr(mine, k), getattr(theirs, k)) for k in rows})
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _FORMERLY:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        value, field = _FORMERLY[name]
+        now = f"{value}.{field}".rstrip(".")
+        warnings.warn(f"briefing.{name} is briefing.{now} now, and will be gone", DeprecationWarning, stacklevel=2)
+        given = getattr(self, value)
+        return given if given is None or not field else getattr(given, field)
 
     @property
     def task(self) -> TaskSpec:

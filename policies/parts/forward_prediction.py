@@ -28,7 +28,6 @@ from wayfield.envs.robots.sensing import beam_directions
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.paths import walk_to
 from wayfield.policies.parts.carrot import place_on_lap
-from wayfield.policies.parts.steering import Course
 from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
@@ -131,7 +130,7 @@ class ForwardPrediction:
         fields.pose[:, 2] = _wrapped(fields.pose[:, 2] + steps[:, 2])
         if hasattr(fields, "cross_track_error"):
             follow(
-                Course.of(told),
+                told.path,
                 self._spacing,
                 fields.pose,
                 fields.arc_length,

@@ -1,4 +1,4 @@
-"""Paths, maps and goals of a briefing as bundles of arrays, and the twist that a base can drive."""
+"""What a law drives by as bundles of arrays, and the twist that a base can drive."""
 
 from typing import NamedTuple
 
@@ -8,26 +8,9 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.world.grids import NO_GRIDS, frames_of
-from wayfield.envs.world.patrols import PATROL
 from wayfield.system.elementary import bearings
 
 Array = NDArray[np.float64]
-
-
-class Course(NamedTuple):
-    """The paths of b robots, as compiled laws take them."""
-
-    vertices: NDArray[np.void]
-    runs: NDArray[np.void]
-    path_index: NDArray[np.int64]  # (b,) the run of each robot
-
-    @classmethod
-    def of(cls, briefing: Briefing) -> "Course":
-        """Returns the paths of a briefing that has them."""
-        assert briefing.paths is not None
-        assert briefing.path_index is not None
-        return cls(briefing.paths.vertices, briefing.paths.runs, briefing.path_index)
 
 
 class Motion(NamedTuple):
@@ -44,7 +27,7 @@ class Motion(NamedTuple):
 
 
 class Map(NamedTuple):
-    """The obstacles around b robots, standing and moving; `Briefing` says what each array holds."""
+    """The map and the goals of a briefing together, as compiled laws take them."""
 
     obstacles: NDArray[np.void]
     counts: NDArray[np.int64]  # of the obstacles
@@ -57,27 +40,10 @@ class Map(NamedTuple):
     @classmethod
     def of(cls, briefing: Briefing) -> "Map":
         """Returns the map of a briefing that has it."""
-        assert briefing.obstacles is not None
-        assert briefing.num_obstacles is not None
-        assert briefing.goals is not None
-        assert briefing.num_goals is not None
-        patrols = np.zeros(briefing.obstacles.shape, PATROL) if briefing.patrols is None else briefing.patrols
-        grids = briefing.grids or frames_of(NO_GRIDS, np.zeros(briefing.num_envs, np.int64))
-        return cls(briefing.obstacles, briefing.num_obstacles, patrols, briefing.goals, briefing.num_goals, *grids)
-
-
-class Goals(NamedTuple):
-    """The waypoints and goals of b robots."""
-
-    goals: Array  # (b, m, 3)
-    num_goals: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, briefing: Briefing) -> "Goals":
-        """Returns the goals of a briefing that has them."""
-        assert briefing.goals is not None
-        assert briefing.num_goals is not None
-        return cls(briefing.goals, briefing.num_goals)
+        assert briefing.goal is not None
+        assert briefing.map is not None
+        obstacles, counts, patrols, frames, cells = briefing.map
+        return cls(obstacles, counts, patrols, *briefing.goal, frames, cells)
 
 
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:

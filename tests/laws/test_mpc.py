@@ -137,10 +137,10 @@ def test_the_path_ahead_begins_behind_what_was_seen_and_the_robot_is_on_it(steps
     drive = Drive("straight").go(steps)
     seen = drive.seen()
     problem = Problem(drive, Mpc())
-    briefing = drive.pilot.briefing
-    assert briefing.paths is not None
-    run = briefing.paths.runs[briefing.path_index[0]]
-    vertex = briefing.paths.vertices[run["first"]]
+    course = drive.pilot.briefing.path
+    assert course is not None
+    run = course.runs[course.path_index[0]]
+    vertex = course.vertices[run["first"]]
     first, along = np.array([vertex["x"], vertex["y"]]), np.array([vertex["ux"], vertex["uy"]])
     begin = max(float(seen.arc_length[0]) - 0.1, 0.0)
     for sigma in (0.0, 0.31, 1.2):
@@ -157,17 +157,16 @@ def test_a_robot_is_where_pose_and_heading_are_nearest_also_in_a_corner_that_it_
     """Its projection knows no turn: all of that lies ahead of it."""
     drive = Drive("right_angle")
     problem = Problem(drive, Mpc())
-    paths, m = drive.pilot.briefing.paths, problem.model[0]
-    assert paths is not None
-    run = paths.runs[drive.pilot.briefing.path_index[0]]
-    legs = paths.vertices[run["first"] : run["first"] + run["segments"]]
+    course, m = drive.pilot.briefing.path, problem.model[0]
+    assert course is not None
+    run = course.runs[course.path_index[0]]
+    legs = course.vertices[run["first"] : run["first"] + run["segments"]]
     corner = 1 + int(np.argmax(np.abs(np.diff(legs["heading"])) > 1.0))
     before, after = (float(legs["heading"][k]) for k in (corner - 1, corner))
     x, y = float(legs["x"][corner]), float(legs["y"][corner])
     poses = np.array([[x + 0.01, y - 0.02, before + turned * math.remainder(after - before, math.tau)]])
     arc = np.array([float(legs["s"][corner]) - 0.01])
-    which = drive.pilot.briefing.path_index
-    mpc.locate(paths.vertices, paths.runs, which, problem.model, poses, arc, 0, problem.path, problem.start)
+    mpc.locate(*course, problem.model, poses, arc, 0, problem.path, problem.start)
 
     def off(sigma: float) -> float:
         px, py, heading = problem.pose_at(sigma)

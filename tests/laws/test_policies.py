@@ -154,7 +154,7 @@ def test_a_briefing_that_lacks_what_a_policy_needs_is_refused() -> None:
     env: Any = gymnasium.make("wayfield/OmniGoalObstacles-v0")
     env.reset(seed=0)
     pilot = Pilot(policies.make("orca"), env.unwrapped.briefing("goal"))
-    with pytest.raises(TypeError, match="briefing has obstacles None; one who has access to the map needs it"):
+    with pytest.raises(TypeError, match="briefing has map None; one who has access to the map needs it"):
         pilot.reset()
     with pytest.raises(TypeError, match="briefing is given, but the environment makes its own"):
         Pilot(policies.make("orca"), env).reset(briefing=env.unwrapped.briefing("map"))
@@ -303,12 +303,11 @@ def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, 
     env = make(env_id).unwrapped
     env.reset(seed=0)
     told = env.briefing(knows)
-    path, goal = (told.paths, told.path_index), (told.goals, told.num_goals)
-    own, other = (path, goal) if env_id in IDS_OF[path_following.Observation] else (goal, path)
-    assert all(part is None for part in other)
-    assert all((part is None) == (knows in ("sensors", "bodies")) for part in own)
-    for part in (told.obstacles, told.num_obstacles, told.patrols):
-        assert (part is None) == (knows not in ("map", "team_map"))
+    on_path = env_id in IDS_OF[path_following.Observation]
+    own, other = (told.path, told.goal) if on_path else (told.goal, told.path)
+    assert other is None
+    assert (own is None) == (knows in ("sensors", "bodies"))
+    assert (told.map is None) == (knows not in ("map", "team_map"))
     with pytest.raises(ValueError, match="knows='everything' is unknown"):
         env.briefing("everything")
 
@@ -316,10 +315,10 @@ def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, 
 def test_each_row_is_told_of_its_own_path() -> None:
     env: Any = gymnasium.make_vec(PATH_ID, 6)
     seen, _ = env.reset(seed=0)
-    told = env.briefing("path")
+    told = env.briefing("path").path
     assert len(set(told.path_index.tolist())) > 1
     for i, k in enumerate(told.path_index):
-        first = told.paths.vertices[told.paths.runs["first"][k]]
+        first = told.vertices[told.runs["first"][k]]
         # starts are scattered by 0.1 m
         assert math.hypot(seen[i, 0] - first["x"], seen[i, 1] - first["y"]) <= 0.11
 

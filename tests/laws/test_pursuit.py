@@ -16,7 +16,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.curves import circle_path
-from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.world.paths import Path, PathPool
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
 from wayfield.policies.pilot import Pilot
@@ -52,8 +52,7 @@ def told(num_envs: int, actuators: str = "ideal", paths: list[Path] | None = Non
         layout=layout,
         beam_angles=np.empty(0),
         max_range=0.0,
-        paths=PathPool.of(paths) if paths else None,
-        path_index=np.zeros(num_envs, np.int64) if paths else None,
+        path=Course.of(PathPool.of(paths), np.zeros(num_envs, np.int64)) if paths else None,
     )
 
 

@@ -20,7 +20,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
-from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.patrols import PATROL, patrol_at
 from wayfield.policies import mppi
 from wayfield.policies.mppi import Mppi
@@ -37,8 +37,6 @@ sides = st.floats(-math.pi, math.pi)
 
 def brief(robot: str, actuators: str = "lagged", num_beams: int = 72, **told: Any) -> Briefing:
     """Returns the briefing of a goal seeker."""
-    if "obstacles" in told:  # as an environment hands them over: what nobody may write has kernels of its own
-        told["obstacles"] = told["obstacles"].copy()
     return Briefing(
         num_envs=1,
         robot=ROBOTS[robot],
@@ -208,11 +206,9 @@ def passes(
     briefing = brief(
         robot,
         num_beams=0,
-        obstacles=obstacles,
-        num_obstacles=np.array([obstacles.shape[1]]),
-        patrols=patrols,
-        goals=np.array([[[*goal, 0.0]]]),
-        num_goals=np.array([1]),
+        # as an environment hands them over: what nobody may write has kernels of its own
+        map=Surroundings.of(obstacles.copy(), np.array([obstacles.shape[1]]), patrols),
+        goal=Goals(np.array([[[*goal, 0.0]]]), np.array([1])),
     )
     axes = list(briefing.robot.twist_axes)
     actuators = briefing.actuators
@@ -277,8 +273,9 @@ def test_only_what_is_sensed_matters() -> None:
     asked = []
     for x in (2.0, 4.0):
         obstacles = obstacle_field(circle(x, 0.0, 0.5))[None]
-        told = {"goals": np.zeros((1, 1, 3)), "num_goals": np.array([1])}
-        briefing = brief("omni4", num_beams=0, obstacles=obstacles, num_obstacles=np.array([1]), **told)
+        told = Surroundings.of(obstacles.copy(), np.array([1]))
+        goal = Goals(np.zeros((1, 1, 3)), np.array([1]))
+        briefing = brief("omni4", num_beams=0, map=told, goal=goal)
         policy = Orca(sensing_radius=2.0, perturbation=0.0, horizon=10.0, roadmap=False)
         seen = goal_reaching.Observation(
             np.zeros((1, 3)), np.zeros((1, 3)), np.array([[9.0, 0.0]]), np.zeros(1), np.zeros(1), np.empty((1, 0))

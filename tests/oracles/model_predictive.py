@@ -63,11 +63,9 @@ class Problem:
         self.model = policy.model(briefing)
         self.path = np.empty((200, 3))
         self.start = np.empty(5)
-        assert briefing.paths is not None
+        assert briefing.path is not None
         mpc.locate(
-            briefing.paths.vertices,
-            briefing.paths.runs,
-            briefing.path_index,
+            *briefing.path,
             self.model,
             seen.pose,
             seen.arc_length,

@@ -13,8 +13,8 @@ from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.sensing import beam_angles
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field
-from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
+from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
+from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
 from wayfield.envs.world.patrols import PATROL, patrol_at
 from wayfield.policies import mppi
 from wayfield.policies.dwa import Dwa
@@ -173,7 +173,7 @@ def waypoint(p: Waypoint, pose: Any, way: Any, turn: float, m: dict[str, Any]) -
 def test_the_law_of_document_b_is_its_docstring(policy: Waypoint) -> None:
     n, rng = 60, np.random.default_rng(4)
     goals, counts = rng.uniform(-0.6, 0.6, (n, 3, 3)), rng.integers(1, 4, n)
-    briefing = told("omni3", "lagged", n, goals=goals, num_goals=counts)
+    briefing = told("omni3", "lagged", n, goal=Goals(goals, counts))
     memory = policy.reset(briefing)
     mine: list[dict[str, Any]] = [{"index": 0} for _ in range(n)]
     for _ in range(6):
@@ -284,8 +284,8 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
     )
     counts = rng.integers(0, len(field) + 1, n)
     briefing = told(
-        robot, "lagged", n, obstacles=np.tile(field, (n, 1)), num_obstacles=counts,
-        goals=np.zeros((n, 1, 3)), num_goals=np.ones(n, np.int64), position_tolerance=rng.uniform(0.5, 1.5, n),
+        robot, "lagged", n, map=Surroundings.of(np.tile(field, (n, 1)), counts),
+        goal=Goals(np.zeros((n, 1, 3)), np.ones(n, np.int64)), position_tolerance=rng.uniform(0.5, 1.5, n),
     )  # fmt: skip
     memory = policy.reset(briefing)
     left = rng.choice([0.0, 0.0, 1.0], n)
@@ -316,11 +316,11 @@ def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of
         np.zeros((1, 3)), np.zeros((1, 3)), np.array([[3.0, 0.0]]), np.zeros(1), np.zeros(1), np.zeros((1, 0))
     )
     policy = CorrectedField(rho_0=1.5)
-    goals = {"goals": np.zeros((1, 1, 3)), "num_goals": np.ones(1, np.int64), "position_tolerance": np.array([0.2])}
+    goals = {"goal": Goals(np.zeros((1, 1, 3)), np.ones(1, np.int64)), "position_tolerance": np.array([0.2])}
 
     def driven(obstacle: Any, count: int = 1, times: int = 1, **more: Any) -> Any:
-        field = {"obstacles": obstacle_field(obstacle)[None], "num_obstacles": np.array([count])}
-        briefing = told("omni4", "lagged", 1, **field, **goals, **more)
+        around = Surroundings.of(obstacle_field(obstacle)[None], np.array([count]), **more)
+        briefing = told("omni4", "lagged", 1, map=around, **goals)
         memory = policy.reset(briefing)
         return [policy.act(seen, briefing, memory) for _ in range(times)]
 
@@ -331,7 +331,7 @@ def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of
         np.testing.assert_allclose(twist, driven(there)[0], atol=1e-12)
     assert np.abs(moving[0] - moving[-1]).max() > 0.01
     cell = OccupancyGrid(np.eye(1, dtype=bool), 0.2, (0.5, 0.3, 0.0), "free")
-    grids = frames_of(lay_grids([cell], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(1, np.int64))
+    grids = lay_grids([cell], np.zeros(1, NO_GRIDS.frames.dtype))
     corner = circle(0.5, 0.3, 1e-9)
     np.testing.assert_allclose(driven(disc, 0, grids=grids)[0], driven(corner)[0], atol=1e-6)
     assert np.abs(driven(corner)[0] - driven(disc, 0)[0]).max() > 0.01

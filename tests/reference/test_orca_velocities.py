@@ -13,8 +13,8 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
-from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
+from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
+from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
 from wayfield.envs.world.patrols import PATROL, patrol_at
 from wayfield.policies.orca import Orca, disc_half_plane, tracking_drift
 
@@ -129,14 +129,14 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
         centre = OBSTACLES[j]["x"].item(), OBSTACLES[j]["y"].item()
         patrols[j] = (*centre, vx, vy, 3.0, 0.7 * j)
     grid = None
-    more: dict[str, Any] = {}
+    grids = NO_GRIDS
     if mapped:
         grid = OccupancyGrid(rng.random((14, 14)) < 0.12, 0.37, (-2.7, -2.3, 0.2), "free")
-        more["grids"] = frames_of(lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(n, np.int64))
+        grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
     briefing = Briefing(
         n, base, ACTUATORS["lagged"], DT, "twist", Observation.layout(len(base.twist_axes), 0, 5.0), np.empty(0), 5.0,
-        obstacles=np.tile(OBSTACLES, (n, 1)), num_obstacles=np.full(n, len(OBSTACLES)), goals=np.zeros((n, 1, 3)),
-        num_goals=np.ones(n, np.int64), patrols=np.tile(patrols, (n, 1)), **more,
+        map=Surroundings.of(np.tile(OBSTACLES, (n, 1)), np.full(n, len(OBSTACLES)), np.tile(patrols, (n, 1)), grids),
+        goal=Goals(np.zeros((n, 1, 3)), np.ones(n, np.int64)),
     )  # fmt: skip
     poses = np.column_stack([rng.uniform(-2.0, 2.0, (20 * n, 2)), rng.uniform(-3.1, 3.1, 20 * n)])
     clear = [min(apart(each, *pose[:2]) for each in OBSTACLES) > 0.02 for pose in poses]
@@ -202,9 +202,10 @@ def test_a_thin_post_of_a_map_is_not_run_into_while_the_robot_turns_away_from_it
     grid = OccupancyGrid(np.eye(1, dtype=bool), side, (*(centre - 0.5 * side).tolist(), 0.02), "free")
     briefing = Briefing(
         1, base, ACTUATORS["lagged"], DT, "twist", Observation.layout(2, 0, 5.0), np.empty(0), 5.0,
-        obstacles=OBSTACLES[None].copy(), num_obstacles=np.zeros(1, np.int64), goals=np.zeros((1, 1, 3)),
-        num_goals=np.ones(1, np.int64), patrols=np.zeros((1, len(OBSTACLES)), PATROL),
-        grids=frames_of(lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(1, np.int64)),
+        map=Surroundings.of(
+            OBSTACLES[None].copy(), np.zeros(1, np.int64), None, lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
+        ),
+        goal=Goals(np.zeros((1, 1, 3)), np.ones(1, np.int64)),
     )  # fmt: skip
     goal = 3.0 * np.array([[math.cos(-0.8), math.sin(-0.8)]])
     seen = Observation(np.zeros((1, 3)), np.zeros((1, 2)), goal, np.zeros(1), np.zeros(1), np.empty((1, 0)))

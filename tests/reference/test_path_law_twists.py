@@ -11,7 +11,7 @@ import pytest
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.path_following import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
-from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.world.paths import Path, PathPool
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.lqr import Lqr, gain_table
@@ -338,7 +338,7 @@ def test_a_law_drives_what_its_docstring_says(policy: Any, law: Any, actuators: 
         poses[k] = x - aside[k] * math.sin(tangent), y + aside[k] * math.cos(tangent), wrap(tangent + turn[k])
     briefing = Briefing(
         n, ROBOT, base, DT, "twist", Observation.layout(2, 0), np.empty(0), 0.0,
-        paths=PathPool.of([Path([(5.0, 5.0), (9.0, 5.0)]), path]), path_index=np.ones(n, np.int64),
+        path=Course.of(PathPool.of([Path([(5.0, 5.0), (9.0, 5.0)]), path]), np.ones(n, np.int64)),
     )  # fmt: skip
     memory = policy.reset(briefing)
     # half of them from rest, half with a speed or an angle behind them, and a yaw rate

@@ -13,8 +13,8 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
-from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, frames_of, lay_grids
+from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
+from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
 from wayfield.envs.world.patrols import PATROL, patrol_at
 from wayfield.policies import astar_tracker, scan_planner
 from wayfield.policies.astar_tracker import AstarTracker
@@ -45,14 +45,12 @@ def told(robot: str, grid: OccupancyGrid | None = None) -> Briefing:
     """Returns the briefing of one robot among the obstacles, one of which is on patrol."""
     patrols = np.zeros((1, len(OBSTACLES)), PATROL)
     patrols[0, MOVING] = (*(OBSTACLES[MOVING][name].item() for name in ("x", "y")), 0.4, 0.7, 4.0, 0.9)
-    more: dict[str, Any] = {}
-    if grid is not None:
-        more["grids"] = frames_of(lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype)), np.zeros(1, np.int64))
+    grids = NO_GRIDS if grid is None else lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
     base = ROBOTS[robot]
     return Briefing(
         1, base, ACTUATORS["lagged"], 0.05, "twist", Observation.layout(len(base.twist_axes), 0, 5.0), np.empty(0), 5.0,
-        obstacles=OBSTACLES[None].copy(), num_obstacles=np.array([len(OBSTACLES)]), goals=GOALS[None],
-        num_goals=np.array([2]), patrols=patrols, **more,
+        map=Surroundings.of(OBSTACLES[None].copy(), np.array([len(OBSTACLES)]), patrols, grids),
+        goal=Goals(GOALS[None], np.array([2])),
     )  # fmt: skip
 
 
@@ -125,7 +123,7 @@ def test_the_speed_among_patrols_is_the_greatest_that_keeps_clear_of_them_or_the
     memory, radius = planned(policy, briefing, 0.1, -0.2), ROBOTS[robot].hull_radius
     rng, seen = np.random.default_rng(37), set()
     p = policy.params(briefing, theta=True, snap=0.0, spacing=1.0, rounds=1, patience_steps=1)
-    patrol = briefing.patrols[0, MOVING]  # type: ignore[index]
+    patrol = briefing.map.patrols[0, MOVING]  # type: ignore[union-attr]
     for _ in range(150):
         points = np.array([1.2, -0.8]) + np.cumsum(rng.normal(0.0, 0.5, (5, 2)), axis=0)
         memory["points"][0, :5], memory["num_points"] = points, 5
@@ -255,8 +253,11 @@ def test_where_nothing_stands_the_way_is_the_straight_line(policy: Any) -> None:
     """From the robot to the goal, wherever in their cells both lie."""
     for x, y, goal in ((0.013, 0.029, (2.2, -0.9)), (-0.07, 0.041, (0.35, 1.93)), (0.0, 0.0, (-2.05, 0.0))):
         if isinstance(policy, AstarTracker):
-            briefing = dataclasses.replace(told("p3dx"), num_obstacles=np.zeros(1, np.int64),
-                                           goals=np.array([[[*goal, 0.0]]]), num_goals=np.array([1]))  # fmt: skip
+            briefing = dataclasses.replace(
+                told("p3dx"),
+                map=Surroundings.of(OBSTACLES[None], np.zeros(1, np.int64)),
+                goal=Goals(np.array([[[*goal, 0.0]]]), np.array([1])),
+            )
             state = policy.reset(briefing)
             seen = Observation(np.array([[x, y, 0.0]]), np.zeros((1, 2)), np.array([np.subtract(goal, (x, y))]),
                                np.zeros(1), np.zeros(1), np.empty((1, 0)))  # fmt: skip
@@ -279,8 +280,8 @@ def test_where_nothing_stands_the_way_is_the_straight_line(policy: Any) -> None:
 def test_who_is_held_up_plans_around_what_moves_wherever_it_will_be_for_a_while(side: float) -> None:
     policy, briefing = AstarTracker(), told("p3dx")
     hull, radius = ROBOTS["p3dx"].hull_radius, float(OBSTACLES["radius"][MOVING])
-    assert briefing.patrols is not None
-    briefing.patrols[0, MOVING] = (1.5, 1.7 - 1.5 * side, 0.0, 0.3 * side, 30.0, 5.0)  # on the way, and going aside
+    assert briefing.map is not None
+    briefing.map.patrols[0, MOVING] = (1.5, 1.7 - 1.5 * side, 0.0, 0.3 * side, 30.0, 5.0)  # on the way, and going aside
     memory = planned(policy, briefing, 0.0, 1.7)
     state = memory[0]
     memory["points"][0, :2] = (0.0, 1.7), GOALS[1, :2]
@@ -309,9 +310,10 @@ def test_an_end_that_lies_too_near_to_a_wall_is_gone_to_from_the_free_cell_next_
     at = {end: level - sunk if which in (end, "both") else level + 0.3 for end in ("start", "end")}
     goal = np.array([[[2.013, at["end"], 0.0]]])
     briefing = dataclasses.replace(
-        told("p3dx"), obstacles=obstacle_field(box(0.0, -0.5, 8.0, 0.2))[None].copy(),
-        num_obstacles=np.ones(1, np.int64), goals=goal, num_goals=np.ones(1, np.int64), patrols=None,
-    )  # fmt: skip
+        told("p3dx"),
+        map=Surroundings.of(obstacle_field(box(0.0, -0.5, 8.0, 0.2))[None].copy(), np.ones(1, np.int64)),
+        goal=Goals(goal, np.ones(1, np.int64)),
+    )
     policy = AstarTracker(margin=0.0)
     p = policy.params(briefing, theta=True, snap=0.3, spacing=2.0, rounds=0, patience_steps=20)  # as it is found
     memory = policy.reset(briefing)
