@@ -191,7 +191,7 @@ def test_a_killed_driver_leaves_a_robot_that_stands_and_a_killed_robot_a_driver_
     # half a second for two processes that share the cores with others
     assert end.sec - at.sec + 1e-9 * (end.nanosec - at.nanosec) <= STANDSTILL + 0.5
     bench.start(*words)
-    bench.until(lambda: commands[-1][0] > killed + 0.5 and commands[-1][1].twist.linear.x > 0.05)
+    bench.until(lambda: commands and commands[-1][0] > killed + 0.5 and commands[-1][1].twist.linear.x > 0.05)
     sim.kill()
     killed = time.monotonic()
     bench.until(lambda: commands[-1][1].twist.linear.x == 0.0, 10.0)
