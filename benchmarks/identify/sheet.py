@@ -91,7 +91,9 @@ def _limits(base: Robot, found: Fit, seen: Any, kept: list[str]) -> dict[str, An
             seen("rated_wheel_speed", *(each / radius for each in (wheel.value, wheel.low, wheel.high)))
         if not track.seen:
             kept.append(f"track: {track}; {2.0 * half:g} m is kept")
-            return {"saturation": SATURATIONS[found.saturation], "turn_speed": math.inf}
+            if base.saturation != SATURATIONS[found.saturation]:  # which only turns at a limit tell apart
+                kept.append(f"saturation: not observable; {base.saturation!r} of {base.name} is kept")
+            return {"turn_speed": math.inf}
         changes = _wide(base, track.value)
         seen("wheels.effective_track", 2.0 * changes["wheels"][1].y, track.low, track.high)
         return {**changes, "saturation": SATURATIONS[found.saturation], "turn_speed": math.inf}
