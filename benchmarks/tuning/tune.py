@@ -620,7 +620,7 @@ def main(
     # before they are written: a disk that is full then takes nothing away
     say(summary(content))
     say(gains_table(content))
-    if content["validation"].get("compared"):
+    if content["validation"].get("compared") and content["chosen"] != "default":
         say(comparison_table(content))
     for each in (level, *also) if ship else (level,):
         place = file.with_name(file.name.replace(f"_{level}.json", f"_{each}.json")) if each != level else file
