@@ -16,7 +16,7 @@ from wayfield.benchmarks.entrants.own_scenario import POLICIES
 from wayfield.benchmarks.episodes.metrics import METRICS, measure
 from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.results import read_rows, read_trajectories
-from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET
+from wayfield.benchmarks.report.page import BUDGET
 
 OF_EVERY_RUN = ("run.json", ".lock", "report.html", "drives.npz", "worlds.json")
 CIRCUITS = Path(__file__).parents[2] / "shared" / "data" / "tum_racetracks"
@@ -70,7 +70,7 @@ def test_the_overview_is_told_in_thirty_lines_of_a_terminal(tmp_path):
     for contest in CONTESTS.values():
         assert any(line.startswith(contest.spec.title) for line in lines)
     assert str(tmp_path) in lines[-1]
-    assert (tmp_path / "report.html").stat().st_size <= SMALL_BUDGET
+    assert (tmp_path / "report.html").stat().st_size <= BUDGET
 
 
 def test_it_prints_a_table_for_each_document(lookahead):

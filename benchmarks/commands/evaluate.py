@@ -63,7 +63,7 @@ from wayfield.benchmarks.records.replays import drive_of, write_drives
 from wayfield.benchmarks.records.results import TABLE, read_rows, readable, write_rows, write_trajectories
 from wayfield.benchmarks.records.run_folder import REPORT, Run, staging
 from wayfield.benchmarks.records.table import Table
-from wayfield.benchmarks.report.page import SMALL_BUDGET, Section, write_page
+from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.payloads import sent
 from wayfield.benchmarks.runs.prefetch import Prefetch, prefetching
@@ -272,7 +272,7 @@ def run_overview(options: Options) -> None:
                 )
                 contests = stack.enter_context(contest_section(inside, settings, inner, executor, options.processes))
                 sections = [contests, shown]
-                findings = write_page(stage / REPORT, "wayfield: overview", sections, options.command, SMALL_BUDGET)
+                findings = write_page(stage / REPORT, "wayfield: overview", sections, options.command)
         except (KeyboardInterrupt, SystemExit, Interrupted):
             with contextlib.suppress(KeyboardInterrupt, SystemExit):  # a second interrupt, before the tables are shown
                 _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, executor)

@@ -10,7 +10,7 @@ from wayfield.benchmarks.leaderboards.document_tables import document_tables, ra
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.results import EPISODES, read_rows
 from wayfield.benchmarks.records.run_folder import REPORT, read_manifest
-from wayfield.benchmarks.report.page import BUDGET, SMALL_BUDGET, Section, write_page
+from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.runs.decisions import DECISIONS, read_decisions
 from wayfield.system.command_line import OneLineErrors
 
@@ -51,11 +51,10 @@ def main(folder: Path, out: Path | None) -> None:
     except (OSError, ValueError, LookupError):
         command = "not known"
     target = out or folder / REPORT
-    overview = parts[0] != folder
     try:
         sections = [section_of(each, str(command)) for each in parts]
-        suite = OVERVIEW if overview else folder.resolve().name
-        write_page(target, f"wayfield: {suite}", sections, str(command), SMALL_BUDGET if overview else BUDGET)
+        suite = OVERVIEW if parts[0] != folder else folder.resolve().name
+        write_page(target, f"wayfield: {suite}", sections, str(command))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     except OSError as error:

@@ -27,10 +27,10 @@ from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
 from wayfield.benchmarks.report.worlds import World, read_worlds
 from wayfield.envs.robots import ROBOTS
+from wayfield.envs.tasks.specs import CROWDS
 from wayfield.system.identity import source_digest
 
-BUDGET = 6_000_000  # bytes of a report
-SMALL_BUDGET = 2_000_000  # bytes of the overview's
+BUDGET = 2_000_000  # bytes of a report
 
 STYLES = ("page.css", "charts.css", "replay.css")
 # in the order in which they need each other
@@ -206,7 +206,8 @@ def rendered(
 ) -> str:
     """Returns the page's text; as many episodes can be replayed as the budget has room for."""
     robots = {episode["robot"] for episode in content.episodes} if extra is None else set(ROBOTS)
-    kernels, machinery = kernel_part(robots)
+    kinds = {world["kind"] for world in content.worlds}
+    kernels, machinery = kernel_part(robots, crowds=bool({"team", "people"} & kinds))
     plain = {
         "charts": content.charts,
         "tables": [dataclasses.asdict(table) for table in content.tables],
@@ -249,12 +250,19 @@ def rendered(
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
-def kernel_part(robots: Container[str]) -> tuple[dict[str, Any], bytes]:
-    """Returns what the page needs to drive some robots: the tables, and the bytes that they point into; {} for none."""
+def kernel_part(robots: Container[str], crowds: bool = True) -> tuple[dict[str, Any], bytes]:
+    """Returns what the page needs to drive some robots: the tables, and the bytes that they point into; {} for none.
+
+    Args:
+        crowds: whether any of it drives among other bodies.
+    """
     home = resources.files("wayfield.benchmarks.report") / "page"
     if not (home / MODULE).is_file() or not robots:
         return {}, b""
     tables = json.loads((home / TABLES).read_text(encoding="utf-8"))
+    if not crowds:
+        for part in ("tasks", "pilots", "sliders"):
+            tables[part] = {key: each for key, each in tables[part].items() if key.split()[0] not in CROWDS}
     pieces, places = [(home / MODULE).read_bytes()], {}
     at = len(pieces[0])
     found: list[list[int]] = []

@@ -1,5 +1,6 @@
 """Makes the demo page, the simulator without a run: python benchmarks/studies/page_demo.py"""
 
+from collections.abc import Collection
 from pathlib import Path
 
 import click
@@ -22,12 +23,12 @@ FEW, SOME = 2, 33
 FIRST = "goal: clutter_10"
 
 
-def worlds() -> list[World]:
-    """Returns the first scenarios of the training split of each family that the page's simulator can drive in."""
+def worlds(families: Collection[str] = ()) -> list[World]:
+    """Returns the first scenarios of the training split of some families, or of all that the page can drive in."""
     found = []
     for spec in EVERY.values():
         for family in spec.families:
-            if family in spec.needs_pymunk:
+            if family in spec.needs_pymunk or (families and family not in families):
                 continue
             seeds = FEW if spec.name in CROWDS else SEEDS
             for seed, scenario in enumerate(splits.split(spec.name, family, "train")[:seeds]):

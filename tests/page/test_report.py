@@ -111,19 +111,23 @@ def test_text_from_files_is_escaped() -> None:
     assert told["tables"][0]["title"] == HOSTILE
 
 
-@pytest.mark.parametrize("budget", [page.SMALL_BUDGET, page.BUDGET])
-def test_a_page_of_any_run_keeps_to_its_budget(budget: int) -> None:
-    """Trajectories of noise do not deflate: as many are left out as have to be."""
+def test_a_page_of_any_run_keeps_to_its_budget_and_to_its_failures() -> None:
+    """Trajectories of noise do not deflate: as many are left out as have to be, failures last."""
+    budget = page.BUDGET
     rng = np.random.default_rng(1)
     content = hostile()
     content.drives = [rng.integers(-(2**20), 2**20, (400, 3)).astype(np.int32) for _ in range(3000)]
-    content.episodes = [content.episodes[0] | {"agent": str(k % 10), "episode": k} for k in range(3000)]
+    ended = {True: "collision", False: "success"}
+    content.episodes = [
+        content.episodes[0] | {"agent": str(k % 10), "episode": k, "outcome": ended[k % 60 == 59]} for k in range(3000)
+    ]
     text = rendered("full", content, [], budget)
     assert 0.7 * budget < len(text.encode()) <= budget
     kept = [each for each in payload(text)[0]["episodes"] if "drive" in each]
     assert 0 < len(kept) < 3000
+    assert sum(each["outcome"] == "collision" for each in kept) == 50
     # of trained agents the first seeds come first
-    assert {each["agent"] for each in kept} >= {"0"}
+    assert {each["agent"] for each in kept if each["outcome"] == "success"} == {"0"}
 
 
 def test_a_page_asks_for_nothing_from_outside() -> None:
