@@ -156,34 +156,20 @@ def test_the_clock_starts_with_the_first_decimetre_and_ends_after_a_hundred_seco
 
 BROKEN_WORLDS: dict[str, tuple[str, str]] = {
     "nothing": ("", ":1: is no XML: no element found"),
-    "text": ("a world", ":1: is no XML"),
-    "cut": (sdf(cylinder(0, 1, 2))[:400], "is no XML"),
     "an entity": ("<!DOCTYPE s [<!ENTITY a 'aa'>]>\n" + sdf(cylinder(0, 1, 2)), "document type"),
-    "a file from elsewhere": ("<!DOCTYPE s SYSTEM '/etc/passwd'>\n" + sdf(cylinder(0, 1, 2)), "document type"),
-    "an unknown encoding": ("<?xml version='1.0' encoding='none'?>" + sdf(cylinder(0, 1, 2)), "is no XML"),
     "another root": ("<robot/>", "sdf/world"),
-    "two worlds": ("<sdf><world/><world/></sdf>", "holds 2 elements sdf/world"),
     "no obstacle": (sdf(), "holds no obstacles"),
     "a word in a pose": (sdf(cylinder(0, 1, 2)).replace("2.000000 0.0", "two 0.0"), "pose is .* 6 finite numbers"),
-    "five numbers": (sdf(cylinder(0, 1, 2)).replace(" 0.0</pose>", "</pose>"), "pose is .* 6 finite numbers"),
-    "NaN": (sdf(cylinder(0, 1, 2)).replace("1.000000 2", "nan 2"), "pose is .* 6 finite numbers"),
     "far away": (sdf(cylinder(0, 1e9, 2)), "pose is .* at most 1e\\+06"),
     "the frame of another": (
         sdf(cylinder(0, 1, 2)).replace("frame=''>1", "relative_to='shelf'>1"),
         ":4: pose has relative_to='shelf'",
-    ),
-    "degrees": (sdf(cylinder(0, 1, 2)).replace("frame=''>1", "degrees='true'>1"), ":4: pose has degrees='true'"),
-    "a quaternion": (
-        sdf(cylinder(0, 1, 2)).replace("frame=''>1", "rotation_format='quat_xyzw'>0 1"),
-        "rotation_format='quat_xyzw'",
     ),
     "what is not in it": (
         sdf(cylinder(0, 1, 2), "<include>\n<uri>model://shelf</uri></include>"),
         ":5: includes 'model://shelf'",
     ),
     "roll": (sdf(cylinder(0, 1, 2)).replace("0.0 0.0 0.0 0.0</pose>", "0 0.5 0 0</pose>"), "roll and pitch"),
-    "no radius": (sdf(cylinder(0, 1, 2).replace("radius>0", "size>0").replace("0</radius", "0</size")), "no <radius>"),
-    "a radius of nothing": (sdf(cylinder(0, 1, 2, 0.0)), "radius is 0"),
     "a negative radius": (sdf(cylinder(0, 1, 2, -1.0)), "radius is -1"),
     "a mesh": (sdf(cylinder(0, 1, 2).replace("cylinder>", "mesh>")), "geometry <mesh> is not known"),
     "too deep": ("<a>" * 99 + "</a>" * 99, "nested more than"),
@@ -216,17 +202,10 @@ def archive() -> bytes:
 
 BROKEN_PATHS: dict[str, tuple[bytes, str]] = {
     "nothing": (b"", "is no path"),
-    "text": (b"row,column\n1,2\n", "is no path"),
-    "cut": (saved(np.zeros((30, 2), np.int64))[:200], "is no path"),
     "objects": (saved(np.array([[1, "x"]], object)), "is no path"),
     "words": (saved(np.array([["a", "b"]])), "dtype"),
-    "complex": (saved(np.ones((3, 2), np.complex128)), "dtype"),
     "a column more": (saved(np.zeros((3, 3))), r"shape is \(3, 3\)"),
-    "a list": (saved(np.zeros(6)), r"shape is \(6,\)"),
-    "no cell": (saved(np.zeros((0, 2))), r"shape is \(0, 2\)"),
     "NaN": (saved(np.array([[1.0, 2.0], [math.nan, 1.0]])), "cell 1 is"),
-    "far away": (saved(np.array([[10**12, 2]])), "cell 0 is"),
-    "more than there is": (saved(np.zeros((30, 2))).replace(b"(30, 2)", b"(10**9,2)"), "is no path"),
     "a header of much": (saved(np.zeros((30, 2))).replace(b"(30, 2), }    ", b"(999999999, 2)}"), "is no path"),
     "an archive": (archive(), "is no path"),
 }
@@ -255,10 +234,7 @@ def table(folder: Path, text: str) -> Path:
     [
         (HEADER, "holds no cylinders"),
         (HEADER + "0,1,2\n", r":2: .* lacks a number"),
-        ("world,x,y,radius\n0,1,2,0.1\n", r":2: .* lacks a number"),
         (HEADER + "0,1,2,0.1\n0,1,wide,0.1\n", r":3: .* lacks a number"),
-        (HEADER + "0,1,2,0.1\n0,1,2,-0.1\n", r":3: circle radius is -0.1"),
-        (HEADER + "0,1,2,0.1\n0,1,nan,0.1\n", r":3: circle y is nan"),
         (HEADER + "0,1,2,0.1\n" + 200_000 * "9" + ",1,2,0.1\n", r":3: field larger"),
         (HEADER + '0,1,2,0.1\n"0"x,1,2,0.1\n', r":3: .* expected after"),
     ],

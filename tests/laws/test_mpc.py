@@ -251,18 +251,3 @@ def test_a_pose_that_is_no_number_counts_as_a_failure() -> None:
     drive.observation = np.full_like(drive.observation, np.nan)
     assert np.isfinite(drive.pilot.act(drive.observation)).all()
     assert drive.failures == 1
-
-
-# Nothing is remembered outside the memory.
-
-
-# Gains.
-
-
-@pytest.mark.parametrize(
-    "gain", ["speed", "position", "heading", "acceleration", "yaw_acceleration", "turn_radius", "step"]
-)
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "a", True])
-def test_gains_out_of_range_are_refused(gain: str, value: Any) -> None:
-    with pytest.raises(ValueError, match=rf"Mpc: {gain} must be a finite number > 0"):
-        Mpc(**{gain: value})
