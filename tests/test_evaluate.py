@@ -49,12 +49,14 @@ def test_it_writes_every_file_and_says_where(lookahead):
 
 @pytest.mark.usefixtures("undrawn")
 def test_by_default_it_prints_little_and_names_the_report_last(tmp_path):
-    run = CliRunner().invoke(
-        main, ["--workers", "1", "--policies", "zero", "--dynamics", "kinematic", "--out", str(tmp_path)]
-    )
+    words = ["--workers", "1", "--policies", "zero", "--dynamics", "kinematic", "--out", str(tmp_path)]
+    run = CliRunner().invoke(main, [*words, "--episodes", "2", "--seed", "7"])
     assert run.exit_code == 0, run.output
     lines = run.stdout.splitlines()
     assert len(lines) <= 40
+    # several episodes have a spread and an interval
+    assert "0/2 [0.00, 0.84]" in (tmp_path / "table.md").read_text()
+    assert {row["seed"] for row in read_rows(tmp_path)} == {7, 8}
     assert all(len(line) <= 100 or str(tmp_path) in line for line in lines)
     assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
     assert (tmp_path / "report.html").stat().st_size < BUDGET
@@ -141,14 +143,6 @@ def test_episodes_are_paired_by_seed():
     assert not np.array_equal(together[0].poses, together[1].poses)
     (alone,) = roll_out(case, seed=4)
     np.testing.assert_array_equal(together[1].poses, alone.poses)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_several_episodes_show_spread_and_interval(tmp_path):
-    result = evaluate("--policies", "zero", "--dynamics", "kinematic", "--episodes", 2, "--seed", 7, "--out", tmp_path)
-    assert result.exit_code == 0, result.output
-    assert "0/2 [0.00, 0.84]" in result.stdout
-    assert {row["seed"] for row in read_rows(tmp_path)} == {7, 8}
 
 
 @pytest.fixture

@@ -251,6 +251,7 @@ def test_a_model_drives_as_it_answers_and_another_space_is_refused(home: Path) -
 # Scenario files.
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_folder_of_paths_is_a_contest(home: Path) -> None:
     folder = home / "courses"
     folder.mkdir()
@@ -272,8 +273,7 @@ def test_a_folder_of_paths_is_a_contest(home: Path) -> None:
     assert {row["family"] for row in rows} == {"bend", "line"}
     assert {row["split"] for row in rows} == {"own", "front"}
     assert all(row["tier"] in ("easy", "medium", "hard") for row in rows)
-    names = {file.name for file in (home / "out").iterdir()}
-    assert {f"path_following_p3dx{end}" for end in (".csv", "_families.svg", "_worst.png", "_front.svg")} <= names
+    assert (home / "out" / "path_following_p3dx.csv").is_file()
     with open(home / "out" / "path_following_p3dx.csv", newline="") as file:
         (first, _) = csv.DictReader(file)
     # two scenarios are too few for an interval

@@ -65,10 +65,6 @@ def test_an_agent_is_trained_driven_reported_audited_and_filmed(tmp_path: Path) 
     run(report.main, out)
     assert len((out / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.05)
     assert "; 0 findings" in run(audit.main, out)
-    table = out / "path_following_p3dx.csv"
-    table.write_text(table.read_text().replace("ppo,mine,", "ppo,mine,9", 1))
-    found = CliRunner().invoke(audit.main, [str(out)])
-    assert (found.exit_code, found.output.count("  disagrees: ")) == (1, 1)
     film = tmp_path / "way.png"
     run(video.main, PATH, "--policy", f"ppo home={agents}", "--seconds", "2", "--size", "300", "--out", film)
     assert max(Image.open(film).size) == 300

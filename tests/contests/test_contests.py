@@ -39,7 +39,7 @@ from wayfield.envs.scenarios import TASKS, GoalScenario, obstacle_field, path_sc
 from wayfield.policies.tuned import condition, read_gains, tuned_set
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
-SMALL = (*PATHS, "--families", "circles,polylines_90", "--episodes", "2")
+SMALL = (*PATHS, "--families", "circles,polylines_90", "--episodes", "2", "--keep-trajectories", "all")
 
 
 def evaluate(*arguments: object) -> Result:
@@ -86,14 +86,9 @@ def test_policies_meet_the_same_scenarios(paths: tuple[Path, Result]) -> None:
             assert row["tier"] == frozen[row["episode"]].tier
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_all_trajectories_are_kept_whole_on_request(tmp_path: Path) -> None:
-    words = ["--suite", "path-following", "--families", "circles", "--policies", "pure_pursuit", "--gains", "default"]
-    words += ["--episodes", "5", "--workers", "1", "--keep-trajectories", "all", "--out", str(tmp_path / "all")]
-    ran = CliRunner().invoke(main, words)
-    assert ran.exit_code == 0, ran.output
-    rows, trajectories = benchmarks.read_rows(tmp_path / "all"), benchmarks.read_trajectories(tmp_path / "all")
-    assert len([row for row in rows if row["split"] == "test"]) == 5
+def test_all_trajectories_are_kept_whole_on_request(paths: tuple[Path, Result]) -> None:
+    rows, trajectories = benchmarks.read_rows(paths[0]), benchmarks.read_trajectories(paths[0])
+    assert len([row for row in rows if row["split"] == "test"]) == 8
     assert all(row["trajectory"] in trajectories for row in rows)
     for row in rows:
         driven = trajectories[row["trajectory"]]

@@ -389,6 +389,7 @@ def test_a_robot_pushed_by_nothing_takes_up_its_speed_as_people_do() -> None:
         assert twist["vy"] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
 def test_of_two_who_meet_in_a_door_one_gives_way_whoever_is_counted_first(angle: float) -> None:
     from wayfield.envs.scenarios.obstacles import obstacle_field, wall

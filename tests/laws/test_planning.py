@@ -106,7 +106,7 @@ def grid_problems(file: Path) -> list[Problem]:
 
 
 @pytest.mark.skipif(not MOVINGAI.is_dir(), reason="needs the MovingAI maps in ../shared/data")
-@pytest.mark.parametrize("share", [16, pytest.param(1, marks=pytest.mark.slow)], ids=["sample", "all"])
+@pytest.mark.parametrize("share", [64, pytest.param(1, marks=pytest.mark.slow)], ids=["sample", "all"])
 def test_movingai_problems_are_solved_with_their_published_length(share: int) -> None:
     count = 0
     for file in sorted(MOVINGAI.glob("*.map")):

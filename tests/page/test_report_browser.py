@@ -181,6 +181,7 @@ def drag(tab: Page, points: list[list[float]]) -> None:
     tab.mouse.up()
 
 
+@pytest.mark.slow
 def test_all_that_the_page_drives_is_driven_again_when_the_scene_changes(
     browser: Browser, files: dict[str, Path]
 ) -> None:
@@ -373,6 +374,7 @@ def test_every_robot_that_the_kernels_know_can_be_chosen_and_drives(browser: Bro
         assert watched.errors == []
 
 
+@pytest.mark.slow
 def test_docking_is_driven_by_laws_and_by_hand_up_to_the_wall_for_every_hull(
     browser: Browser, files: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -603,6 +605,7 @@ MINE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["slow"])
 def test_a_data_sheet_is_a_robot_and_python_drives_it_the_same(
     browser: Browser, files: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str

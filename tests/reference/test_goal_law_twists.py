@@ -671,8 +671,9 @@ def looks(policy: Any, sights: Any, robot: str, n: int, seed: int, shares: Seque
         discs[..., :2] += DT * discs[..., 3:]
 
 
-@pytest.mark.parametrize("policy", WINDOWS, ids=["default", "other", "still"])
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+@pytest.mark.parametrize(
+    ("policy", "robot"), zip([*WINDOWS, WINDOWS[0]], ["p3dx", "omni4", "p3dx", "omni4"], strict=True)
+)
 def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
     for k, me, ranges, pose, wheels, to_goal, turned, left, got in looks(policy, Sights, robot, 8, 6, [0.1, 1.0, 1.0]):
         radius = me.robot.hull_radius + policy.margin
@@ -822,8 +823,9 @@ HISTOGRAMS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("policy", HISTOGRAMS, ids=["default", "other", "summed"])
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+@pytest.mark.parametrize(
+    ("policy", "robot"), zip([*HISTOGRAMS, HISTOGRAMS[0]], ["p3dx", "omni4", "p3dx", "omni4"], strict=True)
+)
 def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str) -> None:
     for k, me, ranges, pose, wheels, to_goal, turned, left, got in looks(
         policy, Histogram, robot, 10, 8, [0.1, 0.5, 1]

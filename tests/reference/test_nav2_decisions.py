@@ -196,8 +196,7 @@ MPPIS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
-@pytest.mark.parametrize("controller", MPPIS, ids=["default", "other"])
+@pytest.mark.parametrize(("controller", "robot"), zip(MPPIS, ("p3dx", "omni4"), strict=True), ids=["default", "other"])
 def test_a_plan_of_mppi_is_what_the_critics_leave(controller: Nav2Mppi, robot: str) -> None:
     rng, c = np.random.default_rng(17), controller
     noise = nav2_mppi.drawn(3, c.samples, c.steps, c.speed_noise, c.yaw_noise)
@@ -302,8 +301,7 @@ DWBS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
-@pytest.mark.parametrize("controller", DWBS, ids=["default", "other"])
+@pytest.mark.parametrize(("controller", "robot"), zip(DWBS, ("omni4", "p3dx"), strict=True), ids=["default", "other"])
 def test_dwb_drives_the_twist_of_the_least_score(controller: Nav2Dwb, robot: str) -> None:
     rng, c, legal = np.random.default_rng(19), controller, []
     for k in range(16):
