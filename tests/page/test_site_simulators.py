@@ -6,8 +6,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import pytest
+from pictures import stem_of
 from sphinx.application import Sphinx
 
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies import POLICIES
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -36,8 +38,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_page_with_a_simulator_loads_and_asks_for_its_own_files_alone(site: Path) -> None:
     shown = [page for page in sorted(site.rglob("*.html")) if 'iframe class="simulator"' in page.read_text()]
     names = {page.stem for page in shown}
-    assert {"gallery", "pursuit", "DiffDriveDocking", "OmniPathFollowing"} <= names
-    assert len(names & set(POLICIES)) >= 15
+    assert {
+        "gallery",
+        "pursuit",
+        "teams",
+        *(stem_of(env_id) for spec in EVERY.values() for env_id in spec.ids.values()),
+    } <= names
+    assert len(names & set(POLICIES)) >= 18
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         for page in shown:

@@ -1,7 +1,7 @@
 // Drives policies in the page: each run goes to its end by the package's own kernels, and again whenever the scene changes.
 
 const KEYBOARD = "you, by keyboard or pad";
-const FAST = 10; // ms of a frame for the simulator
+const FAST = 6; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
 const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""], ["hybrid", "joins two that drive here"], ["nav2", "keeps a cost map that the page does not carry"],
