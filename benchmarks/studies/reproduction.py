@@ -108,13 +108,11 @@ def check(section: Section, kept: Kept, most: int | None = None) -> Reproduced:
         other = []
         for again, rows in tracked(chosen, len(chosen), section.name):
             try:
-                today = again()
+                differing = [_difference(now, row) for now, row in zip(again(), rows, strict=True)]
             except (LookupError, ValueError) as gone:  # a case that there is none of today
-                today, differing = [], [str(gone)]
-            else:
-                differing = [_difference(now, row) for now, row in zip(today, rows, strict=True)]
+                differing = [f"there is none today: {gone}"]
             sampled += len(rows)
-            same += len(today) - sum(map(bool, differing))
+            same += sum(not each for each in differing)
             if first := next(filter(None, differing), ""):
                 other.append(f"{_name(rows[0])}: {first}")
     return Reproduced(sampled, same, tuple(other))
