@@ -591,9 +591,29 @@ def _advice(kept: Kept) -> list[str]:
         reached = f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
         several = sum(each[0] == task and each[2] == access for each in found) > 1
         lines.append([f"{task}, {kind}" if several else task, access, _named(_entry(row)), reached, lead])
-    return [_table(["to", "with access to", "take", "which comes to", "beside the next"], lines)] if lines else []
+    if not lines:
+        return []
+    return [_table(["to", "with access to", "take", "which comes to", "beside the next"], lines), *_off_speed()]
 
 
+def _off_speed() -> Iterator[str]:
+    """Yields what the cards of goal seekers say of a speed that they were not trained at."""
+    title = CONTESTS["goal-obstacles"].spec.title
+    found = {speed: [line for line in _cards() if line[0].startswith(title) and line[2] == _CARD_AT.format(speed)]
+             for speed in ("0.6", "0.3")}  # fmt: skip
+    if not all(found.values()):
+        return
+    parts = [
+        f"{slow[3].partition(' ')[0]} % instead of {fast[3].partition(' ')[0]} % ({slow[0].rpartition(' ')[2]})"
+        for fast, slow in zip(found["0.6"], found["0.3"], strict=True)
+    ]
+    yield (
+        f"\nAsked for 0.3 m/s instead of the 0.6 m/s of their training, goal seekers `ppo` reach fewer goals of the "
+        f"validation split: {', '.join(parts)}. [Their cards](results/cards.md) have other speeds, scans and actuators."
+    )
+
+
+_CARD_AT = "all/validation, lagged, 72 beams, asked for {} m/s"
 _CARD_HEADER = ["agents", "seeds", "driven", "success (%)", "collision (%)", "mm or s", "mean speed (m/s)"]
 
 
