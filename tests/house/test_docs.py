@@ -1,6 +1,7 @@
 """README and docs: their links lead somewhere, their numbers come from the kept tables."""
 
 import importlib
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ import transfer
 from kept_rows import SUFFIX, read_packed
 
 from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.episodes.metrics import HELD
 from wayfield.benchmarks.records.table import Table
 from wayfield.envs.robots import ROBOTS
@@ -127,6 +129,25 @@ def test_the_advice_sends_to_nobody_who_is_behind() -> None:
     for policy, words in (("stanley", "the error counts more"), ("scan_planner", "others move"), ("ppo", "at a wall")):
         (wrong,) = results_page.disagreements(kept, f"| `{policy}` | {words} |")
         assert wrong.startswith(f"{policy} where")
+
+
+def test_the_page_of_the_documents_says_what_their_rows_say() -> None:
+    text = (ROOT / "docs/documents.md").read_text(encoding="utf-8")
+    printed = [(case.document, metric) for case in documents() for metric in case.published]
+    assert [document for document, _ in printed] == ["C"] * 6
+    rows = read_packed(ROOT / sections.ROWS / f"documents{SUFFIX}")
+    ends = {(row["experiment"], row["policy"], row["gains"], row["dynamics"]): row for row in rows}
+    exact = {key: row for key, row in ends.items() if key[1] == "apf_documented" and key[2].startswith("tau")}
+    exact = {key: row for key, row in exact.items() if "stop_radius" not in key[2]}
+    arrived = [key for key, row in exact.items() if row["success"] == "1"]
+    assert arrived == [("scenario 1", "apf_documented", "tau=0.5", "pymunk")]
+    two = [exact["scenario 1", "apf_documented", "tau=1.2", plant] for plant in ("kinematic", "pymunk")]
+    apart = math.hypot(*(float(two[0][axis]) - float(two[1][axis]) for axis in ("final_x", "final_y")))
+    assert f"the two end {apart:.1f} m apart" in " ".join(text.split())
+    times = [ends[f"scenario {k}", "apf_corrected", "", "kinematic"]["time"] for k in (1, 2, 0)]
+    assert "({}, {} and {} s against".format(*(f"{float(each):g}" for each in times)) in text
+    arrivals = [ends["1: to a pose", "waypoint", "lam=1", plant]["arrival_time_1"] for plant in ("pymunk", "kinematic")]
+    assert "{:.2f} s instead of {:.2f} s".format(*map(float, arrivals)) in text
 
 
 # Tables of many rows, and those of other robots, take as long as all others and are made in the same way.
