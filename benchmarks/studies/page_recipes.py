@@ -238,14 +238,22 @@ JOINED: Mapping[str, tuple[Any, str]] = {"orca_team": (orca_of_team, "want")}
 
 def first_of(task: str, name: str, policy: Any, env: NativeVectorEnv) -> tuple[Any, tuple[Any, ...]]:
     """Returns the compiled function by which a policy decides in the page, and what its first decision hands it."""
+    pilot = Pilot(policy, env)
+    observation, _ = env.reset(seed=0)
+    pilot.reset()
+    return handed_to(task, name, pilot, observation)
+
+
+def handed_to(task: str, name: str, pilot: Pilot, observation: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Returns the compiled function by which a policy decides in the page, and what a decision hands it."""
     module, function, *_ = decisions(task)[name]
     room = of_policies(module)
     if name not in JOINED:
-        ((kernel, values),) = first_decision(env, policy, [(room, function)])
+        ((kernel, values),) = noted(pilot, observation, [(room, function)])
         return kernel, values
     kernel, before = JOINED[name]
     known: dict[str, Any] = {}
-    for part, values in first_decision(env, policy, [(room, before), (room, function)]):
+    for part, values in noted(pilot, observation, [(room, before), (room, function)]):
         handed = dict(zip(names_of(part), values, strict=True))
         if part.py_func.__name__ == function:
             handed["measured"] = handed.pop("twists")
@@ -287,10 +295,15 @@ def environment(task: str, robot: str, actuators: str, scenario: str, disturbanc
 
 def first_decision(env: NativeVectorEnv, policy: Any, functions: Sequence[tuple[Any, str]]) -> list[tuple[Any, Any]]:
     """Returns the calls that a policy's first decision makes, with the memory that it begins with."""
-    calls: list[tuple[Any, tuple[Any, ...]]] = []
     pilot = Pilot(policy, env)
     observation, _ = env.reset(seed=0)
     pilot.reset()
+    return noted(pilot, observation, functions)
+
+
+def noted(pilot: Pilot, observation: Any, functions: Sequence[tuple[Any, str]]) -> list[tuple[Any, Any]]:
+    """Returns the calls of some functions that a decision makes, with the memory that it begins with."""
+    calls: list[tuple[Any, tuple[Any, ...]]] = []
     with contextlib.ExitStack() as stack:
         for module, name in functions:
             stack.enter_context(watched(module, name, calls))
@@ -373,6 +386,13 @@ def look_table(module: str, look: Look) -> dict[str, Any]:
     """Returns how the page calls what finds the numbers of a law's overlay."""
     told = {"kind": look.kind, "title": look.title, "shape": list(look.shape), "places": look.places}
     return told | {"export": look_export(module, look)}
+
+
+def handed_to_look(look: Look, kernel: Any, values: tuple[Any, ...], places: NDArray[Any]) -> tuple[Any, ...]:
+    """Returns what the function of an overlay is handed, of what a decision was; it fills the last."""
+    known = dict(zip(names_of(kernel), values, strict=True))
+    known |= {"places": places, "looked": np.zeros(look.shape)}
+    return tuple(known[each] for each in names_of(look.kernel))
 
 
 Places = dict[str, list[list[Any]]]  # by gain, where the decision's arguments hold it: the argument, its byte or None
@@ -799,9 +819,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
         kernel, values = first_of(task, policy, make(policy), env)
         found = {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
         if (look := look_of(task, policy)) is not None:
-            known = dict(zip(names_of(kernel), values, strict=True))
-            known |= {"places": np.zeros((look.places, 2)), "looked": np.zeros(look.shape)}
-            handed = tuple(known[each] for each in names_of(look.kernel))
+            handed = handed_to_look(look, kernel, values, np.zeros((look.places, 2)))
             found[look_export(module, look)] = (look.kernel, leaves(names_of(look.kernel), handed), handed)
         return found
     batch, kinds = env.batch, type(env.task)

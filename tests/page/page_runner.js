@@ -13,7 +13,7 @@ async function main() {
   const tables = JSON.parse(fs.readFileSync(path.join(folder, "kernels.json"), "utf8"));
   const kernels = await Kernels.load(fs.readFileSync(path.join(folder, "kernels.wasm")), tables);
   const results = [];
-  for (const { world, robot, actuators, policy, steps } of JSON.parse(fs.readFileSync(0, "utf8"))) {
+  for (const { world, robot, actuators, policy, steps, places } of JSON.parse(fs.readFileSync(0, "utf8"))) {
     try {
       const simulator = new Simulator(kernels, world, { robot, actuators });
       simulator.reset();
@@ -27,7 +27,8 @@ async function main() {
         poses.push(placed());
       }
       const seconds = Number(process.hrtime.bigint() - begun) / 1e9;
-      results.push({ poses: Buffer.from(new Float64Array(poses.flat()).buffer).toString("base64"), flags, seconds });
+      const looked = places && (pilot.look ? pilot.look(places) : [pilot.act(), pilot.wanted].flat());
+      results.push({ looked: looked && Buffer.from(new Float64Array(looked).buffer).toString("base64"), poses: Buffer.from(new Float64Array(poses.flat()).buffer).toString("base64"), flags, seconds });
       simulator.free();
     } catch (error) {
       results.push({ error: String(error.stack || error) });

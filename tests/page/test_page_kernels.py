@@ -26,6 +26,7 @@ from wayfield.policies import Pilot, make
 PAGE = Path(report.__path__[0]) / "page"
 RUNNER = Path(__file__).with_name("page_runner.js")
 STEPS = 200
+LOOKED = 40  # steps, after which overlays are compared
 node = pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
 
 
@@ -171,6 +172,49 @@ def compare(chosen: list[dict[str, Any]], steps: int, driven: Any = driven) -> N
 @node
 def test_the_page_drives_what_python_drives() -> None:
     compare(list(cases(every=False)), 60)
+
+
+@node
+@pytest.mark.slow  # what finds the numbers is compiled for Python here alone
+def test_overlays_show_the_numbers_that_the_laws_have_in_python() -> None:
+    robot, tier = "p3dx", "lagged"
+    rng = np.random.default_rng(3)
+    asked, python = [], []
+    for task, family in (("path_following", "circuits"), ("goal_reaching", "clutter_10"), ("docking", "wall")):
+        for policy in (*page_recipes.decisions(task), AGENT):
+            look = page_recipes.look_of(task, policy)
+            case = {"task": task, "robot": robot, "actuators": tier, "policy": policy, "family": family}
+            if policy == AGENT and task == "goal_reaching":
+                case["policy"] = next(label for label in labels(task, robot, tier) if label.startswith(AGENT))
+            elif look is None:
+                continue
+            env = environment(task, robot, tier, f"{family}/test")
+            pilot = Pilot(make(policy, **({"seed": 0} if policy == AGENT else {})), env)
+            observation, _ = env.reset(seed=0, options={"scenario": [0]})
+            pilot.reset()
+            draws = np_random(0)[0].random(DRAWS).tolist()
+            world = plain(env.task.scenarios[0], contest_of(task).spec.clock) | {"draws": draws}
+            for _ in range(LOOKED):
+                observation, *_ = env.step(pilot.command(observation))
+            places = rng.uniform(-3.0, 3.0, (look.places if look else 0, 2))
+            asked.append(case | {"world": world, "steps": LOOKED, "places": places.ravel().tolist()})
+            if look is None:  # the agent: what its guard is handed, and what it drives
+                guard = page_recipes.of_policies("perception", "guard")
+                ((_, (*_, wanted)),) = page_recipes.noted(pilot, observation, [(guard, "guard")])
+                python.append(wanted[0])
+                continue
+            handed = page_recipes.handed_to_look(
+                look, *page_recipes.handed_to(task, policy, pilot, observation), places
+            )
+            look.kernel(*handed)
+            python.append(handed[-1])
+    run = ["node", str(RUNNER), str(PAGE)]
+    done = subprocess.run(run, input=json.dumps(asked), capture_output=True, text=True, check=True)
+    for case, numbers, result in zip(asked, python, json.loads(done.stdout), strict=True):
+        found = np.frombuffer(base64.b64decode(result["looked"]))
+        if len(numbers) == 2:
+            found = found[[3, 5]]  # of two planar twists the second: what the network wanted
+        np.testing.assert_array_equal(found, numbers.ravel(), case["policy"])
 
 
 @node
