@@ -11,7 +11,7 @@ from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing, Surroundings
 from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.tasks.task import Task
 from wayfield.envs.world.geometry import OBSTACLE
-from wayfield.envs.world.grids import SCRATCH, WORDS, scan_grid
+from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grid
 from wayfield.system.checks import choose, memory, shown
 from wayfield.system.compiled import machine_code
 from wayfield.system.sharing import PART

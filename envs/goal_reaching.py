@@ -30,7 +30,8 @@ from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.blocks import in_blocks
 from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
-from wayfield.envs.world.grids import FRAME, SCRATCH, WORDS, Grids, clearance_around, lay_grids, scan_grids
+from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grids
+from wayfield.envs.world.grids import FRAME, Grids, clearance_around, lay_grids
 from wayfield.envs.world.patrols import PATROL, patrol
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.system.compiled import allocating, inlined

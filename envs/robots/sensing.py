@@ -179,8 +179,8 @@ class Lidar(NamedTuple):
     beam_step: float  # rad
     max_range: float  # m
     scratch: NDArray[np.float64]  # (ROOM,)
-    ways: NDArray[np.float32]  # for maps (grids.SCRATCH,)
-    words: NDArray[np.uint64]  # for maps (grids.WORDS,)
+    ways: NDArray[np.float32]  # for maps (grid_scans.SCRATCH,)
+    words: NDArray[np.uint64]  # for maps (grid_scans.WORDS,)
 
 
 @inlined

@@ -18,7 +18,8 @@ import wayfield.envs
 from wayfield.envs.scenarios import maps
 from wayfield.envs.scenarios.obstacles import box, obstacle_field
 from wayfield.envs.world.geometry import OBSTACLE
-from wayfield.envs.world.grids import MOST_SIDE, NO_GRIDS, SCRATCH, TOGETHER, WORDS, OccupancyGrid, lay_grids, scan_grid
+from wayfield.envs.world.grid_scans import SCRATCH, TOGETHER, WORDS, scan_grid
+from wayfield.envs.world.grids import MOST_SIDE, NO_GRIDS, OccupancyGrid, lay_grids
 from wayfield.system.elementary import sines
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
