@@ -323,8 +323,17 @@ def _json(value: Any) -> bytes:
 
 def _static(table: Table) -> str:
     """Returns a small table as HTML, to be read without a script too."""
-    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in table.header)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows)
+    columns = zip(*table.rows, strict=True)
+    numbers = [all(re.match(r"[^\w\s]?\s*[\d.]", cell or "0") for cell in column) for column in columns]
+    classes = [' class="number"' if each else "" for each in numbers] or [""] * len(table.header)
+    cells = [
+        "".join(f"<td{kind}>{html.escape(cell)}</td>" for kind, cell in zip(classes, row, strict=True))
+        for row in table.rows
+    ]
+    head = "".join(
+        f'<th scope="col"{kind}>{html.escape(cell)}</th>' for kind, cell in zip(classes, table.header, strict=True)
+    )
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
     return (
         f'<div class="wide" tabindex="0" role="region" aria-label="{html.escape(table.title)}"><table><caption>'
         f"{html.escape(table.title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"

@@ -57,7 +57,8 @@ def main(out: Path) -> None:
     content.sentences.append(
         "Drive a wheeled robot against classical controllers and trained agents, in the package's own simulator: the "
         "same compiled code, in WebAssembly. Choose a family and a seed, let a policy drive, take over at any moment, "
-        "move obstacles, goal or path, switch actuators and disturbances, save the scenario."
+        "move obstacles, goal or path, switch actuators and disturbances, save the scenario. Teams drive there too, "
+        "each robot to a goal of its own, and people walk by their laws."
     )
     how = made("python benchmarks/studies/page_demo.py", content)
     text = rendered("wayfield: drive", content, how, BUDGET, {"demo": {"first": FIRST, "unable": unable()}})

@@ -9,6 +9,8 @@ function fitted(world, hull) {
   return { ...made, obstacles, made };
 }
 
+const ABOUT_BODIES = { team: "The policy drives all robots; the chosen run shows the others.", people: "People are grey; the chosen run shows them." };
+
 class Draws {
   constructor(replay) {
     this.replay = replay;
@@ -40,7 +42,7 @@ class Draws {
     const world = fitted(this.families.get(this.family.value)[Number(this.seed.value)], HULLS[robot]);
     const labels = drive ? drive.runs.filter((run) => !run.reference).map((run) => run.asked.label) : [];
     if (drive) drive.clear();
-    this.replay.show(world, robot, [], `${world.family}, seed ${world.seed}: a scenario of the training split.`);
+    this.replay.show(world, robot, [], `${world.family}, seed ${world.seed}: a scenario of the training split.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
     if (!drive || this.silent) return;
     const able = drive.able();
     if (labels.some((label) => able.includes(label))) {
