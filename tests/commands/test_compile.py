@@ -62,6 +62,7 @@ def test_what_the_package_carries_is_compiled_by_nobody_and_has_the_same_bits_at
     assert not list(cache.rglob("*.nb?"))
 
 
+@pytest.mark.slow
 def test_code_of_a_lower_level_is_run_where_the_package_carries_no_other(copy: Copy, tmp_path: Path) -> None:
     copy.run(copy.carried, **settings_of(levels()[-1]))
     assert copy.run(tmp_path / "empty").stdout.split()[1:] == ["1", "0"]
@@ -71,6 +72,7 @@ def test_code_of_a_lower_level_is_run_where_the_package_carries_no_other(copy: C
         assert copy.run(tmp_path / "empty", **settings_of(levels()[-1])).stdout.split()[1:] == ["0", "1"]
 
 
+@pytest.mark.slow
 def test_machine_code_that_is_damaged_foreign_or_of_another_version_is_not_run(copy: Copy, tmp_path: Path) -> None:
     bits = copy.run(copy.carried).stdout.split()[0]
     (code,) = copy.carried.rglob("*.nbc")

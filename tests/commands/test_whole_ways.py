@@ -44,6 +44,7 @@ def driven(agents: Path, out: Path) -> list[Any]:
     return [row for row in read_rows(out) if row["split"] == "test"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_an_agent_is_trained_driven_reported_audited_and_filmed(tmp_path: Path) -> None:
     agents, out = tmp_path / "mine", tmp_path / "out"

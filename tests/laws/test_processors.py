@@ -68,6 +68,7 @@ def switched_off() -> str:
     return " ".join(known["SIMD Extensions"]["found"])
 
 
+@pytest.mark.slow
 def test_the_same_bits_on_every_processor() -> None:
     here = digests()
     assert len(here) == 11
