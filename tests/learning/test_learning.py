@@ -4,7 +4,6 @@ import dataclasses
 import math
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -21,7 +20,6 @@ from wayfield.benchmarks.statistics.aggregates import iqm
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import path_scenarios, splits
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
-from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import imitation
 from wayfield.policies.training.learner import make_worlds
 from wayfield.policies.training.presets import PRESETS, Ppo, Preset
@@ -314,37 +312,6 @@ def test_a_score_is_that_of_its_costs(
     assert found.success == pytest.approx(won.mean())
     assert found.collision == pytest.approx(np.mean([row[failed] for row in rows]))
     assert found.speed == pytest.approx(np.mean([row["mean_speed"] for row in rows]))
-
-
-def test_a_validation_is_of_every_so_manieth_scenario_each_until_its_own_end() -> None:
-    """As if each robot were alone: what others do after its end, and the episode that it begins then, do not count."""
-    clock, every, seed = 200, 3, 7
-    conditions: dict[str, Any] = {"scenario": "clutter_10/validation", "actuators": "lagged", "noise": 1.0}
-    law = policies.make("waypoint")
-    found = validate(law, OMNI, conditions, clock, seed=seed, every=every)
-    returns, lengths, collisions, speeds = [], [], [], []
-    for row, k in enumerate(range(0, len(splits.split("goal_reaching", "clutter_10", "validation")), every)):
-        env: Any = gymnasium.make_vec(
-            OMNI, 1, vectorization_mode="vector_entry_point", max_episode_steps=clock, **conditions
-        )
-        seen, _ = env.reset(seed=seed + row, options={"scenario": [k]})
-        pilot = Pilot(law, env)
-        pilot.reset()
-        places, paid, ended = [env.unwrapped.batch.states[["x", "y"]][0].item()], 0.0, False
-        while not ended:
-            seen, reward, terminated, truncated, told = env.step(pilot.act(seen))
-            paid += reward[0]
-            ended = bool(terminated[0] or truncated[0])
-            places.append(env.unwrapped.batch.states[["x", "y"]][0].item())
-        way = np.array(places)
-        returns.append(paid)
-        lengths.append(len(way) - 1)
-        collisions.append(told["collision"][0])
-        speeds.append(np.hypot(*np.diff(way, axis=0).T).sum() / (DT * lengths[-1]))
-    assert min(lengths) < 0.7 * max(lengths)  # some end long before others, or this tests little
-    assert found.reward == pytest.approx(np.mean(returns))
-    assert found.collision == np.mean(collisions)
-    assert found.speed == pytest.approx(np.mean(speeds))
 
 
 @pytest.mark.parametrize("kind", [PathReward, GoalReward])

@@ -1,7 +1,6 @@
-"""The frame of every task holds what stands, moves and is driven; a briefing what a policy has access to."""
+"""The frame of a large map shows where the robot drives."""
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -10,79 +9,6 @@ import numpy as np
 import pytest
 
 import wayfield  # noqa: F401  registers the environments
-from wayfield.envs.robots import ROBOTS
-
-GOAL = {
-    "goal": [4.0, 1.0, 0.4], "start": [0.5, 0.2, 0.1], "waypoints": [[1.0, 1.0], [2.0, -0.5]], "waypoint_radius": 0.6,
-    "position_tolerance": 0.17, "start_offset": 0.05, "obstacles": [
-        {"kind": "box", "x": 6.0, "y": 2.0, "length": 2.0, "width": 0.6, "heading": 0.7},
-        {"kind": "circle", "x": 1.0, "y": -3.0, "radius": 0.4},
-        {"kind": "circle", "x": -1.0, "y": 3.0, "radius": 0.3,
-         "patrol": {"vx": -0.5, "vy": 0.25, "leg_time": 4.0}},
-    ],
-}  # fmt: skip
-IDS = {"p3dx": "wayfield/DiffDrive{}-v0", "omni4": "wayfield/Omni{}-v0"}
-
-
-def made(tmp_path: Path, kind: str, robot: str, content: Any, **options: Any) -> Any:
-    file = tmp_path / "scene.json"
-    file.write_text(json.dumps(content))
-    env = gymnasium.make(IDS[robot].format(kind), robot=robot, scenario=str(file), **options).unwrapped
-    env.reset(seed=3)
-    return env
-
-
-@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
-def test_a_goals_scene_holds_all_that_stands_and_moves(tmp_path: Path, robot: str) -> None:
-    env = made(tmp_path, "GoalObstacles", robot, GOAL, num_beams=8)
-    for _ in range(30):
-        env.step(0.5 * env.action_space.high)
-    state, scene = env.batch.states[0], env.scene()
-    assert scene.robot is ROBOTS[robot]
-    assert scene.pose == (state["x"], state["y"], state["heading"])
-    # the disc goes 2 m to the left and 1 m up; the box reaches 1 m along its heading and 0.3 m across
-    reach = np.abs([[math.cos(0.7), math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]]) @ [1.0, 0.3]
-    left, right = -1.0 - 2.0 - 0.3, 6.0 + reach[0]
-    low, high = -3.0 - 0.4, 3.0 + 1.0 + 0.3
-    hull = 2.0 * ROBOTS[robot].hull_radius
-    assert scene.bounds == pytest.approx((left - hull, low - hull, right + hull, high + hull))
-    places = [[1.0, 1.0], [2.0, -0.5], [4.0, 1.0]][int(state["waypoint"]) :]
-    assert scene.goals[:, :2].tolist() == places
-    assert np.isnan(scene.goals[:-1, 2]).all()
-    assert scene.goals[-1, 2] == 0.4
-    assert scene.goal_tolerance == 0.17
-    assert scene.start == (0.5, 0.2)
-    assert scene.max_range == 5.0
-    assert scene.beam_angles.tolist() == (-math.pi + 0.25 * math.pi * np.arange(8)).tolist()
-    assert scene.caption == (
-        f"t {30 * 0.05:5.2f} s   goal {state['goal_distance']:5.2f} m   clearance {state['clearance']:5.2f} m"
-    )
-    # seen without noise, where the moving one is now
-    disc = scene.obstacles[2]
-    assert (disc["x"], disc["y"]) == pytest.approx((-1.0 - 0.5 * 1.5, 3.0 + 0.25 * 1.5))
-    seen, _, _, _, _ = env.step(np.zeros_like(env.action_space.high))
-    assert env.scene().ranges == pytest.approx(seen[-8:], abs=1e-5)
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_a_paths_scene_shows_the_point_ahead_and_the_one_beside_it(tmp_path: Path, closed: bool) -> None:
-    told = {"path": [[0, 0], [2, 0], [2, 1.5]], "closed": closed, "corridor": 0.4, "start": [0.2, 0.1, 0.5]}
-    env = made(tmp_path, "PathFollowing", "p3dx", told)
-    state, scene = env.batch.states[0], env.scene()
-    margin = 0.4 + ROBOTS["p3dx"].hull_radius
-    assert scene.bounds == pytest.approx((-margin, -margin, 2.0 + margin, 1.5 + margin))
-    assert scene.path.tolist() == [[0, 0], [2, 0], [2, 1.5], *([[0, 0]] if closed else [])]
-    assert (scene.corridor, scene.start) == (0.4, (0.2, 0.1))
-    ahead = 0.2 + 0.5 * math.cos(0.5), 0.1 + 0.5 * math.sin(0.5)
-    assert scene.lookahead == pytest.approx(ahead)
-    assert scene.reference == pytest.approx((ahead[0], 0.0))
-    assert scene.caption == f"t {0.0:5.2f} s   cross-track error {100 * state['cross_track_error']:+6.1f} cm"
-    assert len(scene.obstacles) == 0
-    # round the corner
-    state["x"], state["y"], state["heading"], state["arc_length"], state["segment"] = 2.1, 0.3, 1.2, 2.2, 1
-    scene = env.scene()
-    assert scene.lookahead == pytest.approx((2.1 + 0.5 * math.cos(1.2), 0.3 + 0.5 * math.sin(1.2)))
-    assert scene.reference == pytest.approx((2.0, 0.3 + 0.5 * math.sin(1.2)))
 
 
 def drawn_of(env_id: str, index: int, actions: list[list[float]], **kwargs: Any) -> Any:
