@@ -1,6 +1,5 @@
 """Teams: several robots in one world, each with a goal of its own, that see each other, among people."""
 
-import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -30,9 +29,7 @@ from wayfield.envs.crowds.bodies import (
 )
 from wayfield.envs.crowds.people import (
     LAWS,
-    OF_2009,
     REPLAY,
-    STANDING,
     WALK,
     WALKER,
     People,
@@ -723,7 +720,7 @@ class Teams(GoalReaching):
         if not found:
             raise ValueError("scenario must be a name or at least one TeamScenario, got none")
         team = self._asked_team or found[0].team
-        return tuple(self._with_people(each.of(team)) for each in found)
+        return tuple(each.of(team).walked(self._visible, self._law) for each in found)
 
     def _families(self) -> list[str]:
         return [name for spec in CROWDS.values() for name in (*spec.presets, *spec.families)]
@@ -741,19 +738,6 @@ class Teams(GoalReaching):
                     "robot alone may have any scenario of goal reaching."
                 ) from None
             raise
-
-    def _with_people(self, scenario: TeamScenario) -> TeamScenario:
-        """Returns the scenario with another law of its people, who see robots or not."""
-        if (self._visible is None and self._law is None) or not len(scenario.walks):
-            return scenario
-        walks = scenario.walks.copy()
-        if self._visible is not None:
-            walks["blind"] = not self._visible
-        if self._law is not None:
-            walks["law"][(walks["law"] != REPLAY) & (walks["law"] != STANDING)] = LAWS[self._law]
-            if LAWS[self._law] not in OF_2009:
-                walks["group"], walks["reaction"] = 0, 0
-        return dataclasses.replace(scenario, walks=walks)
 
     @functools.cached_property
     def team(self) -> int:

@@ -36,7 +36,13 @@ def keys_of(setting: Setting) -> list[str]:
     if count > 1 and not known:
         return [""] * setting.episodes
     scale = setting.case.env_kwargs.get("scale", 1.0)
-    return [f"{setting.case.scenario}#{_member(setting, k, count)}#{scale:g}" for k in range(setting.episodes)]
+    walked = "".join(f"#{each}" for each in _walked(setting) if each is not None)
+    return [f"{setting.case.scenario}#{_member(setting, k, count)}#{scale:g}{walked}" for k in range(setting.episodes)]
+
+
+def _walked(setting: Setting) -> tuple[bool | None, str | None]:
+    """Returns whether people of a setting see robots, and by which law they walk; None: as the scenario says."""
+    return setting.case.env_kwargs.get("visible"), setting.case.env_kwargs.get("people")
 
 
 def _member(setting: Setting, k: int, count: int) -> int:
@@ -61,7 +67,10 @@ def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
 def _bank(setting: Setting) -> tuple[Any, ...]:
     case = setting.case
     scale = case.env_kwargs.get("scale", 1.0)
-    return scenarios_of(spec_of(case.env_id), case.scenario, _robot(setting).hull_radius, scale)
+    found = scenarios_of(spec_of(case.env_id), case.scenario, _robot(setting).hull_radius, scale)
+    if spec_of(case.env_id) in CROWDS.values():
+        return tuple(each.walked(*_walked(setting)) for each in found)
+    return found
 
 
 def _robot(setting: Setting) -> Robot:

@@ -9,7 +9,16 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.crowds.people import GOES_ON, LAWS, OF_2009, REACTIONS, REPLAY, WALK, check_finite
+from wayfield.envs.crowds.people import (
+    GOES_ON,
+    LAWS,
+    OF_2009,
+    REACTIONS,
+    REPLAY,
+    STANDING,
+    WALK,
+    check_finite,
+)
 from wayfield.envs.scenarios.scenario import GoalScenario, check_clear
 from wayfield.system.checks import number, shown
 
@@ -154,6 +163,19 @@ class TeamScenario:
                 f"team={team} is larger than scenario {self.name!r} allows; it must be at most {len(self.robots)}"
             )
         return self if team == len(self.robots) else dataclasses.replace(self, robots=self.robots[:team])
+
+    def walked(self, visible: bool | None, law: str | None) -> "TeamScenario":
+        """Returns the scenario with people who see robots or not and walk by a law of LAWS; None: as they are."""
+        if (visible is None and law is None) or not len(self.walks):
+            return self
+        walks = self.walks.copy()
+        if visible is not None:
+            walks["blind"] = not visible
+        if law is not None:
+            walks["law"][(walks["law"] != REPLAY) & (walks["law"] != STANDING)] = LAWS[law]
+            if LAWS[law] not in OF_2009:
+                walks["group"], walks["reaction"] = 0, 0
+        return dataclasses.replace(self, walks=walks)
 
     def fitted(self, shrinkage: float) -> "TeamScenario":
         """Returns the scenario for a smaller hull: itself, with more room."""

@@ -19,13 +19,17 @@ from hypothesis import strategies as st
 from oracles.hostile_page import HOSTILE, hostile
 
 from wayfield.benchmarks import report
+from wayfield.benchmarks.contests import Course, Entrants
+from wayfield.benchmarks.contests.crowds import PEOPLE
 from wayfield.benchmarks.records.replays import QUANTUM, drive_of, packed, read_drives, write_drives
 from wayfield.benchmarks.records.results import write_rows
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.__main__ import main
 from wayfield.benchmarks.report.page import Section, rendered, write_page
-from wayfield.benchmarks.report.worlds import plain, read_worlds
+from wayfield.benchmarks.report.worlds import plain, read_worlds, worlds_of
+from wayfield.benchmarks.runs.suite import Setting
+from wayfield.envs.crowds.people import WALK
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, splits
 
@@ -92,6 +96,18 @@ def test_the_other_bodies_of_a_world_reach_the_page_while_they_are_there(tmp_pat
     assert (np.array(found)[0, :, 4:] > 1e5).all()
     many = dataclasses.replace(shown, others=np.zeros((6, 99, 2)), other_radii=np.full(99, 0.3))
     assert drive_of(many).shape == (6, 3)
+
+
+def test_people_of_a_world_walk_as_its_contest_lets_them() -> None:
+    settings = []
+    for contest in (PEOPLE["people-seen"], PEOPLE["people-unseen"]):
+        entrants = Entrants(("orca_team",), ("default",))
+        case, *_ = contest.cases("omni3", Course("crowdnav_5", "test"), entrants, "none", None)
+        settings.append(Setting("people", case, "kinematic", "lagged", 0, 1))
+    seen, unseen = worlds_of(settings).values()
+    blind = WALK.names.index("blind")
+    assert {walk[blind] for walk in seen["walks"]} == {0}
+    assert {walk[blind] for walk in unseen["walks"]} == {1}
 
 
 def test_a_world_keeps_every_bit() -> None:

@@ -90,8 +90,9 @@ class Drive {
     return pilotsOf(this.kernels, this.task, this.replay.robot, this.tier.value);
   }
 
-  trained(labels) {
-    return labels.find((each) => /^(ppo|agent)\b/.test(each));
+  // Who drives where nobody was chosen: a trained agent, among bodies reciprocal avoidance.
+  usual(labels) {
+    return labels.find((each) => /^(ppo|agent)\b/.test(each)) || labels.find((each) => each === "orca_team") || labels[0];
   }
 
   // Which policies can drive here, and which cannot and why.
@@ -104,7 +105,7 @@ class Drive {
     const able = this.able();
     const before = who.value;
     who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each)));
-    who.value = able.includes(before) || before === KEYBOARD ? before : this.trained(able) || able[0] || KEYBOARD;
+    who.value = able.includes(before) || before === KEYBOARD ? before : this.usual(able) || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
     const reason = (label) => (REASONS.find(([start]) => label.startsWith(start)) || ["", "decides in NumPy"])[1];
@@ -199,7 +200,7 @@ class Drive {
   // Driven by hand: the clock waits for the first key; beside it the trained agent, where one is there and nothing else drives.
   takeOver(from, step) {
     this.endHand();
-    const label = this.trained(this.able()) || this.able()[0];
+    const label = this.usual(this.able());
     if (!from && label && !this.replay.actors.some((actor) => !actor.ghost && actor.policy !== KEYBOARD)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
     run.pending = false;
