@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import gc
 import os
 import signal
 
@@ -21,6 +22,12 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("fixed", deadline=None, derandomize=True, database=None, max_examples=100)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile("fixed")
+
+
+def pytest_collection_finish() -> None:
+    """Lets no collection of garbage look at all that was imported again: that took an eighth of the tests' time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
