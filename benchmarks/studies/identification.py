@@ -100,7 +100,10 @@ def covered(case: str, seed: int) -> tuple[Floats, NDArray[np.bool_], float]:
     errors, _ = problem.at(x)
     rho = float(correlations(errors[None])[0])
     count = len(errors) * (1.0 - rho) / (1.0 + rho)
-    ends = [problem.interval(x, float(errors @ errors), i, count) for i in range(5)]
+    # in units of the noise: squares then sum up to the count
+    share = np.sqrt(count / float(errors @ errors))
+    problem = dataclasses.replace(problem, weights=np.full(len(errors), share), _last=None)
+    ends = [problem.interval(x, count, i, count) for i in range(5)]
     true, values = np.array([delay, 1.0, limit, slew, lag]), found[[0, 1, 2, 3, 5]]
     inside = np.array([low <= value <= high for value, (low, high) in zip(true, ends, strict=True)])
     return np.where(np.arange(5) == 0, values - true, values / true - 1.0), inside, spent
