@@ -124,10 +124,7 @@ class ForwardPrediction:
         steps = np.empty((len(moved), 3))
         look_ahead(self._model, self._states, self._sent, self._scratch, twists, steps)
         fields.twist[:] = twists[:, self._axes]
-        c, s = np.cos(fields.pose[:, 2]), np.sin(fields.pose[:, 2])
-        fields.pose[:, 0] += c * steps[:, 0] - s * steps[:, 1]
-        fields.pose[:, 1] += s * steps[:, 0] + c * steps[:, 1]
-        fields.pose[:, 2] = _wrapped(fields.pose[:, 2] + steps[:, 2])
+        move(steps, fields.pose)
         if hasattr(fields, "cross_track_error"):
             follow(
                 told.path,
@@ -139,8 +136,7 @@ class ForwardPrediction:
                 fields.preview,
             )
             return moved
-        fields.goal[:] = _seen_from(steps, fields.goal)
-        fields.goal_heading_error[:] = _wrapped(fields.goal_heading_error - steps[:, 2])
+        view(steps, fields.goal, fields.goal_heading_error)
         if hasattr(fields, "bodies"):
             fields.bodies[..., :2] = _seen_from(steps[:, None], fields.bodies[..., :2])
             turned = np.concatenate([np.zeros((len(steps), 2)), steps[:, 2:]], axis=1)
@@ -152,7 +148,7 @@ class ForwardPrediction:
             step = float(angles[1] - angles[0])
             closed = bool(2.0 * math.pi - (angles[-1] - angles[0]) < 1.5 * step)
             beams = beam_directions(angles)
-            scan = np.ascontiguousarray(fields.ranges)
+            scan = fields.ranges.copy()  # the new one is written over it
             rescan(beams, float(angles[0]), step, closed, most, self._joined, steps, scan, fields.ranges)
         return moved
 
@@ -172,11 +168,6 @@ class ForwardPrediction:
         whole = np.zeros((len(twists), 3))
         whole[:, self._axes] = twists
         advance(self._model, self._states, self._sent, whole)
-
-
-def _wrapped(angles: Array) -> Array:
-    """Returns angles (rad) in (-pi, pi]."""
-    return -np.remainder(-angles + math.pi, 2.0 * math.pi) + math.pi
 
 
 def _seen_from(steps: Array, points: Array) -> Array:
@@ -229,6 +220,27 @@ def look_ahead(model, states, sent, scratch, twists, steps):
         s.command_vx = vx
         s.command_vy = vy
         s.command_yaw_rate = yaw_rate
+
+
+@any_layout
+@compiled
+def move(steps, poses):
+    """Moves poses (b, 3) on by steps (b, 3) in their frames."""
+    for i in range(steps.shape[0]):
+        sine, cosine = sin_cos(poses[i, 2])
+        poses[i, 0] += cosine * steps[i, 0] - sine * steps[i, 1]
+        poses[i, 1] += sine * steps[i, 0] + cosine * steps[i, 1]
+        poses[i, 2] = wrap_angle(poses[i, 2] + steps[i, 2])
+
+
+@any_layout
+@compiled
+def view(steps, goals, turns):
+    """Turns goals (b, 2) and turns to their headings (b,) into those seen after steps (b, 3)."""
+    for i in range(steps.shape[0]):
+        sine, cosine = sin_cos(steps[i, 2])
+        goals[i, 0], goals[i, 1] = to_body_frame(steps[i, 0], steps[i, 1], sine, cosine, goals[i, 0], goals[i, 1])
+        turns[i] = wrap_angle(turns[i] - steps[i, 2])
 
 
 @compiled
@@ -328,7 +340,8 @@ def rescan(beams, first, step, closed, most, joined, steps, scan, out):
     """Fills the scans (b, n) that would be seen after the steps (b, 3), of those seen before them."""
     n = scan.shape[1]
     reach = (1.0 - 1e-6) * most
-    half = math.tan(0.5 * min(step, 1.0))
+    half_sine, half_cosine = sin_cos(0.5 * min(step, 1.0))
+    half = half_sine / half_cosine
     for i in range(scan.shape[0]):
         for k in range(n):
             out[i, k] = most

@@ -99,8 +99,9 @@ def test_the_predicted_scan_is_that_seen_from_there() -> None:
     assert np.quantile(errors, 0.9) < 0.1
 
 
-def test_a_scan_that_nothing_moved_stays() -> None:
-    env, seen = made("wayfield/DiffDriveGoalObstacles-v0", LATE, scenario="rooms/train", num_beams=72)
+@pytest.mark.parametrize("num_envs", [1, 3])
+def test_a_scan_that_nothing_moved_stays(num_envs: int) -> None:
+    env, seen = made("wayfield/DiffDriveGoalObstacles-v0", LATE, num_envs, scenario="rooms/train", num_beams=72)
     ahead = ForwardPrediction(env.briefing("sensors"))
     np.testing.assert_allclose(ahead.observed(seen), seen, atol=2e-3)
 
