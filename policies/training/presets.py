@@ -595,7 +595,10 @@ _ANY_DIFF = dataclasses.replace(
     steps=3_000_000,
 )
 _ANY_OMNI = dataclasses.replace(
-    _ANY_DIFF, name="any_omni_goal", env_ids=("wayfield/OmniGoalObstacles-v0",), measured="never trained"
+    _ANY_DIFF,
+    name="any_omni_goal",
+    env_ids=("wayfield/OmniGoalObstacles-v0",),
+    measured="1 of 1 seed does not: on omni3 its copy comes to 31 %, PPO to 64 % at the end, and rises; 10 % collide",
 )
 
 PRESETS = {
