@@ -37,7 +37,8 @@ STYLES = ("page.css", "charts.css", "replay.css")
 SCRIPTS = (
     *("data.js", "dom.js", "tables.js", "charts.js", "heat.js"),
     *("view.js", "scene.js", "traces.js", "replay.js", "picks.js"),
-    *("kernels.js", "simulator.js", "pilots.js", "files.js", "images.js", "robots.js"),
+    *("kernels.js", "simulator.js", "pilots.js", "prediction.js"),
+    *("files.js", "images.js", "robots.js"),
     *("edit.js", "gains.js", "looks.js", "share.js", "drive.js", "draws.js", "main.js"),
 )
 OUTCOMES = ("success", "collision", "left_corridor", "timeout")
@@ -280,6 +281,8 @@ def kernel_part(robots: Container[str], crowds: bool = True) -> tuple[dict[str, 
         task["params"] = {key: placed(k) for key, k in task["params"].items() if key.split()[0] in robots}
         if task["directions"] is not None:
             task["directions"] = placed(task["directions"])
+        if task["late"] is not None and "beams" in task["late"]:
+            task["late"]["beams"] = placed(task["late"]["beams"])
     tables["pilots"] = {key: each for key, each in tables["pilots"].items() if key.split()[1] in robots}
     for pilot in tables["pilots"].values():
         for name in ("sizes", "numbers"):

@@ -22,7 +22,7 @@ from wayfield.envs import scenarios
 from wayfield.envs.batch import ALONE, Results
 from wayfield.envs.crowds.bodies import HULL, PLACE
 from wayfield.envs.crowds.people import WALK, WALKER
-from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.records import MAX_WHEELS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
@@ -36,6 +36,7 @@ from wayfield.policies import Pilot, make
 from wayfield.policies.gain import Gain, gains_of
 from wayfield.policies.learned.conditions import effective_actuators, network_speed
 from wayfield.policies.learned.perception import limits_of
+from wayfield.policies.parts import forward_prediction
 from wayfield.policies.parts.params import PLANT
 from wayfield.policies.parts.stopping import NEAR_ENOUGH
 from wayfield.policies.policy import lacks
@@ -275,11 +276,13 @@ def halves(numbers: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.stack([bits >> 24, bits >> 16 & 0xFF]).astype(np.uint8)
 
 
-def environment(task: str, robot: str, actuators: str, scenario: str, disturbance: str = "none") -> NativeVectorEnv:
-    """Returns an environment as the contest of the task has it, with one robot."""
+def environment(
+    task: str, robot: str | Robot, actuators: str, scenario: str, disturbance: str = "none"
+) -> NativeVectorEnv:
+    """Returns an environment as the contest of the task has it, with one robot; a sheet is a differential one."""
     contest = contest_of(task)
     env = gymnasium.make_vec(
-        contest.env_id(robot),
+        contest.env_id(BASE if isinstance(robot, Robot) else robot),
         1,
         vectorization_mode="vector_entry_point",
         scenario=scenario,
@@ -317,6 +320,29 @@ def of_policies(name: str, function: str = "") -> Any:
         name = CALLED_IN.get(function, name)
     room = f"learned.{name}" if name in ("perception", "agent", *_OF_PERCEPTION) else name
     return importlib.import_module(f"wayfield.policies.{room}")
+
+
+# What predicts the state of a base that answers late, for all laws.
+LATE = "late"
+_PREDICTS = ("look_ahead", "move", "view", "rescan", "follow", "compensate", "advance")
+
+
+def predictions(task: str) -> list[tuple[Any, Any]]:
+    """Returns the calls that predict for the first decision of a base that answers late."""
+    robot = dataclasses.replace(ROBOTS[BASE], name=LATE, delay=(0.12, 0.16), response="continuous")
+    env = environment(task, robot, "lagged", f"{contest_of(task).timed_on}/test")
+    policy = make("pure_pursuit" if contest_of(task).spec.on_path else "polar")
+    return first_decision(env, policy, [(forward_prediction, name) for name in _PREDICTS])
+
+
+def late_table(task: str, blobs: "Blobs") -> dict[str, Any]:
+    """Returns the constants of a task that predictions read: of its scan, or of the preview of its path."""
+    calls = {kernel.py_func.__name__: dict(leaves(names_of(kernel), each)) for kernel, each in predictions(task)}
+    if "follow" in calls:
+        return {"spacing": float(calls["follow"]["spacing"])}
+    scan = calls["rescan"]
+    numbers = {name: float(scan[name]) for name in ("first", "step", "closed", "most")}
+    return {**numbers, "beams": blobs.put(scan["beams"])}
 
 
 class Blobs:
@@ -674,7 +700,6 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
             "fields": fields,
             "max_twist": env.task.robot.max_twist.tolist(),
             "hull": env.task.robot.hull_radius,
-            "requested": env.task.options.num_requested,  # numbers behind an action, of a base with a delay
         }
     told["ids"] = {robot: contest.env_id(robot) for robot in FITTING}
     # whether people see the robot is said by each of them
@@ -694,6 +719,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     told["beams"] = env.task.num_beams
     told["directions"] = blobs.put(env.task.world[5]) if env.task.num_beams else None
     told["tracks"] = env.task.noise_columns
+    told["late"] = None if task in CROWDS else late_table(task, blobs)
     return told
 
 
@@ -778,6 +804,8 @@ _RECORDS = {
     "vertex": VERTEX,
     "run": RUN,
     "frame": NO_GRIDS.frames.dtype,
+    "late_model": np.dtype(forward_prediction.MODEL, align=True),
+    "late_state": forward_prediction.STATE,
 }
 
 
@@ -793,7 +821,11 @@ Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an 
 
 def jobs() -> list[tuple[str, str]]:
     """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
-    return [(task, name) for task in EVERY for name in ("", *decisions(task), *((AGENT,) if network(task) else ()))]
+    return [
+        (task, name)
+        for task in EVERY
+        for name in ("", *decisions(task), *(() if task in CROWDS else (LATE,)), *((AGENT,) if network(task) else ()))
+    ]
 
 
 def exports(task: str, policy: str) -> dict[str, Export]:
@@ -813,6 +845,11 @@ def exports(task: str, policy: str) -> dict[str, Export]:
                 name = export_of("perception" if module in _OF_PERCEPTION else module, kernel.py_func.__name__)
                 found.setdefault(name, (kernel, leaves(names_of(kernel), values), values))
         return found
+    if policy == LATE:
+        return {
+            export_of(LATE, kernel.py_func.__name__): (kernel, leaves(names_of(kernel), values), values)
+            for kernel, values in predictions(task)
+        }
     env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)
     if policy:
         module, function, *_ = decisions(task)[policy]

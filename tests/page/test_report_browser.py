@@ -605,13 +605,29 @@ MINE = {
 }
 
 
+# as a log of one may be identified: late, ramping, with wheels that saturate one by one
+LATE = MINE | {
+    "delay": [0.12, 0.16],
+    "lag": [0.18, 0.15],
+    "gain": [1.0, 0.95],
+    "decelerations": [0.9, 1.5],
+    "saturation": "wheels",
+    "response": "continuous",
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("tier", ["slow"])
+@pytest.mark.parametrize(("sheet", "tier"), [(MINE, "slow"), (LATE, "lagged")], ids=["plain", "late"])
 def test_a_data_sheet_is_a_robot_and_python_drives_it_the_same(
-    browser: Browser, files: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str
+    browser: Browser,
+    files: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    sheet: dict[str, Any],
+    tier: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.json").write_text(json.dumps(MINE))
+    (tmp_path / "mine.json").write_text(json.dumps(sheet))
     with Watched(browser, files["demo"]) as watched:
         tab = watched.page
         tab.locator("input[type=file]").set_input_files(tmp_path / "mine.json")
@@ -655,7 +671,7 @@ def near_in_python(tab: Page, label: str) -> None:
             for changed, told in (
                 ({"wheels": {"radius": -1.0, "track": 0.3}}, "wheels.radius is -1"),
                 ({"hull": {"kind": "box", "length": 1, "width": 1}}, "hull.radius is"),
-                ({"delay": 0.2}, "delay"),
+                ({"delay": 0.2}, "delay is 0.2; it must be two numbers"),
                 ({"name": "p3dx"}, "p3dx"),
             )
         ),

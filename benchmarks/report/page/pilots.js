@@ -5,6 +5,7 @@ function pilotFor(simulator, label, gains = {}) {
   const recipe = kernels.tables.pilots[`${task} ${robot} ${actuators} ${label}`];
   if (!recipe) return null;
   if (simulator.crowd) return new Everyone(simulator, recipe, gains);
+  if (simulator.late) return new Predicted(simulator, new Law(simulator, recipe, gains));
   return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe, gains);
 }
 

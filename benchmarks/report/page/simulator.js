@@ -68,7 +68,8 @@ class Simulator {
       return records.array;
     };
     const actions = this.body.axes.length;
-    const columns = actions + (this.body.requested || 0);
+    this.late = (kernels.tables.lates || {})[`${this.robot} ${this.actuators}`]; // of a base that answers late
+    const columns = actions + (this.late ? this.late.requested : 0);
     this.arrays = {
       params: { at: kernels.put(kernels.blob(tables.params[conditions])), shape: [1] },
       states: this.state.array,
