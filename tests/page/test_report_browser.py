@@ -465,7 +465,7 @@ def looked_at(watched: Watched, task: str, label: str, step: int) -> Any:
     tab = watched.page
     kind = TASKS[task].kind
     family = tab.evaluate("(kind) => [...picks.families.keys()].find((each) => each.startsWith(`${kind}: `))", kind)
-    tab.evaluate("(family) => { picks.restore({ family, seed: 0 }); drive.clear(); }", family)
+    tab.evaluate("(family) => { replay.toggle(false); picks.restore({ family, seed: 0 }); drive.clear(); }", family)
     tab.evaluate("(label) => { drive.add({ label }); drive.pump(20000); }", label)
     tab.evaluate("async (step) => { await drive.looks.turn(true); replay.seek(step); }", step)
     watched.until(f"Boolean({LOOKED})")

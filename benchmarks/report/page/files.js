@@ -11,7 +11,7 @@ const FARTHEST = 1e5; // m
 
 function asNumber(field, value, least = -FARTHEST, most = FARTHEST) {
   if (typeof value !== "number" || !Number.isFinite(value) || value < least || value > most) {
-    throw new Error(`${field} is ${JSON.stringify(value)}; it must be a number${least > -FARTHEST ? ` of at least ${least}` : ""}${most < FARTHEST ? ` and at most ${most}` : ""}`);
+    throw new Error(`${field} is ${value === undefined ? "missing" : JSON.stringify(value)}; it must be a number${least > -FARTHEST ? ` of at least ${least}` : ""}${most < FARTHEST ? ` and at most ${most}` : ""}`);
   }
   return value;
 }
