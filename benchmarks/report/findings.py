@@ -96,12 +96,12 @@ def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
     rivals = _rivals(ranked)
     small = _small(contest, robot, rivals, ranked)
     of, on = _count(len(entries), "entry", "entries"), _count(scenarios(rows), "scenario", "scenarios")
-    if len(small.rows) < len(entries):
-        of += f" ({len(small.rows)} shown)"
+    shown = f" ({len(small.rows)} shown)" if len(small.rows) < len(entries) else ""
     families = _count(len(rows.unique("family")), "family", "families")
-    sentence = f"{contest.title} with {robot}: {of} on the same {on} of {families}. {' '.join(sentences)}"
+    sentence = f"{contest.title} with {robot}: {of}{shown} on the same {on} of {families}. {' '.join(sentences)}"
     if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
-        sentence = f"{contest.title} with {robot}, {of}, {on}: too few to tell them apart."
+        few = f"{len(small.rows)} of {of}" if shown else of
+        sentence = f"{contest.title}, {robot}: {few}, {on}, too few to tell them apart."
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."

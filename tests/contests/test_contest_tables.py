@@ -76,7 +76,7 @@ def test_a_run_says_how_many_of_its_entries_it_shows_and_the_user_s_own_are_amon
     laws = [made(PATHS, f"law_{k}", cells, knows="path") for k in range(5)]
     own = made(PATHS, "mine:Law", cells | {"tracking_rms": 0.05}, gains_name="own gain=2")
     ((sentence, table),) = short_findings(Episodes.of([row for rows in (*laws, own) for row in rows]))
-    assert "6 entries (4 shown)" in sentence
+    assert "6 entries (4 shown) on the same" in sentence
     assert [line[0] for line in table.rows] == ["law_0", "law_1", "law_2", "mine:Law (own gain=2)"]
 
 
