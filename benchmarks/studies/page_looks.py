@@ -13,7 +13,7 @@ import numpy as np
 
 from wayfield.envs.crowds.half_planes import best_velocity
 from wayfield.envs.world.reeds_shepp import pose_along
-from wayfield.policies import dwa, lqr, mppi, orca, orca_team, stanley, vfh_plus
+from wayfield.policies import dwa, lqr, mppi, orca, orca_team, orca_team_map, stanley, vfh_plus
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
 from wayfield.policies.parts.detour import LOOK, seek
 from wayfield.policies.parts.stopping import (
@@ -243,6 +243,27 @@ def orca_of_team(
 
 
 @allocating
+def orca_of_team_map(
+    params: Any,
+    planner: Any,
+    told: Any,
+    measured: Any,
+    poses: Any,
+    goals: Any,
+    waypoints_left: Any,
+    bodies: Any,
+    ranges: Any,
+    beams: Any,
+    memory: Any,
+    out: Any,
+) -> None:
+    """Fills the (1, t) twists of `OrcaTeamMap`, which plans a way before it decides as `OrcaTeam` does."""
+    targets = np.empty((1, 2))
+    orca_team_map.find_targets(planner, told, poses, goals, waypoints_left, memory, targets)
+    orca_of_team(params, measured, poses, targets, bodies, ranges, beams, memory, out)
+
+
+@allocating
 def half_planes_of_team(
     params: Any, measured: Any, poses: Any, goals: Any, bodies: Any, ranges: Any, beams: Any, memory: Any, looked: Any
 ) -> None:
@@ -374,4 +395,5 @@ TO_POSES: Mapping[str, Look] = {
 # of those that drive among other bodies alone
 AMONG_BODIES: Mapping[str, Look] = {
     "orca_team": Look("half_planes", "half-planes of velocities", half_planes_of_team, (LINES + 2, 4)),
+    "orca_team_map": Look("way", "plan", planned, (256, 2)),
 }

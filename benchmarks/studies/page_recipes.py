@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from page_looks import ALONG_PATHS as LOOKS_ALONG_PATHS
 from page_looks import AMONG_BODIES as LOOKS_AMONG_BODIES
 from page_looks import TO_POSES as LOOKS_TO_POSES
-from page_looks import Look, orca_of_team
+from page_looks import Look, orca_of_team, orca_of_team_map
 
 from wayfield.benchmarks.contests import CONTESTS, Contest
 from wayfield.benchmarks.contests.crowds import PEOPLE, TEAMS
@@ -72,6 +72,7 @@ TO_POSES: Mapping[str, Decision] = {
 AMONG_BODIES: Mapping[str, Decision] = {
     **{name: TO_POSES[name] for name in ("polar", "vfh_plus", "dwa", "mppi", "scan_planner")},
     "orca_team": ("orca_team", "avoid", "out", "axes"),
+    "orca_team_map": ("orca_team_map", "find_targets", "out", "axes"),
     "social_force": ("social_force", "push", "out", "axes"),
 }
 OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
@@ -233,8 +234,20 @@ def network(task: str) -> Sequence[tuple[str, str]]:
     return NETWORKS[contest.spec.kind] if AGENT in contest.policies else ()
 
 
-# Of laws that decide in two steps: the one kernel that the page calls, and the function of the first step.
-JOINED: Mapping[str, tuple[Any, str]] = {"orca_team": (orca_of_team, "want")}
+# Of laws that decide in steps: the one kernel that the page calls, and each step's module and function, with what has
+# another name in that kernel, or none.
+_AVOID = ("orca_team", "avoid", {"twists": "measured"})
+JOINED: Mapping[str, tuple[Any, tuple[tuple[str, str, Mapping[str, str]], ...]]] = {
+    "orca_team": (orca_of_team, (("orca_team", "want", {"params": "", "out": ""}), _AVOID)),
+    "orca_team_map": (
+        orca_of_team_map,
+        (
+            ("orca_team_map", "find_targets", {"params": "planner"}),
+            ("orca_team", "want", {"params": "", "goals": "", "out": ""}),
+            _AVOID,
+        ),
+    ),
+}
 
 
 def first_of(task: str, name: str, policy: Any, env: NativeVectorEnv) -> tuple[Any, tuple[Any, ...]]:
@@ -247,18 +260,16 @@ def first_of(task: str, name: str, policy: Any, env: NativeVectorEnv) -> tuple[A
 
 def handed_to(task: str, name: str, pilot: Pilot, observation: Any) -> tuple[Any, tuple[Any, ...]]:
     """Returns the compiled function by which a policy decides in the page, and what a decision hands it."""
-    module, function, *_ = decisions(task)[name]
-    room = of_policies(module)
     if name not in JOINED:
-        ((kernel, values),) = noted(pilot, observation, [(room, function)])
+        module, function, *_ = decisions(task)[name]
+        ((kernel, values),) = noted(pilot, observation, [(of_policies(module), function)])
         return kernel, values
-    kernel, before = JOINED[name]
+    kernel, steps = JOINED[name]
     known: dict[str, Any] = {}
-    for part, values in noted(pilot, observation, [(room, before), (room, function)]):
-        handed = dict(zip(names_of(part), values, strict=True))
-        if part.py_func.__name__ == function:
-            handed["measured"] = handed.pop("twists")
-        known |= handed
+    calls = noted(pilot, observation, [(of_policies(module), function) for module, function, _ in steps])
+    for (part, values), (_, _, renamed) in zip(calls, steps, strict=True):
+        handed = {renamed.get(each, each): value for each, value in zip(names_of(part), values, strict=True)}
+        known = handed | known  # the memory is that of the first step
     return kernel, tuple(known[each] for each in names_of(kernel))
 
 

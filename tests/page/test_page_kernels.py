@@ -221,6 +221,7 @@ def test_the_page_drives_teams_and_people_as_python_does() -> None:
         for task, robot, policy, family, law in (
             ("teams", "p3dx", "orca_team", "circle_8", None),
             ("teams", "omni3", "orca_team", "head_on_2cm", None),
+            ("teams", "p3dx", "orca_team_map", "doorway_4", None),
             ("teams", "omni4", "social_force", "doorway_4", None),
             ("teams", "p3dx", "vfh_plus", "crossing_4", None),
             ("people", "omni3", "orca_team", "crowdnav_5", None),
