@@ -11,7 +11,7 @@ import pytest
 
 import wayfield
 from wayfield.benchmarks.commands.compile import compile
-from wayfield.system.processor_level import levels, settings_of
+from wayfield.system.processor_level import features_of, levels, settings_of
 
 pytestmark = pytest.mark.skipif(not levels(), reason="a processor of no level")
 LEVELS = sorted({*levels()[:1], *levels()[-1:]}, key=levels().index)  # this processor's, and the lowest
@@ -116,7 +116,7 @@ def test_a_product_and_a_sum_are_rounded_each_at_every_level_and_the_users_choic
 ) -> None:
     (tmp_path / "sums.py").write_text(SUMS)
     for settings, told in (
-        ({}, f"('{levels()[0]}', '')"),
+        ({}, f"('{levels()[0]}', '{features_of(levels()[0])}')"),
         (settings_of(LEVELS[-1]), f"('{LEVELS[-1]}', '')"),
     ):
         environment = os.environ | settings | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
