@@ -28,6 +28,7 @@ _FORMERLY = {
     "obstacles": ("map", "obstacles"),
     "num_obstacles": ("map", "counts"),
     "patrols": ("map", "patrols"),
+    "grids": ("map", ""),
 }
 
 

@@ -74,8 +74,9 @@ class Law {
     }
     const shared = recipe.sheet && recipe.sheet.fields.find(([, kind]) => kind === "share_yaw");
     if (shared && "share" in gains) {
-      const yaw = recipe.sheet.plant + kernels.tables.sheet.plant.yaw_acceleration[0];
-      kernels.f64(this.values.params.at + shared[0], 1)[0] = gains.share * kernels.f64(this.values.params.at + yaw, 1)[0];
+      const place = recipe.sheet.plant + kernels.tables.sheet.plant.yaw_acceleration[0];
+      const yaw = recipe.yaw ?? kernels.f64(this.values.params.at + place, 1)[0]; // of a base that brakes worse the plant has the less
+      kernels.f64(this.values.params.at + shared[0], 1)[0] = gains.share * yaw;
     }
     if (recipe.rest) {
       const [offset, radius, share] = [recipe.rest[0], gains.stop_radius ?? recipe.rest[1], recipe.rest[2]];

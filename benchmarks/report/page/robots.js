@@ -160,7 +160,7 @@ function addRobot(kernels, sheet) {
       // a gain that such a field holds counts up to what this base can do
       const limits = Object.fromEntries(gainsOf(kernels, taskName, recipe).gains.flatMap((gain) => recipe.sheet.fields
         .filter(([place, kind]) => kind.startsWith("least") && gain.places.some(([, offset]) => offset === place)).map(([, kind]) => [gain.name, kinds[kind](Infinity)])));
-      tables.pilots[`${taskName} ${name} ${tier} ${label.join(" ")}`] = { ...recipe, limits,
+      tables.pilots[`${taskName} ${name} ${tier} ${label.join(" ")}`] = { ...recipe, limits, yaw: now.yaw,
         arguments: recipe.arguments.map((each) => (each.name === "params" ? { ...each, blob: patched(each.blob, changes) } : each)) };
     }
   }
