@@ -9,12 +9,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield import policies
 from wayfield.envs.crowds.bodies import ROBOT
-from wayfield.envs.crowds.people import GOES_ON, ORCA, REPLAY, stroll
+from wayfield.envs.crowds.people import GOES_ON, MOUSSAID, ORCA, REPLAY, stroll
+from wayfield.envs.scenarios.obstacles import box, obstacle_field
 from wayfield.envs.scenarios.people_families import tracks_of, walks_of
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.world.geometry import OBSTACLE
+from wayfield.policies.pilot import Pilot
 
 DIFF, OMNI = "wayfield/DiffDriveTeam-v0", "wayfield/OmniTeam-v0"
 ALONE = {DIFF: "wayfield/DiffDriveGoalObstacles-v0", OMNI: "wayfield/OmniGoalObstacles-v0"}
@@ -112,6 +115,71 @@ def test_cells_and_all_pairs_and_any_numbering_give_the_same_bits() -> None:
     for a, b, c in zip(by_cells, by_pairs, renumbered, strict=True):
         assert a.tobytes() == b.tobytes()
         assert a[order].tobytes() == c.tobytes()
+
+
+def turned(x: Any, y: Any, hand: float, quarters: int) -> tuple[Any, Any]:
+    """Returns x and y mirrored at the x axis by hand -1, then turned left by quarters."""
+    y = hand * y
+    for _ in range(quarters):
+        x, y = -y, x
+    return x, y
+
+
+def mingled(hand: float, quarters: int) -> TeamScenario:
+    """Returns robots and people of two laws around a box, mirrored at the x axis by hand -1, then turned left."""
+
+    def put(x: float, y: float) -> tuple[float, float]:
+        return turned(x, y, hand, quarters)
+
+    rng = np.random.default_rng(11)
+    ends = rng.permutation(np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(16, 2)) * 1.5
+    ends += rng.uniform(-0.2, 0.2, ends.shape)
+    headings = rng.uniform(-3.0, 3.0, 6)
+    starts = [(*put(*p), hand * h + quarters * np.pi / 2) for p, h in zip(ends[:6], headings, strict=True)]
+    goals = [(*put(*p), 0.0) for p in ends[10:]]
+    laws = [ORCA, ORCA, MOUSSAID, MOUSSAID]
+    people = [
+        {"law": law, **dict(zip(("x", "y", "goal_x", "goal_y"), (*put(*p), *put(*q)), strict=True))}
+        for law, p, q in zip(laws, ends[6:10], ends[:4], strict=True)
+    ]
+    thing = box(*put(-1.4, 2.2), 0.7, 0.3, hand * 0.4 + quarters * np.pi / 2)
+    return TeamScenario.made("mingled", starts, goals, obstacle_field(thing), walks=walks_of(people))
+
+
+@pytest.mark.parametrize("env_id", ALONE)
+@pytest.mark.parametrize(("hand", "quarters"), [(-1.0, 0), (1.0, 1), (-1.0, 3)])
+@pytest.mark.parametrize("by_law", [False, True], ids=["driven", "orca_team"])
+def test_a_world_that_is_mirrored_or_turned_goes_on_alike(
+    env_id: str, hand: float, quarters: int, by_law: bool
+) -> None:
+    """Robots and people bit for bit in the mirror, and to rounding where a heading is turned; the law has no side."""
+    law = policies.make("orca_team", turn=0.0, stuck_turn=0.0)
+    worlds = []
+    for scenario, side in ((mingled(1.0, 0), 1.0), (mingled(hand, quarters), hand)):
+        env: Any = gymnasium.make(env_id, scenario=scenario, sees="bodies", num_beams=25)
+        task, batch = env.unwrapped.task, env.unwrapped.batch
+        pilot, rng = Pilot(law, env), np.random.default_rng(3)
+        seen, _ = env.reset(seed=0)
+        pilot.reset()
+        found = []
+        for _ in range(60):
+            action = 0.5 * actions_of(env, rng)
+            action[:, 1:] *= side
+            seen, _, ended, _, _ = env.step(pilot.command(seen) if by_law else action)
+            assert not ended
+            places, _, _, _, clocks = batch.own[:5]
+            now = places[clocks[0, 0], 0]
+            found.append((*(now[name] for name in ("x", "y", "vx", "vy", "cos", "sin")), task.layout.unpack(seen)))
+        worlds.append(found)
+    most, seen_most = (1e-12, 1e-6) if quarters else (0.0, 0.0)
+    for (*mine, my_view), (*its, its_view) in zip(*worlds, strict=True):
+        for k in (0, 2, 4):
+            there = turned(mine[k], mine[k + 1], hand, quarters)
+            np.testing.assert_allclose(its[k : k + 2], there, rtol=0.0, atol=most)
+        sides = (1.0, hand, 1.0, hand, 1.0, 1.0, 1.0)
+        np.testing.assert_allclose(its_view.bodies, my_view.bodies * sides, rtol=0.0, atol=seen_most)
+        beams = my_view.ranges if hand > 0.0 else np.roll(my_view.ranges[:, ::-1], 1, axis=1)
+        np.testing.assert_allclose(its_view.ranges, beams, rtol=0.0, atol=seen_most)
 
 
 def test_a_body_is_met_by_beams_as_an_obstacle_of_its_shape() -> None:
