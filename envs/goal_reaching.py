@@ -32,7 +32,7 @@ from wayfield.envs.world.blocks import in_blocks
 from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grids
 from wayfield.envs.world.grids import FRAME, Grids, clearance_around, lay_grids
-from wayfield.envs.world.patrols import PATROL, patrol
+from wayfield.envs.world.patrols import PATROL, patrol, turns
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.system.compiled import allocating, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
@@ -504,11 +504,8 @@ class GoalReaching(Task):
         if patrols.shape[1]:
             # both ends of every patrol, so that nothing moves out of the frame
             ways = patrols[scenario, : course["num_obstacles"]]
-            moving = ways["leg_time"] > 0.0
-            leg = ways["leg_time"][:, None] * np.column_stack([ways["vx"], ways["vy"]])
-            near = np.column_stack([ways["x"], ways["y"]])
-            reach = 0.5 * (high - low)
-            points = np.vstack([points, *((end + r)[moving] for end in (near, near + leg) for r in (-reach, reach))])
+            reach = 0.5 * (high - low)[ways["leg_time"] > 0.0]
+            points = np.vstack([points, *(end + r for end in turns(ways).swapaxes(0, 1) for r in (-reach, reach))])
         grid = self.courses_of()[scenario].grid
         if grid is not None:
             points = np.vstack([points, grid.corners])

@@ -12,7 +12,7 @@ from wayfield.envs.scenarios.ways import grid_over
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance_to
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import patrol_at
+from wayfield.envs.world.patrols import any_moves, patrol_at
 from wayfield.policies.gain import gain
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
@@ -178,7 +178,7 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
             m.arrived = 0
             s = 0.0
         speed_limit = np.inf
-        if moves(told, i) and m.num_points > 0:
+        if any_moves(told.patrols, i, told.counts[i]) and m.num_points > 0:
             time = m.steps * p.plant.dt
             speed_limit = speed_among(p, m, told, i, s, time)
             m.held_up = m.held_up + 1 if speed_limit < np.inf else 0
@@ -202,15 +202,6 @@ def is_piece(m, stops):
     last = stops.shape[0] - 1
     end = m.points[m.num_points - 1]
     return abs(end[0] - stops[last, 0]) + abs(end[1] - stops[last, 1]) > 1e-6
-
-
-@inlined
-def moves(told, i):
-    """Returns whether an obstacle around robot i is on patrol."""
-    moving = False
-    for j in range(told.counts[i]):
-        moving = moving or told.patrols[i, j].leg_time > 0.0
-    return moving
 
 
 @allocating

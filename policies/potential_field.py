@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import lengths, nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal
-from wayfield.envs.world.patrols import patrol
+from wayfield.envs.world.patrols import any_moves, patrol
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, velocity_twists
@@ -180,11 +180,9 @@ def around(p, told, poses, memory, i, here):
     """Puts what stands around robot i now into `here`, (1, m), as `obstacles_now` does; returns how many they are."""
     m = memory[i]
     count = told.counts[i]
-    moves = False
     for j in range(count):
         here[0, j] = told.obstacles[i, j]
-        moves = moves or told.patrols[i, j].leg_time > 0.0
-    if moves:
+    if any_moves(told.patrols, i, count):
         patrol(told.patrols, i, here, 0, count, m.steps * p.plant.dt)
         m.steps += 1.0
     if told.cells.shape[0] > 0:

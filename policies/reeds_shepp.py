@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import patrol_at
+from wayfield.envs.world.patrols import any_moves, patrol_at
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
@@ -268,10 +268,7 @@ def may_set_off(p, told, m, i, now):
     speeds of `tracked` and the same acceleration.
     """
     obstacles, counts, patrols = told[:3]
-    moves = False
-    for j in range(counts[i]):
-        moves = moves or patrols[i, j].leg_time > 0.0
-    if not moves or now > _PATIENCE:
+    if now > _PATIENCE or not any_moves(patrols, i, counts[i]):
         return True
     needed = p.plant.hull_radius + _ROOM
     time = now + p.preview

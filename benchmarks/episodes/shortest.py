@@ -32,7 +32,7 @@ def shortest_way(scenario: GoalScenario, hull_radius: float) -> float:
     Raises:
         ValueError: if there is no way.
     """
-    standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
+    standing = scenario.fixed
     stops = np.array([scenario.start[:2], *scenario.waypoints, scenario.goal[:2]])
     reach = standing["radius"] + np.hypot(standing["half_length"], standing["half_width"])
     centres = np.column_stack([standing["x"], standing["y"]])

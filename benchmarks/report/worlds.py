@@ -112,7 +112,7 @@ def plain(scenario: Any, steps: int) -> World:
             "goal": list(scenario.goal),
             "waypoints": [list(point) for point in scenario.waypoints],
             "obstacles": [list(each) for each in scenario.obstacles.tolist()],
-            "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.patrols["leg_time"].any() else [],
+            "patrols": [list(each) for each in scenario.patrols.tolist()] if scenario.moving.any() else [],
             "position_tolerance": scenario.position_tolerance,
             "heading_tolerance": scenario.heading_tolerance,
             "waypoint_radius": scenario.waypoint_radius,

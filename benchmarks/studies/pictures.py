@@ -28,6 +28,7 @@ from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import TaskSpec, splits
 from wayfield.envs.single import FPS
 from wayfield.envs.tasks.specs import CROWDS, EVERY
+from wayfield.envs.world.patrols import turns
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
@@ -155,10 +156,8 @@ def _crowd(axis: Any, scenario: Any) -> None:
 def _field(axis: Any, scenario: Any) -> None:
     """Draws obstacles, the ways of those that move, the start with the largest hull, and the goal."""
     obstacle_patches(axis, scenario.obstacles)
-    for one in scenario.patrols[scenario.patrols["leg_time"] > 0.0]:
-        here, there = (np.array([one["x"], one["y"]]) + share * one["leg_time"] * np.array([one["vx"], one["vy"]])
-                       for share in (0.0, 1.0))  # fmt: skip
-        axis.plot(*np.array([here, there]).T, color=colour(0), linewidth=1.0, linestyle=":")
+    for ends in turns(scenario.patrols):
+        axis.plot(*ends.T, color=colour(0), linewidth=1.0, linestyle=":")
     start, goal = np.array(scenario.start), np.array(scenario.goal)
     ring = {"facecolor": "none", "edgecolor": colour(1), "linewidth": 1.4, "zorder": 4}
     axis.add_patch(Circle((float(start[0]), float(start[1])), HULL, **ring))

@@ -1,7 +1,6 @@
 """The scenes: those of the documents, plain ones, and every scenario of the environments."""
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -144,8 +143,7 @@ def add_path(world: World, rows: curves.Rows, controls: curves.Rows) -> Object:
 
 def _solids(world: World, scenario: GoalScenario) -> None:
     """Adds the obstacles of a scenario, as cylinders, cuboids and walls."""
-    for record, patrol in itertools.zip_longest(scenario.obstacles, scenario.patrols):
-        moves = patrol is not None and patrol["leg_time"] > 0.0
+    for record, patrol, moves in zip(scenario.obstacles, scenario.patrols, scenario.moving, strict=True):
         length, width = 2.0 * float(record["half_length"]), 2.0 * float(record["half_width"])
         radius = float(record["radius"])
         if length == 0.0 and width == 0.0:
@@ -187,8 +185,8 @@ def path_table(path: Path) -> curves.Rows:
 def _goal_world(scenario: GoalScenario, conditions: Conditions, robot: str = "p3dx") -> World:
     if scenario.grid is not None:
         raise ValueError(f"scenario {scenario.name!r} has a map; a scene has none")
-    moving = bool((scenario.patrols["leg_time"] > 0.0).any()) if len(scenario.patrols) else False
-    world = _world(scenario.name, conditions, scenario.start, robot, moving, len(scenario.obstacles))
+    moving, most = bool(scenario.moving.any()), len(scenario.obstacles)
+    world = _world(scenario.name, conditions, scenario.start, robot, moving, most)
     places = [scenario.start[:2], scenario.goal[:2], *scenario.waypoints]
     for record in scenario.obstacles:
         reach = float(record["half_length"] + record["half_width"] + record["radius"])

@@ -147,6 +147,18 @@ class GoalScenario:
         if not (isinstance(self.published_length, float) and math.isnan(self.published_length)):
             _settle(self, "published_length", number("published_length", self.published_length, above=0.0))
 
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Returns which obstacles (m,) move by themselves."""
+        found: NDArray[np.bool_] = self.patrols["leg_time"] > 0.0
+        return found
+
+    @property
+    def fixed(self) -> NDArray[np.void]:
+        """Returns the obstacles that stand for ever: they neither move nor can be pushed."""
+        found: NDArray[np.void] = self.obstacles[(self.obstacles["mass"] == 0.0) & ~self.moving]
+        return found
+
     def fitted(self, shrinkage: float) -> "GoalScenario":
         """Returns the scenario for a smaller hull: itself, with more room."""
         del shrinkage

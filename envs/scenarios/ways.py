@@ -46,13 +46,12 @@ def clear_radius(scenario: GoalScenario, sweeping: bool = False) -> float:
         scenario: its moving obstacles are left out, unless
         sweeping: takes them to be everywhere on their patrols at once.
     """
-    moving = bool((scenario.patrols["leg_time"] > 0.0).any())
     taken = taken_up(scenario, sweeping)
     ends = np.array([scenario.start[:2], scenario.goal[:2]])
     at_ends = [clearance(taken, len(taken), x, y) for x, y in ends.tolist()]
     if scenario.grid is not None:
         at_ends = np.minimum(at_ends, scenario.grid.clearances(ends)).tolist()
-    return float(_clear_radius(_grid(scenario, sweeping and moving), ends, np.array(at_ends)))
+    return float(_clear_radius(_grid(scenario, sweeping and bool(scenario.moving.any())), ends, np.array(at_ends)))
 
 
 def way_length(scenario: GoalScenario, hull_radius: float, start: tuple[float, float] | None = None) -> float:
@@ -94,7 +93,6 @@ def detour(scenario: GoalScenario, hull_radius: float) -> float:
 
 def taken_up(scenario: GoalScenario, sweeping: bool) -> NDArray[np.void]:
     """Returns the obstacles that stand, and with `sweeping` the capsules that the others sweep; OBSTACLE records."""
-    moves = scenario.patrols["leg_time"] > 0.0
     taken = scenario.obstacles.copy()
     for obstacle, patrol in zip(taken, scenario.patrols, strict=True):
         dx, dy = patrol["vx"] * patrol["leg_time"], patrol["vy"] * patrol["leg_time"]
@@ -103,7 +101,7 @@ def taken_up(scenario: GoalScenario, sweeping: bool) -> NDArray[np.void]:
             obstacle["x"], obstacle["y"] = patrol["x"] + 0.5 * dx, patrol["y"] + 0.5 * dy
             obstacle["cos"], obstacle["sin"] = dx / length, dy / length
             obstacle["half_length"] = 0.5 * length
-    return taken if sweeping else taken[~moves]
+    return taken if sweeping else taken[~scenario.moving]
 
 
 @functools.lru_cache(maxsize=2)  # one scenario is asked several things

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayfield.system.compiled import compiled, inlined
 
@@ -34,6 +35,23 @@ def patrol_at(patrol, time):
         way * patrol.vx,
         way * patrol.vy,
     )
+
+
+def turns(patrols: NDArray[np.void]) -> NDArray[np.float64]:
+    """Returns the places (k, 2, 2), m, between which the k obstacles go that move; patrols: (m,) PATROL records."""
+    moving = patrols[patrols["leg_time"] > 0.0]
+    begin = np.column_stack([moving["x"], moving["y"]])
+    leg = moving["leg_time"][:, None] * np.column_stack([moving["vx"], moving["vy"]])
+    return np.stack([begin, begin + leg], axis=1)
+
+
+@inlined
+def any_moves(patrols, row, count):
+    """Returns whether one of the first `count` obstacles of a row of PATROL records moves."""
+    found = False
+    for j in range(count):
+        found = found or patrols[row, j].leg_time > 0.0
+    return found
 
 
 @inlined

@@ -10,7 +10,7 @@ import numpy as np
 
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import patrol
+from wayfield.envs.world.patrols import any_moves, patrol
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos
 
@@ -267,9 +267,7 @@ def is_free(plan, radius, start, length, field, needed, times):
         times: s, when the robot sets off, and its pace, m/s, which it keeps.
     """
     obstacles, patrols, count, frames, cells = field
-    moves = False
-    for j in range(count):
-        moves = moves or patrols[0, j].leg_time > 0.0
+    moves = any_moves(patrols, 0, count)
     steps = math.ceil(length / STEP)
     step = length / max(steps, 1)
     needed += (1.5 if moves else 0.5) * step

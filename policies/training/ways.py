@@ -123,7 +123,7 @@ def way_field(
     Raises:
         ValueError: if the scenario is too large for a grid.
     """
-    standing = scenario.obstacles[(scenario.obstacles["mass"] == 0.0) & (scenario.patrols["leg_time"] == 0.0)]
+    standing = scenario.fixed
     ends = [scenario.start[:2], scenario.goal[:2]]
     corners = ends if scenario.grid is None else np.vstack([ends, scenario.grid.corners])
     x, y, columns, rows = grid_over(standing, corners, MARGIN, cell)
