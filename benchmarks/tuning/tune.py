@@ -6,8 +6,8 @@ gains on scenarios that the search has not seen, and where nothing found was bet
 
 Goal seekers drive drawn rooms as well, some in the search and others in the choice: sizes and densities that the splits
 do not have, and for gains of the P3DX other hulls (`rooms`). Levels of disturbance that `--also` names are driven too,
-and count alike. A set that does worse than the default gains in one of these places, by the test of differences on the
-same scenarios, is not chosen, however well it does in the others.
+and count alike; the asked speed is to be held at each. A set that does worse than the default gains in one of these
+places, by the test of differences on the same scenarios, is not chosen, however well it does in the others.
 
 Of a robot whose sheet holds the intervals of an identification, sets are chosen on the validation split as driven by
 the robot of the sheet and by robots drawn from the intervals (`intervals.drawn`), each of which is such a place. What
@@ -23,6 +23,7 @@ elsewhere. The budget is counted in frames, the control periods of robots, as th
 import dataclasses
 import errno
 import json
+import math
 import os
 import shlex
 import tempfile
@@ -82,6 +83,7 @@ class Drive:
     places: Mapping[str, Score] = dataclasses.field(default_factory=dict)
     won: Mapping[str, tuple[Sequence[str], Sequence[bool]]] = dataclasses.field(default_factory=dict)  # with families
     costs: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)  # as the task has them
+    speeds: Mapping[str, float] = dataclasses.field(default_factory=dict)  # by level of disturbance: the mean, m/s
 
     def losses(self, other: "Drive") -> list[str]:
         """Returns the places in which the other set is significantly better, on the same scenarios."""
@@ -184,7 +186,7 @@ class Search:
         found, frames = self._searched(executor)
         default = self.gains_at({})
         drives = {"default": self.drive(default, TRANSFER_SPLIT, executor)}
-        slowest = drives["default"].score.mean_speed
+        slowest = drives["default"].speeds
         sets: dict[str, dict[str, Any]] = {"default": default}
         if (ships := self._ships) is not None:
             sets["shipped"] = dict(ships.gains)
@@ -301,6 +303,7 @@ class Search:
         for known in starts:
             study.enqueue_trial(known)
         scored: list[tuple[Score, dict[str, Any]]] = []
+        least: Mapping[str, float] = {}
         frames = 0
         begun = 0  # those that wait, as starts do, are among the study's trials already
         while frames < self.frames and begun < self.trials:
@@ -311,11 +314,11 @@ class Search:
                 study.tell(trial, state=optuna.trial.TrialState.FAIL)
                 continue
             # the first are the default gains: no set shall be slower that cannot hold the requested speed either
-            least = scored[0][0].mean_speed if scored else 0.0
-            score = self.drive(gains, SEARCH_SPLIT, executor, least).score
-            frames += score.frames
-            scored.append((score, gains))
-            study.tell(trial, score.value)
+            found = self.drive(gains, SEARCH_SPLIT, executor, least)
+            least = least if scored else found.speeds
+            frames += found.score.frames
+            scored.append((found.score, gains))
+            study.tell(trial, found.score.value)
         scored.sort(key=lambda each: each[0])
         return [gains for _, gains in scored], frames
 
@@ -334,7 +337,7 @@ class Search:
 
         shared = SharedStudy(self.study, self._study_name, starts)
         failed = optuna.trial.TrialState.FAIL
-        least: float | None = None
+        least: Mapping[str, float] | None = None
         while shared.frames < self.frames and shared.begun < self.trials:
             trial = shared.study.ask()
             gains = self._drawn(trial, fastest) if trial.number < self.trials else None
@@ -343,10 +346,10 @@ class Search:
                 continue
             if least is None:  # as with one process, but that the default gains may be under way elsewhere
                 default = self.gains_at({name: starts[0][name] for name in self.ranges}, 1.0)
-                least = 0.0 if trial.number == 0 else self.drive(default, SEARCH_SPLIT, executor).score.mean_speed
-            score = self.drive(gains, SEARCH_SPLIT, executor, 0.0 if trial.number == 0 else least).score
-            least = score.mean_speed if trial.number == 0 else least
-            shared.tell(trial, score, gains)
+                least = {} if trial.number == 0 else self.drive(default, SEARCH_SPLIT, executor).speeds
+            found = self.drive(gains, SEARCH_SPLIT, executor, least)
+            least = least or found.speeds
+            shared.tell(trial, found.score, gains)
         if count := shared.others():
             raise StillSearched(
                 f"the budget is used up, and other processes are driving {count} more: the one that ends last writes "
@@ -385,23 +388,32 @@ class Search:
             found.append(known)
         return found
 
-    def drive(self, gains: Mapping[str, Any], split: str, executor: Executor, least: float = 0.0) -> Drive:
-        """Returns what becomes of a set in the places of a split; slower than `least` (m/s) is too slow."""
+    def drive(
+        self, gains: Mapping[str, Any], split: str, executor: Executor, least: Mapping[str, float] | None = None
+    ) -> Drive:
+        """Returns what becomes of a set in the places of a split; at a level slower than `least` (m/s) is too slow."""
         driven = in_order(
             executor, _rows, [each for place in self.places(split) for each in self.settings(place, gains)]
         )
-        rows, scenarios, places, won, costs = [], [], {}, {}, {}
-        cost = self.contest.cost
+        places, won, costs = {}, {}, {}
+        levels: dict[str, tuple[list[Row], list[Any]]] = {}
+        cost, slowest = self.contest.cost, least or {}
         for place in self.places(split):
             here = [row for _ in self.settings(place, gains) for row in next(driven)]
             there = self._scenarios(place)
+            rows, scenarios = levels.setdefault(place.level, ([], []))
             rows += here
             scenarios += there
-            places[place.name] = self.contest.score(Episodes(here), there, self.speed, least)
+            places[place.name] = self.contest.score(Episodes(here), there, self.speed, slowest.get(place.level, 0.0))
             families = [each.family or row["family"] for each, row in zip(there, here, strict=True)]
             won[place.name] = families, [row["success"] == 1.0 for row in here]
             costs[place.name] = [row[cost.metric] if row["success"] == 1.0 else cost.failure for row in here]
-        return Drive(self.contest.score(Episodes(rows), scenarios, self.speed, least), places, won, costs)
+        scores = {
+            level: self.contest.score(Episodes(rows), scenarios, self.speed, slowest.get(level, 0.0))
+            for level, (rows, scenarios) in levels.items()
+        }
+        speeds = {level: score.mean_speed for level, score in scores.items()}
+        return Drive(together(list(scores.values())), places, won, costs, speeds)
 
     def places(self, split: str) -> list[Place]:
         """Returns where a set is driven: some scenarios of every family, all where it is chosen, and rooms."""
@@ -437,6 +449,26 @@ class Search:
     def _digest(self, split: str) -> str:
         """Returns the SHA-256 of the scenarios that are driven of a split."""
         return splits.digest(self._scenarios(self.places(split)[0]))
+
+
+def together(scores: Sequence[Score]) -> Score:
+    """Returns the score of several levels of disturbance: the speed is held where it is at every one of them.
+
+    Else a set that is too quick undisturbed and too slow disturbed would pass for one that is as quick as was asked.
+    """
+    if len(scores) == 1:
+        return scores[0]
+    episodes = sum(each.episodes for each in scores)
+    reached = [each.episodes - each.failures for each in scores]
+    speeds = [count * each.mean_speed for count, each in zip(reached, scores, strict=True) if count]
+    return Score(
+        sum(each.failures for each in scores),
+        max(each.off_pace for each in scores),
+        sum(each.episodes * each.quality for each in scores) / episodes,
+        sum(speeds) / sum(reached) if speeds else math.nan,
+        episodes,
+        sum(each.frames for each in scores),
+    )
 
 
 class StillSearched(RuntimeError):

@@ -73,6 +73,15 @@ def test_what_gains_gain_is_paired_by_scenario_on_the_robot_and_on_those_drawn()
         assert each["cost_difference"][0] == pytest.approx(-0.5)
 
 
+def test_the_asked_speed_is_held_at_every_level_or_not_at_all() -> None:
+    """Too quick at one level and too slow at the other is not the asked speed, though their mean may be."""
+    quick, slow, held = (Score(0, off, 2.0, speed, 10, 100) for off, speed in ((1, 0.64), (1, 0.56), (0, 0.6)))
+    both = tune.together([quick, slow])
+    assert (both.off_pace, both.mean_speed, both.quality) == (1, pytest.approx(0.6), 2.0)
+    assert tune.together([held, held]) < tune.together([held, slow]) < tune.together([held, Score(1, 0, 0.1, 0.6, 10)])
+    assert tune.together([slow]) == slow
+
+
 @pytest.mark.parametrize("suite", tune.CONTESTS)
 def test_a_search_may_start_from_what_ships_for_another_condition(suite: str) -> None:
     """From the gains that are searched, and the pace at which a path follower then cruises as the set that ships."""
