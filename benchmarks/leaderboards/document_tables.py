@@ -171,15 +171,15 @@ def _agreement_table(found: Sequence[Compared]) -> Table:
         ours = "never" if math.isnan(each.ours) else _fixed(column.factor * each.ours, column.decimals + 1)
         kind = f"printed, {case.source}" if each.printed else "reference"
         off = _off(each.off)
-        place = f"{case.document}, {case.experiment}"
+        place = f"{case.document}, {case.experiment}, {each.dynamics}"
         theirs = _published(column, each.figure)
-        lines.append([kind, place, f"{case.policy} {case.gains_text}".strip(), name, each.dynamics, theirs, ours, off])
+        lines.append([kind, place, f"{case.policy} {case.gains_text}".strip(), name, theirs, ours, off])
     note = (
         "Every mean that a document prints, and every reference solution that is off by more than "
         f"{100.0 * CLOSE:.0f} %. Reference solutions are closed forms or integrations of the documents' equations by "
         "other code; no document prints them."
     )
-    header = ["of", "experiment", "policy", "what", "plant", "theirs", "ours", "off by"]
+    header = ["of", "experiment and plant", "policy", "what", "theirs", "ours", "off by"]
     return Table("Printed means, and reference solutions that are not met", header, lines, note)
 
 

@@ -215,17 +215,22 @@ def _points(found: Difference) -> str:
 
 
 def table(kept: Kept, moving: bool) -> str:
-    """Returns success / collisions (%) of all in each condition, and the agent's success less the laws'."""
-    lines = []
+    """Returns success / collisions (%) of all in each condition, and below the agent's success less the laws'."""
+    shares, differences = [], []
     for condition in kept.conditions:
         cells = [
             f"{kept.share([name], 'success', moving, condition):.0f} / "
             f"{kept.share([name], 'collision', moving, condition):.0f}"
             for name in kept.names
         ]
-        lines.append([condition, *cells, *(_points(kept.less(law, "success", moving, [condition])) for law in LAWS)])
-    header = ["condition", *(f"`{name}`" for name in kept.names), *(f"less `{law}`" for law in LAWS)]
-    return str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+        shares.append([condition, *cells])
+        differences.append([condition, *(_points(kept.less(law, "success", moving, [condition])) for law in LAWS)])
+    headers = ["condition", *(f"`{name}`" for name in kept.names)], [f"`{AGENT}` less", *(f"`{law}`" for law in LAWS)]
+    tables = (
+        tabulate(lines, header, tablefmt="github", disable_numparse=True)
+        for lines, header in zip((shares, differences), headers, strict=True)
+    )
+    return "\n\n".join(map(str, tables))
 
 
 def sentences(kept: Kept, moving: bool) -> str:

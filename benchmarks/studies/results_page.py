@@ -17,7 +17,15 @@ from tabulate import tabulate
 
 from wayfield.benchmarks.commands.submission import Submission, left_out, read_submission
 from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
-from wayfield.benchmarks.leaderboards.entries import grouped, label, scenarios, success_cell, typical, typical_cell
+from wayfield.benchmarks.leaderboards.entries import (
+    OFF_PACE,
+    grouped,
+    label,
+    scenarios,
+    success_cell,
+    typical,
+    typical_cell,
+)
 from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, Verdict, judged, shown
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
@@ -278,8 +286,9 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
             files.append(f"- [{heading}]({place.removeprefix(f'{KEPT}/')})")
             continue
         else:
-            blocks += [f"## {heading}", _shown(kept, place)]
-            continue
+            blocks += [f"## {heading}", *_shown(kept, place, section.columns)]
+            if not place.endswith(".csv"):
+                continue
         files.append(f"- [{heading}, as a file]({place.removeprefix(f'{KEPT}/')})")
     if f"{ROWS}/{section.name}{SUFFIX}" in kept:
         files.append(f"- [Every episode](rows/{section.name}{SUFFIX}), packed")
@@ -307,8 +316,17 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     for scenes, mine in grouped(rows, "scenes").items():
         if scenes:
             yield f"### {scenes[0].upper()}{scenes[1:]}"
-        lines = [{"policy": _named(_entry(row)), **_narrow(row, list(row)[3:])} for row in mine]
+        lines, teachers = [], {}
+        for row in mine:
+            line = {"policy": _named(_entry(row)), **_narrow(row, list(row)[3:])}
+            if _TIME in row:  # the widest of them: who taught an agent stands below
+                learned, _, teacher = line.pop("learned from").partition(", taught by ")
+                line["from"] = learned.replace(" frames", "")
+                teachers |= {line["policy"]: f"{line['policy']} by `{teacher}`"} if teacher else {}
+            lines.append(line)
         yield _table(list(lines[0]), [list(line.values()) for line in lines])
+        if teachers:
+            yield f"From: frames of the search for gains, or of training. Taught: {', '.join(teachers.values())}."
 
 
 def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) -> Iterator[str]:
@@ -335,6 +353,9 @@ def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) ->
     yield from _side_by_side({key: each for key, each in told.items() if key[0] in several}, several)
 
 
+_SHORT = ((" successes", ""), ("(not significant)", "(n. s.)"))  # in a column a condition
+
+
 def _side_by_side(
     told: Mapping[tuple[str, str, str], Sequence[tuple[Mapping[str, str], Verdict]]], conditions: Sequence[str]
 ) -> Iterator[str]:
@@ -348,14 +369,15 @@ def _side_by_side(
     )
     by = " and ".join(dict.fromkeys(row["compared by"] for found in told.values() for row, _ in found))
     yield (
-        f"In each condition, by success and {by}; - is no significant difference. Every difference, with its interval "
-        "and p, is in the file of them below."
+        f"In each condition, by success and {by}; more and fewer are of successes, n. s. is not significant, - no "
+        "significant difference. Every difference, with its interval and p, is in the file of them below."
     )
     for scenes, policy in dict.fromkeys(key[1:] for key in told):
         names: dict[str, dict[str, str]] = {}
         for condition in conditions:
             for row, verdict in told.get((condition, scenes, policy), ()):
-                names.setdefault(row["beside"], {})[condition] = _short(verdict.words) or "-"
+                words = functools.reduce(lambda told, pair: told.replace(*pair), _SHORT, _short(verdict.words))
+                names.setdefault(row["beside"], {})[condition] = words or "-"
         heads = [each.removeprefix(f"{common}, ").partition(",")[0].removesuffix(" disturbance") for each in conditions]
         lines = [[name, *(words.get(each, "") for each in conditions)] for name, words in names.items()]
         yield f"### {_place(common, scenes)}: {policy}"
@@ -666,13 +688,21 @@ def _spread(numbers: Sequence[float], decimals: int) -> str:
     return mean if ends[0] == ends[1] else f"{mean} [{ends[0]} to {ends[1]}]"
 
 
-def _shown(kept: Kept, place: str) -> str:
-    """Returns a kept table as Markdown."""
+def _shown(kept: Kept, place: str, columns: Sequence[str]) -> Iterator[str]:
+    """Yields a kept table as Markdown, of some of its columns or of all; that of several robots a robot."""
     if place.endswith(".md"):  # of several tables the last, which says what the others come to
         whole = place.removeprefix(f"{KEPT}/")
-        return f"### {kept.text(place).strip().rpartition('## ')[2]}\n\nEvery run is in [the full tables]({whole})."
+        yield f"### {kept.text(place).strip().rpartition('## ')[2]}\n\nEvery run is in [the full tables]({whole})."
+        return
     rows = kept.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
-    return _table(list(rows[0]), [list(row.values()) for row in rows])
+    names = columns or list(rows[0])
+    for robot, mine in grouped(rows, "robot").items() if "robot" in rows[0] else (("", rows),):
+        if robot:
+            yield f"### {robot}"
+        filled = [name for name in names if any(row[name] for row in mine)]
+        yield _table(filled, [[row[name] for name in filled] for row in mine])
+        if any(OFF_PACE in row[name] for row in mine for name in filled):
+            yield f"{OFF_PACE}: not at the speed that was asked for."
 
 
 def _table(header: list[str], lines: list[list[str]]) -> str:

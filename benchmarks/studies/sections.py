@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from interval_coverage import COVERAGE, SUITE
 from learners import LEARNERS
 from learners import SUITE as LEARNED
+from transfer import PLACES, TRANSFER
 from transfer import SUITE as TRANSFERRED
-from transfer import TRANSFER
 
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.records.results import TABLE
@@ -31,6 +31,7 @@ class Section:
     pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
     within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
     needs: str = ""  # what its command takes and does not ship: it is run by hand
+    columns: tuple[str, ...] = ()  # that the page shows of its table, which is a file too; none: all
 
     @property
     def of_contest(self) -> bool:
@@ -171,6 +172,7 @@ SECTIONS = (
         {TRANSFER: "Goals reached (%)"},
         "Only policies with a tuned set for the robot; rooms are of our drawing, BARN's worlds those that we have.",
         needs="the official worlds of BARN",
+        columns=("policy", "gains", *PLACES),
     ),
     Section(
         LEARNED,
@@ -180,6 +182,7 @@ SECTIONS = (
         "One task, few seeds, one set of numbers for all of PPO, chosen for the learner that begins with nothing; none "
         "of these agents ships.",
         needs="training runs, a dozen",
+        columns=("learner", "begins with", "success (%)", "typical (m)", "mean speed (m/s)", "above the law's (m)"),
     ),
     Section(
         SUITE,
