@@ -17,7 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from wayfield.benchmarks.commands.contest_options import seed_of
-from wayfield.benchmarks.contests import ALL_CONTESTS, GAINS_NAMES, OWN_SPLIT, PUBLIC_SPLIT, Course, Entrants
+from wayfield.benchmarks.contests import (
+    ALL_CONTESTS,
+    CROWD_SUITES,
+    GAINS_NAMES,
+    OWN_SPLIT,
+    PUBLIC_SPLIT,
+    Course,
+    Entrants,
+)
 from wayfield.benchmarks.entrants.own_policies import OWN
 from wayfield.benchmarks.leaderboards.entries import COMPARED
 from wayfield.benchmarks.records.cases import Case, Entrant
@@ -78,6 +86,7 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         raise Refused(f"{entry!r} is {'no ' if entrant else 'a '}policy of your own: give --policy for those alone")
     if entrant is None and mine[0]["gains_name"] not in GAINS_NAMES:
         raise Refused(f"{entry!r} are agents of a folder: enter them by --policy, a function that makes the policy ppo")
+    _check_suite(mine)
     _check_seeds(mine)
     kept = [name for name in mine[0] if name != "trajectory" and any(row[name] for row in mine)]
     rows = [{name: row[name] for name in kept} for row in mine]
@@ -124,6 +133,8 @@ def read_submission(folder: Path) -> Submission:
         Refused: if it is damaged; the message names the file, or the first episode that is not as its card has it.
         OSError: if a file cannot be opened.
     """
+    if gone := next((name for name in (CARD, ROWS) if not (folder / name).is_file()), ""):
+        raise Refused(f"{folder / gone} is missing: a submission is {CARD} and {ROWS}, as `wayfield submit` wrote them")
     try:
         card = parsed_object((folder / CARD).read_bytes(), str(folder / CARD))
     except ValueError as error:
@@ -188,6 +199,7 @@ def check(submission: Submission, entrant: Entrant | None) -> str:
         if not (here := _geometry(scenario, rows[0])) or card["scenarios"].get(scenario) != here:
             first = next(row for row in rows if row["scenario"] == scenario)
             raise Refused(f"its scenarios {scenario!r} are not those of this version, from {place(first)} on")
+    _check_suite(rows)
     _check_seeds(rows)
     if _is_own(card["entry"]) != (entrant is not None):
         needs = "a policy of somebody's own: name it with --policy to run it"
@@ -217,6 +229,14 @@ def left_out(submission: Submission) -> str:
     if gone := next((each for each in wanted if each not in counts), None):
         return f"it leaves out {gone[0]}{f', agent {gone[1]}' if gone[1] else ''}"
     return "it has more scenarios of one family than of another" if len({*counts.values()}) > 1 else ""
+
+
+def _check_suite(rows: Sequence[Row]) -> None:
+    """Raises Refused if an episode is labelled as of a suite that is not its contest's own."""
+    contest = rows[0]["contest"]
+    own = next((suite for suite, held in CROWD_SUITES.items() if contest in held), contest)
+    if wrong := next((row for row in rows if row["suite"] != own), None):
+        raise Refused(f"{place(wrong)}: its suite is {wrong['suite']!r}, that of the contest {own!r}: drive that suite")
 
 
 def _check_seeds(rows: Sequence[Row]) -> None:
