@@ -27,6 +27,7 @@ from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors
 from wayfield.envs.scenarios import TASKS, GoalScenario
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.policies.any_robot import agents_of
+from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.parts.shield import Shielded
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training.drawn import robot_like, scaled
@@ -42,6 +43,7 @@ MOVING = ("moving_crossing", "moving_crowd", "moving_head_on", "moving_overtakin
 MORE = 2  # times as many scenes of a family that moves
 LAWS = ("vfh_plus", "vfh_plus shielded", "scan_planner")
 AGENT = "any_robot"
+OWN, HOME, HALF = "ppo", "P3DX, home", "P3DX, 0.3 m/s"  # the agents of the P3DX alone, and where they drive too
 FIELDS = ("condition", "family", "scene", "policy", "success", "collision", "seconds")
 SCAN: dict[str, Any] = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0}
 
@@ -68,8 +70,8 @@ def _sheet(number: int, holonomic: bool, hull: float, speed: float, brakes: floa
 
 
 CONDITIONS = (
-    _p3dx("P3DX, home"),
-    _p3dx("P3DX, 0.3 m/s", 0.3),
+    _p3dx(HOME),
+    _p3dx(HALF, 0.3),
     _p3dx("P3DX, 1.0 m/s", 1.0),
     _p3dx("P3DX, slow", actuators="slow"),
     _p3dx("P3DX, slow, 1.0 m/s", 1.0, actuators="slow"),
@@ -115,8 +117,10 @@ def fitted(scenario: GoalScenario, hull: float) -> GoalScenario:
 
 def entries(condition: Condition) -> list[str]:
     """Returns who drives in a condition: nobody where no agent of the kinematic class ships."""
-    seeds = agents_of(condition.robot)
-    return [*LAWS, *(f"{AGENT} seed {seed}" for seed in seeds)] if seeds else []
+    if not (seeds := agents_of(condition.robot)):
+        return []
+    own = shipped("goal_reaching", "p3dx") if condition.name in (HOME, HALF) else ()
+    return [*LAWS, *(f"{AGENT} seed {seed}" for seed in seeds), *(f"{OWN} seed {seed}" for seed in own)]
 
 
 def policy_of(name: str, speed: float) -> Any:
@@ -146,9 +150,14 @@ def drive(name: str, condition: Condition, bank: Sequence[GoalScenario]) -> list
     return list(zip(arrived.tolist(), touched.tolist(), times.tolist(), strict=True))
 
 
+def read_rows(file: Path) -> list[dict[str, str]]:
+    """Returns the rows of a packed file."""
+    return list(csv.DictReader(io.StringIO(lzma.decompress(file.read_bytes()).decode())))
+
+
 def rows_of(count: int, file: Path, only: Sequence[str]) -> list[dict[str, str]]:
     """Returns the rows of a file, with those that it lacked driven and written."""
-    rows = list(csv.DictReader(io.StringIO(lzma.decompress(file.read_bytes()).decode()))) if file.exists() else []
+    rows = read_rows(file) if file.exists() else []
     done = {(row["condition"], row["policy"]) for row in rows}
     for condition in (each for each in CONDITIONS if not only or each.name in only):
         for name in entries(condition):
@@ -182,7 +191,9 @@ class Kept:
 
     def __init__(self, rows: Sequence[dict[str, str]]) -> None:
         self.rows = {(row["condition"], row["policy"], row["scene"]): row for row in rows}
-        self.names = list(dict.fromkeys(row["policy"] for row in rows))
+        everybody = list(dict.fromkeys(row["policy"] for row in rows))
+        self.own = [each for each in everybody if each.startswith(OWN)]
+        self.names = [each for each in everybody if each not in self.own]
         self.seeds = [each for each in self.names if each.startswith(AGENT)]
         driven = {(row["condition"], row["policy"]) for row in rows}
         conditions = dict.fromkeys(condition for condition, _ in driven)
@@ -201,9 +212,11 @@ class Kept:
         """Returns the mean of a field (%) over all that some policies drove in a condition."""
         return 100.0 * float(np.mean([list(self.of(name, field, moving, [condition]).values()) for name in names]))
 
-    def less(self, law: str, field: str, moving: bool, conditions: Sequence[str]) -> Difference:
+    def less(
+        self, law: str, field: str, moving: bool, conditions: Sequence[str], agents: Sequence[str] = ()
+    ) -> Difference:
         """Returns the agent's share of successes or collisions less a law's; the families are strata."""
-        columns = [self.of(name, field, moving, conditions) for name in (*self.seeds, law)]
+        columns = [self.of(name, field, moving, conditions) for name in (*(agents or self.seeds), law)]
         scenes = list(columns[-1])
         families = [self.rows[conditions[0], law, scene]["family"] for scene in scenes]
         *agent, other = ([each[scene] for scene in scenes] for each in columns)
@@ -212,6 +225,11 @@ class Kept:
 
 def _points(found: Difference) -> str:
     return f"{100.0 * found.value:+.1f} [{100.0 * found.low:+.1f}, {100.0 * found.high:+.1f}]"
+
+
+def _side(found: Difference) -> str:
+    """Returns what a difference of successes says, in words."""
+    return "worse" if found.high < 0.0 else "better" if found.low > 0.0 else "not significantly different"
 
 
 def table(kept: Kept, moving: bool) -> str:
@@ -241,10 +259,9 @@ def sentences(kept: Kept, moving: bool) -> str:
         lost = [f"{name} ({_points(one)})" for name, one in each.items() if one.high < 0.0]
         won = [f"{name} ({_points(one)})" for name, one in each.items() if one.low > 0.0]
         whole = kept.less(law, "success", moving, kept.conditions)
-        what = "loses to" if whole.high < 0.0 else "beats" if whole.low > 0.0 else "is not told apart from"
         found.append(
-            f"Over all conditions `{AGENT}` {what} `{law}`: {_points(whole)} points of success. "
-            f"It loses in {'; '.join(lost) or 'none'}. It wins in {'; '.join(won) or 'none'}."
+            f"Over all conditions `{AGENT}` is beside `{law}` {_side(whole)}: {_points(whole)} points of success. "
+            f"It is worse in {'; '.join(lost) or 'none'}. It is better in {'; '.join(won) or 'none'}."
         )
     touched = {name: kept.share(kept.seeds, "collision", moving, name) for name in kept.conditions}
     over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]
@@ -252,20 +269,51 @@ def sentences(kept: Kept, moving: bool) -> str:
     return "\n".join(f"* {each}" for each in found)
 
 
+def half_speed(kept: Kept) -> str:
+    """Returns what the agents of the P3DX alone come to at the speed of their training and at half of it; "" if none.
+
+    A sentence a condition and a table: success / collisions (%), and their success less the laws'.
+    """
+    there = [
+        name
+        for name in (HOME, HALF)
+        if name in kept.conditions and all(kept.of(each, "success", False, [name]) for each in kept.own)
+    ]
+    if not kept.own or HALF not in there:
+        return ""
+    lines, told = [], []
+    for condition in there:
+        for what, moving in (("still", False), ("moving", True)):
+            found = {law: kept.less(law, "success", moving, [condition], kept.own) for law in LAWS}
+            shares = [f"{kept.share(names, 'success', moving, condition):.1f} / "
+                      f"{kept.share(names, 'collision', moving, condition):.1f}"
+                      for names in (kept.own, *([law] for law in LAWS))]  # fmt: skip
+            lines.append([condition, what, *shares])
+            sides = [f"beside `{law}` {_side(each)} ({_points(each)})" for law, each in found.items()]
+            told.append(f"* {condition}, {what}: `{OWN}` is {', '.join(sides)}.")
+    header = ["condition", "scenes", f"`{OWN}`, {len(kept.own)} seeds", *(f"`{law}`" for law in LAWS)]
+    shown = str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+    words = f"The P3DX's own agents were trained at 0.6 m/s. `{AGENT}` at 0.3 m/s stands in the tables above."
+    return "\n\n".join(("## The P3DX's agents at half their speed", words, "\n".join(told), shown))
+
+
 def page(rows: Sequence[dict[str, str]]) -> str:
     """Returns the page of the rows."""
     kept = Kept(rows)
     one = "One seed was trained, and is driven: how much seeds differ is not known."
     told = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} trained seeds are driven."
-    left = [each.name for each in CONDITIONS if each.name not in kept.conditions]
-    parts = [PROSE.strip().format(seeds=told, left=f" Not driven: {'; '.join(left)}." if left else "")]
+    missing = [each for each in CONDITIONS if each.name not in kept.conditions]
+    agentless, left = ([each.name for each in missing if bool(agents_of(each.robot)) == able] for able in (False, True))
+    words = f" Not driven: {'; '.join(left)}." if left else ""
+    words += f" No agent ships for the class of {'; '.join(agentless)}." if agentless else ""
+    parts = [PROSE.strip().format(seeds=told, left=words)]
     for title, moving in (("What stands still", False), ("What moves", True)):
         name = kept.conditions[0]
         number = len(kept.of(LAWS[0], "success", moving, [name]))
         families = ", ".join(f"`{each}`" for each in (MOVING if moving else STILL))
         parts.append(f"## {title}\n\n{number} scenes a condition: {families}.\n\n{sentences(kept, moving)}")
         parts.append(table(kept, moving))
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, (*parts, half_speed(kept)))) + "\n"
 
 
 PROSE = f"""# A driver for every robot, away from home

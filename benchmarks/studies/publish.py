@@ -166,8 +166,13 @@ def gathered(section: Section, folder: Path, home: Path) -> dict[str, bytes]:
 def tables(section: Section, rows: Sequence[Row], command: str) -> dict[str, bytes]:
     """Returns the tables of contests and documents, made from the rows that are kept, by their place."""
     if section.name == DOCUMENTS:
-        told = document_tables(Episodes.of(rows), documents())
-        return {section.place(TABLE): "\n".join(table.markdown() for table in told).encode()}
+        *whole, compared = document_tables(Episodes.of(rows), documents())
+        files = [name for name in section.tables if name != TABLE]
+        told = [f"## {each.title}\n\n{len(each.rows)} lines, [as a file]({file}). {each.note}\n"
+                for file, each in zip(files, whole, strict=True)]  # fmt: skip
+        page = "\n".join((*told, compared.markdown()))
+        cells = {section.place(file): each.csv().encode() for file, each in zip(files, whole, strict=True)}
+        return {section.place(TABLE): page.encode(), **cells}
     if not section.of_contest:
         return {}
     made = contest_tables(rows, [], command, section.ladder)

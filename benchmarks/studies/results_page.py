@@ -631,7 +631,8 @@ def _off_speed() -> Iterator[str]:
     ]
     yield (
         f"\nAsked for 0.3 m/s instead of the 0.6 m/s of their training, goal seekers `ppo` reach fewer goals of the "
-        f"validation split: {', '.join(parts)}. [Their cards](results/cards.md) have other speeds, scans and actuators."
+        f"validation split: {', '.join(parts)}. [A study](results/everywhere.md) drives laws at that speed beside "
+        "them; [their cards](results/cards.md) have other speeds, scans and actuators."
     )
 
 
@@ -692,10 +693,10 @@ def _shown(kept: Kept, place: str, columns: Sequence[str]) -> Iterator[str]:
     """Yields a kept table as Markdown, of some of its columns or of all; that of several robots a robot."""
     if place.endswith(".md"):  # of several tables the last, which says what the others come to
         whole = place.removeprefix(f"{KEPT}/")
-        yield f"### {kept.text(place).strip().rpartition('## ')[2]}\n\nEvery run is in [the full tables]({whole})."
+        yield f"### {kept.text(place).strip().rpartition('## ')[2]}\n\n[What the tables of every run show]({whole})."
         return
     rows = kept.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
-    names = columns or list(rows[0])
+    names = [name for name in columns if name in rows[0]] or list(rows[0])  # no BARN where its worlds were not there
     for robot, mine in grouped(rows, "robot").items() if "robot" in rows[0] else (("", rows),):
         if robot:
             yield f"### {robot}"

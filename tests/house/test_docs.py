@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import everywhere
 import flocks
 import interval_coverage
 import learners
@@ -20,6 +21,7 @@ from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.episodes.metrics import HELD
 from wayfield.benchmarks.records.table import Table
+from wayfield.benchmarks.statistics.paired import Difference
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
 from wayfield.policies import POLICIES
@@ -116,6 +118,26 @@ def test_page_and_readme_are_what_the_kept_tables_make() -> None:
         assert (ROOT / name).read_text(encoding="utf-8") == content.decode(), f"{name}: run {publish.__name__}"
 
 
+def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
+    rows = everywhere.read_rows(ROOT / sections.KEPT / "everywhere.csv.xz")
+    assert (ROOT / sections.KEPT / "everywhere.md").read_text(encoding="utf-8") == everywhere.page(rows)
+    kept = everywhere.Kept(rows)
+
+    def success(law: str, conditions: list[str], *, moving: bool) -> Difference:
+        return kept.less(law, "success", moving, conditions)
+
+    # as docs/choosing.md and docs/train.md say it
+    assert (
+        success("scan_planner", kept.conditions, moving=True).low
+        > 0.0
+        >= success("scan_planner", kept.conditions, moving=False).low
+    )
+    assert any(success("scan_planner", [name], moving=False).high < 0.0 for name in kept.conditions)
+    slow = [each.name for each in everywhere.CONDITIONS if each.name in kept.conditions and each.speed <= 0.3]
+    assert len(slow) > 1
+    assert all(success(law, [name], moving=True).low <= 0.0 for law in ("vfh_plus", "scan_planner") for name in slow)
+
+
 def kept_sections() -> list[sections.Section]:
     there = {section.name for section, _ in results_page.Kept(ROOT).sections()}
     return [section for section in sections.SECTIONS if section.from_rows and section.name in there]
@@ -141,6 +163,8 @@ def test_the_page_of_the_documents_says_what_their_rows_say() -> None:
     exact = {key: row for key, row in exact.items() if "stop_radius" not in key[2]}
     arrived = [key for key, row in exact.items() if row["success"] == "1"]
     assert arrived == [("scenario 1", "apf_documented", "tau=0.5", "pymunk")]
+    told = next(each.not_shown for each in sections.SECTIONS if each.name == sections.DOCUMENTS)
+    assert "arrives nowhere but on pymunk, in one scenario" in told
     two = [exact["scenario 1", "apf_documented", "tau=1.2", plant] for plant in ("kinematic", "pymunk")]
     apart = math.hypot(*(float(two[0][axis]) - float(two[1][axis]) for axis in ("final_x", "final_y")))
     assert f"the two end {apart:.1f} m apart" in " ".join(text.split())
