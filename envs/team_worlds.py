@@ -15,7 +15,6 @@ from wayfield.envs.crowds.bodies import (
     NEAREST,
     PLACE,
     ROBOT,
-    SHAPE,
     STANDS_BELOW,
     Bodies,
     Frame,
@@ -530,7 +529,6 @@ def step_rows(
     beams,
     walks,
     tracks,
-    shapes,
     near_places,
     hulls,
     near,
@@ -548,7 +546,7 @@ def step_rows(
     crowd = Crowd(
         bodies,
         People(walks, tracks, walkers),
-        cells_for(near_places.shape[2], shapes),
+        cells_for(near_places.shape[2], obstacles),
         scratch_for(fields.shape[1]),
         np.zeros(5),
     )
@@ -572,7 +570,6 @@ def reset_rows(
     beams,
     walks,
     tracks,
-    shapes,
     near_places,
     hulls,
     near,
@@ -591,7 +588,7 @@ def reset_rows(
     crowd = Crowd(
         bodies,
         People(walks, tracks, walkers),
-        cells_for(near_places.shape[2], shapes),
+        cells_for(near_places.shape[2], obstacles),
         scratch_for(fields.shape[1]),
         np.zeros(5),
     )
@@ -686,7 +683,7 @@ class Teams(GoalReaching):
             row["first"] += first
             first += len(each.tracks)
         tracks = np.ascontiguousarray(np.concatenate([each.tracks for each in self.scenarios]))
-        self.world = (*self.world, walks, tracks, np.zeros(0, SHAPE))
+        self.world = (*self.world, walks, tracks)
 
     def bank(self, scenario: Any, hull_radius: float) -> tuple[TeamScenario, ...]:
         """Returns the scenarios of a name, or those given, all with one number of robots.

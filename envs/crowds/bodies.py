@@ -52,9 +52,6 @@ HULL = np.dtype(
     align=True,
 )
 
-# a body as an obstacle of the others' scans
-SHAPE = np.dtype([(name, np.float64) for name in ("x", "y", "cos", "sin", "half_length", "half_width", "radius")])
-
 
 class Bodies(NamedTuple):
     """The bodies of all worlds, m each: robots first, then people."""
@@ -76,7 +73,7 @@ class Cells(NamedTuple):
     ys: NDArray[np.float64]
     found: NDArray[np.int64]  # (NEAREST,) neighbours of one body
     squares: NDArray[np.float64]  # (NEAREST,) their squared distances, m^2
-    shapes: NDArray[np.void]  # (1, m) SHAPE records
+    met: NDArray[np.void]  # (1, m) OBSTACLE records: bodies as the beams of others meet them
 
 
 class Frame(NamedTuple):
@@ -90,8 +87,8 @@ class Frame(NamedTuple):
 
 
 @allocating
-def cells_for(count, shapes):
-    """Returns room for worlds of `count` bodies; shapes: an empty array of SHAPE records."""
+def cells_for(count, obstacles):
+    """Returns room for worlds of `count` bodies among obstacles (b, m)."""
     size = 2 * count + 16
     return Cells(
         np.empty(size, np.int64),
@@ -101,7 +98,7 @@ def cells_for(count, shapes):
         np.empty(count),
         np.empty(NEAREST, np.int64),
         np.empty(NEAREST),
-        np.empty((1, count), shapes.dtype),
+        np.empty((1, count), obstacles.dtype),
     )
 
 
@@ -362,8 +359,8 @@ def scan_bodies(lidar, bodies, now, w, i, cells, frame, pose, ranges, row, colum
     count = 0
     if frame.nx == 0:
         for j in range(places.shape[2]):
-            count = note_shape(bodies, now, w, i, j, x, y, far, cells, count)
-        sensing.shorten_to(lidar, cells.shapes, count, pose, ranges, row, column)
+            count = note_body(bodies, now, w, i, j, x, y, far, cells, count)
+        sensing.shorten_to(lidar, cells.met, count, pose, ranges, row, column)
         return
     cx = min(int((x - frame.x) / frame.size), frame.nx - 1)
     cy = min(int((y - frame.y) / frame.size), frame.ny - 1)
@@ -372,7 +369,7 @@ def scan_bodies(lidar, bodies, now, w, i, cells, frame, pose, ranges, row, colum
         if ring > 1 and ring_gap(frame, x, y, ring) - MOST_REACH > far:
             break
         if ring > 1 and count > 0:
-            sensing.shorten_to(lidar, cells.shapes, count, pose, ranges, row, column)
+            sensing.shorten_to(lidar, cells.met, count, pose, ranges, row, column)
             count = 0
             far = 0.0
             for k in range(lidar.beams.shape[1]):
@@ -384,16 +381,16 @@ def scan_bodies(lidar, bodies, now, w, i, cells, frame, pose, ranges, row, colum
                     continue
                 c = gx + frame.nx * gy
                 for k in range(cells.starts[c], cells.starts[c + 1]):
-                    count = note_shape(bodies, now, w, i, cells.order[k], x, y, far, cells, count)
-    sensing.shorten_to(lidar, cells.shapes, count, pose, ranges, row, column)
+                    count = note_body(bodies, now, w, i, cells.order[k], x, y, far, cells, count)
+    sensing.shorten_to(lidar, cells.met, count, pose, ranges, row, column)
 
 
 MOST_REACH = 0.5  # m, of a hull
 
 
 @inlined
-def note_shape(bodies, now, w, i, j, x, y, far, cells, count):
-    """Notes body j as a shape that beams of body i may meet, unless it is out of reach; returns how many there are."""
+def note_body(bodies, now, w, i, j, x, y, far, cells, count):
+    """Notes body j as an obstacle to the beams of body i, unless it is out of reach; returns how many there are."""
     place = bodies.places[now, w, j]
     hull = bodies.hulls[w, j]
     dx = place.x - x
@@ -401,7 +398,7 @@ def note_shape(bodies, now, w, i, j, x, y, far, cells, count):
     reach = far + hull.reach
     if j == i or place.present == 0 or dx * dx + dy * dy > 1.000001 * reach * reach:
         return count
-    shape = cells.shapes[0, count]
+    shape = cells.met[0, count]
     shape.x = place.x
     shape.y = place.y
     disc = hull.half_length == 0.0
@@ -411,4 +408,5 @@ def note_shape(bodies, now, w, i, j, x, y, far, cells, count):
     shape.half_length = hull.half_length
     shape.half_width = hull.half_width
     shape.radius = hull.radius
+    shape.mass = 0.0
     return count + 1

@@ -32,7 +32,6 @@ from wayfield.envs.crowds.bodies import (
     PERSON,
     PLACE,
     ROBOT,
-    SHAPE,
     STANDS_BELOW,
     Bodies,
     Sight,
@@ -758,15 +757,15 @@ def stroll(
         k, axis = bad[0].tolist()
         raise ValueError(f"velocities[{k}, {axis}] is {first[k, axis]}; it must be finite")
     no_map = np.zeros(1, np.dtype(FRAME, align=True))
-    _stroll(bodies, people, field, no_map, np.zeros(0, SHAPE), kinds, first, reach, cells_from, float(dt), out)
+    _stroll(bodies, people, field, no_map, kinds, first, reach, cells_from, float(dt), out)
     return out
 
 
 @allocating
-def _stroll(bodies, people, obstacles, frames, shapes, kinds, velocities, reach, cells_from, dt, out):
+def _stroll(bodies, people, obstacles, frames, kinds, velocities, reach, cells_from, dt, out):
     """Runs `stroll`."""
     q = people.walkers.shape[1]
-    cells = cells_for(q, shapes)
+    cells = cells_for(q, obstacles)
     scratch = scratch_for(obstacles.shape[1])
     nothing = Sight(obstacles, 0, 0, frames, 0, np.empty(0, np.uint8), 0)
     place_people(people, 0, 0)

@@ -41,6 +41,8 @@ def _why_plain() -> str:
 _PLAIN = _why_plain()
 if _PLAIN:  # laws handed to a step as constants: Numba compiles such kernels in every process, and says so of each
     warnings.filterwarnings("ignore", "Cannot cache compiled function", numba.NumbaWarning)
+# a record of teams begins as one of goals does, and a kernel made for that takes it as it is
+warnings.filterwarnings("ignore", r"Record\(.* has been considered a subtype", numba.NumbaWarning)
 if _PLAIN not in ("", "WAYFIELD_PLAIN_JIT"):
     warnings.warn(f"wayfield compiles kernels in the plain mode, slower: {_PLAIN}", RuntimeWarning, stacklevel=2)
 

@@ -112,7 +112,7 @@ class Simulator {
     set("reach", Math.max(world.reach, SIGHT));
     arrays.walks = { ...field(world.walks, "walk"), shape: [1, people] };
     arrays.tracks = { ...memory((world.tracks || []).flat(), Float64Array), shape: [(world.tracks || []).length, 4] };
-    arrays.shapes = room(8, [0]);
+    arrays.shapes = room(8, [0]); // of kernels that were built before bodies were met as obstacles
     arrays.near_places = records("place", 2 * count, [2, 1, count]);
     arrays.hulls = records("hull", count, [1, count]);
     arrays.near = room(8 * count * NEAREST, [1, count, NEAREST]);
