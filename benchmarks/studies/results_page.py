@@ -370,7 +370,8 @@ def _side_by_side(
     by = " and ".join(dict.fromkeys(row["compared by"] for found in told.values() for row, _ in found))
     yield (
         f"In each condition, by success and {by}; more and fewer are of successes, n. s. is not significant, - no "
-        "significant difference. Every difference, with its interval and p, is in the file of them below."
+        "significant difference, an empty cell a set of gains that did not drive there. Every difference, with its "
+        "interval and p, is in the file of them below."
     )
     for scenes, policy in dict.fromkeys(key[1:] for key in told):
         names: dict[str, dict[str, str]] = {}
@@ -493,7 +494,7 @@ def _sentences(found: Sequence[Told]) -> str:
         for kind in kinds:
             mine = [row for row in _best_sets([row for row in board if row["scenes"] == kind]) if not _has_map(row)]
             verdicts = [(row, verdict_of(lines, kind, _entry(mine[0]), _entry(row))) for row in mine[1:]]
-            near = [f"`{row['policy']}`" for row, verdict in verdicts if verdict and not _ahead(verdict[0])]
+            near = [f"`{row['policy']}`" for row, verdict in verdicts if verdict and _open(verdict[0])]
             first[f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (f" ({', '.join(near)})" if near else "")
     told = []
     for places in (_WAYS, _DOCKS):
@@ -501,7 +502,7 @@ def _sentences(found: Sequence[Told]) -> str:
         if parts:
             told.append(", ".join(parts[:-1]) + (", and " if len(parts) > 1 else "") + parts[-1] + ".")
     if any("(" in each for each in first.values()):
-        told.append("In parentheses: who is not significantly behind.")
+        told.append("In parentheses: who is not significantly behind, corrected for all comparisons of the page.")
     return " ".join(told)
 
 
@@ -518,9 +519,9 @@ _DOCKS = {
 }
 
 
-def _ahead(words: str) -> bool:
-    """Returns whether words of a verdict say that one is ahead."""
-    return words == "more successes" or words.endswith(("quicker", "errs less"))
+def _open(words: str) -> bool:
+    """Returns whether words of a verdict leave open who is ahead; less error at a lower speed is no open matter."""
+    return words.startswith(f"{OPEN} or") or words.endswith("(not significant)")
 
 
 def _has_map(row: Mapping[str, str]) -> bool:
