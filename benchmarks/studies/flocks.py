@@ -25,6 +25,7 @@ import click
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
+from results_page import between
 from tabulate import tabulate
 
 from wayfield import policies
@@ -446,6 +447,54 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
     return told, "\n\n".join(blocks)
 
 
+# ---- the advice
+
+CHOOSING = "choosing.md"  # beside the folder of results
+BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
+LEAST_ACCESS = ("ppo",)  # who sees by beams alone; all others see bodies
+PLACES = {
+    "Drive in a team, in the open": ("solved", lambda row: row["family"].startswith(KINDS["open"])),
+    "Drive in a team, among walls": ("solved", lambda row: row["family"].startswith(KINDS["walls"])),
+    "Go among people who see the robot": ("success", lambda row: row.get("contest") == "people-seen"),
+    "Go among people who do not": ("success", lambda row: row.get("contest") == "people-unseen"),
+}
+
+
+def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
+    """Returns what to take where, by access, as a table: who solves most of the worlds that all drove."""
+    lines = []
+    for place, (metric, there) in PLACES.items():
+        here = [row for row in (teams if metric == "solved" else people) if there(row)]
+        names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in here))
+        here = complete(here, names)
+        worlds = set.intersection(*(set(by_world(here, name, metric)) for name in names))
+        here = [row for row in here if (row.get("contest", ""), row["family"], row["world"]) in worlds]
+
+        def rank(name: str, rows: Sequence[Row] = here, metric: str = metric) -> tuple[float, float]:
+            means = [np.nanmean(np.concatenate([*by_world(rows, name, m).values()])) for m in (metric, "extra_time")]
+            return -float(means[0]), float(means[1])
+
+        for access, able in (("sensors", [name for name in names if name in LEAST_ACCESS]), ("bodies", names)):
+            first, *others = sorted(able, key=rank) or [""]
+            if not first:
+                continue
+            lead = "alone there"
+            if others:
+                shown, side, _ = difference(here, first, others[0], metric)
+                lead = f"`{others[0]}`: {'more solved' if side > 0 else 'no significant difference'}, {shown} points"
+            reached = f"{-100.0 * rank(first)[0]:.1f} %, {rank(first)[1]:.1f} s"
+            lines.append([place, access, f"`{first}`", reached, str(len(worlds)), lead])
+    return table(lines, ["to", "with access to", "take", "solved, extra time", "worlds", "beside the next"])
+
+
+def advised(text: str, rows: Mapping[str, Sequence[Row]]) -> str:
+    """Returns the page of advice with its table of teams and people as the rows make it."""
+    try:
+        return between(text, BEGIN, END, [advice(rows["teams"], rows["people"])])
+    except ValueError as error:
+        raise click.ClickException(f"{CHOOSING} {error}") from None
+
+
 def cross_table(rows: Sequence[Row]) -> str:
     """Returns who suffers from whom: of the line's robots how many arrive beside the column's."""
     names = list(dict.fromkeys(row["policy"] for row in rows))
@@ -607,6 +656,9 @@ def main(
     if reel is not None:
         write_whole(reel, film())
     rows = {name: read(out / file) for name, file in FILES.items()}
+    choosing = out.parent / CHOOSING
+    if choosing.is_file() and rows["teams"] and rows["people"]:
+        write_whole(choosing, advised(choosing.read_text(encoding="utf-8"), rows).encode())
     prose = PROSE.format(counts=counts(rows))
     write_whole(out / "flocks.md", page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose).encode())
 

@@ -166,11 +166,18 @@ def pages(kept: Kept) -> dict[str, bytes]:
 
 def _marked(kept: Kept, name: str, lines: Sequence[str]) -> str:
     """Returns a page with what stands between its markers made anew."""
-    text = kept.text(name)
-    start, end = text.find(BEGIN), text.find(END)
-    if start < 0 or end < start:
-        raise ValueError(f"{kept.home / name} needs a line {BEGIN!r} and after it a line {END!r}")
-    return text[:start] + "\n".join([BEGIN, *lines, END]) + text[end + len(END) :]
+    try:
+        return between(kept.text(name), BEGIN, END, lines)
+    except ValueError as error:
+        raise ValueError(f"{kept.home / name} {error}") from None
+
+
+def between(text: str, begin: str, end: str, lines: Sequence[str]) -> str:
+    """Returns a text with other lines between two markers; ValueError if one of these is missing."""
+    first, last = text.find(begin), text.find(end)
+    if first < 0 or last < first:
+        raise ValueError(f"needs a line {begin!r} and after it a line {end!r}")
+    return text[:first] + "\n".join([begin, *lines, end]) + text[last + len(end) :]
 
 
 def submitted(home: Path) -> dict[str, Submission]:

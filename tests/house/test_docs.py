@@ -138,6 +138,12 @@ def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
     assert all(success(law, [name], moving=True).low <= 0.0 for law in ("vfh_plus", "scan_planner") for name in slow)
 
 
+def test_the_advice_for_teams_and_people_is_what_the_kept_rows_make() -> None:
+    rows = {name: flocks.read(ROOT / sections.KEPT / file) for name, file in flocks.FILES.items()}
+    text = (ROOT / results_page.CHOOSING).read_text(encoding="utf-8")
+    assert flocks.advised(text, rows) == text
+
+
 def kept_sections() -> list[sections.Section]:
     there = {section.name for section, _ in results_page.Kept(ROOT).sections()}
     return [section for section in sections.SECTIONS if section.from_rows and section.name in there]
