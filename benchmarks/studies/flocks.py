@@ -368,7 +368,9 @@ def verdict(agent: str, law: str, what: str, side: int, shown: str, seeds: int) 
 
 def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
     """Returns what agents of teams are shown to do beside their rivals, in sentences and in tables."""
-    told, lines, blocks = [], [], []
+    told: list[str] = []
+    blocks: list[str] = []
+    beside: dict[str, list[list[str]]] = {}  # by agent and rival
     for agent, rivals in RIVALS.items():
         seeds = len({row["policy"] for row in rows if row["policy"].startswith(f"{agent} seed")})
         for law in rivals if seeds else ():
@@ -385,15 +387,16 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
                 solved = [share(here, name, "solved") for name in (law, agent)]
                 changes = [difference(here, agent, law, name)[0] for name in ("arrived", "touched")]
                 later = difference(here, agent, law, "extra_time", "solved")[0]
-                lines.append([agent, law, f"{kind}, {count}", str(worlds), *solved, shown, *changes, later])
+                line = [f"{kind}, {count}", str(worlds), *solved, shown, *changes, later]
+                beside.setdefault(f"{agent} beside {law}", []).append(line)
                 what = f"in {len(families)} of {len(TEAM_FAMILIES)} families" if kind == "all" else f"{kind} alone"
                 told.append(verdict(agent, law, what, side, shown, seeds))
-    if lines:
+    if beside:
         header = [
-            "agent", "rival", "families", "worlds", "solved: rival (%)", "agent (%)", "difference (points)",
+            "families", "worlds", "solved: rival (%)", "agent (%)", "difference (points)",
             "arrived (points)", "touched (points)", "extra time (s)",
         ]  # fmt: skip
-        blocks.append("## Worlds solved\n\n" + table(lines, header))
+        blocks += ["## Worlds solved", *(f"### {pair}\n\n{table(lines, header)}" for pair, lines in beside.items())]
     names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
     of = {family: [row for row in rows if row["family"] == family] for family in families}
