@@ -318,7 +318,8 @@ _PS = ("p of success", "p of cost")
 
 def _in_columns(words: str) -> str:
     """Returns how a table with a column a condition shows a verdict."""
-    return "-" if " or " in words else words.rpartition("; ")[2]
+    told = words.rpartition("; ")[2].replace(" successes", "").replace("not significant", "n. s.")
+    return "-" if " or " in words else told
 
 
 def _shown_verdict(page: str, line: Row) -> str:
@@ -374,7 +375,11 @@ def audit_conditions(audit: Audit, rows: Sequence[Row], where: str) -> None:
             )
         if any(each["searched_on"]["split"] == "validation" for row in group[:1] for each in _files(row)):
             audit.ask(f"{where}: {name} was searched for on the split that it was chosen by: what would another give?")
-        if len({row["disturbance"] for row in group} - {"none"}) and group[0]["gains_name"] == "tuned":
+        if (
+            len({row["disturbance"] for row in group} - {"none"})
+            and group[0]["gains_name"] == "tuned"
+            and not all("--also" in each["command"] for each in _files(group[0]))
+        ):
             audit.ask(f"{where}: {name} was tuned without disturbances: where are gains that were tuned under them?")
         if len({row["speed"] for row in group if row["speed"]}) > 1 and len(_other_gains(group)) == 1:
             audit.ask(f"{where}: {name} has one set of gains at every asked speed: which is it at its best?")

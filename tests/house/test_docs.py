@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import audit
 import everywhere
 import flocks
 import interval_coverage
@@ -157,6 +158,15 @@ def test_the_advice_sends_to_nobody_who_is_behind() -> None:
     for policy, words in (("stanley", "the error counts more"), ("scan_planner", "others move"), ("ppo", "at a wall")):
         (wrong,) = results_page.disagreements(kept, f"| `{policy}` | {words} |")
         assert wrong.startswith(f"{policy} where")
+
+
+def test_every_page_says_the_verdicts_of_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the audit judges them, by formulas of its own."""
+    monkeypatch.chdir(ROOT)
+    found = audit.Audit()
+    audit.audit_verdicts(found, audit.KEPT)
+    assert found.cells > 1000
+    assert found.wrong == []
 
 
 def test_the_page_of_the_documents_says_what_their_rows_say() -> None:
