@@ -96,6 +96,21 @@ def test_robot_moves_as_its_pose_with_y_up(robot):
     np.testing.assert_allclose(seen[1] - seen[0], [5.0 * scale, -4.5 * scale], atol=1.5)
 
 
+def test_of_a_thousand_robots_each_is_shown_where_it_is():
+    x, y = np.meshgrid(1.5 * np.arange(40), 1.5 * np.arange(25))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    crowd = tuple(Body((x, y, 0.3), 0.25, (200, 0, 0)) for x, y in places.tolist())
+    scene = dataclasses.replace(SCENE, bounds=(0.0, 0.0, 60.0, 38.0), bodies=crowd)
+    whole, chosen = frame_of(scene), list(range(150, 1000, 107))
+    without = (frame_of(dataclasses.replace(scene, bodies=crowd[:j] + crowd[j + 1 :])) for j in chosen)
+    seen = np.array([changed_centroid(frame, whole) for frame in without])
+    # pixels are an affine image of the world
+    there = np.column_stack([places[chosen], np.ones(len(chosen))])
+    image, *_ = np.linalg.lstsq(there, seen, rcond=None)
+    np.testing.assert_allclose(there @ image, seen, atol=0.7)
+    assert image[0, 0] == pytest.approx(-image[1, 1], rel=1e-2)
+
+
 def test_a_small_robot_stays_visible():
     world = dataclasses.replace(SCENE, robot=ROBOTS["omni4"], bounds=(0.0, 0.0, 500.0, 500.0))
     renderer = Renderer("rgb_array", fps=20)
