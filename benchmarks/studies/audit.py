@@ -378,7 +378,7 @@ def audit_conditions(audit: Audit, rows: Sequence[Row], where: str) -> None:
         if (
             len({row["disturbance"] for row in group} - {"none"})
             and group[0]["gains_name"] == "tuned"
-            and not all("--also" in each["command"] for each in _files(group[0]))
+            and not any("--also" in each["command"] for each in _files(group[0]))
         ):
             audit.ask(f"{where}: {name} was tuned without disturbances: where are gains that were tuned under them?")
         if len({row["speed"] for row in group if row["speed"]}) > 1 and len(_other_gains(group)) == 1:
