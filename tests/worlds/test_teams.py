@@ -165,14 +165,16 @@ def test_a_world_that_is_mirrored_or_turned_goes_on_alike(
         for _ in range(60):
             action = 0.5 * actions_of(env, rng)
             action[:, 1:] *= side
-            seen, _, ended, _, _ = env.step(pilot.command(seen) if by_law else action)
+            seen, _, ended, _, info = env.step(pilot.command(seen) if by_law else action)
             assert not ended
             places, _, _, _, clocks = batch.own[:5]
             now = places[clocks[0, 0], 0]
-            found.append((*(now[name] for name in ("x", "y", "vx", "vy", "cos", "sin")), task.layout.unpack(seen)))
+            places_of = (now[name] for name in ("x", "y", "vx", "vy", "cos", "sin"))
+            found.append((*places_of, info["gap"], task.layout.unpack(seen)))
         worlds.append(found)
     most, seen_most = (1e-12, 1e-6) if quarters else (0.0, 0.0)
-    for (*mine, my_view), (*its, its_view) in zip(*worlds, strict=True):
+    for (*mine, my_gaps, my_view), (*its, its_gaps, its_view) in zip(*worlds, strict=True):
+        np.testing.assert_allclose(its_gaps, my_gaps, rtol=0.0, atol=most)
         for k in (0, 2, 4):
             there = turned(mine[k], mine[k + 1], hand, quarters)
             np.testing.assert_allclose(its[k : k + 2], there, rtol=0.0, atol=most)
