@@ -166,10 +166,6 @@ def track_goal(s, course, goals):
     s.goal_heading_error = wrap_angle(goals[s.scenario, last, 2] - s.heading)
 
 
-_ALL = np.zeros(0, np.int64)  # rows
-_NOBODY = np.zeros(0, np.bool_)  # skipped
-
-
 class World(NamedTuple):
     """The bank and the scanner, as the compiled functions read them."""
 
@@ -222,20 +218,30 @@ def scan_maps(p, lidar, robots, which, out):
     """
     column = out.shape[1] - lidar.beams.shape[1]
     scan_grids(robots.grids.frames, robots.grids.cells, robots.states, which, p.hull_radius, lidar, out, column)
-    rows, skip, first, last = which
-    for j in range(first, last):
-        i = rows[j] if rows.shape[0] > 0 else j
-        if skip.shape[0] > 0 and skip[i]:
+    skip, first, last = which
+    for i in range(first, last):
+        if skip[i]:
             continue
         row = robots.states[i].noise_row - 1 if robots.noise.shape[1] > 1 else 0
         disturb_ranges(p, lidar, robots.noise, i, row, out, column)
+
+
+@allocating
+def all_but(rows, count):
+    """Returns which of `count` robots are not in `rows`, (count,)."""
+    others = np.empty(count, np.bool_)
+    for i in range(count):
+        others[i] = True
+    for j in range(rows.shape[0]):
+        others[rows[j]] = False
+    return others
 
 
 @inlined
 def conclude(p, world, robots, skip, first, last, outputs):
     """Sees to what is sooner done for several robots than for each: those from the first on, without the last."""
     if robots.grids.cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (_ALL, skip, first, last), outputs.observations)
+        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.observations)
 
 
 @inlined
@@ -319,8 +325,7 @@ def begin(p, s, world, robots, i, outputs):
     course = world.courses[s.scenario]
     s.waypoint = 0
     track_goal(s, course, world.goals)
-    # int64, not 0: for a literal numba compiles all that observes once more
-    observe(p, s, course, world, robots, i, np.int64(0), outputs.observations)
+    observe(p, s, course, world, robots, i, 0, outputs.observations)
     report(p, s, 0.0, 0.0, 0.0, outputs.numbers, i)
 
 
@@ -361,7 +366,7 @@ def reset_rows(
     robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
     if cells.shape[0] > 0:
-        scan_maps(params[0], world.lidar, robots, (rows, _NOBODY, 0, rows.shape[0]), out)
+        scan_maps(params[0], world.lidar, robots, (all_but(rows, states.shape[0]), 0, states.shape[0]), out)
 
 
 @allocating

@@ -250,8 +250,7 @@ def begin(p, s, world, robots, i, outputs):
     )
     s.measured_arc_length = s.arc_length
     s.measured_segment = s.segment
-    # int64, not 0: for a literal numba compiles all that observes once more
-    observe(p, s, world.vertices, run, robots.noise, i, np.int64(0), outputs.observations)
+    observe(p, s, world.vertices, run, robots.noise, i, 0, outputs.observations)
     report(p, s, course, 0.0, 0.0, outputs.numbers, i)
 
 
@@ -275,7 +274,7 @@ def step_rows(
     flags,
 ):
     """Runs `stepping.step_robots`."""
-    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
+    robots = Robots(params, states, None, noise, patrols, NO_GRIDS)
     world = World(courses, vertices, runs)
     turn = Turn(thread, shares)
     return step_robots(judge, nothing_more, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
@@ -284,7 +283,7 @@ def step_rows(
 @compiled
 def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, patrols, out, numbers, flags):
     """Runs `stepping.reset_robots`."""
-    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
+    robots = Robots(params, states, None, noise, patrols, NO_GRIDS)
     reset_robots(place, begin, robots, rows, draws, World(courses, vertices, runs), Outputs(out, numbers, flags))
 
 

@@ -39,7 +39,17 @@ from wayfield.envs.crowds.people import (
     scratch_for,
     walk_people,
 )
-from wayfield.envs.goal_reaching import FLAGS, INFO, GoalReaching, assess, observe_goal, scan_maps, scanner, track_goal
+from wayfield.envs.goal_reaching import (
+    FLAGS,
+    INFO,
+    GoalReaching,
+    all_but,
+    assess,
+    observe_goal,
+    scan_maps,
+    scanner,
+    track_goal,
+)
 from wayfield.envs.robots import records, sensing
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.robots.kinematics import to_body_frame
@@ -364,11 +374,7 @@ def note_meeting(s, outputs, i):
 def conclude(p, world, robots, skip, first, last, outputs):
     """Shortens the ranges of several robots to what their maps hold."""
     if robots.grids.cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (_ALL, skip, first, last), outputs.observations)
-
-
-_ALL = np.zeros(0, np.int64)  # rows
-_NOBODY = np.zeros(0, np.bool_)  # skipped
+        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.observations)
 
 
 # ---- the reset
@@ -607,7 +613,7 @@ def reset_rows(
                 begin_anew(p, robots, crowd, world, rows[k], draws, k, outputs)
         j = last
     if cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (rows, _NOBODY, 0, rows.shape[0]), out)
+        scan_maps(p, world.lidar, robots, (all_but(rows, states.shape[0]), 0, states.shape[0]), out)
 
 
 # ---- the task

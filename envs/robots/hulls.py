@@ -36,6 +36,14 @@ def hull_clearance(p, robots, i, s, x, y, heading):
         p: a record with the fields of records.ROBOT_PARAMS.
         robots: `stepping.Robots`.
     """
+    return clearance_among(robots.obstacles, p, robots, i, s, x, y, heading)
+
+
+@inlined
+def clearance_among(obstacles, p, robots, i, s, x, y, heading):
+    """Returns `hull_clearance` among obstacles, which may be None: Numba leaves out the rest then."""
+    if obstacles is None:
+        return np.inf
     if p.hull_length > 0.0:
         return box_clearance(p, robots, i, s, x, y, heading)
     return clearance_around(robots, i, s, x, y) - p.hull_radius

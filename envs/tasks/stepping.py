@@ -25,7 +25,7 @@ class Robots(NamedTuple):
 
     params: NDArray[np.void]  # (1,)
     states: NDArray[np.void]  # (b,)
-    obstacles: NDArray[np.void]  # (b, m) OBSTACLE records
+    obstacles: NDArray[np.void] | None  # (b, m) OBSTACLE records; None for a task that has none
     noise: NDArray[np.float64]  # (b, rows, columns)
     patrols: NDArray[np.void]  # (scenarios, m) PATROL records; (scenarios, 0) where nothing moves
     grids: Grids
@@ -98,14 +98,20 @@ def nothing_more(p, world, robots, skip, first, last, outputs):
 
 
 @inlined
+def go_on(obstacles, patrols, s, i, time):
+    """Puts the obstacles of robot i that move where they are at a time (s); there may be none: None."""
+    if obstacles is not None:
+        patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, time)
+
+
+@inlined
 def move(phases, p, s, robots, actions, i, row):
     """Runs the phases COMMAND and DRIVE of robot i, whose noise is in `row`; robots: Robots."""
-    patrols = robots.patrols
     if phases & COMMAND:
         s.contact = 0
         kinematic_plant.command(p, s, actions, i)
-        if patrols.shape[1] > 0:
-            patrol(patrols, s.scenario, robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+        if robots.patrols.shape[1] > 0:
+            go_on(robots.obstacles, robots.patrols, s, i, (s.steps + 1) * p.dt)
             s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
             if phases & DRIVE and s.clearance < 0.0:
                 # run into where it stands; in a plant with forces it is pushed

@@ -267,8 +267,7 @@ def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column)
     Args:
         frames, cells: Grids.
         states: records of the robots.
-        which: indices of robots, empty for all in order; which robots not, empty for none; and of the indices the first
-            that is meant, and the one behind the last.
+        which: which robots are not meant (b,), the first that may be, and the one behind the last.
         hull_radius: m, from where the clearance counts.
         lidar: sensing.Lidar.
     """
@@ -277,10 +276,9 @@ def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column)
         return
     wide = (count + BESIDE - 1) // BESIDE * BESIDE
     held = 0
-    rows, skip, first, last = which
-    for j in range(first, last):
-        i = rows[j] if rows.shape[0] > 0 else j
-        if skip.shape[0] > 0 and skip[i]:
+    skip, first, last = which
+    for i in range(first, last):
+        if skip[i]:
             continue
         s = states[i]
         frame = frames[s.scenario]

@@ -415,9 +415,29 @@ class _Cache(caching.FunctionCache):
                 file.unlink(missing_ok=True)
 
 
+def _of_any_number(get_call_template: Any) -> Any:
+    """Returns `Dispatcher.get_call_template` that compiles for whole numbers, not anew for one that is written out."""
+
+    @functools.wraps(get_call_template)
+    def called(args: Any, kws: Any) -> Any:
+        return get_call_template(tuple(map(_any_number, args)), {name: _any_number(kind) for name, kind in kws.items()})
+
+    return called
+
+
+def _any_number(kind: Any) -> Any:
+    """Returns the type of a whole number, within plain tuples too, for that of one whose value is known."""
+    if isinstance(kind, numba.types.IntegerLiteral):
+        return kind.literal_type
+    if isinstance(kind, numba.types.Tuple):
+        return numba.types.Tuple([_any_number(each) for each in kind])
+    return kind
+
+
 def cached(function: Any, **options: Any) -> Any:
     """Returns the kernel of a function with a disk cache; options as of `numba.njit`, beside those of all kernels."""
     dispatcher = numba.njit(pipeline_class=_Pipeline, **_SETTINGS | options)(function)
+    dispatcher.get_call_template = _of_any_number(dispatcher.get_call_template)
     dispatcher.compile = _in_parts(dispatcher, _patient(dispatcher.compile))
     dispatcher._cache = _Cache(dispatcher)
     return dispatcher
