@@ -33,7 +33,9 @@ class OrcaTeamMap(OrcaTeam):
     wall_horizon: float = gain(1.0, "s", "in which nothing that stands is met", above=0.0)
     wall_margin: float = gain(0.05, "m", "kept between hull and walls", least=0.0)
     patience: float = gain(1.5, "s", "after which who does not get on is stuck", above=0.0)
-    back_off: float = gain(0.5, "m", "back, of who gives way to a robot that it is stuck behind; 0: nobody", least=0.0)
+    back_off: float = gain(
+        0.5, "m", "back, of who gives way to a robot that it is stuck behind; 0: nobody", least=0.0, search=(0.0, 1.0)
+    )
     cell: float = gain(0.05, "m", "of the grid of that way", above=0.0)
     wanted_clearance: float = gain(0.2, "m", "beside the hull, towards which the way is bent", least=0.0)
     surroundings: float = gain(8.0, "m", "around start, goals and robot, of obstacles that the grid holds", above=0.0)

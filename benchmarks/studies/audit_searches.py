@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
-from wayfield.benchmarks.contests import BY_HAND, CONTESTS, ROBUST_LEVEL
+from wayfield.benchmarks.contests import ALL_CONTESTS, BY_HAND, CONTESTS, ROBUST_LEVEL
 from wayfield.benchmarks.runs.shards import in_frames
+from wayfield.benchmarks.tuning.tune import searched_families
 from wayfield.envs.scenarios import splits
 from wayfield.policies.tuned import PACE, condition
 from wayfield.system.readers import of_path, reader
@@ -72,8 +73,8 @@ def _faults(content: Mapping[str, Any]) -> Iterator[str]:
     searched_on, validation = content.get("searched_on", {}), content.get("validation", {})
     if searched_on.get("split") != "train":
         yield f"it was searched for on the split {searched_on.get('split')!r}"
-    contest = CONTESTS[content["suite"]]
-    whole = len(contest.families("kinematic")) * splits.SPLITS["validation"] * max(len(levels), 1)
+    contest = ALL_CONTESTS[content["suite"]]
+    whole = len(searched_families(contest)) * splits.SPLITS["validation"] * max(len(levels), 1)
     there = validation.get("chosen", {}).get("episodes", 0)
     if there < whole:
         yield f"its finalists drove {there} of {whole} episodes of the validation split"

@@ -17,7 +17,8 @@ Best is what the contest says (`Score` of `contests`): the fewest failures; of t
 within 3 % of the asked one, or where none has that no lower one than with the default gains; of those the least error
 of acquisition and tracking (times the time, where the speed is not held), or the highest SCT. The cruising speed is
 searched along with the other gains, since a law that slows down in bends holds the asked mean only by driving faster
-elsewhere. The budget is counted in frames, the control periods of robots, as that of training is.
+elsewhere. The budget is counted in frames, the control periods of robots, as that of training is; of teams, which
+have at most 16 robots here, those of worlds.
 """
 
 import dataclasses
@@ -35,7 +36,7 @@ import click
 import numpy as np
 
 import wayfield.policies
-from wayfield.benchmarks.contests import CONTESTS, TRANSFER_SPLIT, Contest, Course, Score
+from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, TEAMS, TRANSFER_SPLIT, Contest, Course, Score
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.runs.payloads import in_order
 from wayfield.benchmarks.runs.suite import Setting, episodes
@@ -47,6 +48,7 @@ from wayfield.envs.robots.intervals import Interval, drawn
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.tasks.specs import CROWDS
 from wayfield.policies.gain import Range
 from wayfield.policies.policy import check_robot
 from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
@@ -55,12 +57,14 @@ from wayfield.system.executors import Executor, cores
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
 
+TUNED_FOR = (*CONTESTS, TEAMS.name)
 SEARCH_SPLIT = "train"
 FINALISTS = 3  # sets of a search that drive the whole validation split, beside the default gains and what ships
 VALIDATION_ROOMS = 12
 DRAWN = 4  # robots, of one that was identified
 DRAWN_SEED = 6000  # of them
-MOST_AT_ONCE = 64  # robots in a batch
+MOST_AT_ONCE = 64  # robots in a batch; of teams, worlds
+LARGEST_TEAM = 16  # that gains are searched and chosen with
 PACE_FACTORS = (0.97, 1.6)  # of the requested speed, between which a path follower's cruising speed is searched
 
 
@@ -72,7 +76,16 @@ SEARCHED: Mapping[str, Mapping[str, Range]] = {
 
 def search_space(policy: str, suite: str) -> Mapping[str, Range]:
     """Returns the gains of a policy that are searched for the contest of a suite, and where."""
-    return SEARCHED[CONTESTS[suite].searched_as.get(policy, policy)]
+    return SEARCHED[ALL_CONTESTS[suite].searched_as.get(policy, policy)]
+
+
+def searched_families(contest: Contest) -> tuple[str, ...]:
+    """Returns the families that gains are searched and chosen in: of teams, those that are not too large."""
+    found = contest.families("kinematic")
+    if contest.spec.name not in CROWDS:
+        return found
+    first = {family: scenarios_of(contest.spec, f"{family}/{SEARCH_SPLIT}", LARGEST_HULL)[0] for family in found}
+    return tuple(family for family in found if first[family].team <= LARGEST_TEAM)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -419,8 +432,11 @@ class Search:
         """Returns where a set is driven: some scenarios of every family, all where it is chosen, and rooms."""
         size = splits.SPLITS[split]
         count = size if split == TRANSFER_SPLIT else min(self.scenarios, size)
-        members = tuple(k * size + n for k in range(len(self.contest.families("kinematic"))) for n in range(count))
+        families = searched_families(self.contest)
+        members = tuple(k * size + n for k in range(len(families)) for n in range(count))
         courses = [Course("all", split, members=members)]
+        if self.contest.spec.name in CROWDS:  # in a batch all teams are as large
+            courses = [Course(family, split, members=tuple(range(count))) for family in families]
         found = [Place(split, self.contest, self.robot, courses, self.level)]
         found += [Place(f"{split}, {level}", self.contest, self.robot, courses, level) for level in self.also]
         if split == TRANSFER_SPLIT:
@@ -487,7 +503,7 @@ def summary(content: Mapping[str, Any]) -> str:
 
 def comparison_table(content: Mapping[str, Any]) -> str:
     """Returns what the chosen gains gain over the default ones on a robot that was identified, as lines of text."""
-    cost = CONTESTS[content["suite"]].cost
+    cost = ALL_CONTESTS[content["suite"]].cost
     rows = [
         ("robots", "episodes", "success: default, tuned", "difference", f"{cost.metric}: default, tuned", "difference")
     ]
@@ -568,7 +584,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 
 @click.command("tune", cls=OneLineErrors)
 @click.argument("policy", type=Choice("POLICY", SEARCHED))
-@click.option("--suite", type=Choice("--suite", CONTESTS), required=True, help="The contest to tune for.")
+@click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="The contest to tune for.")
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
 @click.option("--speed", type=Finite(0.05, 3.0), default=PACE, show_default=True, help="Asked for, m/s.")
 @click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Of disturbance.")
@@ -625,7 +641,7 @@ def main(
         raise click.ClickException('optuna is missing: pip install "wayfield[tune]"') from None
     from wayfield.benchmarks.tuning.shared_study import NoStudy
 
-    contest = CONTESTS[suite]
+    contest = ALL_CONTESTS[suite]
     if policy not in contest.policies:
         raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}")
     _check_robot(policy, contest, robot)
@@ -687,7 +703,7 @@ def starting_gains(policy: str, suite: str, known: str) -> dict[str, float]:
     robot, speed, level = known.split("_")
     gains = wayfield.policies.tuned_gains(policy, suite, robot, float(speed), level)
     start = {name: float(gains[name]) for name in search_space(policy, suite) if name in gains}
-    if not CONTESTS[suite].speeds:
+    if not ALL_CONTESTS[suite].speeds:
         return start
     asked = wayfield.policies.cruising(policy, gains, float(speed))
     return start | {"pace": rounded(max(float(gains[name]) / value for name, value in asked.items()))}
