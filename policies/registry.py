@@ -36,6 +36,7 @@ from wayfield.policies.smooth_pose import SmoothPose
 from wayfield.policies.social_force import SocialForce
 from wayfield.policies.stanley import Stanley
 from wayfield.policies.team_guided import TeamGuided
+from wayfield.policies.team_scan import TeamScan
 from wayfield.policies.vfh_plus import VfhPlus
 from wayfield.policies.waypoint import Waypoint
 from wayfield.policies.zero import Zero
@@ -200,6 +201,13 @@ ABOUT: dict[str, Listed] = {
         "Schulman et al. 2017; van den Berg et al. 2011",
         ("teams",),
         protected="where it was 1 to 10 s ago and where it last got on; gives up no half-plane of what stands",
+    ),
+    "team_scan": Listed(
+        TeamScan,
+        "the agents that ship for teams by their scans alone: a goal seeker that went on among its copies",
+        "Schulman et al. 2017; Long et al. 2018",
+        ("teams",),
+        protected="where it was, and what it saw 0.5 s ago; nears nothing seen faster than it could stop",
     ),
     "people_free": Listed(
         PeopleFree,

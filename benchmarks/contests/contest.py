@@ -32,7 +32,7 @@ from wayfield.policies.learned.ppo import shipped, trained
 from wayfield.policies.policy import lacks
 from wayfield.policies.tuned import PACE, tuned_set
 
-TRAINED = ("ppo", "hybrid", "team_guided", "people_free")  # with a set for each seed
+TRAINED = ("ppo", "hybrid", "team_guided", "team_scan", "people_free")  # with a set for each seed
 DEGREES = 180.0 / math.pi
 FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 BY_HAND: Mapping[str, str] = {"tuned": "by hand", "robust": "by hand, disturbed"}  # what such a set is called

@@ -229,6 +229,8 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         training = agent.card["training"]
         knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
+        if "began_as" in training:
+            taught = f", began as the agent of {training['began_as']}"
         if base := agent.card.get("base"):  # cards of before named it as a teacher too
             taught = f", adds to {base['controller']}"
         behind = training.get("taught_by"), "scan_planner" if case.policy == "hybrid" else None

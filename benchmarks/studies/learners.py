@@ -85,6 +85,7 @@ def learned(home: Path, seed: int) -> Learned:
     training = card["training"]
     base, taught_by = card.get("base"), training.get("taught_by")
     begins = f"adds to {base['controller']}" if base else f"a copy of {taught_by}" if taught_by else "nothing"
+    begins = training.get("began_as", begins)
     frames, seconds, cpu = (str(training.get(name, "")) for name in ("run_frames", "run_seconds", "run_cpu_seconds"))
     algorithm = str(training.get("algorithm", "ppo")).upper()
     return Learned(algorithm, begins, str(seed), frames, seconds, cpu, str(home))

@@ -84,6 +84,16 @@ class Network:
         pieces = [np.concatenate([weight.T.ravel(), bias]) for weight, bias in layers]
         return cls(np.array(sizes, np.int64), np.concatenate(pieces).astype(np.float32), activation)
 
+    @property
+    def layers(self) -> list[tuple[Numbers, Numbers]]:
+        """Returns weights (outputs, inputs) and biases (outputs,), layer after layer."""
+        found, first = [], 0
+        for come, go in itertools.pairwise(self.sizes.tolist()):
+            weight, bias = np.split(self.numbers[first : first + (come + 1) * go], [come * go])
+            found.append((weight.reshape(come, go).T, bias))
+            first += (come + 1) * go
+        return found
+
     def __call__(self, inputs: Numbers) -> Numbers:
         """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""
         outputs = np.empty((len(inputs), int(self.sizes[-1])), np.float32)

@@ -56,7 +56,8 @@ _DESCRIBED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     "observation": ("a list of text", _lists(_is_text)),
     "validation": ("an object of finite numbers", _maps_to(_is_score)),
     "network.parameters": ("a whole number >= 0", _is_count),
-    **{f"training.{key}": ("a line of text", _is_text) for key in ("env_id", "preset", "algorithm", "taught_by")},
+    **{f"training.{key}": ("a line of text", _is_text)
+       for key in ("env_id", "preset", "algorithm", "taught_by", "began_as")},
     "training.command": ("text", lambda value: isinstance(value, str)),
     **{f"training.{key}": ("a whole number >= 0", _is_count)
        for key in ("steps", "seed", "frames", "run_frames", "gradient_steps")},

@@ -29,14 +29,10 @@ def export_onnx(agent: Agent, file: str | os.PathLike[str]) -> None:
 
     network = agent.network
     activation = {"tanh": "Tanh", "relu": "Relu"}[network.activation]
-    nodes, constants, first, value = [], [], 0, "features"
+    nodes, constants, value = [], [], "features"
     last = len(network.sizes) - 2
-    for k in range(last + 1):
-        come, go = int(network.sizes[k]), int(network.sizes[k + 1])
-        weight = network.numbers[first : first + come * go].reshape(come, go)
-        bias = network.numbers[first + come * go : first + (come + 1) * go]
-        first += (come + 1) * go
-        for name, array in ((f"weight_{k}", weight), (f"bias_{k}", bias)):
+    for k, (weight, bias) in enumerate(network.layers):
+        for name, array in ((f"weight_{k}", weight.T), (f"bias_{k}", bias)):
             constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
         nodes.append(helper.make_node("Gemm", [value, f"weight_{k}", f"bias_{k}"], [f"sum_{k}"]))
         value = f"sum_{k}"

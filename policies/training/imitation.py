@@ -47,6 +47,12 @@ def teach(
     seen = 0
     for seen in _clone(ppo, env, teacher, cloned, learning_rate, kept, np.random.default_rng(seed)):
         yield seen
+    for more in appraise(ppo, frames - seen, learning_rate):
+        yield seen + more
+
+
+def appraise(ppo: PPO, frames: int, learning_rate: float) -> Iterator[int]:
+    """Teaches the value function what the policy is worth, in a number of frames or just over; yields those seen."""
     policy: Any = ppo.policy
     optimizer = torch.optim.Adam(
         [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()], learning_rate
@@ -54,13 +60,13 @@ def teach(
     _, callback = ppo._setup_learn(frames)
     timed = ppo.env
     assert timed is not None
-    while ppo.num_timesteps < frames - seen:
+    while ppo.num_timesteps < frames:
         ppo.collect_rollouts(timed, callback, ppo.rollout_buffer, ppo.n_steps)
         for _ in range(EPOCHS):
             for data in ppo.rollout_buffer.get(BATCH):
                 values = policy.predict_values(data.observations).flatten()
                 _descend(optimizer, torch.nn.functional.mse_loss(values, data.returns))
-        yield seen + ppo.num_timesteps
+        yield ppo.num_timesteps
 
 
 def _clone(

@@ -14,9 +14,11 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
+from wayfield.policies.learned.agent import Agent
 from wayfield.policies.learned.features_sheet import SheetFeatures
 from wayfield.policies.learned.perception import Features, Perception, features_for
-from wayfield.policies.training.imitation import teach
+from wayfield.policies.learned.ppo import shipped_agent
+from wayfield.policies.training.imitation import appraise, teach
 from wayfield.policies.training.presets import Ppo, Preset
 from wayfield.policies.training.shaping import Shaped
 
@@ -209,6 +211,28 @@ class PpoLearner(Learner):
             device="cpu",
             verbose=0,
         )
+        if preset.begins:
+            self._begin_as(shipped_agent(preset.begins, str(preset.robot), self.seed))
+
+    def _begin_as(self, agent: Agent) -> None:
+        """Gives the policy's mean the weights of an agent.
+
+        Raises:
+            ValueError: if it sees, does or is something else than the preset's.
+        """
+        preset = self.preset
+        for name, mine, its in (
+            ("features", preset.features, agent.features),
+            ("actions", preset.actions, agent.actions),
+            ("hidden", list(preset.hidden), agent.network.sizes[1:-1].tolist()),
+            ("activation", preset.activation, agent.network.activation),
+        ):
+            if mine != its:
+                raise ValueError(f"{name} must be those of the agent that the network begins as, {its}, got {mine}")
+        with torch.no_grad():
+            for module, (weight, bias) in zip(linear(mean_of(self.ppo.policy)), agent.network.layers, strict=True):
+                module.weight.copy_(torch.from_numpy(weight.copy()))
+                module.bias.copy_(torch.from_numpy(bias.copy()))
 
     def _kept(self) -> tuple[int, str]:
         return self.preset.num_envs * self.preset.horizon, "num_envs x horizon"
@@ -219,8 +243,12 @@ class PpoLearner(Learner):
         self._timed.seconds = dict(seconds)  # the environment's part of the imitation counts as imitation
         began = time.perf_counter()
         frames = 0
-        numbers = preset.imitation, preset.imitation_rate, self.seed, preset.lessons
-        for frames in teach(self.ppo, self.env, preset.controller_at, *numbers):
+        if preset.begins:
+            taught = appraise(self.ppo, preset.imitation, preset.imitation_rate)
+        else:
+            numbers = preset.imitation, preset.imitation_rate, self.seed, preset.lessons
+            taught = teach(self.ppo, self.env, preset.controller_at, *numbers)
+        for frames in taught:
             self.seconds["imitation"] = time.perf_counter() - began
             yield frames
         self._timed.seconds = seconds
@@ -236,7 +264,7 @@ class PpoLearner(Learner):
 
     def layers(self) -> Layers:
         """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer."""
-        return policy_layers(self.ppo.policy)
+        return layers_of(mean_of(self.ppo.policy))
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """Returns the only one."""
@@ -316,15 +344,19 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
     return Shaped(worlds, perceptions, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)
 
 
-def policy_layers(policy: Any) -> Layers:
-    """Returns weights (outputs, inputs) and biases of a policy's mean, layer after layer."""
-    return layers_of([*policy.mlp_extractor.policy_net, policy.action_net])
+def mean_of(policy: Any) -> list[torch.nn.Module]:
+    """Returns the modules of a policy's mean, layer after layer."""
+    return [*policy.mlp_extractor.policy_net, policy.action_net]
+
+
+def linear(modules: Iterable[torch.nn.Module]) -> list[torch.nn.Linear]:
+    """Returns the linear ones of modules."""
+    return [each for each in modules if isinstance(each, torch.nn.Linear)]
 
 
 def layers_of(modules: Iterable[torch.nn.Module]) -> Layers:
     """Returns weights (outputs, inputs) and biases of the linear ones of modules."""
-    linear = [each for each in modules if isinstance(each, torch.nn.Linear)]
-    return [(each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy()) for each in linear]
+    return [(each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy()) for each in linear(modules)]
 
 
 def anneal(first: float, last: float) -> Callable[[float], float]:

@@ -230,7 +230,7 @@ class _Run:
     def _useless_clone(self) -> str:
         """Returns a line that says that the clone hardly ever succeeds where its teacher does; "" if it is not so."""
         preset, clone = self.preset, self.rows[-1]["success"]
-        if clone >= USELESS:
+        if clone >= USELESS or preset.begins:
             return ""
         teacher = preset.controller_at(preset.speed)
         there = validate(teacher, self.job.env_id, self.kwargs, self.clock).success
@@ -340,13 +340,17 @@ class _Run:
     ) -> dict[str, Any]:
         preset, task = self.preset, self.learner.env.worlds.task
         more: dict[str, Any] = {"cruises": dict(paces)} if paces else {}
+        began: dict[str, Any] = {}
+        if preset.begins:
+            began = {"began_as": f"{preset.begins}, {preset.robot}, seed {self.job.seed}"}
+        elif preset.imitation:  # a controller that it adds to is its `base`, and teaches nothing
+            began = {"taught_by": preset.controller, "taught_with": preset.gains}
         name = f"{preset.name}, seed {self.job.seed}"
         return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
             "training": {
                 **self.job.described(),
                 "algorithm": preset.learner.name,
-                # one that it adds to is its `base`, and teaches nothing
-                **({"taught_by": preset.controller, "taught_with": preset.gains} if preset.imitation else {}),
+                **began,
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
                 "seconds": row.get("seconds", 0.0),

@@ -36,7 +36,7 @@ from wayfield.policies.training import checkpoints
 from wayfield.policies.training import run as training_run
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
-from wayfield.policies.training.learner import PpoLearner, policy_layers
+from wayfield.policies.training.learner import PpoLearner
 from wayfield.policies.training.presets import PRESETS, Ppo, Preset, Sac, overridden
 from wayfield.policies.training.run import Job, Report, train
 from wayfield.policies.training.sac import SacLearner
@@ -319,7 +319,7 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
 def test_the_agent_drives_as_the_network_that_was_trained() -> None:
     learner = PpoLearner(SMALL, PATH, 0)
     learner.update()
-    network = Network.of(policy_layers(learner.ppo.policy))
+    network = Network.of(learner.layers())
     inputs = np.random.default_rng(0).normal(size=(100, network.sizes[0])).astype(np.float32)
     with torch.no_grad():
         mean = learner.ppo.policy.get_distribution(torch.from_numpy(inputs)).mode().numpy()
