@@ -18,7 +18,7 @@ from wayfield.envs.tasks.specs import CROWDS
 from wayfield.policies.registry import entering
 
 _TEAMS, _PEOPLE = CROWDS["teams"], CROWDS["people"]
-ON_REQUEST = ("mppi", "nav2_mppi", "nav2_dwb")
+ON_REQUEST = ("mppi", "nav2_mppi", "nav2_dwb", "central")  # the last plans minutes for 32 at one door
 OWN_LAW = "own"  # people walk by the laws of their scenario
 PEOPLE_LAWS = (OWN_LAW, *(name for name in LAWS if name not in ("replay", "standing")))
 CASES, CLOCK = 500, 500  # CrowdNav's tests, and their 25 s in control periods

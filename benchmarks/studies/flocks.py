@@ -39,6 +39,7 @@ from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training.checkpoints import IN_FIELD
 from wayfield.policies.training.curves import read_curve
+from wayfield.policies.tuned import tuned_set
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
@@ -50,8 +51,14 @@ SEEN: dict[str, Any] = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0
 LARGE = 16  # robots, over which fewer worlds are driven
 LEAST_SEEDS = 3  # of training, under which nothing is claimed
 
-# each agent, with whom it is compared, who sees as much or less; the agent for one robot, with the law that sees more
-RIVALS = {"team_guided": ("orca_team", "ppo"), "ppo": ("orca_team",)}
+TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
+_ORCAS = ("orca_team", f"orca_team{TUNED}")
+# each agent, with whom it is compared; those that see the scan alone also with laws that see more
+RIVALS = {
+    "team_scan": (*_ORCAS, "ppo", "vfh_plus", "dwa"),
+    "team_guided": (*_ORCAS, "ppo"),
+    "ppo": ("orca_team",),
+}
 AMONG_PEOPLE = {"people_free": ("orca_team", "social_force")}
 AGENTS = {
     "team_guided": "teams_guided",
@@ -65,7 +72,7 @@ KINDS = {
     "open": ("head_on", "crossing", "circle", "open"),
     "walls": ("doorway", "corridor", "intersection", "bottleneck", "rooms", "hall"),
 }
-CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided")
+CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided", "team_scan")
 CROSS_FAMILIES = ("circle_8", "open_8", "doorway_4", "corridor_8", "intersection_8")
 PEOPLE_CONTESTS = ("crowdnav", "crowdnav-seen", "people-unseen", "people-seen")
 CASES = 500  # of CrowdNav
@@ -133,7 +140,10 @@ def policy_of(entry: str) -> Any:
     name, _, seed = entry.partition(" seed ")
     if name == "ppo":  # of one robot, which sees the others in its scan
         return shipped_agent("goal_reaching", ROBOT, int(seed), SPEED)
-    return policies.make(name, **({"seed": int(seed)} if seed else {"max_speed": SPEED}))
+    if name.endswith(TUNED):
+        law = name.removesuffix(TUNED)
+        return policies.make(law, **{**policies.tuned_gains(law, "teams", ROBOT, SPEED), "max_speed": SPEED})
+    return policies.make(name, **({"seed": int(seed)} if seed else policies.cruising(name, {}, SPEED)))
 
 
 def driven(
@@ -296,8 +306,7 @@ def by_world(rows: Iterable[Row], name: str, metric: str) -> dict[tuple[str, ...
     found: dict[tuple[str, ...], list[float]] = {}
     for row in rows:
         if row["policy"].partition(" seed ")[0] == name:
-            key = row.get("contest", ""), row["family"], row["world"]
-            found.setdefault(key, []).append(float(row[metric] or "nan"))
+            found.setdefault(_world(row), []).append(float(row[metric] or "nan"))
     return found
 
 
@@ -338,7 +347,8 @@ def share(rows: Sequence[Row], name: str, metric: str, digits: int = 1, factor: 
         return ""
     seeds = np.array([np.mean(each) for each in of_seeds.values()])
     shown = f"{seeds.mean():.{digits}f}"
-    return shown if len(seeds) == 1 else f"{shown} ({seeds.min():.{digits}f} to {seeds.max():.{digits}f})"
+    least, most = (f"{end:.{digits}f}" for end in (seeds.min(), seeds.max()))
+    return shown if least == most else f"{shown} ({least} to {most})"
 
 
 def table(lines: Sequence[Sequence[str]], header: Sequence[str]) -> str:
@@ -347,12 +357,17 @@ def table(lines: Sequence[Sequence[str]], header: Sequence[str]) -> str:
 
 
 def complete(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
-    """Returns the rows of the families in which all of some policies, with all of their seeds, have driven."""
-    entries_of = {row["policy"] for row in rows if row["policy"].partition(" seed ")[0] in names}
-    driven_in: dict[str, set[str]] = {}
-    for row in rows:
-        driven_in.setdefault(row["family"], set()).add(row["policy"])
-    return [row for row in rows if row["policy"] in entries_of <= driven_in[row["family"]]]
+    """Returns the rows of the worlds in which all of some policies, with all of their seeds, have driven."""
+    mine = [row for row in rows if row["policy"].partition(" seed ")[0] in names]
+    driven_in: dict[tuple[str, ...], set[str]] = {}
+    for row in mine:
+        driven_in.setdefault(_world(row), set()).add(row["policy"])
+    everybody = {row["policy"] for row in mine}
+    return [row for row in mine if driven_in[_world(row)] == everybody]
+
+
+def _world(row: Row) -> tuple[str, ...]:
+    return row.get("contest", ""), row["family"], row["world"]
 
 
 def verdict(agent: str, law: str, what: str, side: int, shown: str, seeds: int) -> str:
@@ -400,10 +415,10 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
     names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
     of = {family: [row for row in rows if row["family"] == family] for family in families}
-    each = [[family, *(share(of[family], name, "solved", 0) for name in names)] for family in families]
-    blocks.append("## Family by family\n\nWorlds solved (%).\n\n" + table(each, ["family", *names]))
-    each = [[family, *(share(of[family], name, "arrived", 0) for name in names)] for family in families]
-    blocks.append("Robots that arrive (%).\n\n" + table(each, ["family", *names]))
+    titles = {"solved": "## Family by family\n\nWorlds solved (%).", "arrived": "Robots that arrive (%)."}
+    for metric, title in titles.items():
+        cells = {family: [share(of[family], name, metric, 0).replace(" to ", "-") for name in names] for family in of}
+        blocks.append(title + "\n\n" + table([[family, *each] for family, each in cells.items()], ["family", *names]))
     return told, "\n\n".join(blocks)
 
 
@@ -454,7 +469,7 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
 
 CHOOSING = "choosing.md"  # beside the folder of results
 BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
-LEAST_ACCESS = ("ppo",)  # who sees by beams alone; all others see bodies
+LEAST_ACCESS = ("team_scan", "ppo", "vfh_plus", "dwa")  # who see by beams alone; all others see bodies
 PLACES = {
     "Drive in a team, in the open": ("solved", lambda row: row["family"].startswith(KINDS["open"])),
     "Drive in a team, among walls": ("solved", lambda row: row["family"].startswith(KINDS["walls"])),
@@ -470,8 +485,7 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
         here = [row for row in (teams if metric == "solved" else people) if there(row)]
         names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in here))
         here = complete(here, names)
-        worlds = set.intersection(*(set(by_world(here, name, metric)) for name in names))
-        here = [row for row in here if (row.get("contest", ""), row["family"], row["world"]) in worlds]
+        worlds = {_world(row) for row in here}
 
         def rank(name: str, rows: Sequence[Row] = here, metric: str = metric) -> tuple[float, float]:
             means = [np.nanmean(np.concatenate([*by_world(rows, name, m).values()])) for m in (metric, "extra_time")]
@@ -538,15 +552,16 @@ def curve_table(rows: Sequence[Row]) -> str:
 PROSE = """# Agents among others, beside the laws that they are to beat
 
 Made by `python benchmarks/studies/flocks.py`. Robots are omni3 with lagged actuators and a scan of 72 beams, asked for
-0.6 m/s, in CrowdNav's cases for 1 m/s; who arrives leaves. Laws have their default gains: `tune` searches none for
-teams, and `back_off`, with which `orca_team` gives way at doors, is off. Worlds are the first of each family in the
-split `claims`: {counts}. A world is the unit: solved if all arrive and nobody touches anything. Differences are paired
-by world, of all seeds of training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that
-three seeds count as three; they are not corrected for how many there are. In parentheses: the least and the greatest
-seed. Extra time, and what people are put through, are compared in worlds that both solve. `ppo` is the agent for one
-robot among obstacles, to which others are a part of the scan.
+0.6 m/s, in CrowdNav's cases for 1 m/s; who arrives leaves. Laws have their default gains, with which `orca_team` does
+not give way at doors; {tuning}.
+Worlds are the first of each family in the split `claims`: {counts}.
+A world is the unit: solved if all arrive and nobody touches anything. Differences are paired by world, of all seeds of
+training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that three seeds count as
+three; they are not corrected for how many there are. In parentheses: the least and the greatest seed. Extra time, and
+what people are put through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles,
+to which others are a part of the scan; `team_scan` began as that, and went on in teams.
 
-What it does not show: other robots, noise, tuned laws, families that an entry did not drive, which are empty below.
+What it does not show: other robots, noise, other laws tuned; families that an entry did not drive are empty below.
 
 ![32 robots leave a room by one door: team_guided, and orca_team from the same starts](../doorway.gif)
 
@@ -574,6 +589,17 @@ def counts(rows: Mapping[str, Sequence[Row]]) -> str:
         if words:
             told.append(f"{part}: {', '.join(words)}")
     return "; ".join(told)
+
+
+def tuning() -> str:
+    """Returns in words what a search of gains for teams found."""
+    found = tuned_set("orca_team", "teams", ROBOT, SPEED)
+    if found is None:
+        return "`wayfield tune` was not asked for better ones"
+    budget = f"{found.frames / 1e6:.1f} million control periods of worlds, teams of up to 16"
+    if found.chosen == "default":
+        return f"`wayfield tune` found none that are better in {budget}"
+    return f"`orca_team tuned` has those that `wayfield tune` found in {budget}"
 
 
 def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:
@@ -662,7 +688,7 @@ def main(
     choosing = out.parent / CHOOSING
     if choosing.is_file() and rows["teams"] and rows["people"]:
         write_whole(choosing, advised(choosing.read_text(encoding="utf-8"), rows).encode())
-    prose = PROSE.format(counts=counts(rows))
+    prose = PROSE.format(counts=counts(rows), tuning=tuning())
     write_whole(out / "flocks.md", page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose).encode())
 
 
