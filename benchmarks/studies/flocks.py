@@ -413,12 +413,17 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
         ]  # fmt: skip
         blocks += ["## Worlds solved", *(f"### {pair}\n\n{table(lines, header)}" for pair, lines in beside.items())]
     names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
+    names.sort(key=lambda name: name not in _ORCAS)
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
     of = {family: [row for row in rows if row["family"] == family] for family in families}
     titles = {"solved": "## Family by family\n\nWorlds solved (%).", "arrived": "Robots that arrive (%)."}
     for metric, title in titles.items():
         cells = {family: [share(of[family], name, metric, 0).replace(" to ", "-") for name in names] for family in of}
-        blocks.append(title + "\n\n" + table([[family, *each] for family, each in cells.items()], ["family", *names]))
+        header = [
+            "family",
+            *("tuned" if name == _ORCAS[1] else name for name in names),
+        ]  # beside it: no wider than a page
+        blocks.append(title + "\n\n" + table([[family, *each] for family, each in cells.items()], header))
     return told, "\n\n".join(blocks)
 
 
@@ -470,7 +475,7 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
 CHOOSING = "choosing.md"  # beside the folder of results
 BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
 LEAST_ACCESS = ("team_scan", "ppo", "vfh_plus", "dwa")  # who see by beams alone; all others see bodies
-PLACES = {
+PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
     "Drive in a team, in the open": ("solved", lambda row: row["family"].startswith(KINDS["open"])),
     "Drive in a team, among walls": ("solved", lambda row: row["family"].startswith(KINDS["walls"])),
     "Go among people who see the robot": ("success", lambda row: row.get("contest") == "people-seen"),

@@ -323,7 +323,8 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     for scenes, mine in grouped(rows, "scenes").items():
         if scenes:
             yield f"### {scenes[0].upper()}{scenes[1:]}"
-        lines, teachers = [], {}
+        lines: list[dict[str, str]] = []
+        teachers: dict[str, str] = {}
         for row in mine:
             line = {"policy": _named(_entry(row)), **_narrow(row, list(row)[3:])}
             if _TIME in row:  # the widest of them: who taught an agent stands below
