@@ -1,6 +1,7 @@
 """stable-baselines3's algorithms on a preset's worlds, with their state as plain arrays and numbers; PPO here."""
 
 import abc
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, ClassVar
@@ -220,15 +221,19 @@ class PpoLearner(Learner):
         Raises:
             ValueError: if it sees, does or is something else than the preset's.
         """
-        preset = self.preset
-        for name, mine, its in (
-            ("features", preset.features, agent.features),
-            ("actions", preset.actions, agent.actions),
-            ("hidden", list(preset.hidden), agent.network.sizes[1:-1].tolist()),
-            ("activation", preset.activation, agent.network.activation),
-        ):
-            if mine != its:
-                raise ValueError(f"{name} must be those of the agent that the network begins as, {its}, got {mine}")
+        preset, network = self.preset, agent.network
+        if type(preset.features) is not type(agent.features):
+            raise ValueError(
+                f"begins is {preset.begins!r}, whose agents see something else than those of {preset.name}"
+            )
+        pairs = {"hidden": (list(preset.hidden), network.sizes[1:-1].tolist())}
+        pairs["activation"] = preset.activation, network.activation
+        for part in ("features", "actions"):
+            mine, its = (dataclasses.asdict(getattr(each, part)) for each in (preset, agent))
+            pairs |= {f"{part}.{name}": (value, its[name]) for name, value in mine.items()}
+        for name, (value, wanted) in pairs.items():
+            if value != wanted:
+                raise ValueError(f"{name} must be {wanted}, as of the agent that the network begins as, got {value}")
         with torch.no_grad():
             for module, (weight, bias) in zip(linear(mean_of(self.ppo.policy)), agent.network.layers, strict=True):
                 module.weight.copy_(torch.from_numpy(weight.copy()))

@@ -198,8 +198,10 @@ def test_a_network_may_begin_as_an_agent_that_ships() -> None:
     learner = PpoLearner(overridden(PRESETS["team_scan"], small), TEAM, 1)
     agent = load_agent(shipped("goal_reaching", "omni3")[1])
     assert all(map(np.array_equal, sum(learner.layers(), ()), sum(agent.network.layers, ())))
-    with pytest.raises(ValueError, match=r"hidden must be those of the agent that the network begins as, \[256, 256\]"):
+    with pytest.raises(ValueError, match=r"hidden must be \[256, 256\], as of the agent .*, got \[64, 64\]"):
         PpoLearner(overridden(PRESETS["team_scan"], [*small, "hidden=64,64"]), TEAM, 1)
+    with pytest.raises(ValueError, match=r"features.margin must be 0.03, as of the agent .*, got 0.01$"):
+        PpoLearner(overridden(PRESETS["team_scan"], [*small, "robot=omni4"]), TEAM, 1)
     with pytest.raises(ValueError, match="no agent of seed 99 ships for goal_reaching with omni3; there are seeds 0"):
         PpoLearner(overridden(PRESETS["team_scan"], small), TEAM, 99)
     with pytest.raises(ValueError, match=r"begins is .goal_reaching.; .* imitation > 0"):
