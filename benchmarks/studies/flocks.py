@@ -378,7 +378,9 @@ def verdict(agent: str, law: str, what: str, side: int, shown: str, seeds: int) 
     if side > 0:
         return f"{agent} solves more than {law}, {what}: {shown} points."
     verb = "solves less" if side < 0 else "is not shown to solve more"
-    return f"{agent} {verb} than {law}, {what}: {shown} points: take {law}."
+    told = f"{agent} {verb} than {law}, {what}: {shown} points"
+    # where neither is ahead, a law that sees more goes before an agent; two that see the scan alone are a draw
+    return f"{told}: take {law}." if side < 0 or law not in LEAST_ACCESS else f"{told}."
 
 
 def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
