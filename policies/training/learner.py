@@ -226,8 +226,10 @@ class PpoLearner(Learner):
             raise ValueError(
                 f"begins is {preset.begins!r}, whose agents see something else than those of {preset.name}"
             )
-        pairs = {"hidden": (list(preset.hidden), network.sizes[1:-1].tolist())}
-        pairs["activation"] = preset.activation, network.activation
+        pairs: dict[str, tuple[object, object]] = {
+            "hidden": (list(preset.hidden), network.sizes[1:-1].tolist()),
+            "activation": (preset.activation, network.activation),
+        }
         for part in ("features", "actions"):
             mine, its = (dataclasses.asdict(getattr(each, part)) for each in (preset, agent))
             pairs |= {f"{part}.{name}": (value, its[name]) for name, value in mine.items()}
