@@ -243,7 +243,8 @@ def table(kept: Kept, moving: bool) -> str:
         ]
         shares.append([condition, *cells])
         differences.append([condition, *(_points(kept.less(law, "success", moving, [condition])) for law in LAWS)])
-    headers = ["condition", *(f"`{name}`" for name in kept.names)], [f"`{AGENT}` less", *(f"`{law}`" for law in LAWS)]
+    shown = [name.removeprefix(f"{AGENT} ") if name in kept.seeds else f"`{name}`" for name in kept.names]
+    headers = ["condition", *shown], [f"`{AGENT}` less", *(f"`{law}`" for law in LAWS)]
     tables = (
         tabulate(lines, header, tablefmt="github", disable_numparse=True)
         for lines, header in zip((shares, differences), headers, strict=True)
@@ -301,7 +302,7 @@ def page(rows: Sequence[dict[str, str]]) -> str:
     """Returns the page of the rows."""
     kept = Kept(rows)
     one = "One seed was trained, and is driven: how much seeds differ is not known."
-    told = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} trained seeds are driven."
+    told = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} seeds were trained, and are driven."
     missing = [each for each in CONDITIONS if each.name not in kept.conditions]
     agentless, left = ([each.name for each in missing if bool(agents_of(each.robot)) == able] for able in (False, True))
     words = f" Not driven: {'; '.join(left)}." if left else ""
