@@ -1,6 +1,7 @@
-"""Robots drawn at random, each with worlds of its own, for an agent that shall drive any."""
+"""What training draws beyond the frozen splits: robots, each with worlds of its own, and further scenarios."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +11,9 @@ import numpy as np
 from wayfield.envs.robots import FULL_TURN, Robot, Sensors, Wheel
 from wayfield.envs.scenarios import TASKS, GoalScenario, field_scenarios
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.tasks.specs import EVERY
 
+LAST_FROZEN = 9_999  # seed of a training split, at most; those of other splits begin at a million
 SEED = 37  # of the draws: the robots of a preset are the same for every seed of training
 BEAMS = (32, 40, 48, 64, 72, 90, 120, 180, 240, 360)
 REACHES = (3.0, 3.5, 5.0, 8.0, 12.0, 30.0)  # m
@@ -30,6 +33,21 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "lag": (0.0, 0.3),  # s
     "view": (math.pi, FULL_TURN),  # rad; of three in four a full circle
 }
+
+
+@functools.cache
+def further(task: str, family: str, hull_radius: float, count: int) -> tuple[Any, ...]:
+    """Returns as many scenarios of a family, for a hull (m), as are asked for beyond those of its training split.
+
+    They are made and proven as those, of the seeds that follow: none is in another split.
+    """
+    spec, found, seed = EVERY[task], list[Any](), LAST_FROZEN
+    while len(found) < count:
+        seed += 1
+        scenario = spec.families[family](seed)
+        if spec.feasible(scenario):
+            found.append(scenario.fitted(LARGEST_HULL - hull_radius))
+    return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,11 +14,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
+from wayfield.envs.robots import robot_of
 from wayfield.envs.sb3 import NativeVecEnv
+from wayfield.envs.scenarios import field_scenarios
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.agent import Agent
 from wayfield.policies.learned.features_sheet import SheetFeatures
 from wayfield.policies.learned.perception import Features, Perception, features_for
 from wayfield.policies.learned.ppo import shipped_agent
+from wayfield.policies.training.drawn import further
 from wayfield.policies.training.imitation import appraise, teach
 from wayfield.policies.training.presets import Ppo, Preset
 from wayfield.policies.training.shaping import Shaped
@@ -330,7 +334,8 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
     limit = {"max_episode_steps": preset.time_limit}
     any_robot = isinstance(preset.features, SheetFeatures)
-    worlds = NativeVecEnv(env_id, [(count, {**limit, **kwargs}) for count, kwargs, _ in preset.parts], any_robot)
+    parts = [(count, {**limit, **_with_further(preset, kwargs)}) for count, kwargs, _ in preset.parts]
+    worlds = NativeVecEnv(env_id, parts, any_robot)
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
     if preset.actions.kind == "planar" and not robot_kind.holonomic and not preset.guards:
         raise ValueError(f"actions.kind must be unicycle with {robot_kind.name!r}, which cannot go sideways")
@@ -349,6 +354,16 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
         for each in features
     ]
     return Shaped(worlds, perceptions, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)
+
+
+def _with_further(preset: Preset, kwargs: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns the keyword arguments of worlds, with the scenarios that the preset draws beside a training split."""
+    family, _, part = str(kwargs["scenario"]).partition("/")
+    if not preset.further or part != "train" or family not in EVERY[preset.task].families:
+        return kwargs
+    hull = robot_of(preset.robot or "p3dx").hull_radius
+    frozen = field_scenarios(EVERY[preset.task], kwargs["scenario"], hull)
+    return {**kwargs, "scenario": [*frozen, *further(preset.task, family, hull, preset.further)]}
 
 
 def mean_of(policy: Any) -> list[torch.nn.Module]:

@@ -31,7 +31,7 @@ EVERY = 16  # of the training scenarios, that a path follower's mean speed is me
 # fields beside that of the validation
 AMONG = {
     "teams": ("doorway_4", "corridor_8", "intersection_8", "bottleneck_8", "rooms_4"),
-    "people": ("crowdnav_10", "lanes_24", "crossing_flow_16", "queue_at_door"),
+    "people": ("crowdnav_10", "attngraph_20", "lanes_24", "crossing_flow_16", "queue_at_door"),
 }
 
 Condition = tuple[float, dict[str, Any]]  # a requested speed, m/s, and the keyword arguments of the environment

@@ -84,6 +84,9 @@ class Preset(Gains):
     conditions: tuple[World, ...] = ()
     robot: str | None = gain(None, "", "of the environment; none: its default", words="name, none")
     drawn: int = gain(0, "1", "robots drawn at random in the place of one, each with as many rows; 0: none", most=4096)
+    further: int = gain(
+        0, "1", "scenarios of each family that is named alone, drawn beside its training split", most=100_000
+    )
     steps: int = gain(6_000_000, "1", "frames of the run; at least num_envs x horizon", least=1, most=10**12)
     num_envs: int = gain(1024, "1", "robots side by side; at least one for each world and pace", least=1, most=2**16)
     horizon: int = gain(32, "1", "control periods between updates", least=1, most=2**16)
@@ -568,24 +571,30 @@ _OMNI_PEOPLE = dataclasses.replace(
     task="people",
     worlds=(
         (0.5, _SCAN | {"scenario": "crowdnav_5/train", "visible": False}),
-        *((0.25, _SCAN | {"scenario": "people/train", "visible": seen}) for seen in (False, True)),
+        (0.1, _SCAN | {"scenario": "crowdnav_10/train", "visible": False}),
+        (0.1, _SCAN | {"scenario": "attngraph_20/train", "visible": False}),
+        *((0.15, _SCAN | {"scenario": "people/train", "visible": seen}) for seen in (False, True)),
     ),
     validation=_SCAN | {"scenario": "crowdnav_5/validation", "visible": False},
     conditions=(
         (1.0, _SCAN | {"scenario": "crowdnav_5/validation", "visible": False}),
         *(
             (0.6, _SCAN | {"scenario": f"{name}/validation", "visible": False})
-            for name in ("crowdnav_10", "lanes_24", "crossing_flow_16", "queue_at_door")
+            for name in ("crowdnav_10", "attngraph_20", "lanes_24", "crossing_flow_16", "queue_at_door")
         ),
     ),
     features=TeamFeatures(hull_radius=ROBOTS["omni3"].hull_radius, bodies=6),
     reward=TeamReward(near=0.2),
     bar="more of the robots of crowdnav_5/validation, unseen, than orca_team",
-    measured="three seeds solve 7 to 10 of 10 scenarios of crowdnav_5/validation, orca_team 7; at 1 m/s 5 to 8, "
-    "orca_team 4; 330 CPU s",
-    paces=(0.6, 1.0),
+    measured="three seeds solve 9 or 10 of 10 scenarios of crowdnav_5/validation, orca_team 7; at 1 m/s all 10, "
+    "orca_team 4; 1,060 to 1,240 s a seed beside another on two cores",
+    paces=(0.6, 1.0, 1.0),  # the quick ones fail most
     guards=False,
-    steps=4_000_000,
+    further=1_000,  # 64 of a family are learned by heart: all of them were solved, and 89 % of others
+    steps=12_000_000,
+    hidden=(256, 256),
+    activation="relu",
+    learning_rate=5e-4,
     reach=1.0,
     time_limit=800,
 )

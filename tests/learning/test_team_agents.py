@@ -14,13 +14,16 @@ pytest.importorskip("stable_baselines3")
 import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
 from wayfield.envs.crowds.half_planes import shared_half_plane
+from wayfield.envs.scenarios.splits import SPLITS, split
+from wayfield.envs.tasks.specs import EVERY
 from wayfield.envs.team_worlds import Observation
 from wayfield.policies.learned.agent import Agent, Network, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.training.learner import PpoLearner
+from wayfield.policies.training.drawn import further
+from wayfield.policies.training.learner import PpoLearner, make_worlds
 from wayfield.policies.training.measured import conditions
 from wayfield.policies.training.presets import PRESETS, overridden
 from wayfield.policies.training.run import trained_on
@@ -81,6 +84,19 @@ def test_a_network_that_has_learned_nothing_drives_as_its_law_does(name: str) ->
     law = driven(policies.make(preset.controller), worlds(scenario, num_envs, preset.env_ids[0]), 60)
     assert np.abs(own - law).max() < 1e-9
     assert np.abs(own[-1] - own[0]).max() > 0.1
+
+
+def test_further_scenarios_are_proven_and_in_no_split() -> None:
+    """So that none is among those that agents are chosen by or tested with; all fit the hull that is asked for."""
+    names = {each.name for part in SPLITS for each in split("people", "walking_groups", part)}
+    drawn = further("people", "walking_groups", 0.2, 6)
+    assert not names & {each.name for each in drawn}
+    assert len({each.name for each in drawn}) == 6
+    assert all(EVERY["people"].feasible(each) for each in drawn)
+    preset = dataclasses.replace(PRESETS["people"], further=5, num_envs=48)
+    met = [len(part.task.scenarios) for part in make_worlds(preset, preset.env_ids[0]).worlds.parts]
+    groups = len(split("people", "all", "train"))
+    assert met == 9 * [SPLITS["train"] + 5] + 6 * [groups]
 
 
 def test_whatever_is_wanted_keeps_the_half_planes_where_they_leave_a_velocity() -> None:
