@@ -57,6 +57,7 @@ LEAST_SEEDS = 3  # of training, under which nothing is claimed
 
 TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
+SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"}  # so that a table is no wider than a page
 # each agent, with whom it is compared; those that see the scan alone also with laws that see more
 RIVALS = {
     "team_scan": (*_ORCAS, "ppo", "vfh_plus", "dwa"),
@@ -440,13 +441,11 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
     names.sort(key=lambda name: name not in _ORCAS)
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
     of = {family: [row for row in rows if row["family"] == family] for family in families}
-    titles = {"solved": "## Family by family\n\nWorlds solved (%).", "arrived": "Robots that arrive (%)."}
+    told_once = "`tuned` is `orca_team tuned`, `guided` and `scan` are `team_guided` and `team_scan`."
+    titles = {"solved": f"## Family by family\n\nWorlds solved (%); {told_once}", "arrived": "Robots that arrive (%)."}
     for metric, title in titles.items():
         cells = {family: [share(of[family], name, metric, 0).replace(" to ", "-") for name in names] for family in of}
-        header = [
-            "family",
-            *("tuned" if name == _ORCAS[1] else name for name in names),
-        ]  # beside it: no wider than a page
+        header = ["family", *(SHORT.get(name, name) for name in names)]
         blocks.append(title + "\n\n" + table([[family, *each] for family, each in cells.items()], header))
     return told, "\n\n".join(blocks)
 
