@@ -534,12 +534,60 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
     return table(lines, ["to", "with access to", "take", "solved, extra time", "worlds", "beside the next"])
 
 
-def advised(text: str, rows: Mapping[str, Sequence[Row]]) -> str:
-    """Returns the page of advice with its table of teams and people as the rows make it."""
-    try:
-        return between(text, BEGIN, END, [advice(rows["teams"], rows["people"])])
-    except ValueError as error:
-        raise click.ClickException(f"{CHOOSING} {error}") from None
+def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
+    """Returns what README says of agents among others: a table, losses included, and a film with what it shows."""
+    both = [row for row in complete(teams, ("team_scan", "orca_team")) if size_of(row["family"]) <= TESTED]
+    among = complete(people, ("people_free", "orca_team"))
+    parts: list[tuple[str, str, str, list[Row]]] = [
+        (f"teams of up to {TESTED} in the open", "team_scan", "solved", of_kind(both, "open")),
+        ("... at doors, in corridors and rooms", "team_scan", "solved", of_kind(both, "walls")),
+        ("CrowdNav's 500 tests, the robot unseen", "people_free", "success", of_contest(among, "crowdnav")),
+        ("AttnGraph's crowd of 20, the robot unseen", "people_free", "success", of_contest(among, "attngraph")),
+        ("people who see the robot", "people_free", "success", of_contest(among, "people-seen")),
+    ]
+    lines = [
+        [where, f"`{name}`", *(share(here, each, metric) for each in (name, "orca_team")),
+         difference(here, name, "orca_team", metric)[0]]
+        for where, name, metric, here in parts
+    ]  # fmt: skip
+    header = ["where", "agent", "it solves (%)", "`orca_team` (%)", "difference (points)"]
+    filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
+    out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team")}
+    return f"""All robots are omni3. `team_scan` sees its scan alone; `people_free` and `orca_team` are told where the
+others are. A world is solved if all robots arrive and nobody touches anything. In parentheses: the least and the
+greatest of three seeds; brackets are 95 % intervals.
+
+{table(lines, header)}
+
+![32 robots leave a room by one door: team_guided, and orca_team from the same starts](docs/doorway.gif)
+
+At one door for {TESTED} both fail: `team_guided` brings {out["team_guided"]} % of the robots out,
+`orca_team` {out["orca_team"]} %. More, by family: [agents among others](docs/results/flocks.md)."""
+
+
+def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
+    """Returns the rows of one kind of field."""
+    return [row for row in rows if row["family"].startswith(KINDS[kind])]
+
+
+def of_contest(rows: Iterable[Row], contest: str) -> list[Row]:
+    """Returns the rows of one contest among people."""
+    return [row for row in rows if row["contest"] == contest]
+
+
+def pages(docs: Path, teams: Sequence[Row], people: Sequence[Row]) -> dict[Path, str]:
+    """Returns what pages beside those of results say of them."""
+    return {docs / CHOOSING: advice(teams, people), docs.parent / "README.md": front(teams, people)}
+
+
+def advised(file: Path, told: str) -> None:
+    """Writes what is told between the markers of a page, if that is there."""
+    if file.is_file():
+        try:
+            text = between(file.read_text(encoding="utf-8"), BEGIN, END, [told])
+        except ValueError as error:
+            raise click.ClickException(f"{file.name} {error}") from None
+        write_whole(file, text.encode())
 
 
 def cross_table(rows: Sequence[Row]) -> str:
@@ -590,7 +638,8 @@ training together; brackets are 95 % intervals over worlds, by family, and over 
 three; they are not corrected for how many there are. In parentheses: the least and the greatest seed. Extra time, and
 what people are put through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles,
 to which others are a part of the scan; `team_scan` began as that, and went on in teams. Agents learned in the families
-that they are driven in, of other scenarios; `people_free` drove half of its training on CrowdNav's circle.
+that they are driven in, of other scenarios; `people_free` drove more than half of its training
+on CrowdNav's circle.
 
 What it does not show: other robots, noise, other laws tuned; families that an entry did not drive are empty below.
 
@@ -720,9 +769,9 @@ def main(
     if reel is not None:
         write_whole(reel, film())
     rows = {name: read(out / file) for name, file in FILES.items()}
-    choosing = out.parent / CHOOSING
-    if choosing.is_file() and rows["teams"] and rows["people"]:
-        write_whole(choosing, advised(choosing.read_text(encoding="utf-8"), rows).encode())
+    if rows["teams"] and rows["people"]:
+        for file, told in pages(out.parent, rows["teams"], rows["people"]).items():
+            advised(file, told)
     prose = PROSE.format(counts=counts(rows), tuning=tuning())
     write_whole(out / "flocks.md", page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose).encode())
 
