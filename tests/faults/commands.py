@@ -106,7 +106,9 @@ def _cost(listed: tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]]) 
 def _wrong(command: str, rng: random.Random) -> dict[str, Any]:
     """Returns a line with one thing wrong."""
     right = list(_RIGHT.get(command, ()))
-    options = [each for each in entry(command).params if isinstance(each, click.Option) and each.name != "help"]
+    # `compile`, which needs no extra, is no command of click's: what is wrong there are words that it does not know
+    params = getattr(entry(command), "params", [])
+    options = [each for each in params if isinstance(each, click.Option) and each.name != "help"]
     line = [*right, *rng.choice((["--nothing"], ["-z"], ["--" + "x" * 2000], ["one", "too", "many"]))]
     if options:
         option = rng.choice(options)
