@@ -416,8 +416,8 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
             small = [each for each in families if size_of(each) <= TESTED]
             kinds = {"all": families} | ({} if small == families else {UP_TO: small})
             kinds |= {kind: [each for each in families if each.startswith(begins)] for kind, begins in KINDS.items()}
-            for kind, of_kind in kinds.items():
-                here = [row for row in both if row["family"] in of_kind]
+            for kind, members in kinds.items():
+                here = [row for row in both if row["family"] in members]
                 shown, side, worlds = difference(here, agent, law, "solved")
                 count = len({row["family"] for row in here})
                 if not worlds:
@@ -561,8 +561,8 @@ greatest of three seeds; brackets are 95 % intervals.
 
 ![32 robots leave a room by one door: team_guided, and orca_team from the same starts](docs/doorway.gif)
 
-At one door for {TESTED} both fail: `team_guided` brings {out["team_guided"]} % of the robots out,
-`orca_team` {out["orca_team"]} %. More, by family: [agents among others](docs/results/flocks.md)."""
+Of {TESTED} at one door `team_guided` brings {out["team_guided"]} % out, `orca_team` {out["orca_team"]} %.
+More, by family: [agents among others](docs/results/flocks.md)."""
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
@@ -638,8 +638,7 @@ training together; brackets are 95 % intervals over worlds, by family, and over 
 three; they are not corrected for how many there are. In parentheses: the least and the greatest seed. Extra time, and
 what people are put through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles,
 to which others are a part of the scan; `team_scan` began as that, and went on in teams. Agents learned in the families
-that they are driven in, of other scenarios; `people_free` drove more than half of its training
-on CrowdNav's circle.
+that they are driven in, of other scenarios; `people_free` drove more than half of its training on CrowdNav's circle.
 
 What it does not show: other robots, noise, other laws tuned; families that an entry did not drive are empty below.
 

@@ -358,8 +358,7 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
 
 def _with_further(preset: Preset, kwargs: Mapping[str, Any]) -> Mapping[str, Any]:
     """Returns the keyword arguments of worlds, with the scenarios that the preset draws beside a training split."""
-    family, _, part = str(kwargs["scenario"]).partition("/")
-    if not preset.further or part != "train" or family not in EVERY[preset.task].families:
+    if not preset.further or not (family := preset.family_of(kwargs)):
         return kwargs
     hull = robot_of(preset.robot or "p3dx").hull_radius
     frozen = field_scenarios(EVERY[preset.task], kwargs["scenario"], hull)

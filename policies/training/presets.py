@@ -125,6 +125,8 @@ class Preset(Gains):
             )
         if not self.paces or min(self.paces) <= 0.0:
             raise ValueError(f"paces must be speeds above 0, got {self.paces}")
+        if self.further and not any(self.family_of(kwargs) for _, kwargs in self.worlds):
+            raise ValueError(f"further must be 0 where no world is of one family alone, got {self.further}")
         if self.num_envs % max(self.teams, default=1):
             raise ValueError(
                 f"num_envs must be a multiple of {max(self.teams)}, the robots of a team, got {self.num_envs}"
@@ -213,6 +215,11 @@ class Preset(Gains):
         # it is part of the name of a family
         names = [str(kwargs["scenario"]).partition("/")[0] for _, kwargs in self.worlds if self.task == "teams"]
         return sorted({int(name.rpartition("_")[2]) for name in names})
+
+    def family_of(self, kwargs: Mapping[str, Any]) -> str:
+        """Returns the family whose training split alone a world has; empty for those of several."""
+        family, _, part = str(kwargs["scenario"]).partition("/")
+        return family if part == "train" and family in EVERY[self.task].families else ""
 
     @property
     def parts(self) -> list[tuple[int, Mapping[str, Any], float]]:

@@ -94,9 +94,10 @@ def test_further_scenarios_are_proven_and_in_no_split() -> None:
     assert len({each.name for each in drawn}) == 6
     assert all(EVERY["people"].feasible(each) for each in drawn)
     preset = dataclasses.replace(PRESETS["people"], further=5, num_envs=48)
-    met = [len(part.task.scenarios) for part in make_worlds(preset, preset.env_ids[0]).worlds.parts]
-    groups = len(split("people", "all", "train"))
-    assert met == 9 * [SPLITS["train"] + 5] + 6 * [groups]
+    met = {len(part.task.scenarios) for part in make_worlds(preset, preset.env_ids[0]).worlds.parts}
+    assert met == {SPLITS["train"] + 5, len(split("people", "all", "train"))}  # of one family, and of all
+    with pytest.raises(ValueError, match=r"^further must be 0 where no world is of one family alone, got 5$"):
+        dataclasses.replace(PRESETS["path_following"], further=5)
 
 
 def test_whatever_is_wanted_keeps_the_half_planes_where_they_leave_a_velocity() -> None:
