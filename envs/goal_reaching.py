@@ -32,7 +32,7 @@ from wayfield.envs.world.blocks import in_blocks
 from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grids
 from wayfield.envs.world.grids import FRAME, Grids, clearance_around, lay_grids
-from wayfield.envs.world.patrols import PATROL, patrol, turns
+from wayfield.envs.world.patrols import go_on, turns
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.system.compiled import allocating, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
@@ -309,8 +309,8 @@ def place(p, s, world, robots, i, draws, j):
     if p.shared_field == 0:
         for k in range(course.num_obstacles):
             obstacles[i, k] = world.fields[s.scenario, k]
-    if robots.patrols.shape[1] > 0:
-        patrol(robots.patrols, s.scenario, obstacles, i, course.num_obstacles, 0.0)
+    if p.moving:
+        go_on(obstacles, i, course.num_obstacles, 0.0)
     s.x = course.start[0] + course.start_offset * (2.0 * draws[j, 1] - 1.0)
     s.y = course.start[1] + course.start_offset * (2.0 * draws[j, 2] - 1.0)
     if clearance_around(robots, i, s, s.x, s.y) <= p.hull_radius:
@@ -343,7 +343,6 @@ def step_rows(
     courses,
     goals,
     fields,
-    patrols,
     cells,
     beams,
     out,
@@ -352,18 +351,18 @@ def step_rows(
 ):
     """Runs `stepping.step_robots`."""
     world = World(courses, goals, fields, scanner(params[0], beams, cells))
-    robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
+    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
     turn = Turn(thread, shares)
     return step_robots(judge, conclude, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
 
 
 @allocating
 def reset_rows(
-    params, states, obstacles, rows, draws, noise, courses, goals, fields, patrols, cells, beams, out, numbers, flags
+    params, states, obstacles, rows, draws, noise, courses, goals, fields, cells, beams, out, numbers, flags
 ):
     """Runs `stepping.reset_robots`."""
     world = World(courses, goals, fields, scanner(params[0], beams, cells))
-    robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
+    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
     reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
     if cells.shape[0] > 0:
         scan_maps(params[0], world.lidar, robots, (all_but(rows, states.shape[0]), 0, states.shape[0]), out)
@@ -394,12 +393,11 @@ _MOST_KEPT = 20_000  # obstacles; those of all families are fewer, and take 10 M
 # a vector of single environments asks for the same bank once a robot, and every episode of a contest for the same one
 @functools.lru_cache(maxsize=4)
 def _laid_out(scenarios: tuple[GoalScenario, ...]) -> tuple[NDArray[Any], ...]:
-    """Returns the courses of a bank and, a row each, their goals, obstacles and patrols."""
+    """Returns the courses of a bank and, a row each, their goals and obstacles."""
     most_goals = max(len(each.waypoints) for each in scenarios) + 1
     courses = np.zeros(len(scenarios), COURSE)
     goals = np.zeros((len(scenarios), most_goals, 3))
     fields = np.zeros((len(scenarios), max(len(each.obstacles) for each in scenarios)), OBSTACLE)
-    patrols = np.zeros(fields.shape, PATROL)
     for i, each in enumerate(scenarios):
         for name in COURSE.names or ():
             courses[name][i] = getattr(each, name, 0)
@@ -409,8 +407,7 @@ def _laid_out(scenarios: tuple[GoalScenario, ...]) -> tuple[NDArray[Any], ...]:
             goals[i, : len(each.waypoints), :2] = each.waypoints
         goals[i, len(each.waypoints)] = each.goal
         fields[i, : len(each.obstacles)] = each.obstacles
-        patrols[i, : len(each.patrols)] = each.patrols
-    return courses, goals, fields, patrols
+    return courses, goals, fields
 
 
 class GoalReaching(Task):
@@ -455,17 +452,15 @@ class GoalReaching(Task):
         self.max_obstacles = max(len(each.obstacles) for each in courses_of)
         self.beam_angles = sensing.beam_angles(num_beams, field_of_view)
         self.max_range = max_range
-        courses, goals, fields, patrols = _courses_and_fields(courses_of)
+        courses, goals, fields = _courses_and_fields(courses_of)
         self.grids = lay_grids([each.grid for each in courses_of], courses)
-        # no columns, and no work, in a bank where nothing moves
-        self.patrols = patrols if patrols["leg_time"].any() else patrols[:, :0].copy()
-        still = self.patrols.shape[1] == 0 and options.dynamics == "kinematic"
+        moving = bool(fields["patrol"]["leg_time"].any())
         self.fields = fields
         self.shared_obstacles = None
-        if still:
+        if options.dynamics == "kinematic" and not moving:
             self.shared_obstacles, courses["num_blocks"] = in_blocks(fields, courses["num_obstacles"])
         beams = np.ascontiguousarray(sensing.beam_directions(self.beam_angles).T)
-        self.world = (courses, goals, fields, self.patrols, self.grids.cells, beams)
+        self.world = (courses, goals, fields, self.grids.cells, beams)
         self.layout = self.observed(num_beams, max_range)
         self.params = records.record(
             self.param_fields,
@@ -475,6 +470,7 @@ class GoalReaching(Task):
                 "first_beam": self.beam_angles[0] if num_beams else 0.0,
                 "beam_step": self.beam_angles[1] - self.beam_angles[0] if num_beams > 1 else 2.0 * math.pi,
                 "max_range": max_range,
+                "moving": moving,
                 "shared_field": self.shared_obstacles is not None,
             }
             | dict(self.further),
@@ -498,7 +494,7 @@ class GoalReaching(Task):
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
-        courses, goals, fields, patrols, *_ = self.world
+        courses, goals, fields, *_ = self.world
         scenario = int(state["scenario"])
         course = courses[scenario]
         poses = goals[scenario, : course["num_goals"]].copy()
@@ -506,11 +502,9 @@ class GoalReaching(Task):
         solid = fields[scenario, : course["num_obstacles"]]
         low, high = corners_of(solid)
         points = np.vstack([course["start"][None, :2], poses[:, :2], low, high])
-        if patrols.shape[1]:
-            # both ends of every patrol, so that nothing moves out of the frame
-            ways = patrols[scenario, : course["num_obstacles"]]
-            reach = 0.5 * (high - low)[ways["leg_time"] > 0.0]
-            points = np.vstack([points, *(end + r for end in turns(ways).swapaxes(0, 1) for r in (-reach, reach))])
+        # both ends of every patrol, so that nothing moves out of the frame
+        reach = 0.5 * (high - low)[solid["patrol"]["leg_time"] > 0.0]
+        points = np.vstack([points, *(end + r for end in turns(solid).swapaxes(0, 1) for r in (-reach, reach))])
         grid = self.courses_of()[scenario].grid
         if grid is not None:
             points = np.vstack([points, grid.corners])

@@ -37,7 +37,6 @@ from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
-from wayfield.envs.world.patrols import PATROL
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
@@ -268,22 +267,21 @@ def step_rows(
     courses,
     vertices,
     runs,
-    patrols,
     out,
     numbers,
     flags,
 ):
     """Runs `stepping.step_robots`."""
-    robots = Robots(params, states, None, noise, patrols, NO_GRIDS)
+    robots = Robots(params, states, None, noise, NO_GRIDS)
     world = World(courses, vertices, runs)
     turn = Turn(thread, shares)
     return step_robots(judge, nothing_more, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
 
 
 @compiled
-def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, patrols, out, numbers, flags):
+def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, out, numbers, flags):
     """Runs `stepping.reset_robots`."""
-    robots = Robots(params, states, None, noise, patrols, NO_GRIDS)
+    robots = Robots(params, states, None, noise, NO_GRIDS)
     reset_robots(place, begin, robots, rows, draws, World(courses, vertices, runs), Outputs(out, numbers, flags))
 
 
@@ -332,13 +330,12 @@ class PathFollowing(Task):
         self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview)
         self.beam_angles = np.empty(0)
         self.max_obstacles = 0
-        self.patrols = np.zeros((len(self.scenarios), 0), PATROL)
-        self.world = (courses, pool.vertices, pool.runs, self.patrols)
+        self.world = (courses, pool.vertices, pool.runs)
         self.params = records.record(
             PARAMS,
             options.robot_params()
             | dataclasses.asdict(self.task_params)
-            | {"max_range": 0.0}
+            | {"max_range": 0.0, "moving": False}
             | {"max_speed": self.robot.max_twist[0]},
         )
 

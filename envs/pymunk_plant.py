@@ -26,7 +26,7 @@ from wayfield.envs.tasks.stepping import Robots
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.world.geometry import clearance_to, nearest_surface
 from wayfield.envs.world.grids import FRAME, Grids, OccupancyGrid, grid_clearance, grid_normal
-from wayfield.envs.world.patrols import patrol, patrol_at
+from wayfield.envs.world.patrols import go_on, motion_at, moves
 from wayfield.system.compiled import allocating, any_layout, compiled, machine_code
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 from wayfield.system.linear import pseudo_inverse
@@ -452,12 +452,11 @@ def aim(p, b, s, m, robots, i, bodies):
     """Puts what moves by a script where it is at the sub-step's beginning, with the velocity that it has in it."""
     h = b.substep
     obstacles = robots.obstacles
-    patrols = robots.patrols
     begin = s.steps * p.dt + (m.substep - 1) * h
     for j in range(s.num_obstacles):
-        if patrols[s.scenario, j].leg_time > 0.0:
-            obstacles[i, j].x, obstacles[i, j].y, _, _ = patrol_at(patrols[s.scenario, j], begin)
-            x, y, _, _ = patrol_at(patrols[s.scenario, j], begin + h)
+        if moves(obstacles[i, j]):
+            obstacles[i, j].x, obstacles[i, j].y, _, _ = motion_at(obstacles[i, j], begin)
+            x, y, _, _ = motion_at(obstacles[i, j], begin + h)
             bodies[i, j].vx = (x - obstacles[i, j].x) / h
             bodies[i, j].vy = (y - obstacles[i, j].y) / h
 
@@ -465,7 +464,7 @@ def aim(p, b, s, m, robots, i, bodies):
 @compiled
 def advance(p, b, s, m, robots, actions, i, bodies, hull):
     """Runs sub-steps until pymunk has to resolve one, put into `hull`; returns False at the period's end."""
-    moving = robots.patrols.shape[1] > 0
+    moving = p.moving == 1
     while m.substep < SUBSTEPS:
         m.substep += 1
         if moving:
@@ -485,7 +484,7 @@ def advance(p, b, s, m, robots, actions, i, bodies, hull):
                 x, y = keep_out(p, b, s, robots, i, bodies, x, y)
             if moving:
                 time = s.steps * p.dt + m.substep * b.substep
-                patrol(robots.patrols, s.scenario, robots.obstacles, i, s.num_obstacles, time)
+                go_on(robots.obstacles, i, s.num_obstacles, time)
             m.clearance = hull_clearance(p, robots, i, s, x, y, heading)
             touches = touches or m.clearance < 0.0
         s.x = x
@@ -533,8 +532,8 @@ def absorb(p, s, m, robots, i, bodies, hull):
 @compiled
 def finish(p, s, m, robots, i, row):
     """Ends the control period: exact clearance, odometry by the drive wheels or by the body's motion."""
-    if robots.patrols.shape[1] > 0:
-        patrol(robots.patrols, s.scenario, robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+    if p.moving:
+        go_on(robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
     s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
     if p.perfect_pose:
         return
@@ -557,7 +556,7 @@ class Spaces(NamedTuple):
 
 @any_layout
 @compiled
-def drive_rows(params, base, states, obstacles, actions, patrols, grids, noise, skip, spaces, asked):
+def drive_rows(params, base, states, obstacles, actions, grids, noise, skip, spaces, asked):
     """Begins a control period, or goes on with it after pymunk; returns how many robots wait for pymunk (again).
 
     One kernel for both: most of it is the same, and takes some seconds to compile.
@@ -566,7 +565,7 @@ def drive_rows(params, base, states, obstacles, actions, patrols, grids, noise, 
         asked: how many of `waiting` pymunk has moved; less than 0: the period begins, for all robots but those in
             `skip`.
     """
-    robots = Robots(params, states, obstacles, noise, patrols, grids)
+    robots = Robots(params, states, obstacles, noise, grids)
     progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
@@ -603,8 +602,7 @@ def drive_rows(params, base, states, obstacles, actions, patrols, grids, noise, 
 class World:
     """The pymunk space around one robot: its hull, what is fixed, what can be pushed, and what moves by a script.
 
-    `moving` tells which obstacles the script moves; none if it is shorter than they are. Of a `grid` the space gets the
-    cells that something comes near, when it does.
+    Of a `grid` the space gets the cells that something comes near, when it does.
 
     A copy is the space built anew and driven through the same steps. pymunk copies a space without the forces that its
     joints held with, from which the next step goes on: pushed things would part from those of the original.
@@ -615,10 +613,9 @@ class World:
         robot: Robot,
         obstacles: NDArray[np.void],
         substep: float,
-        moving: NDArray[np.bool_] | None = None,
         grid: OccupancyGrid | None = None,
     ) -> None:
-        self._made_of = (robot, obstacles.copy(), substep, None if moving is None else moving.copy(), grid)
+        self._made_of = (robot, obstacles.copy(), substep, grid)
         self._walls: set[tuple[int, int]] = set()  # the grid's cells that are in the space
         self.grid = grid
         self._steps = array.array("d")  # what moved in each step: hull, then position and velocity of what is scripted
@@ -636,7 +633,7 @@ class World:
             else pymunk.Circle(self.hull, robot.hull_radius)
         ]
         for j, obstacle in enumerate(obstacles):
-            if moving is not None and moving[j]:
+            if obstacle["patrol"]["leg_time"] > 0.0:
                 body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
                 body.angle = bearing(obstacle["sin"].item(), obstacle["cos"].item())
                 self.space.add(body)
@@ -801,7 +798,6 @@ class PymunkPlant:
                 robots,
                 obstacles,
                 actions,
-                task.patrols,
                 grids,
                 noise,
                 skip,
@@ -810,9 +806,7 @@ class PymunkPlant:
             )
             self._parts = states, params, robots, grids, spaces, code
         _, params, robots, grids, spaces, code = self._parts
-        waiting: int = code(
-            params, self.base, robots, obstacles, actions, task.patrols, grids, noise, skip, spaces, asked
-        )
+        waiting: int = code(params, self.base, robots, obstacles, actions, grids, noise, skip, spaces, asked)
         return waiting
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
@@ -843,14 +837,7 @@ class PymunkPlant:
                         self.task.robot,
                         obstacles[i, : counts[i]],
                         self.substep,
-                        self._moving(states[i]),
                         getattr(self.task.scenarios[states[i]["scenario"]], "grid", None),
                     )
                 world.step(self.substep, i, self.hulls, self.bodies, obstacles)
             asked = self._drive_rows(states, obstacles, actions, noise, skip, asked)
-
-    def _moving(self, state: NDArray[np.void]) -> NDArray[np.bool_] | None:
-        """Returns which obstacles around a robot a script moves; None where nothing does."""
-        patrols = self.task.patrols
-        moving: NDArray[np.bool_] = patrols[state["scenario"]]["leg_time"] > 0.0
-        return moving if patrols.shape[1] else None

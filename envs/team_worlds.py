@@ -530,7 +530,6 @@ def step_rows(
     courses,
     goals,
     fields,
-    patrols,
     cells,
     beams,
     walks,
@@ -547,7 +546,7 @@ def step_rows(
 ):
     """Runs `stepping.step_worlds`."""
     world = World(courses, goals, fields, scanner(params[0], beams, cells))
-    robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
+    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
     bodies = Bodies(near_places, hulls, near, counts, clocks)
     crowd = Crowd(
         bodies,
@@ -571,7 +570,6 @@ def reset_rows(
     courses,
     goals,
     fields,
-    patrols,
     cells,
     beams,
     walks,
@@ -589,7 +587,7 @@ def reset_rows(
     """Begins worlds all of whose robots are in `rows`, ascending; where robots respawn, others in a running world."""
     p = params[0]
     world = World(courses, goals, fields, scanner(p, beams, cells))
-    robots = Robots(params, states, obstacles, noise, patrols, Grids(courses, cells))
+    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
     bodies = Bodies(near_places, hulls, near, counts, clocks)
     crowd = Crowd(
         bodies,
@@ -680,7 +678,7 @@ class Teams(GoalReaching):
         super().__init__(scenario, options, num_beams, field_of_view, max_range, **numbers)
         if ends == "respawn":
             self.draws = goal_reaching.DRAWS + DRAWS_EACH * CANDIDATES
-            if self.patrols.shape[1]:
+            if self.params["moving"][0]:
                 raise ValueError(f'ends="respawn" needs a scenario in which nothing patrols, got {shown(scenario)}')
         walks = np.zeros((len(self.scenarios), self.most_people), WALK)
         first = 0

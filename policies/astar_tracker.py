@@ -12,7 +12,7 @@ from wayfield.envs.scenarios.ways import grid_over
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance_to
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import any_moves, patrol_at
+from wayfield.envs.world.patrols import any_moves, motion_at, moves
 from wayfield.policies.gain import gain
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
@@ -130,7 +130,7 @@ def memory_of(briefing: Briefing, more: list[Any]) -> np.dtype[Any]:
 def world_side(told: Map, i: int) -> float:
     """Returns the greater side (m) of the box around all of robot i's map, with ROOM around it."""
     standing = told.obstacles[i, : told.counts[i]]
-    standing = standing[told.patrols[i, : told.counts[i]]["leg_time"] <= 0.0]
+    standing = standing[standing["patrol"]["leg_time"] <= 0.0]
     goals = told.goals[i, : told.num_goals[i], :2]
     corners = corners_of(told.frames[i])
     x, y, columns, rows = grid_over(standing, np.vstack([goals, corners]), ROOM, 1.0)
@@ -178,7 +178,7 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
             m.arrived = 0
             s = 0.0
         speed_limit = np.inf
-        if any_moves(told.patrols, i, told.counts[i]) and m.num_points > 0:
+        if any_moves(told.obstacles, i, told.counts[i]) and m.num_points > 0:
             time = m.steps * p.plant.dt
             speed_limit = speed_among(p, m, told, i, s, time)
             m.held_up = m.held_up + 1 if speed_limit < np.inf else 0
@@ -246,14 +246,14 @@ def dodge(p, m, told, i, x, y, stops, time):
     reach = p.plant.hull_radius + p.wanted_clearance + 2.0 * m.cell
     for horizon in (p.patrol_horizon, p.patrol_horizon / 3.0):
         for j in range(told.counts[i]):
-            if told.patrols[i, j].leg_time <= 0.0:
+            o = told.obstacles[i, j]
+            if not moves(o):
                 continue
             after = 0.0
             while after <= horizon:
-                mx, my, _, _ = patrol_at(told.patrols[i, j], time + after)
+                mx, my, _, _ = motion_at(o, time + after)
                 # farther away, it will have gone on by the time the robot gets there
                 if (mx - x) ** 2 + (my - y) ** 2 < 9.0:
-                    o = told.obstacles[i, j]
                     stamp(m, o, mx - o.x, my - o.y, reach)
                 after += 0.25
         found = plan_with_room(p, m, x, y, stops)
@@ -279,7 +279,7 @@ def lay_grid(p, m, told, i, x, y):
     bounds = (low_x - around, high_x + around, low_y - around, high_y + around)
     for j in range(told.counts[i]):
         o = told.obstacles[i, j]
-        if told.patrols[i, j].leg_time > 0.0:
+        if moves(o):
             continue
         half_x = abs(o.cos) * o.half_length + abs(o.sin) * o.half_width + o.radius
         half_y = abs(o.sin) * o.half_length + abs(o.cos) * o.half_width + o.radius
@@ -303,7 +303,7 @@ def lay_grid(p, m, told, i, x, y):
         fit_grid(m, frame, side, low_x, low_y)
         fill_grid(m, frame, told.cells)
     for j in range(told.counts[i]):
-        if told.patrols[i, j].leg_time <= 0.0:
+        if not moves(told.obstacles[i, j]):
             stamp(m, told.obstacles[i, j], 0.0, 0.0, FARTHEST)
 
 
@@ -374,10 +374,10 @@ def speed_among(p, m, told, i, s, time):
         while after < p.patrol_horizon:
             px, py = point_at(m, 0, max(s + speed * after, 0.0))
             for j in range(told.counts[i]):
-                if told.patrols[i, j].leg_time <= 0.0:
-                    continue
-                mx, my, _, _ = patrol_at(told.patrols[i, j], time + after)
                 o = told.obstacles[i, j]
+                if not moves(o):
+                    continue
+                mx, my, _, _ = motion_at(o, time + after)
                 least = min(least, clearance_to(o, px - mx + o.x, py - my + o.y) - p.plant.hull_radius)
             after += 0.1
         if least >= p.patrol_clearance:

@@ -12,7 +12,7 @@ from wayfield.envs.crowds.half_planes import best_velocity, disc_half_plane
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal, grid_place, grid_ray
-from wayfield.envs.world.patrols import patrol_at
+from wayfield.envs.world.patrols import motion_at, moves
 from wayfield.policies.astar_tracker import lay_grid, memory_of, plan_with_room
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
@@ -279,16 +279,16 @@ def fill_lines(p, told, poses, measured, i, time, lines, forward):
     for kind in range(2):
         for j in range(told.counts[i]):
             obstacle = told.obstacles[i, j]
-            moves = told.patrols[i, j].leg_time > 0.0
-            if moves != (kind == 1):
+            moving = moves(obstacle)
+            if moving != (kind == 1):
                 continue
             # seen from where the obstacle is now, the robot is moved instead
             ox = 0.0
             oy = 0.0
             o_vx = 0.0
             o_vy = 0.0
-            if moves:
-                now_x, now_y, o_vx, o_vy = patrol_at(told.patrols[i, j], time)
+            if moving:
+                now_x, now_y, o_vx, o_vy = motion_at(obstacle, time)
                 ox = now_x - obstacle.x
                 oy = now_y - obstacle.y
             distance, near_x, near_y = nearest_surface(obstacle, x - ox, y - oy)
@@ -303,7 +303,7 @@ def fill_lines(p, told, poses, measured, i, time, lines, forward):
                 nx = near_x
                 ny = near_y
                 b = (radius - distance) / (p.wall_horizon if distance > radius else p.recovery)
-            if not moves:
+            if not moving:
                 b = min(b, 0.0)
                 ahead = -(near_x * cosine + near_y * sine)
                 if ahead > 0.0:

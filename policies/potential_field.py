@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import lengths, nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal
-from wayfield.envs.world.patrols import any_moves, patrol
+from wayfield.envs.world.patrols import any_moves, go_on
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, velocity_twists
@@ -182,8 +182,8 @@ def around(p, told, poses, memory, i, here):
     count = told.counts[i]
     for j in range(count):
         here[0, j] = told.obstacles[i, j]
-    if any_moves(told.patrols, i, count):
-        patrol(told.patrols, i, here, 0, count, m.steps * p.plant.dt)
+    if any_moves(told.obstacles, i, count):
+        go_on(here, 0, count, m.steps * p.plant.dt)
         m.steps += 1.0
     if told.cells.shape[0] > 0:
         count = nearest_cell(told.frames[i], told.cells, poses[i], here[0], count)
@@ -234,10 +234,10 @@ def obstacles_now(
     Those on patrol have moved on. Of a grid the point nearest to the robot is one obstacle more, of no size.
     """
     assert briefing.map is not None
-    obstacles, counts, patrols, frames, cells = briefing.map
-    if patrols["leg_time"].any():
+    obstacles, counts, frames, cells = briefing.map
+    if obstacles["patrol"]["leg_time"].any():
         obstacles = obstacles.copy()
-        move(patrols, obstacles, counts, memory["steps"] * briefing.dt)
+        move(obstacles, counts, memory["steps"] * briefing.dt)
         memory["steps"] += 1.0
     if len(cells):
         seen = np.zeros((len(obstacles), obstacles.shape[1] + 1), obstacles.dtype)
@@ -274,10 +274,10 @@ def nearest_cell(frame, cells, pose, obstacles, count):
 
 
 @compiled
-def move(patrols, obstacles, counts, times):
+def move(obstacles, counts, times):
     """Puts the obstacles (b, m) on patrol where they are at the times (b,), s, into their episodes."""
     for i in range(obstacles.shape[0]):
-        patrol(patrols, i, obstacles, i, counts[i], times[i])
+        go_on(obstacles, i, counts[i], times[i])
 
 
 @allocating

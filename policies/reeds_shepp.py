@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import any_moves, patrol_at
+from wayfield.envs.world.patrols import any_moves, motion_at, moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate
@@ -213,17 +213,16 @@ def advance(m, poses, i):
 @allocating
 def make_plan(p, told, poses, goal, m, i):
     """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
-    obstacles, counts, patrols = told[:3]
+    obstacles, counts = told[:2]
     sine, cosine = sin_cos(poses[i, 2])
     at = np.empty(3)
     at[0] = poses[i, 0] + cosine * goal[0] - sine * goal[1]
     at[1] = poses[i, 1] + sine * goal[0] + cosine * goal[1]
     at[2] = poses[i, 2] + goal[2]
     standing = np.empty((1, obstacles.shape[1]), obstacles.dtype)
-    scripts = np.zeros((1, obstacles.shape[1]), patrols.dtype)
     count = 0
     for j in range(counts[i]):
-        if patrols[i, j].leg_time == 0.0:
+        if not moves(obstacles[i, j]):
             standing[0, count] = obstacles[i, j]
             count += 1
     assign(m.start, poses[i])
@@ -239,7 +238,7 @@ def make_plan(p, told, poses, goal, m, i):
         room = min(room, grid_clearance(frames[0], told.cells, at[0], at[1]) - p.plant.hull_radius)
         beside = grid_clearance(frames[0], told.cells, poses[i, 0], poses[i, 1]) - p.plant.hull_radius
         room = min(room, beside)
-    field = standing, scripts, count, frames, told.cells
+    field = standing, count, frames, told.cells
     for attempt in range(4):
         radius = p.radius if attempt % 2 == 0 else 0.5 * p.radius
         margin = min(p.margin, room - 0.02) if attempt < 2 else min(0.0, room - 0.02)
@@ -267,8 +266,8 @@ def may_set_off(p, told, m, i, now):
     The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
     speeds of `tracked` and the same acceleration.
     """
-    obstacles, counts, patrols = told[:3]
-    if now > _PATIENCE or not any_moves(patrols, i, counts[i]):
+    obstacles, counts = told[:2]
+    if now > _PATIENCE or not any_moves(obstacles, i, counts[i]):
         return True
     needed = p.plant.hull_radius + _ROOM
     time = now + p.preview
@@ -284,8 +283,8 @@ def may_set_off(p, told, m, i, now):
         x, y, _ = pose_along(m.plan, m.radius, m.start, s)
         for shift in (-_EARLY, 0.0, _LATE):
             for j in range(counts[i]):
-                if patrols[i, j].leg_time > 0.0:
-                    ox, oy, _, _ = patrol_at(patrols[i, j], max(time + shift, now))
+                if moves(obstacles[i, j]):
+                    ox, oy, _, _ = motion_at(obstacles[i, j], max(time + shift, now))
                     dx = ox - x
                     dy = oy - y
                     if math.sqrt(dx * dx + dy * dy) - obstacles[i, j].radius < needed:

@@ -31,7 +31,6 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import RUN, VERTEX
-from wayfield.envs.world.patrols import PATROL
 from wayfield.policies import Pilot, make
 from wayfield.policies.gain import Gain, gains_of
 from wayfield.policies.learned.conditions import effective_actuators, network_speed
@@ -130,7 +129,6 @@ ROLES = {
     "bodies": "seen.bodies",
     "told.obstacles": "told.obstacles",
     "told.counts": "told.num_obstacles",
-    "told.patrols": "told.patrols",
     "told.goals": "told.goals",
     "told.num_goals": "told.num_goals",
     "told.frames": "told.frames",
@@ -682,8 +680,12 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
 
 
 def layout(dtype: np.dtype[Any]) -> dict[str, Any]:
-    """Returns the size of a record, and the place and type of each of its fields."""
-    fields = {name: [int(place[1]), place[0].base.str] for name, place in (dtype.fields or {}).items()}
+    """Returns the size of a record, and the place and type of each of its fields; of a record in it, of its first."""
+
+    def of(field: np.dtype[Any]) -> str:
+        return of(next(iter(field.fields.values()))[0]) if field.fields else field.base.str
+
+    fields = {name: [int(place[1]), of(place[0])] for name, place in (dtype.fields or {}).items()}
     return {"size": dtype.itemsize, "fields": fields}
 
 
@@ -728,7 +730,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     told["flags"] = [*env.task.flag_names, "ended"]
     told["draws"] = env.task.draws
     told["beams"] = env.task.num_beams
-    told["directions"] = blobs.put(env.task.world[5]) if env.task.num_beams else None
+    told["directions"] = blobs.put(env.task.world[4]) if env.task.num_beams else None
     told["tracks"] = env.task.noise_columns
     told["late"] = None if task in CROWDS else late_table(task, blobs)
     return told
@@ -811,7 +813,6 @@ _RECORDS = {
     "place": PLACE,
     "hull": HULL,
     "obstacle": OBSTACLE,
-    "patrol": PATROL,
     "vertex": VERTEX,
     "run": RUN,
     "frame": NO_GRIDS.frames.dtype,

@@ -156,7 +156,7 @@ def _crowd(axis: Any, scenario: Any) -> None:
 def _field(axis: Any, scenario: Any) -> None:
     """Draws obstacles, the ways of those that move, the start with the largest hull, and the goal."""
     obstacle_patches(axis, scenario.obstacles)
-    for ends in turns(scenario.patrols):
+    for ends in turns(scenario.obstacles):
         axis.plot(*ends.T, color=colour(0), linewidth=1.0, linestyle=":")
     start, goal = np.array(scenario.start), np.array(scenario.goal)
     ring = {"facecolor": "none", "edgecolor": colour(1), "linewidth": 1.4, "zorder": 4}

@@ -14,7 +14,7 @@ from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE, Robots
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.world.geometry import clearance_to, nearest_surface
 from wayfield.envs.world.grids import NO_GRIDS
-from wayfield.envs.world.patrols import PATROL, patrol
+from wayfield.envs.world.patrols import go_on
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos, wrap_angle
 
@@ -87,9 +87,9 @@ def slide(p, s, robots, i):
 
 
 @compiled
-def step_rows(phases, thread, shares, params, states, obstacles, actions, noise, skip, patrols, out, numbers, flags):
+def step_rows(phases, thread, shares, params, states, obstacles, actions, noise, skip, out, numbers, flags):
     """Runs phases of a step for all robots but those in `skip`; returns -1, for targets are always finite."""
-    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
+    robots = Robots(params, states, obstacles, noise, NO_GRIDS)
     p = params[0]
     for i in range(states.shape[0]):
         if skip[i]:
@@ -99,8 +99,8 @@ def step_rows(phases, thread, shares, params, states, obstacles, actions, noise,
             s.contact = 0
             kinematic_plant.command(p, s, actions, i)
             s.rolled_vx, s.rolled_vy, s.rolled_yaw_rate = kinematic_plant.lagging_twist(s, p.lag_mean)
-            if patrols.shape[1] > 0:
-                patrol(patrols, 0, obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+            if p.moving:
+                go_on(obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
                 s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
                 if phases & DRIVE and s.clearance < 0.0:
                     # a moving obstacle hits the robot: it stops; in a plant with forces it is pushed
@@ -129,9 +129,9 @@ def step_rows(phases, thread, shares, params, states, obstacles, actions, noise,
 
 
 @compiled
-def reset_rows(params, states, obstacles, rows, draws, noise, patrols, out, numbers, flags):
+def reset_rows(params, states, obstacles, rows, draws, noise, out, numbers, flags):
     """Stops the robots in `rows` at their poses, and puts moving obstacles at the start of their patrols."""
-    robots = Robots(params, states, obstacles, noise, patrols, NO_GRIDS)
+    robots = Robots(params, states, obstacles, noise, NO_GRIDS)
     p = params[0]
     for j in range(rows.shape[0]):
         i = rows[j]
@@ -141,15 +141,15 @@ def reset_rows(params, states, obstacles, rows, draws, noise, patrols, out, numb
         s.rolled_vx = 0.0
         s.rolled_vy = 0.0
         s.rolled_yaw_rate = 0.0
-        if patrols.shape[1] > 0:
-            patrol(patrols, 0, obstacles, i, s.num_obstacles, 0.0)
+        if p.moving:
+            go_on(obstacles, i, s.num_obstacles, 0.0)
         s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
 
 
 class Sandbox(Task):
     """A task without judgement: `Batch.actions` are wheel speeds (rad/s).
 
-    Obstacles belong in the batch's own array, up to `max_obstacles`; their patrols in `patrols`.
+    Obstacles belong in the batch's own array, up to `max_obstacles`.
     """
 
     state_dtype = STATE
@@ -182,9 +182,9 @@ class Sandbox(Task):
         self.layout = Layout(Observation, (Field("pose", (3,), -np.inf, np.inf),))
         self.beam_angles = np.empty(0)
         self.max_obstacles = max_obstacles
-        self.patrols = np.zeros((1, max_obstacles if moving else 0), PATROL)
-        self.world = (self.patrols,)
-        self.params = records.record(PARAMS, self.options.robot_params() | {"max_range": 0.0, "sandbox": 1})
+        self.world = ()
+        values = self.options.robot_params() | {"max_range": 0.0, "moving": moving, "sandbox": 1}
+        self.params = records.record(PARAMS, values)
         if not robot.holonomic:
             # the pseudo-inverse without its rounding: equal wheel speeds drive exactly straight
             (_, right), (_, left) = robot.wheel_positions

@@ -39,7 +39,6 @@ class Footprint:
     """The footprint of a shape: an obstacle to the hull and to sonars."""
 
     record: np.void  # OBSTACLE
-    patrol: np.void | None = None  # PATROL, of a moving obstacle
     index: int = -1  # in the world's array of obstacles; -1: none
 
 

@@ -143,7 +143,7 @@ def add_path(world: World, rows: curves.Rows, controls: curves.Rows) -> Object:
 
 def _solids(world: World, scenario: GoalScenario) -> None:
     """Adds the obstacles of a scenario, as cylinders, cuboids and walls."""
-    for record, patrol, moves in zip(scenario.obstacles, scenario.patrols, scenario.moving, strict=True):
+    for record in scenario.obstacles:
         length, width = 2.0 * float(record["half_length"]), 2.0 * float(record["half_width"])
         radius = float(record["radius"])
         if length == 0.0 and width == 0.0:
@@ -151,7 +151,7 @@ def _solids(world: World, scenario: GoalScenario) -> None:
         else:
             alias = "Wall" if width == 0.0 else "Cuboid"
             primitive = (CUBOID, (length, max(width, _LEAST_THICKNESS), _WALL_HEIGHT))
-        footprint = Footprint(record.copy(), patrol.copy() if moves else None)
+        footprint = Footprint(record.copy())
         world.add_obstacle(alias, footprint, _WALL_HEIGHT, primitive=primitive)
 
 

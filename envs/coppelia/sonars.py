@@ -29,7 +29,7 @@ def echo(x: float, y: float, bearing: float, obstacles: Iterable[Any]) -> Echo |
     """Returns the echo of OBSTACLE records at a sonar at (x, y) with an axis along `bearing`, or None."""
     best: Echo | None = None
     for j, obstacle in enumerate(obstacles):
-        cx, cy, cosine, sine, half_length, half_width, radius, _ = obstacle
+        cx, cy, cosine, sine, half_length, half_width, radius, *_ = obstacle
         dx, dy = cx - x, cy - y
         far = REACH + radius + half_length + half_width
         if dx * dx + dy * dy > far * far:

@@ -28,7 +28,7 @@ from wayfield.envs.coppelia.sandbox import Sandbox
 from wayfield.envs.coppelia.scene import Footprint, Object, Scene
 from wayfield.envs.robots.hulls import clearance_of
 from wayfield.envs.tasks.task import CONTROL_PERIOD
-from wayfield.envs.world.patrols import patrol_at
+from wayfield.envs.world.patrols import motion_at
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 ROOM_FOR_OBSTACLES = 1024  # besides those of the scene
@@ -188,14 +188,11 @@ class World:
         self._shapes = [node for node in self.scene.objects.values() if node.footprint is not None]
         if len(self._shapes) > self._capacity:
             raise ValueError(f"the scene has {self._capacity} obstacles, which is the most")
-        self.task.patrols[...] = 0
         for j, node in enumerate(self._shapes):
             footprint = node.footprint
             assert footprint is not None
             footprint.index = j
             self.batch.obstacles[0, j] = footprint.record
-            if footprint.patrol is not None:
-                self.task.patrols[0, j] = footprint.patrol
         self._state["num_obstacles"] = len(self._shapes)
         self._state["clearance"] = self._clearance()
         self._forget_contacts()
@@ -241,9 +238,8 @@ class World:
             sine, cosine = sin_cos(heading)
             record = self.batch.obstacles[0, node.footprint.index]
             record["x"], record["y"], record["cos"], record["sin"] = pose[0], pose[1], cosine, sine
+            record["patrol"] = 0  # an obstacle moved by a client leaves its patrol
             node.pose = pose
-            if node.footprint.patrol is not None:
-                node.footprint.patrol = None  # an obstacle moved by a client leaves its patrol
             self.arrange()
             return
         node.pose = frames.composed(frames.inverse(self.scene.frame(node.parent)), pose)
@@ -274,8 +270,8 @@ class World:
         assert footprint is not None
         record = self.batch.obstacles[0, footprint.index]
         at = (float(record["x"]), float(record["y"]))
-        if footprint.patrol is not None and footprint.patrol["leg_time"] > 0.0:
-            _, _, vx, vy = patrol_at(footprint.patrol, float(self._state["steps"]) * self.dt)
+        if record["patrol"]["leg_time"] > 0.0:
+            _, _, vx, vy = motion_at(record, float(self._state["steps"]) * self.dt)
             return at, (vx, vy, 0.0)
         if self.batch.plant is not None and record["mass"] > 0.0:
             body = self.batch.plant.bodies[0, footprint.index]
@@ -304,7 +300,6 @@ class World:
             self.targets.copy(),
             self.angles.copy(),
         )
-        self._patrols = {node: node.footprint.patrol for node in self._shapes if node.footprint is not None}
         self._state["steps"] = 0
         self._put(*self.robot_pose)
         self.time = 0.0
@@ -378,7 +373,6 @@ class World:
             node.pose = pose
             if node.footprint is not None:
                 node.footprint.record = before.records[node.footprint]
-                node.footprint.patrol = self._patrols.get(node)
         self.targets[:] = before.targets
         self.angles[:] = before.angles
         self._load()

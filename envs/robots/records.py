@@ -91,6 +91,7 @@ ROBOT_PARAMS = [
     ("encoder_noise", np.float64),  # relative
     ("range_noise", np.float64),  # m
     ("max_range", np.float64),  # m
+    ("moving", np.int64),  # 1: some obstacle of the bank moves by a script
     ("dropout_below", np.float64),  # standard normal number below which a beam reads max_range; -inf: none
     ("distorted", np.int64),  # 1: the body moves otherwise than the wheels turn for
     ("distortion", np.float64, (3, 3)),  # from the wheels' twist to the body's

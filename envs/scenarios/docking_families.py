@@ -19,7 +19,6 @@ from wayfield.envs.scenarios.draws import Draw, Frame, rounded
 from wayfield.envs.scenarios.goal_families import (
     LARGEST_HULL,
     ROOM,
-    Moving,
     Point,
     disc_on_patrol,
     keeps_off,
@@ -30,7 +29,7 @@ from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.tasks.specs import Repertoire
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
-from wayfield.envs.world.patrols import PATROL
+from wayfield.envs.world.patrols import any_moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to
 from wayfield.system.compiled import allocating
 from wayfield.system.elementary import sin_cos
@@ -47,9 +46,8 @@ _LONGEST_WAY = 9.0  # m; 60 s at 0.3 m/s are 18 m
 Pose = tuple[float, float, float]
 # in the frame of the pose to be reached: that pose's heading, the start, and what stands with the direction in which it
 # is moved up to a smaller hull; None: drawn in vain, draw again
-Dock = tuple[float, Pose, list[tuple[np.void | Moving, Point]]]
+Dock = tuple[float, Pose, list[tuple[np.void, Point]]]
 _STILL = (0.0, 0.0)
-_STANDING = np.zeros(1, PATROL)[0]
 
 
 def _nothing_closes() -> NDArray[np.float64]:
@@ -98,15 +96,13 @@ def _family(name: str, dock: Callable[[Draw, Frame], "Dock | None"]) -> Callable
         while drawn is None:
             drawn = dock(draw, frame)
         heading, (x, y, turn), around = drawn
-        records = [each if isinstance(each, tuple) else (each, _STANDING) for each, _ in around]
         turned = [(frame.cosine * u - frame.sine * frame.side * v, frame.sine * u + frame.cosine * frame.side * v)
                   for _, (u, v) in around]  # fmt: skip
         return DockingScenario(
             f"{name}_{seed}",
             goal=(*frame.point(0.0, 0.0), _within(frame.turned(heading))),
             start=(*frame.point(x, y), _within(frame.turned(turn))),
-            obstacles=obstacle_field(*(obstacle for obstacle, _ in records)),
-            patrols=np.array([moves for _, moves in records], PATROL),
+            obstacles=obstacle_field(*(obstacle for obstacle, _ in around)),
             closing=np.array([[rounded(u), rounded(v)] for u, v in turned]).reshape(-1, 2),
             family=name,
         )
@@ -151,7 +147,7 @@ def _wall(draw: Draw, frame: Frame) -> Dock:
 
 def _berth(draw: Draw, frame: Frame) -> Dock:
     """A pose between two boxes, that looks in or out."""
-    around: list[tuple[np.void | Moving, Point]] = []
+    around: list[tuple[np.void, Point]] = []
     for side in (-1.0, 1.0):
         length, width = draw.number(0.6, 1.0), draw.number(0.3, 0.8)
         y = side * (LARGEST_HULL + draw.number(*BERTH_GAPS) + 0.5 * width)
@@ -183,7 +179,7 @@ def _moving(draw: Draw, frame: Frame) -> Dock | None:
 def way(scenario: DockingScenario, hull_radius: float = LARGEST_HULL) -> float:
     """Returns the length (m) of the shortest way that is proven for a hull; inf when none is found."""
     grids = lay_grids([scenario.grid], NO_GRIDS.frames.copy())
-    field = scenario.obstacles[None].copy(), scenario.patrols[None].copy(), len(scenario.obstacles), *grids
+    field = scenario.obstacles[None].copy(), len(scenario.obstacles), *grids
     return float(_shortest(np.array(scenario.start), np.array(scenario.goal), field, hull_radius))
 
 
@@ -192,9 +188,7 @@ def _shortest(start, goal, field, hull_radius):
     """Returns `way`; field: as `reeds_shepp.is_free` takes it."""
     best = np.inf
     plan = np.empty((PLAN, 2))
-    moves = False
-    for j in range(field[2]):
-        moves = moves or field[1][0, j].leg_time > 0.0
+    moves = any_moves(field[0], 0, field[1])
     for k in range(2 * len(_STRAIGHTS) - 1):
         straight = _STRAIGHTS[(k + 1) // 2] * (1.0 if k % 2 else -1.0)
         length = plan_to(start, goal, RADIUS, straight, plan)

@@ -16,7 +16,6 @@ from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.world.paths import Path
-from wayfield.envs.world.patrols import PATROL
 from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
 from wayfield.system.objects import check_keys, fault, json_object, read_text
 from wayfield.system.readers import reader
@@ -132,12 +131,11 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
         if len(fields.get(field, [])) > MOST_OBSTACLES:
             raise fault(file, f"{field} has {len(fields[field])} entries; there must be at most {MOST_OBSTACLES}")
     records = [_obstacle(file, f"obstacles[{j}]", value) for j, value in enumerate(fields.pop("obstacles", []))]
-    patrols = np.array([patrol for _, patrol in records], PATROL)
     try:
         if "map" in fields:
             fields["grid"] = map_of(file, "map", fields.pop("map"))
-        obstacles = obstacle_field(*(each for each, _ in records))
-        scenario: GoalScenario = spec.scenario(name, **fields, obstacles=obstacles, patrols=patrols)
+        obstacles = obstacle_field(*records)
+        scenario: GoalScenario = spec.scenario(name, **fields, obstacles=obstacles)
     except ValueError as error:
         raise fault(file, error) from None
     return scenario
@@ -173,8 +171,8 @@ def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:
     return Path([(x * scale, y * scale) for x, y in pairs] or np.empty((0, 2)), bool(closed))
 
 
-def _obstacle(file: str, place: str, value: Any) -> tuple[np.void, np.void]:
-    """Returns the OBSTACLE and the PATROL record of one entry of a goal scenario's obstacles."""
+def _obstacle(file: str, place: str, value: Any) -> np.void:
+    """Returns the OBSTACLE record of one entry of a goal scenario's obstacles."""
     if not isinstance(value, dict):
         raise fault(file, f"{place} is {shown(value)}; it must be an object with a kind")
     arguments = dict(value)
@@ -186,7 +184,7 @@ def _obstacle(file: str, place: str, value: Any) -> tuple[np.void, np.void]:
     _check_arguments(file, f"{place}.", arguments, _OBSTACLE_KINDS[kind])
     try:
         if patrol is None:
-            return _OBSTACLE_KINDS[kind](**arguments), np.zeros(1, PATROL)[0]
+            return _OBSTACLE_KINDS[kind](**arguments)
         if not isinstance(patrol, dict):
             raise ValueError(f"patrol is {shown(patrol)}; it must be an object")
         if arguments.pop("mass", 0.0) != 0.0:

@@ -17,7 +17,6 @@ from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstac
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.tasks.specs import Repertoire
 from wayfield.envs.world.geometry import clearance, clearance_to
-from wayfield.envs.world.patrols import PATROL
 from wayfield.system.elementary import bearing, sin_cos
 
 LARGEST_HULL = 0.3  # m, of the robot that every scenario has a way for
@@ -29,13 +28,11 @@ _LEAST_SPARE = 0.05  # m, of a goal beside an obstacle
 
 _CLEAR = LARGEST_HULL + ROOM
 _REACH = HALF_SIDE - _CLEAR  # m, of starts and goals in the square
-_STANDING = np.zeros(1, PATROL)[0]
 
 Point = tuple[float, float]
-Moving = tuple[np.void, np.void]  # OBSTACLE and PATROL
 Lane = tuple[Point, Point, float]  # the ends of a disc's patrol and its radius, m
-# start, goal and obstacles, which may move; None: drawn in vain, draw again
-Field = tuple[Point, Point, Iterable[np.void | Moving]]
+# start, goal and obstacles; None: drawn in vain, draw again
+Field = tuple[Point, Point, Iterable[np.void]]
 
 
 def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int], GoalScenario]:
@@ -48,13 +45,11 @@ def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int
             drawn = field(draw)
         start, goal, obstacles = drawn
         ahead = rounded(bearing(goal[1] - start[1], goal[0] - start[0]))
-        records = [each if isinstance(each, tuple) else (each, _STANDING) for each in obstacles]
         return GoalScenario(
             f"{name}_{seed}",
             goal=(*goal, ahead),
             start=(*start, ahead if draw.sign() > 0.0 else draw.heading()),
-            obstacles=obstacle_field(*(obstacle for obstacle, _ in records)),
-            patrols=np.array([patrol for _, patrol in records], PATROL),
+            obstacles=obstacle_field(*obstacles),
             position_tolerance=0.2,
             heading_tolerance=math.pi,
             family=name,
@@ -290,7 +285,7 @@ def _rooms(draw: Draw) -> Field | None:
 # ---- discs that move
 
 
-def disc_on_patrol(lane: Lane, speed: float, phase: float) -> Moving:
+def disc_on_patrol(lane: Lane, speed: float, phase: float) -> np.void:
     """Returns a disc that goes to the other end of its lane and back; phase: share of the way there and back."""
     (x0, y0), (x1, y1), radius = lane
     leg_time = rounded(_distance((x0, y0), (x1, y1)) / speed)

@@ -1,7 +1,4 @@
-"""Circles, boxes and walls as OBSTACLE records, and how a circle moves as a PATROL record.
-
-A mass of 0 fixes an obstacle to the floor, or to its patrol.
-"""
+"""Circles, boxes and walls as OBSTACLE records: what stands, what can be pushed, and what moves by a script."""
 
 import math
 
@@ -9,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.world.geometry import OBSTACLE
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import motion_at
 from wayfield.system.checks import FASTEST, FINEST, HEAVIEST, LIGHTEST, LONGEST, SHORTEST, number
 from wayfield.system.checks import heading as checked_heading
 from wayfield.system.elementary import sin_cos
@@ -84,8 +81,8 @@ def wall(x1: float, y1: float, x2: float, y2: float) -> np.void:
 
 def moving_circle(
     x: float, y: float, radius: float, vx: float, vy: float, leg_time: float, phase: float = 0.0
-) -> tuple[np.void, np.void]:
-    """Returns the OBSTACLE and the PATROL record of a disc that goes to and fro on a line, whatever it meets.
+) -> np.void:
+    """Returns the OBSTACLE record of a disc that goes to and fro on a line, whatever it meets.
 
     Args:
         x, y: centre where the first leg begins, m.
@@ -105,9 +102,10 @@ def moving_circle(
         number("patrol leg_time", leg_time, least=SHORTEST, most=LONGEST),
         number("patrol phase", phase, least=0.0, most=LONGEST),
     )
-    patrol: np.void = np.array([values], PATROL)[0]
-    x, y, _, _ = patrol_at(patrol, 0.0)
-    return circle(x, y, radius), patrol
+    disc = circle(values[0], values[1], radius)
+    disc["patrol"] = values
+    disc["x"], disc["y"], _, _ = motion_at(disc, 0.0)
+    return disc
 
 
 def _mass(field: str, mass: float) -> float:
@@ -132,6 +130,9 @@ def described(obstacle: np.void) -> str:
     return f"box of {2 * obstacle['half_length']:g} x {2 * obstacle['half_width']:g} m {at}"
 
 
+_STANDS = (0.0,) * 6  # a PATROL
+
+
 def _record(
     x: float,
     y: float,
@@ -142,6 +143,6 @@ def _record(
     radius: float = 0.0,
     mass: float = 0.0,
 ) -> np.void:
-    field: NDArray[np.void] = np.array([(x, y, *direction, half_length, half_width, radius, mass)], OBSTACLE)
+    field: NDArray[np.void] = np.array([(x, y, *direction, half_length, half_width, radius, mass, _STANDS)], OBSTACLE)
     record: np.void = field[0]
     return record

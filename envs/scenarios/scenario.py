@@ -11,7 +11,7 @@ from wayfield.envs.scenarios.obstacles import described, obstacle_field
 from wayfield.envs.world.geometry import OBSTACLE, clearance_to
 from wayfield.envs.world.grids import OccupancyGrid
 from wayfield.envs.world.paths import Path
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import PATROL, motion_at
 from wayfield.system.checks import (
     FARTHEST,
     FASTEST,
@@ -111,15 +111,13 @@ class GoalScenario:
     position_tolerance: float = 0.1  # m
     heading_tolerance: float = 0.1  # rad; pi accepts every heading
     waypoint_radius: float = 0.5  # m, a waypoint counts as passed within it
-    # PATROL records, shape (m,), read-only: how each obstacle moves; leg_time 0 where it stands. None: all stand
-    patrols: NDArray[np.void] = dataclasses.field(default_factory=lambda: np.empty(0, PATROL))
     grid: OccupancyGrid | None = None  # what stands besides the obstacles
     family: str = ""  # the family of a frozen split that it belongs to
     tier: str = ""  # "easy", "medium" or "hard" within the task
     quantity: float = math.nan  # what the tier is read from: the room on the way, m
     published_length: float = math.nan  # m, of the way that the makers of a public benchmark give; NaN: they give none
 
-    # what a file of one may say, besides the goal: the fields, but for "obstacles" with their patrols, and the "map"
+    # what a file of one may say, besides the goal: the fields, with a grid as its "map"
     file_fields: ClassVar[tuple[str, ...]] = (
         *("start", "waypoints", "obstacles", "map", "start_offset", "start_turn"),
         *("position_tolerance", "heading_tolerance", "waypoint_radius"),
@@ -133,7 +131,6 @@ class GoalScenario:
         waypoints = [numbers_of(f"waypoints[{i}]", p, 2, "x, y") for i, p in enumerate(self.waypoints)]
         _settle(self, "waypoints", tuple(waypoints))
         _settle(self, "obstacles", _checked_obstacles(self.obstacles))
-        _settle(self, "patrols", _checked_patrols(self.patrols, self.obstacles))
         if not (self.grid is None or isinstance(self.grid, OccupancyGrid)):
             raise ValueError(f"grid is {shown(self.grid)}; it must be an OccupancyGrid or None")
         for field, most in (("start_offset", FARTHEST), ("start_turn", MOST_TURN)):
@@ -150,7 +147,7 @@ class GoalScenario:
     @property
     def moving(self) -> NDArray[np.bool_]:
         """Returns which obstacles (m,) move by themselves."""
-        found: NDArray[np.bool_] = self.patrols["leg_time"] > 0.0
+        found: NDArray[np.bool_] = self.obstacles["patrol"]["leg_time"] > 0.0
         return found
 
     @property
@@ -171,7 +168,7 @@ class GoalScenario:
         # the ends of the long axis: those of a wall are whole numbers
         ends = [o["x"] - x, o["y"] - y, o["x"] + x, o["y"] + y]
         shapes = [*ends, 2.0 * o["half_width"], o["radius"], o["mass"]]
-        moves = [self.patrols[name] for name in self.patrols.dtype.names or ()]
+        moves = [o["patrol"][name] for name in PATROL.names or ()]
         asked = (self.position_tolerance, self.heading_tolerance, self.waypoint_radius)
         scatter = (self.start_offset, self.start_turn)
         sizes = len(o), len(self.waypoints)
@@ -232,7 +229,7 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
             raise ValueError(f"obstacles[{j}] is {shown(record)}; it must be an OBSTACLE record: circle, box or wall")
     field = obstacle_field(*records)
     sizes = ("half_length", "half_width", "radius", "mass")
-    for name in OBSTACLE.names or ():
+    for name in (each for each in OBSTACLE.names or () if each != "patrol"):
         bad = np.flatnonzero(~np.isfinite(field[name]) | ((field[name] < 0.0) & (name in sizes)))
         if len(bad):
             raise ValueError(
@@ -249,41 +246,38 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
     loose = np.flatnonzero((field["mass"] > 0.0) & (np.max([field[name] for name in sizes[:3]], axis=0) < 0.5 * FINEST))
     if len(loose):
         raise ValueError(f"obstacles[{loose[0]}] has a mass and no size; it must be at least {FINEST:g} m across")
+    _check_patrols(field)
     return field
 
 
-def _checked_patrols(patrols: Any, obstacles: NDArray[np.void]) -> NDArray[np.void]:
-    """Returns a read-only copy of PATROL records, one an obstacle; none at all mean that every obstacle stands.
+def _check_patrols(obstacles: NDArray[np.void]) -> None:
+    """Checks how OBSTACLE records move.
 
     Raises:
-        ValueError: if a record is not finite, is another obstacle's, or moves what cannot move.
+        ValueError: if a patrol is not finite, does not begin where its obstacle is, or moves what cannot move.
     """
-    if getattr(patrols, "dtype", None) != PATROL or patrols.ndim != 1 or len(patrols) not in (0, len(obstacles)):
-        raise ValueError(f"patrols is {shown(patrols)}; it must be an array of PATROL records, one an obstacle")
-    records = patrols.copy() if len(patrols) else np.zeros(len(obstacles), PATROL)
+    patrols = obstacles["patrol"]
     for name in PATROL.names or ():
-        bad = np.flatnonzero(~np.isfinite(records[name]) | ((records[name] < 0.0) & (name == "leg_time")))
+        bad = np.flatnonzero(~np.isfinite(patrols[name]) | ((patrols[name] < 0.0) & (name == "leg_time")))
         if len(bad):
             raise ValueError(
-                f"patrols[{bad[0]}].{name} is {records[name][bad[0]]}; it must be finite"
+                f"obstacles[{bad[0]}].patrol.{name} is {patrols[name][bad[0]]}; it must be finite"
                 + (" and at least 0" if name == "leg_time" else "")
             )
     most = {"x": FARTHEST, "y": FARTHEST, "vx": FASTEST, "vy": FASTEST, "leg_time": LONGEST, "phase": LONGEST}
-    for j in np.flatnonzero(records["leg_time"]):
-        obstacle = obstacles[j]
+    for j in np.flatnonzero(patrols["leg_time"]):
+        obstacle, field = obstacles[j], f"obstacles[{j}].patrol"
         for name in PATROL.names or ():
-            number(f"patrols[{j}].{name}", records[name][j].item(), most=most[name])
-        number(f"patrols[{j}].leg_time", records["leg_time"][j].item(), least=SHORTEST, most=LONGEST)
-        number(f"patrols[{j}].phase", records["phase"][j].item(), least=0.0, most=LONGEST)
+            number(f"{field}.{name}", patrols[name][j].item(), most=most[name])
+        number(f"{field}.leg_time", patrols["leg_time"][j].item(), least=SHORTEST, most=LONGEST)
+        number(f"{field}.phase", patrols["phase"][j].item(), least=0.0, most=LONGEST)
         if obstacle["half_length"] > 0.0 or obstacle["half_width"] > 0.0 or obstacle["mass"] > 0.0:
             raise ValueError(f"obstacles[{j}] ({described(obstacle)}) has a patrol; only a circle of mass 0 moves")
-        x, y, _, _ = patrol_at(records[j], 0.0)
+        x, y, _, _ = motion_at(obstacle, 0.0)
         if max(abs(x - obstacle["x"]), abs(y - obstacle["y"])) > 1e-9:
             raise ValueError(
                 f"obstacles[{j}] ({described(obstacle)}) is not where its patrol begins, at ({x:g}, {y:g})"
             )
-    records.setflags(write=False)
-    return records
 
 
 def _distance_to(path: Path, x: float, y: float) -> float:

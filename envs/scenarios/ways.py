@@ -94,7 +94,8 @@ def detour(scenario: GoalScenario, hull_radius: float) -> float:
 def taken_up(scenario: GoalScenario, sweeping: bool) -> NDArray[np.void]:
     """Returns the obstacles that stand, and with `sweeping` the capsules that the others sweep; OBSTACLE records."""
     taken = scenario.obstacles.copy()
-    for obstacle, patrol in zip(taken, scenario.patrols, strict=True):
+    for obstacle in taken:
+        patrol = obstacle["patrol"]
         dx, dy = patrol["vx"] * patrol["leg_time"], patrol["vy"] * patrol["leg_time"]
         length = math.hypot(dx, dy)
         if length > 0.0:

@@ -13,7 +13,6 @@ from wayfield.envs.tasks.observation import Layout
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.world.grids import NO_GRIDS, Grids, frames_of
 from wayfield.envs.world.paths import PathPool
-from wayfield.envs.world.patrols import PATROL
 from wayfield.system.checks import choose
 
 KNOWS = ("sensors", "path", "bodies", "goal", "map", "team_map")
@@ -57,28 +56,30 @@ class Surroundings(NamedTuple):
 
     obstacles: NDArray[np.void]  # (b, m) OBSTACLE records
     counts: NDArray[np.int64]  # (b,) of them
-    patrols: NDArray[np.void]  # (b, m) PATROL records of the obstacles; leg_time 0 where one stands
     frames: NDArray[np.void]  # (b,) of each robot's grid
     cells: NDArray[np.uint8]  # of all grids; none where there is no grid
+
+    @property
+    def patrols(self) -> NDArray[np.void]:
+        """Returns how the obstacles move, (b, m) PATROL records; leg_time 0 where one stands."""
+        patrols: NDArray[np.void] = self.obstacles["patrol"]
+        return patrols
 
     @classmethod
     def of(
         cls,
         obstacles: NDArray[np.void],
         counts: NDArray[np.int64],
-        patrols: NDArray[np.void] | None = None,
         grids: Grids = NO_GRIDS,
         scenarios: NDArray[np.int64] | None = None,
     ) -> "Surroundings":
-        """Returns it of obstacles that stand unless patrols are given, and of the grids of scenarios (b,), if any."""
-        if patrols is None or not patrols.shape[1]:
-            patrols = np.zeros(obstacles.shape, PATROL)
+        """Returns it of obstacles and of the grids of scenarios (b,), if any."""
         which = np.zeros(len(obstacles), np.int64) if scenarios is None or not len(grids.cells) else scenarios
-        return cls(obstacles, counts, patrols, *frames_of(grids, which))
+        return cls(obstacles, counts, *frames_of(grids, which))
 
 
 # of each, the arrays with a row for each robot
-_ROWS = {"path": ("path_index",), "goal": Goals._fields, "map": ("obstacles", "counts", "patrols", "frames")}
+_ROWS = {"path": ("path_index",), "goal": Goals._fields, "map": ("obstacles", "counts", "frames")}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import kinematic_plant, records
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.world.grids import Grids
-from wayfield.envs.world.patrols import patrol
+from wayfield.envs.world.patrols import go_on
 from wayfield.system.compiled import inlined
 from wayfield.system.sharing import BEGUN, PART, add, next_rows
 
@@ -27,7 +27,6 @@ class Robots(NamedTuple):
     states: NDArray[np.void]  # (b,)
     obstacles: NDArray[np.void] | None  # (b, m) OBSTACLE records; None for a task that has none
     noise: NDArray[np.float64]  # (b, rows, columns)
-    patrols: NDArray[np.void]  # (scenarios, m) PATROL records; (scenarios, 0) where nothing moves
     grids: Grids
 
 
@@ -98,20 +97,13 @@ def nothing_more(p, world, robots, skip, first, last, outputs):
 
 
 @inlined
-def go_on(obstacles, patrols, s, i, time):
-    """Puts the obstacles of robot i that move where they are at a time (s); there may be none: None."""
-    if obstacles is not None:
-        patrol(patrols, s.scenario, obstacles, i, s.num_obstacles, time)
-
-
-@inlined
 def move(phases, p, s, robots, actions, i, row):
     """Runs the phases COMMAND and DRIVE of robot i, whose noise is in `row`; robots: Robots."""
     if phases & COMMAND:
         s.contact = 0
         kinematic_plant.command(p, s, actions, i)
-        if robots.patrols.shape[1] > 0:
-            go_on(robots.obstacles, robots.patrols, s, i, (s.steps + 1) * p.dt)
+        if p.moving:
+            go_on(robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
             s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
             if phases & DRIVE and s.clearance < 0.0:
                 # run into where it stands; in a plant with forces it is pushed
@@ -149,7 +141,7 @@ def step_robots(judge, conclude, phases, robots, actions, skip, turn, world, out
         bad = first_not_finite(actions, skip)
         if bad >= 0:
             return bad
-    params, states, _, noise, _, _ = robots
+    params, states, _, noise, _ = robots
     p = params[0]
     first, last = next_rows(shares, thread, 0, states.shape[0])
     while first < last:
@@ -241,7 +233,7 @@ def step_worlds(begin_step, exchange, judge, conclude, robots, crowd, actions, s
         bad = first_not_finite(actions, skip)
         if bad >= 0:
             return bad
-    params, states, _, noise, _, _ = robots
+    params, states, _, noise, _ = robots
     p = params[0]
     n = p.team
     worlds = states.shape[0] // n

@@ -165,7 +165,6 @@ class Task(abc.ABC):
     world: tuple[NDArray[Any], ...]
     beam_angles: NDArray[np.float64]
     max_obstacles: int
-    patrols: NDArray[np.void]  # (scenarios, max_obstacles) PATROL records; (scenarios, 0) where nothing moves
     grids: Grids = NO_GRIDS
     # where none moves or is pushed, those of the bank: (scenarios, max_obstacles), and as `blocks.in_blocks` puts them
     fields: NDArray[np.void] | None = None

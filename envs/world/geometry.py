@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.world.patrols import PATROL
 from wayfield.system.compiled import compiled, inlined
 
 OBSTACLE = np.dtype(
@@ -21,7 +22,8 @@ OBSTACLE = np.dtype(
         ("half_length", np.float64),  # along the heading, m; 0 for a circle
         ("half_width", np.float64),  # across the heading, m; 0 for a circle and for a wall
         ("radius", np.float64),  # m; 0 for a box and for a wall
-        ("mass", np.float64),  # kg; 0 when the obstacle is fixed
+        ("mass", np.float64),  # kg; 0 when the obstacle is fixed to the floor, or to its patrol
+        ("patrol", PATROL),  # by which it moves; leg_time 0 where it stands
     ]
 )
 

@@ -19,9 +19,16 @@ PATROL = np.dtype(
 )
 
 
+@inlined
+def moves(obstacle):
+    """Returns whether an OBSTACLE record moves by its script."""
+    return obstacle.patrol.leg_time > 0.0
+
+
 @compiled
-def patrol_at(patrol, time):
+def motion_at(obstacle, time):
     """Returns (x, y, vx, vy), m and m/s, of a moving obstacle's centre `time` seconds into the episode."""
+    patrol = obstacle.patrol
     elapsed = time + patrol.phase
     leg = math.floor(elapsed / patrol.leg_time)
     along = elapsed - leg * patrol.leg_time
@@ -37,31 +44,27 @@ def patrol_at(patrol, time):
     )
 
 
-def turns(patrols: NDArray[np.void]) -> NDArray[np.float64]:
-    """Returns the places (k, 2, 2), m, between which the k obstacles go that move; patrols: (m,) PATROL records."""
-    moving = patrols[patrols["leg_time"] > 0.0]
+def turns(obstacles: NDArray[np.void]) -> NDArray[np.float64]:
+    """Returns the places (k, 2, 2), m, between which the k go that move of OBSTACLE records (m,)."""
+    moving = obstacles["patrol"][obstacles["patrol"]["leg_time"] > 0.0]
     begin = np.column_stack([moving["x"], moving["y"]])
     leg = moving["leg_time"][:, None] * np.column_stack([moving["vx"], moving["vy"]])
     return np.stack([begin, begin + leg], axis=1)
 
 
 @inlined
-def any_moves(patrols, row, count):
-    """Returns whether one of the first `count` obstacles of a row of PATROL records moves."""
+def any_moves(obstacles, i, count):
+    """Returns whether one of the first `count` obstacles (b, m) of row i moves."""
     found = False
     for j in range(count):
-        found = found or patrols[row, j].leg_time > 0.0
+        found = found or moves(obstacles[i, j])
     return found
 
 
 @inlined
-def patrol(patrols, scenario, obstacles, i, count, time):
-    """Puts the moving ones of the first `count` obstacles of row i where they are `time` seconds into the episode.
-
-    Args:
-        patrols: (scenarios, m) PATROL records, parallel to the obstacles.
-        obstacles: (b, m) OBSTACLE records.
-    """
-    for j in range(count):
-        if patrols[scenario, j].leg_time > 0.0:
-            obstacles[i, j].x, obstacles[i, j].y, _, _ = patrol_at(patrols[scenario, j], time)
+def go_on(obstacles, i, count, time):
+    """Puts those of the first `count` obstacles (b, m) of row i, or None, that move where they are at a time (s)."""
+    if obstacles is not None:
+        for j in range(count):
+            if moves(obstacles[i, j]):
+                obstacles[i, j].x, obstacles[i, j].y, _, _ = motion_at(obstacles[i, j], time)

@@ -10,7 +10,7 @@ import numpy as np
 
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import any_moves, patrol
+from wayfield.envs.world.patrols import any_moves, go_on
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos
 
@@ -261,20 +261,20 @@ def is_free(plan, radius, start, length, field, needed, times):
 
     Args:
         length: m, of the plan.
-        field: OBSTACLE and PATROL records (1, m), how many there are, and the grid's frame (1,) and cells; the moving
+        field: OBSTACLE records (1, m), how many there are, and the grid's frame (1,) and cells; the moving
             ones are moved.
         needed: m.
         times: s, when the robot sets off, and its pace, m/s, which it keeps.
     """
-    obstacles, patrols, count, frames, cells = field
-    moves = any_moves(patrols, 0, count)
+    obstacles, count, frames, cells = field
+    moves = any_moves(obstacles, 0, count)
     steps = math.ceil(length / STEP)
     step = length / max(steps, 1)
     needed += (1.5 if moves else 0.5) * step
     for k in range(steps + 1):
         x, y, _ = pose_along(plan, radius, start, k * step)
         if moves:
-            patrol(patrols, 0, obstacles, 0, count, times[0] + k * step / times[1])
+            go_on(obstacles, 0, count, times[0] + k * step / times[1])
         if clearance(obstacles[0], count, x, y) < needed:
             return False
         if cells.shape[0] > 0 and grid_clearance(frames[0], cells, x, y) < needed:

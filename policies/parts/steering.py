@@ -31,7 +31,6 @@ class Map(NamedTuple):
 
     obstacles: NDArray[np.void]
     counts: NDArray[np.int64]  # of the obstacles
-    patrols: NDArray[np.void]
     goals: Array
     num_goals: NDArray[np.int64]
     frames: NDArray[np.void]  # of the grids
@@ -42,8 +41,8 @@ class Map(NamedTuple):
         """Returns the map of a briefing that has it."""
         assert briefing.goal is not None
         assert briefing.map is not None
-        obstacles, counts, patrols, frames, cells = briefing.map
-        return cls(obstacles, counts, patrols, *briefing.goal, frames, cells)
+        obstacles, counts, frames, cells = briefing.map
+        return cls(obstacles, counts, *briefing.goal, frames, cells)
 
 
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:

@@ -171,16 +171,15 @@ def scaled(scenario: GoalScenario, factor: float) -> GoalScenario:
     """Returns a scenario with all places, sizes and speeds of movers multiplied; the goal's tolerance stays."""
     if factor == 1.0:
         return scenario
-    obstacles, patrols = scenario.obstacles.copy(), scenario.patrols.copy()
+    obstacles = scenario.obstacles.copy()
     for name in ("x", "y", "half_length", "half_width", "radius"):
         obstacles[name] *= factor
     for name in ("x", "y", "vx", "vy"):
-        patrols[name] *= factor
+        obstacles["patrol"][name] *= factor
     (x, y, heading), (u, v, there) = scenario.start, scenario.goal
     return dataclasses.replace(
         scenario,
         start=(factor * x, factor * y, heading),
         goal=(factor * u, factor * v, there),
         obstacles=obstacles,
-        patrols=patrols,
     )

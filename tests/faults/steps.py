@@ -175,8 +175,7 @@ def _driven(env: Any, observation: Any, info: Any, spec: dict[str, Any], kwargs:
     names = set(info)
     taken = 0
     # what a shove or something that moves pushes into a hull is no fault of the kinematic plant
-    moves = any(len(each.patrols) and each.patrols["leg_time"].any() for each in base.task.scenarios
-                if hasattr(each, "patrols"))  # fmt: skip
+    moves = bool(base.task.params["moving"][0])
     shoved = kwargs.get("shove") is not None or base.task.options.disturbance.shove > 0.0
     solid = base.task.options.dynamics == "kinematic" and not moves and not shoved
     for k in range(spec["steps"]):

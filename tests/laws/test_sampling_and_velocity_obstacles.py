@@ -19,9 +19,9 @@ from wayfield.envs.crowds import half_planes
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration
 from wayfield.envs.robots.records import lag_factors
-from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
+from wayfield.envs.scenarios.obstacles import circle, moving_circle, obstacle_field, wall
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import motion_at
 from wayfield.policies import mppi
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca
@@ -199,15 +199,13 @@ def passes(
 
     discs: x, y, vx, vy; they have a radius of 0.3 m and go on for a minute.
     """
-    obstacles = obstacle_field(*(circle(x, y, 0.3) for x, y, _, _ in discs), *standing)[None]
-    patrols = np.zeros(obstacles.shape, PATROL)
-    for j, (x, y, vx, vy) in enumerate(discs):
-        patrols[0, j] = (x, y, vx, vy, 60.0, 0.0)
+    moving = [moving_circle(x, y, 0.3, vx, vy, 60.0) for x, y, vx, vy in discs]
+    obstacles = obstacle_field(*moving, *standing)[None]
     briefing = brief(
         robot,
         num_beams=0,
         # as an environment hands them over: what nobody may write has kernels of its own
-        map=Surroundings.of(obstacles.copy(), np.array([obstacles.shape[1]]), patrols),
+        map=Surroundings.of(obstacles.copy(), np.array([obstacles.shape[1]])),
         goal=Goals(np.array([[[*goal, 0.0]]]), np.array([1])),
     )
     axes = list(briefing.robot.twist_axes)
@@ -235,8 +233,8 @@ def passes(
         )
         pose = np.array(integrate_arc(*pose, *(command + mean * (wheel - command)), DT))
         wheel = command + decay * (wheel - command)
-        for j in range(len(discs)):
-            x, y, _, _ = patrol_at(patrols[0, j], (step + 1) * DT)
+        for disc in moving:
+            x, y, _, _ = motion_at(disc, (step + 1) * DT)
             least = min(least, math.hypot(x - pose[0], y - pose[1]) - 0.3 - briefing.robot.hull_radius)
         for each in standing:
             least = min(least, math.hypot(each["x"] - pose[0], each["y"] - pose[1]) - each["radius"]

@@ -183,7 +183,7 @@ class Bank:
         s.contact = False
         s.command = r.asked(s.late.pop(0), s)
         s.time = (s.steps + 1) * DT  # what moves by itself moves first
-        s.contact = self.room(s, s.pose) < 0.0 and bool(len(getattr(s.scenario, "patrols", ())) and self.moves(s))
+        s.contact = self.room(s, s.pose) < 0.0 and self.moves(s)
         if not s.contact:
             self.be_shoved(s)
         if not s.contact:
@@ -203,7 +203,7 @@ class Bank:
         s.odometry = moved(s.odometry, r.measured(rolled if r.passive else mean, s.noise[s.row]), DT)
 
     def moves(self, s: Any) -> bool:
-        return bool((s.scenario.patrols["leg_time"] > 0.0).any())
+        return any(each["patrol"]["leg_time"] > 0.0 for each in getattr(s.scenario, "obstacles", ()))
 
     def be_shoved(self, s: Any) -> None:
         way, turn, now = 0j, 0.0, False
@@ -247,10 +247,9 @@ class Goals(Bank):
 
     def around(self, s: Any) -> Iterator[tuple[Any, float, float]]:
         """Yields each obstacle and where it is."""
-        for j, o in enumerate(s.scenario.obstacles):
-            x, y = o["x"], o["y"]
-            if len(s.scenario.patrols) and s.scenario.patrols[j]["leg_time"] > 0.0:
-                p = s.scenario.patrols[j]
+        for o in s.scenario.obstacles:
+            x, y, p = o["x"], o["y"], o["patrol"]
+            if p["leg_time"] > 0.0:
                 # a triangle wave: out and back
                 along = (s.time + p["phase"]) % (2.0 * p["leg_time"])
                 along = min(along, 2.0 * p["leg_time"] - along)

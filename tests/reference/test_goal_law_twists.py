@@ -15,7 +15,7 @@ from wayfield.envs.robots.sensing import beam_angles
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import motion_at
 from wayfield.policies import mppi
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.mppi import Mppi
@@ -311,7 +311,7 @@ def test_a_field_is_its_docstring(policy: Any, law: Any, robot: str) -> None:
 
 
 def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of_a_map() -> None:
-    disc, patrol = moving_circle(1.0, 0.9, 0.2, 0.1, -0.3, 5.0, 1.0)
+    disc = moving_circle(1.0, 0.9, 0.2, 0.1, -0.3, 5.0, 1.0)
     seen = Observation(
         np.zeros((1, 3)), np.zeros((1, 3)), np.array([[3.0, 0.0]]), np.zeros(1), np.zeros(1), np.zeros((1, 0))
     )
@@ -324,10 +324,11 @@ def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of
         memory = policy.reset(briefing)
         return [policy.act(seen, briefing, memory) for _ in range(times)]
 
-    moving = driven(disc, times=12, patrols=np.array([[patrol]], PATROL))
+    moving = driven(disc, times=12)
     for k, twist in enumerate(moving):
         there = disc.copy()
-        there["x"], there["y"] = patrol_at(patrol, k * DT)[:2]
+        there["x"], there["y"] = motion_at(disc, k * DT)[:2]
+        there["patrol"] = 0
         np.testing.assert_allclose(twist, driven(there)[0], atol=1e-12)
     assert np.abs(moving[0] - moving[-1]).max() > 0.01
     cell = OccupancyGrid(np.eye(1, dtype=bool), 0.2, (0.5, 0.3, 0.0), "free")

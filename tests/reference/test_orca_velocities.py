@@ -15,7 +15,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import motion_at
 from wayfield.policies.orca import Orca, disc_half_plane, tracking_drift
 
 DT = 0.05
@@ -42,16 +42,16 @@ def apart(obstacle: Any, x: float, y: float) -> float:
 
 def half_planes(p: Orca, margin: float, world: Any, pose: Any, v: Any, time: float) -> Iterator[tuple[Any, float, Any]]:
     """Yields (n, b) of what a robot keeps, what stands first, and (direction, speed) that it leaves ahead; or None."""
-    obstacles, patrols, grid = world
+    obstacles, grid = world
     radius = margin + p.tracking_error
     x, y, _ = pose
     for moving in (False, True):
-        for obstacle, patrol in zip(obstacles, patrols, strict=True):
-            if (patrol["leg_time"] > 0.0) != moving:
+        for obstacle in obstacles:
+            if (obstacle["patrol"]["leg_time"] > 0.0) != moving:
                 continue
             here, velocity = obstacle.copy(), np.zeros(2)
             if moving:
-                here["x"], here["y"], *velocity = patrol_at(patrol, time)
+                here["x"], here["y"], *velocity = motion_at(obstacle, time)
             d, nx, ny = to_surface(here, x, y)
             if d > p.sensing_radius:
                 continue
@@ -124,10 +124,10 @@ POLICIES = [
 @pytest.mark.parametrize("mapped", [False, True], ids=["discs and boxes", "and a map"])
 def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> None:
     n, rng, base = 60, np.random.default_rng(29), ROBOTS[robot]
-    patrols = np.zeros(len(OBSTACLES), PATROL)
+    obstacles = OBSTACLES.copy()
     for j, (vx, vy) in ((2, (0.3, 0.2)), (3, (-0.2, 0.4))):
         centre = OBSTACLES[j]["x"].item(), OBSTACLES[j]["y"].item()
-        patrols[j] = (*centre, vx, vy, 3.0, 0.7 * j)
+        obstacles[j]["patrol"] = (*centre, vx, vy, 3.0, 0.7 * j)
     grid = None
     grids = NO_GRIDS
     if mapped:
@@ -135,7 +135,7 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
         grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
     briefing = Briefing(
         n, base, ACTUATORS["lagged"], DT, "twist", Observation.layout(len(base.twist_axes), 0, 5.0), np.empty(0), 5.0,
-        map=Surroundings.of(np.tile(OBSTACLES, (n, 1)), np.full(n, len(OBSTACLES)), np.tile(patrols, (n, 1)), grids),
+        map=Surroundings.of(np.tile(obstacles, (n, 1)), np.full(n, len(OBSTACLES)), grids),
         goal=Goals(np.zeros((n, 1, 3)), np.ones(n, np.int64)),
     )  # fmt: skip
     poses = np.column_stack([rng.uniform(-2.0, 2.0, (20 * n, 2)), rng.uniform(-3.1, 3.1, 20 * n)])
@@ -158,7 +158,7 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
         c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
         inwards = np.array([[c, -s], [s, c]])
         v = inwards @ [twists[i, 0], twists[i, 1] if base.holonomic else 0.0]
-        found = list(half_planes(told, margin, (OBSTACLES, patrols, grid), poses[i], v, steps[i] * DT))
+        found = list(half_planes(told, margin, (obstacles, grid), poses[i], v, steps[i] * DT))
         r = math.hypot(*goals[i])
         aside = side * policy.perturbation * min(r, 1.0)
         way = math.atan2(goals[i, 1], goals[i, 0]) + poses[i, 2] + aside
@@ -190,7 +190,7 @@ def test_avoidance_is_its_docstring(policy: Orca, robot: str, mapped: bool) -> N
     assert compared > 0.6 * n
     assert held > 0.2 * n
     assert arrivals or base.holonomic
-    assert list(itertools.islice(half_planes(told, margin, (OBSTACLES, patrols, grid), poses[0], v, 0.0), 1))
+    assert list(itertools.islice(half_planes(told, margin, (obstacles, grid), poses[0], v, 0.0), 1))
 
 
 @pytest.mark.parametrize("gap", [0.002, 0.01, 0.03])
@@ -203,7 +203,7 @@ def test_a_thin_post_of_a_map_is_not_run_into_while_the_robot_turns_away_from_it
     briefing = Briefing(
         1, base, ACTUATORS["lagged"], DT, "twist", Observation.layout(2, 0, 5.0), np.empty(0), 5.0,
         map=Surroundings.of(
-            OBSTACLES[None].copy(), np.zeros(1, np.int64), None, lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
+            OBSTACLES[None].copy(), np.zeros(1, np.int64), lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
         ),
         goal=Goals(np.zeros((1, 1, 3)), np.ones(1, np.int64)),
     )  # fmt: skip

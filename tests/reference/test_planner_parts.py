@@ -15,7 +15,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import motion_at
 from wayfield.policies import astar_tracker, scan_planner
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.parts.steering import Map
@@ -43,13 +43,13 @@ def to_surface(obstacle: Any, x: Any, y: Any) -> Any:
 
 def told(robot: str, grid: OccupancyGrid | None = None) -> Briefing:
     """Returns the briefing of one robot among the obstacles, one of which is on patrol."""
-    patrols = np.zeros((1, len(OBSTACLES)), PATROL)
-    patrols[0, MOVING] = (*(OBSTACLES[MOVING][name].item() for name in ("x", "y")), 0.4, 0.7, 4.0, 0.9)
+    obstacles = OBSTACLES[None].copy()
+    obstacles[0, MOVING]["patrol"] = (*(OBSTACLES[MOVING][name].item() for name in ("x", "y")), 0.4, 0.7, 4.0, 0.9)
     grids = NO_GRIDS if grid is None else lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
     base = ROBOTS[robot]
     return Briefing(
         1, base, ACTUATORS["lagged"], 0.05, "twist", Observation.layout(len(base.twist_axes), 0, 5.0), np.empty(0), 5.0,
-        map=Surroundings.of(OBSTACLES[None].copy(), np.array([len(OBSTACLES)]), patrols, grids),
+        map=Surroundings.of(obstacles, np.array([len(OBSTACLES)]), grids),
         goal=Goals(GOALS[None], np.array([2])),
     )  # fmt: skip
 
@@ -123,7 +123,7 @@ def test_the_speed_among_patrols_is_the_greatest_that_keeps_clear_of_them_or_the
     memory, radius = planned(policy, briefing, 0.1, -0.2), ROBOTS[robot].hull_radius
     rng, seen = np.random.default_rng(37), set()
     p = policy.params(briefing, theta=True, snap=0.0, spacing=1.0, rounds=1, patience_steps=1)
-    patrol = briefing.map.patrols[0, MOVING]  # type: ignore[union-attr]
+    disc = briefing.map.obstacles[0, MOVING]  # type: ignore[union-attr]
     for _ in range(150):
         points = np.array([1.2, -0.8]) + np.cumsum(rng.normal(0.0, 0.5, (5, 2)), axis=0)
         memory["points"][0, :5], memory["num_points"] = points, 5
@@ -135,7 +135,7 @@ def test_the_speed_among_patrols_is_the_greatest_that_keeps_clear_of_them_or_the
             speed, gaps = share * policy.max_speed, []
             for k in range(23):
                 x, y = along(points, max(s + speed * 0.1 * k, 0.0))
-                mx, my, _, _ = patrol_at(patrol, time + 0.1 * k)
+                mx, my, _, _ = motion_at(disc, time + 0.1 * k)
                 gaps.append(math.hypot(x - mx, y - my) - float(OBSTACLES[MOVING]["radius"]) - radius)
             if min(gaps) >= policy.patrol_clearance:
                 wanted = math.inf if share == 1.0 else speed

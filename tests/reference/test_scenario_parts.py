@@ -42,39 +42,39 @@ def test_a_start_and_its_scatter_are_within_the_corridor() -> None:
 
 
 def test_patrols_belong_to_discs_that_begin_on_them() -> None:
-    disc, patrol = moving_circle(1.0, 2.0, 0.3, 0.2, -0.1, 4.0, 5.0)
+    disc = moving_circle(1.0, 2.0, 0.3, 0.2, -0.1, 4.0, 5.0)
     # on the way back: 3 s from where it began
     assert (disc["x"], disc["y"]) == pytest.approx((1.0 + 3.0 * 0.2, 2.0 - 3.0 * 0.1))
-    assert tuple(patrol.item()) == (1.0, 2.0, 0.2, -0.1, 4.0, 5.0)
+    assert disc["patrol"].item() == (1.0, 2.0, 0.2, -0.1, 4.0, 5.0)
 
     def made(obstacle: Any = disc, **changes: float) -> GoalScenario:
-        moving = np.array([patrol], PATROL)
+        moving = obstacle.copy()
+        moving["patrol"] = disc["patrol"]
         for name, value in changes.items():
-            moving[name] = value
-        return GoalScenario("mine", (9.0, 0.0, 0.0), obstacles=obstacle_field(obstacle), patrols=moving)
+            moving["patrol"][name] = value
+        return GoalScenario("mine", (9.0, 0.0, 0.0), obstacles=obstacle_field(moving))
 
-    assert made().patrols["leg_time"] == 4.0
+    assert made().moving.all()
     still = dict.fromkeys(("x", "y", "vx", "vy", "leg_time", "phase"), 0.0)
-    assert made(**still).patrols["leg_time"] == 0.0
+    assert not made(**still).moving.any()
     for name, value in (("vx", 1001.0), ("vy", -1001.0), ("leg_time", 9e-4), ("leg_time", -1.0), ("leg_time", 2e6),
                         ("phase", -1.0), ("phase", 2e6), ("x", math.nan), ("y", 2e6)):  # fmt: skip
-        with pytest.raises(ValueError, match=rf"patrols\[0\]\.{name}"):
+        with pytest.raises(ValueError, match=rf"obstacles\[0\]\.patrol\.{name}"):
             made(**{name: value})
     made(x=1.0 + 9e-10)
     for name in ("x", "y"):
         with pytest.raises(ValueError, match="not where its patrol begins"):
-            made(**{name: patrol[name] + 2e-9})
+            made(**{name: disc["patrol"][name] + 2e-9})
     for other in (circle(1.6, 1.7, 0.3, 1.0), box(1.6, 1.7, 0.3, 0.2), wall(1.6, 1.6, 1.6, 1.8)):
         with pytest.raises(ValueError, match="only a circle of mass 0 moves"):
             made(other)
 
 
 def test_every_number_of_a_scenario_decides() -> None:
-    disc, patrol = moving_circle(1.0, 2.0, 0.3, 0.2, -0.1, 4.0, 5.0)
+    disc = moving_circle(1.0, 2.0, 0.3, 0.2, -0.1, 4.0, 5.0)
     goal = GoalScenario(
         "mine", (9.0, 0.0, 0.1), (0.1, 0.2, 0.3), ((4.0, 1.0),),
         obstacle_field(disc, box(5.0, 5.0, 0.8, 0.4, 0.2, 2.0)), 0.1, 0.2, 0.3, 0.4, 0.5,
-        np.array([patrol, np.zeros(1, PATROL)[0]]),
     )  # fmt: skip
     path = PathScenario("mine", RING, 2, (0.1, 0.0, 0.2), 0.1, 0.2, 0.9)
     for scenario, names in (
@@ -96,11 +96,11 @@ def test_every_number_of_a_scenario_decides() -> None:
                 assert splits.canonical(other) != known, name
     for name, j in itertools.product(PATROL.names or (), (0, 1)):
         other = copy.copy(goal)
-        changed = goal.patrols.copy()
-        changed[name][j] += 0.5
-        object.__setattr__(other, "patrols", changed)
+        changed = goal.obstacles.copy()
+        changed["patrol"][name][j] += 0.5
+        object.__setattr__(other, "obstacles", changed)
         assert splits.canonical(other) != splits.canonical(goal), name
-    for name in goal.obstacles.dtype.names or ():
+    for name in ("x", "y", "cos", "sin", "half_length", "half_width", "radius", "mass"):
         changed = goal.obstacles.copy()
         changed[name][1] += 0.125
         other = copy.copy(goal)

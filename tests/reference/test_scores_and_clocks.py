@@ -13,7 +13,7 @@ from wayfield.benchmarks.entrants.own_scenario import POLICIES, own_cases, own_s
 from wayfield.benchmarks.episodes.metrics import smoothness
 from wayfield.benchmarks.episodes.shortest import shortest_way
 from wayfield.benchmarks.records.trajectory import Trajectory
-from wayfield.envs.scenarios import box, circle, obstacle_field, splits, wall
+from wayfield.envs.scenarios import box, circle, moving_circle, obstacle_field, splits, wall
 
 PATH, GOAL, DOCK = (f"wayfield/DiffDrive{name}-v0" for name in ("PathFollowing", "GoalObstacles", "Docking"))
 
@@ -46,14 +46,13 @@ def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:
     base = splits.split("goal_reaching", "clutter_5", "test")[0]
     empty = obstacle_field()
     told = dataclasses.replace(
-        base, obstacles=empty, patrols=base.patrols[:0], start=(0.0, 0.0, 0.0), goal=(6.0, 0.0, 0.0), waypoints=(),
+        base, obstacles=empty, start=(0.0, 0.0, 0.0), goal=(6.0, 0.0, 0.0), waypoints=(),
         position_tolerance=0.1, grid=None,
     )  # fmt: skip
     assert shortest_way(told, 0.2) == pytest.approx(5.9, abs=0.01)
     through = dataclasses.replace(told, waypoints=((3.0, 4.0),))
     assert shortest_way(through, 0.2) == pytest.approx(9.9, abs=0.02)
-    patrols = np.zeros(1, base.patrols.dtype)
-    stands = dataclasses.replace(told, obstacles=obstacle_field(box(3.0, 0.0, 0.4, 4.0)), patrols=patrols)
+    stands = dataclasses.replace(told, obstacles=obstacle_field(box(3.0, 0.0, 0.4, 4.0)))
     # a tangent to a disc of the hull's radius about each corner, an arc of it, and along the side
     reach, turn = math.hypot(2.8, 2.0), math.atan2(2.0, 2.8)
     tangent, more = math.sqrt(reach**2 - 0.2**2), math.asin(0.2 / reach)
@@ -62,9 +61,10 @@ def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:
     reach = math.sqrt(3.0**2 - 1.2**2)
     arc = 1.2 * (math.pi - 2.0 * math.acos(1.2 / 3.0))
     assert shortest_way(round_, 0.2) == pytest.approx(2.0 * reach + arc - 0.1, abs=0.04)
-    patrols = patrols.copy()
-    patrols["leg_time"], patrols["x"] = 2.0, 3.0  # it leaves
-    assert shortest_way(dataclasses.replace(round_, patrols=patrols), 0.2) == pytest.approx(5.9, abs=0.01)
+    leaves = moving_circle(3.0, 0.0, 1.0, 0.0, 0.1, 2.0)
+    assert shortest_way(dataclasses.replace(round_, obstacles=obstacle_field(leaves)), 0.2) == pytest.approx(
+        5.9, abs=0.01
+    )
     near = dataclasses.replace(told, goal=(0.05, 0.0, 0.0))
     assert shortest_way(near, 0.2) == pytest.approx(0.04)
     # round the nearer end of a wall, whichever way that points: beyond it there is room as well

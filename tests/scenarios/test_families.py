@@ -32,7 +32,7 @@ from wayfield.envs.scenarios import (
     wall,
     ways,
 )
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.world.patrols import motion_at
 
 HULL = 0.3  # m, omni3's: the largest robot
 GOALS = FAMILIES["goal_reaching"]
@@ -43,7 +43,7 @@ Points = NDArray[np.float64]
 
 
 def standing(scenario: GoalScenario) -> NDArray[np.void]:
-    return scenario.obstacles[scenario.patrols["leg_time"] == 0.0]
+    return scenario.obstacles[~scenario.moving]
 
 
 def corners(obstacle: np.void) -> Points:
@@ -340,8 +340,8 @@ def test_searches_on_courses_with_known_ways() -> None:
     assert ways.way_length(disc, HULL) == pytest.approx(2 * tangent + math.pi - 2 * math.acos(0.5), rel=0.02)
     # straight on to the disc and half round it
     assert ways.detour(disc, HULL) == pytest.approx((1.0 + math.pi - math.acos(0.5) + tangent) / 4.0, rel=0.03)
-    obstacle, patrol = moving_circle(2.0, -2.0, 0.2, 0.0, 0.5, 8.0, 3.0)
-    patrolled = GoalScenario("patrolled", goal, obstacles=obstacle_field(obstacle), patrols=np.array([patrol], PATROL))
+    obstacle = moving_circle(2.0, -2.0, 0.2, 0.0, 0.5, 8.0, 3.0)
+    patrolled = GoalScenario("patrolled", goal, obstacles=obstacle_field(obstacle))
     assert ways.clear_radius(patrolled) == 1.0
     assert ways.taken_up(patrolled, True)["half_length"] == pytest.approx([2.0])
     across = np.array([[2.0, y] for y in np.linspace(-2.0, 2.0, 50)])
@@ -397,22 +397,21 @@ def test_clutter_covers_its_share(percent: int) -> None:
 def test_patrols_keep_off_walls_start_and_goal(family: str) -> None:
     for name in ("test", "claims"):
         for s in split("goal_reaching", family, name):
-            moves = s.patrols["leg_time"] > 0.0
-            assert moves.any()
-            assert not s.patrols.flags.writeable
-            for o, p in zip(s.obstacles[moves], s.patrols[moves], strict=True):
+            moving = s.obstacles[s.moving]
+            assert 0 < len(moving) <= 30
+            for o in moving:
+                p = o["patrol"]
                 # the way out and back, by the clock
                 times = np.linspace(0.0, 2.0 * p["leg_time"], 80)
-                at = np.array([patrol_at(p, t)[:2] for t in times])
+                at = np.array([motion_at(o, t)[:2] for t in times])
                 assert at[0] == pytest.approx([o["x"], o["y"]], abs=1e-9)
                 assert clearances(standing(s), at).min() >= o["radius"]
                 for end in (s.start, s.goal):
                     assert np.linalg.norm(at - end[:2], axis=1).min() >= o["radius"] + HULL + 0.3 - 1e-9
                 assert 0.05 <= np.hypot(p["vx"], p["vy"]) <= 0.65
-            assert moves.sum() <= 30
             for time in (0.0, 3.7, 21.3):  # and off each other
-                at = np.array([patrol_at(p, time)[:2] for p in s.patrols[moves]])
-                radii = s.obstacles["radius"][moves]
+                at = np.array([motion_at(o, time)[:2] for o in moving])
+                radii = moving["radius"]
                 gap = np.linalg.norm(at[:, None] - at, axis=2) - radii - radii[:, None]
                 assert (gap[np.triu_indices(len(at), 1)] > 0.0).all()
 
@@ -420,17 +419,19 @@ def test_patrols_keep_off_walls_start_and_goal(family: str) -> None:
 def test_crossing_discs_cross_and_others_come_or_go() -> None:
     for s in split("goal_reaching", "moving_crossing", "train"):
         line = np.array(s.goal[:2]) - s.start[:2]
-        for p in s.patrols:
-            ends = [np.array(patrol_at(p, t - p["phase"])[:2]) - s.start[:2] for t in (0.0, p["leg_time"])]
+        for o in s.obstacles:
+            ends = np.array([motion_at(o, t - o["patrol"]["phase"])[:2] for t in (0.0, o["patrol"]["leg_time"])])
+            ends -= s.start[:2]
             sides = [line[0] * y - line[1] * x for x, y in ends]
             assert sides[0] * sides[1] < 0.0
     for family, way in (("moving_head_on", -1.0), ("moving_overtaking", 1.0)):
         for s in split("goal_reaching", family, "train"):
             line = np.array(s.goal[:2]) - s.start[:2]
-            for p in s.patrols:
-                assert way * (line @ patrol_at(p, 0.0)[2:]) > 0.0
+            for o in s.obstacles:
+                velocity = motion_at(o, 0.0)[2:]
+                assert way * (line @ velocity) > 0.0
                 if way > 0.0:  # slower than any robot here
-                    assert np.hypot(p["vx"], p["vy"]) < 0.3
+                    assert np.hypot(*velocity) < 0.3
 
 
 def test_patrols_from_json(tmp_path: pathlib.Path) -> None:
@@ -440,7 +441,7 @@ def test_patrols_from_json(tmp_path: pathlib.Path) -> None:
     content = {"goal": [9, 9, 0], "obstacles": [moving, {"kind": "circle", "x": 5, "y": 0, "radius": 0.3}]}
     file.write_text(json.dumps(content))
     (s,) = goal_scenarios(str(file), HULL)
-    assert s.patrols.tolist() == [(2.0, 0.0, 0.5, 0.0, 4.0, 1.0), (0.0,) * 6]
+    assert s.obstacles["patrol"].tolist() == [(2.0, 0.0, 0.5, 0.0, 4.0, 1.0), (0.0,) * 6]
     assert s.obstacles["x"].tolist() == [2.5, 5.0]
     for change, message in [
         ({"patrol": 3}, "obstacles[0]: patrol is 3; it must be an object"),

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import ROBOTS
-from wayfield.envs.world.patrols import PATROL, patrol_at
+from wayfield.envs.scenarios.obstacles import moving_circle
+from wayfield.envs.world.patrols import motion_at
 
 DT = 0.05
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
@@ -60,8 +61,7 @@ def place_of(patrol: dict[str, Any], x: float, y: float, time: float) -> tuple[f
 
 @given(st.floats(0.01, 9.0), st.floats(0.0, 20.0), st.floats(0.0, 100.0))
 def test_a_patrol_goes_to_and_fro(leg_time: float, phase: float, time: float) -> None:
-    patrol = np.array([(1.0, -2.0, 0.5, -1.5, leg_time, phase)], PATROL)[0]
-    x, y, vx, vy = patrol_at(patrol, time)
+    x, y, vx, vy = motion_at(moving_circle(1.0, -2.0, 0.3, 0.5, -1.5, leg_time, phase), time)
     wanted = place_of({"vx": 0.5, "vy": -1.5, "leg_time": leg_time, "phase": phase}, 1.0, -2.0, time)
     assert (x, y) == pytest.approx(wanted, abs=1e-6)
     assert abs(vx) == 0.5

@@ -265,8 +265,8 @@ def test_faulty_path_scenarios_are_refused(path: Path, settings: dict[str, objec
         ({"waypoint_radius": math.nan}, "waypoint_radius is nan"),
         ({"start_offset": -1.0}, "start_offset is -1.0"),
         ({"obstacles": np.zeros((2, 8))}, "it must be an OBSTACLE record"),
-        ({"obstacles": np.array([(0, 0, 1, 0, -1, 1, 0, 0)], OBSTACLE)}, "obstacles[0].half_length is -1.0"),
-        ({"obstacles": np.array([(np.nan, 0, 1, 0, 1, 1, 0, 0)], OBSTACLE)}, "obstacles[0].x is nan"),
+        ({"obstacles": np.array([(0, 0, 1, 0, -1, 1, 0, 0, (0,) * 6)], OBSTACLE)}, "obstacles[0].half_length is -1.0"),
+        ({"obstacles": np.array([(np.nan, 0, 1, 0, 1, 1, 0, 0, (0,) * 6)], OBSTACLE)}, "obstacles[0].x is nan"),
     ],
 )
 def test_faulty_goal_scenarios_are_refused(settings: dict[str, object], message: str) -> None:

@@ -150,8 +150,8 @@ def test_a_scan_writes_its_own_beams_only(values: list[float], scan: tuple[int, 
     angles = sensing.beam_angles(count, view)
     step = angles[1] - angles[0] if count > 1 else 2.0 * math.pi
     obstacles = np.zeros((1, 2), OBSTACLE)
-    obstacles[0, 0] = (values[0], values[1], 1.0, 0.0, 0.0, 0.0, values[2], 0.0)
-    obstacles[0, 1] = (values[3], values[4], 0.6, 0.8, values[2], abs(values[1]), 0.0, 0.0)
+    obstacles[0, 0] = (values[0], values[1], 1.0, 0.0, 0.0, 0.0, values[2], 0.0, (0.0,) * 6)
+    obstacles[0, 1] = (values[3], values[4], 0.6, 0.8, values[2], abs(values[1]), 0.0, 0.0, (0.0,) * 6)
     ranges = np.full((1, 3 * count + 8), -7.0)
     beams = np.ascontiguousarray(sensing.beam_directions(angles).T)
     room = np.empty(sensing.ROOM), np.empty(0, np.float32), np.empty(0, np.uint64)

@@ -212,6 +212,8 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
   const field = (name) => `    ${name}=${value(world[name])},`;
   const still = !world.start_offset && !world.start_turn;
   const lines = ["import gymnasium", "import numpy as np", "import wayfield", "from wayfield.policies import Pilot, make"];
+  const records = recordsOf(world).map((row) => [...row.slice(0, -1), tuple(row[row.length - 1])]);
+  const solids = `np.array(${records.length ? rowsOf(records) : "[]"}, OBSTACLE)`;
   let scene;
   if (world.kind === "path") {
     lines.push("from wayfield.envs.scenarios import PathScenario", "from wayfield.envs.world.paths import Path");
@@ -221,15 +223,13 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
     lines.push("from wayfield.envs.crowds.people import WALK", "from wayfield.envs.scenarios.team_scenario import TeamScenario", "from wayfield.envs.world.geometry import OBSTACLE");
     const rows = (list, kind) => `np.array(${list.length ? rowsOf(list) : "[]"}${kind})`;
     scene = ["scenario = TeamScenario.made(", `    ${value(world.name)},`, `    starts=${rowsOf([start, ...world.starts])},`, `    goals=${rowsOf([world.goal, ...world.goals])},`,
-      `    obstacles=${rows(solidsOf(world), ", OBSTACLE")},`, `    walks=${rows(world.walks, ", WALK")},`, `    tracks=${rows(world.tracks, ", float")}.reshape(-1, 4),`,
+      `    obstacles=${solids},`, `    walks=${rows(world.walks, ", WALK")},`, `    tracks=${rows(world.tracks, ", float")}.reshape(-1, 4),`,
       field("reach"), field("position_tolerance"), field("heading_tolerance"), ")"];
   } else {
     const [room, kind] = tables.scenario;
-    lines.push(`from ${room} import ${kind}`, "from wayfield.envs.world.geometry import OBSTACLE", "from wayfield.envs.world.patrols import PATROL");
-    const solids = solidsOf(world);
-    const patrols = world.patrols && world.patrols.length ? [`    patrols=np.array(${rowsOf(solids.map((_, k) => world.patrols[k] || [0, 0, 0, 0, 0, 0]))}, PATROL),`] : [];
+    lines.push(`from ${room} import ${kind}`, "from wayfield.envs.world.geometry import OBSTACLE");
     scene = [`scenario = ${kind}(`, `    ${value(world.name)},`, `    goal=${tuple(world.goal)},`, `    start=${tuple(start)},`,
-      `    waypoints=${tuple(world.waypoints.map(tuple))},`.replace("((),)", "()"), `    obstacles=np.array(${solids.length ? rowsOf(solids) : "[]"}, OBSTACLE),`, ...patrols,
+      `    waypoints=${tuple(world.waypoints.map(tuple))},`.replace("((),)", "()"), `    obstacles=${solids},`,
       field("position_tolerance"), field("heading_tolerance"), field("waypoint_radius"), ")"];
   }
   const kwargs = Object.entries(tables.kwargs).map(([name, each]) => `, ${name}=${value(each)}`).join("");

@@ -6,6 +6,8 @@ const taskOf = ({ tables }, { kind }) => Object.keys(tables.tasks).find((task) =
 const robotsOf = ({ tables }, task) => Object.keys((tables.tasks[task] || Object.values(tables.tasks)[0]).robots);
 // What a robot runs into besides the cells of a map; of a map that is too large for the page, its outline.
 const solidsOf = (world) => [...(world.obstacles || []), ...((!world.grid && world.walls) || [])];
+// Of each the fields of an OBSTACLE record, its patrol last.
+const recordsOf = (world) => solidsOf(world).map((shape, k) => [...shape, (world.patrols || [])[k] || [0, 0, 0, 0, 0, 0]]);
 const NOISE_BLOCK = 64;
 const POSE_COLUMNS = 7;
 const NEAREST = 10; // bodies that are kept of each
@@ -54,7 +56,7 @@ class Simulator {
       new Uint8Array(kernels.memory.buffer).fill(0, at, at + bytes);
       return { at, shape };
     };
-    this.solids = solidsOf(world);
+    this.solids = recordsOf(world);
     const obstacles = this.solids.length;
     this.beams = tables.beams;
     this.rows = disturbance.noisy ? NOISE_BLOCK : 1;
@@ -100,19 +102,22 @@ class Simulator {
     return this.alive.flatMap(() => rows);
   }
 
+  setParam(name, value) {
+    const [offset, kind] = this.tables.sheet[name];
+    new KINDS[kind](this.kernels.memory.buffer, this.arrays.params.at + offset, 1).fill(kind === "<i8" ? BigInt(value) : value);
+  }
+
   // What a world keeps of its bodies: robots first, then people.
   layBodies(field, memory, room) {
     const { kernels, tables, world, arrays, team } = this;
     const people = world.walks.length;
     const count = team + people;
     const records = (name, length, shape) => ({ ...new Records(kernels, kernels.tables.records[name], length).array, shape });
-    const set = (name, value) => new KINDS[tables.sheet[name][1]](kernels.memory.buffer, arrays.params.at + tables.sheet[name][0], 1).fill(tables.sheet[name][1] === "<i8" ? BigInt(value) : value);
-    set("team", team);
-    set("people", people);
-    set("reach", Math.max(world.reach, SIGHT));
+    this.setParam("team", team);
+    this.setParam("people", people);
+    this.setParam("reach", Math.max(world.reach, SIGHT));
     arrays.walks = { ...field(world.walks, "walk"), shape: [1, people] };
     arrays.tracks = { ...memory((world.tracks || []).flat(), Float64Array), shape: [(world.tracks || []).length, 4] };
-    arrays.shapes = room(8, [0]); // of kernels that were built before bodies were met as obstacles
     arrays.near_places = records("place", 2 * count, [2, 1, count]);
     arrays.hulls = records("hull", count, [1, count]);
     arrays.near = room(8 * count * NEAREST, [1, count, NEAREST]);
@@ -143,16 +148,13 @@ class Simulator {
     });
     arrays.goals = { ...memory([...points, ...(this.crowd ? world.goals : [])].flat(), Float64Array), shape: [team, points.length, 3] };
     arrays.fields = { ...field(this.forAll(solids), "obstacle"), shape: [team, obstacles] };
-    const standing = solids.map((_, k) => (world.patrols && world.patrols[k]) || [0, 0, 0, 0, 0, 0]);
-    const patrols = world.patrols && world.patrols.length ? standing : [];
-    arrays.patrols = { ...field(this.forAll(patrols), "patrol"), shape: [team, patrols.length] };
+    this.setParam("moving", (world.patrols || []).some(([, , , , legTime]) => legTime > 0) ? 1 : 0);
     const { frame, cells } = world.grid || { frame: new Array(9).fill(0), cells: "" };
     const bytes = bytesOf(cells);
     arrays.cells = { at: bytes.length ? kernels.put(bytes) : kernels.room(8), shape: [bytes.length] };
     this.toldFrames = { ...field([frame], "frame"), shape: [1] };
     Object.keys(kernels.tables.records.frame.fields).forEach((name, k) => course.set(name, frame[k]));
     arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [2, this.beams] };
-    this.toldPatrols = { ...field(standing, "patrol"), shape: [1, obstacles] };
   }
 
   layPath(field) {
@@ -179,7 +181,6 @@ class Simulator {
     const run = { first: 0, segments: n - 1, closed: world.closed ? 1 : 0, length: lap, per_metre: perMetre };
     for (const [name, value] of Object.entries(run)) records.set(name, value);
     arrays.runs = records.array;
-    arrays.patrols = { ...field([], "patrol"), shape: [1, 0] };
     const first = [...world.path[0], this.bearings([ring[1][1] - ring[0][1]], [ring[1][0] - ring[0][0]])[0]];
     course.set("finish", world.laps ? world.laps * lap : Infinity);
     course.set("per_metre", 1 / (Math.max(world.laps, 1) * lap));
@@ -312,9 +313,9 @@ class Simulator {
     const index = () => { this.zero = this.zero || { at: this.kernels.room(8), shape: [1] }; this.kernels.i64(this.zero.at, 1)[0] = 0n; return this.zero; };
     if (this.world.kind === "path") return { vertices: arrays.vertices, runs: arrays.runs, path_index: index() };
     const count = (value) => { const at = this.kernels.room(8); this.kernels.i64(at, 1)[0] = BigInt(value); return { at, shape: [1] }; };
-    const obstacles = this.kernels.put(new Uint8Array(this.kernels.memory.buffer, arrays.obstacles.at, 64 * arrays.obstacles.shape[1]).slice());
+    const obstacles = this.kernels.put(new Uint8Array(this.kernels.memory.buffer, arrays.obstacles.at, this.kernels.tables.records.obstacle.size * arrays.obstacles.shape[1]).slice());
     return { obstacles: { at: obstacles, shape: [1, arrays.obstacles.shape[1]] }, num_obstacles: count(arrays.obstacles.shape[1]),
-      patrols: this.toldPatrols, goals: { at: arrays.goals.at + 24 * arrays.goals.shape[1] * row, shape: [1, ...arrays.goals.shape.slice(1)] }, num_goals: count(arrays.goals.shape[1]),
+      goals: { at: arrays.goals.at + 24 * arrays.goals.shape[1] * row, shape: [1, ...arrays.goals.shape.slice(1)] }, num_goals: count(arrays.goals.shape[1]),
       frames: this.toldFrames, cells: arrays.cells };
   }
 
