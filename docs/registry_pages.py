@@ -18,7 +18,7 @@ import gymnasium
 from equations import EQUATIONS
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import math_to_image
-from simulators import places
+from simulators import pilots, places
 from sphinx.application import Sphinx
 
 import wayfield  # noqa: F401  registers the ids
@@ -235,7 +235,8 @@ def simulator(name: str, found: list[tuple[str, str]]) -> str:
     if not found:
         film = f"pictures/policy_{name}.gif"
         return f"![{name}: a film of a drive](../../{film})" if (Path(__file__).parent / film).is_file() else ""
-    (kind, robot), label = found[0], "ppo (trained)" if name == "ppo" else name
+    kind, robot = found[0]
+    label = next(each for each in pilots(kind, robot) if each.split()[0] == name)
     lines = [f"```{{simulator}} {label}", f":kind: {kind}", f":robot: {robot}", "```", ""]
     told = "*overlay* draws what it looks at, the sliders are its gains; in the whole simulator things can be moved."
     return "\n".join([*lines, told])

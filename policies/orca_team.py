@@ -193,14 +193,14 @@ def order_at_door(p, pose, goal, bodies):
 
 @any_layout
 @allocating
-def avoid(params, twists, bodies, ranges, beams, wanted, out):
+def avoid(params, measured, bodies, ranges, beams, wanted, out):
     """Fills the (b, t) twists of `OrcaTeam.keep_clear`."""
     p = params[0]
     lines = np.empty((bodies.shape[1] + ranges.shape[1], 3))
     scratch = np.empty(lines.shape)
     ahead = p.ahead
-    for i in range(twists.shape[0]):
-        total, hard = fill_lines(p, twists, bodies, ranges, beams, i, lines)
+    for i in range(measured.shape[0]):
+        total, hard = fill_lines(p, measured, bodies, ranges, beams, i, lines)
         ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted[i, 0], wanted[i, 1], scratch)
         if ahead == 0.0:
             out[i, 0] = ux

@@ -10,7 +10,7 @@ import platform
 import re
 import subprocess
 import zlib
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -203,12 +203,22 @@ def commit() -> str:
 
 
 def rendered(
-    title: str, content: Content, how: Sequence[Sequence[str]], budget: int, extra: Mapping[str, Any] | None = None
+    title: str,
+    content: Content,
+    how: Sequence[Sequence[str]],
+    budget: int,
+    extra: Mapping[str, Any] | None = None,
+    agents: Collection[str] = (),
 ) -> str:
-    """Returns the page's text; as many episodes can be replayed as the budget has room for."""
+    """Returns the page's text; as many episodes can be replayed as the budget has room for.
+
+    Args:
+        agents: trained among bodies, that can drive there besides those of the episodes.
+    """
     robots = {episode["robot"] for episode in content.episodes} if extra is None else set(ROBOTS)
     kinds = {world["kind"] for world in content.worlds}
-    kernels, machinery = kernel_part(robots, crowds=bool({"team", "people"} & kinds))
+    agents = {*agents, *(episode["policy"].partition(" ")[0] for episode in content.episodes)}
+    kernels, machinery = kernel_part(robots, agents, crowds=bool({"team", "people"} & kinds))
     plain = {
         "charts": content.charts,
         "tables": [dataclasses.asdict(table) for table in content.tables],
@@ -251,10 +261,13 @@ def rendered(
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
-def kernel_part(robots: Container[str], crowds: bool = True) -> tuple[dict[str, Any], bytes]:
+def kernel_part(
+    robots: Container[str], agents: Container[str] = (), crowds: bool = True
+) -> tuple[dict[str, Any], bytes]:
     """Returns what the page needs to drive some robots: the tables, and the bytes that they point into; {} for none.
 
     Args:
+        agents: trained among bodies, whose weights are needed; those of others stay behind.
         crowds: whether any of it drives among other bodies.
     """
     home = resources.files("wayfield.benchmarks.report") / "page"
@@ -283,14 +296,21 @@ def kernel_part(robots: Container[str], crowds: bool = True) -> tuple[dict[str, 
             task["directions"] = placed(task["directions"])
         if task["late"] is not None and "beams" in task["late"]:
             task["late"]["beams"] = placed(task["late"]["beams"])
-    tables["pilots"] = {key: each for key, each in tables["pilots"].items() if key.split()[1] in robots}
+    tables["pilots"] = {
+        key: each
+        for key, each in tables["pilots"].items()
+        if key.split()[1] in robots
+        and not (each.get("network") and key.split()[0] in CROWDS and each["make"]["name"] not in agents)
+    }
     for pilot in tables["pilots"].values():
         for name in ("sizes", "numbers"):
             if name in pilot:
                 pilot[name] = placed(pilot[name])
-        for argument in pilot.get("arguments", ()):
-            if "blob" in argument:
-                argument["blob"] = placed(argument["blob"])
+        base = pilot.get("base", {})
+        for part in (pilot, base.get("want", {}), base.get("avoid", {}), pilot.get("shield", {})):
+            for argument in part.get("arguments", ()):
+                if "blob" in argument:
+                    argument["blob"] = placed(argument["blob"])
     return tables | {"module": [0, len(pieces[0])], "blobs": found}, b"".join(pieces)
 
 

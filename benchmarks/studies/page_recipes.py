@@ -26,6 +26,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.records import MAX_WHEELS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.geometry import OBSTACLE
@@ -33,9 +34,10 @@ from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import RUN, VERTEX
 from wayfield.policies import Pilot, make
 from wayfield.policies.gain import Gain, gains_of
-from wayfield.policies.learned.conditions import effective_actuators, network_speed
+from wayfield.policies.learned.agent import SHIELD, Agent
+from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
 from wayfield.policies.learned.perception import limits_of
-from wayfield.policies.parts import forward_prediction
+from wayfield.policies.parts import forward_prediction, shield
 from wayfield.policies.parts.params import PLANT
 from wayfield.policies.parts.stopping import NEAR_ENOUGH
 from wayfield.policies.policy import lacks
@@ -70,13 +72,14 @@ TO_POSES: Mapping[str, Decision] = {
 # Among other bodies, whose robots each have the law; "axes" are the components that the base can command.
 AMONG_BODIES: Mapping[str, Decision] = {
     **{name: TO_POSES[name] for name in ("polar", "vfh_plus", "dwa", "mppi", "scan_planner")},
-    "orca_team": ("orca_team", "avoid", "out", "axes"),
-    "orca_team_map": ("orca_team_map", "find_targets", "out", "axes"),
+    "orca_team": ("orca_team", "decide", "out", "axes"),  # in steps, of JOINED
+    "orca_team_map": ("orca_team_map", "decide", "out", "axes"),
     "social_force": ("social_force", "push", "out", "axes"),
 }
 OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
-# Of a trained agent, which puts together what several functions fill.
+# Trained agents, which put together what several functions fill.
 AGENT = "ppo"
+AGENTS = (AGENT, "team_guided", "team_scan", "people_free")
 NETWORK_ALONG_PATHS = (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward"))
 NETWORK_TO_POSES = (
     ("perception", "fill_goal"),
@@ -89,10 +92,18 @@ NETWORK_TO_POSES = (
     ("agent", "hold"),
     ("agent", "forward"),
 )
+# and ORCA under the network, or behind it
+NETWORK_AMONG_BODIES = (
+    *NETWORK_TO_POSES,
+    ("perception", "fill_bodies"),
+    ("orca_team", "want"),
+    ("orca_team", "avoid"),
+)
 NETWORKS: Mapping[str, Sequence[tuple[str, str]]] = {
     "path": NETWORK_ALONG_PATHS,
     "goal": NETWORK_TO_POSES,
     "dock": (*NETWORK_TO_POSES, ("perception", "fill_pose")),
+    **dict.fromkeys(("team", "people"), NETWORK_AMONG_BODIES),
 }  # by kind
 
 # Where those of perception's are called that are not called there; the page knows all by that name.
@@ -100,6 +111,7 @@ CALLED_IN: Mapping[str, str] = {
     "fill_path": "features_path",
     **dict.fromkeys(("fill_goal", "arrive", "guard"), "features_goal"),
     "fill_pose": "features_dock",
+    "fill_bodies": "features_team",
 }
 _OF_PERCEPTION = (*CALLED_IN.values(), "arrival", "guard")
 
@@ -127,6 +139,7 @@ ROLES = {
     "seen.twists": "seen.twist3",
     "measured": "seen.twist3",
     "bodies": "seen.bodies",
+    "wanted": "out",
     "told.obstacles": "told.obstacles",
     "told.counts": "told.num_obstacles",
     "told.goals": "told.goals",
@@ -226,23 +239,26 @@ def look_of(task: str, name: str) -> Look | None:
     return (LOOKS_ALONG_PATHS if contest_of(task).spec.on_path else LOOKS_TO_POSES).get(name)
 
 
-def network(task: str) -> Sequence[tuple[str, str]]:
-    """Returns the compiled functions of the agents that ship for a task; none where none ship."""
-    contest = contest_of(task)
-    return NETWORKS[contest.spec.kind] if AGENT in contest.policies else ()
+def agents(task: str) -> tuple[str, ...]:
+    """Returns the trained agents that enter the contest of a task."""
+    return tuple(name for name in AGENTS if name in contest_of(task).policies)
+
+
+def network(task: str) -> list[tuple[Any, str]]:
+    """Returns the modules and names of the compiled functions of the agents that ship for a task."""
+    return [(of_policies(module, name), name) for module, name in NETWORKS[contest_of(task).spec.kind]]
 
 
 # Of laws that decide in steps: the one kernel that the page calls, and each step's module and function, with what has
 # another name in that kernel, or none.
-_AVOID = ("orca_team", "avoid", {"twists": "measured"})
 JOINED: Mapping[str, tuple[Any, tuple[tuple[str, str, Mapping[str, str]], ...]]] = {
-    "orca_team": (orca_of_team, (("orca_team", "want", {"params": "", "out": ""}), _AVOID)),
+    "orca_team": (orca_of_team, (("orca_team", "want", {"params": "", "out": ""}), ("orca_team", "avoid", {}))),
     "orca_team_map": (
         orca_of_team_map,
         (
             ("orca_team_map", "find_targets", {"params": "planner"}),
             ("orca_team", "want", {"params": "", "goals": "", "out": ""}),
-            _AVOID,
+            ("orca_team", "avoid", {}),
         ),
     ),
 }
@@ -346,7 +362,7 @@ def predictions(task: str) -> list[tuple[Any, Any]]:
 
 def late_table(task: str, blobs: "Blobs") -> dict[str, Any]:
     """Returns the constants of a task that predictions read: of its scan, or of the preview of its path."""
-    calls = {kernel.py_func.__name__: dict(leaves(names_of(kernel), each)) for kernel, each in predictions(task)}
+    calls = {name_of(kernel): dict(leaves(names_of(kernel), each)) for kernel, each in predictions(task)}
     if "follow" in calls:
         return {"spacing": float(calls["follow"]["spacing"])}
     scan = calls["rescan"]
@@ -602,9 +618,21 @@ def export_of(module: str, function: str) -> str:
     return f"{module}_{function}"
 
 
+def name_of(kernel: Any) -> str:
+    """Returns the name of a compiled function."""
+    name: str = kernel.py_func.__name__
+    return name
+
+
+def export_in(kernel: Any) -> str:
+    """Returns the name in the WebAssembly module of a function of a trained agent."""
+    module = kernel.py_func.__module__.rpartition(".")[2]
+    return export_of("perception" if module in _OF_PERCEPTION else module, name_of(kernel))
+
+
 def look_export(module: str, look: Look) -> str:
     """Returns the name in the WebAssembly module of what finds the numbers of an overlay, for a law's memory."""
-    return export_of(module, look.kernel.py_func.__name__)
+    return export_of(module, name_of(look.kernel))
 
 
 def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
@@ -617,24 +645,47 @@ def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
     return told
 
 
-def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
-    """Returns how the page makes a trained agent decide."""
-    policy: Any = make(AGENT, seed=seed)
-    functions = [(of_policies(module, name), name) for module, name in network(task)]
-    calls = {
-        kernel.py_func.__name__: dict(leaves(names_of(kernel), values))
-        for kernel, values in first_decision(env, policy, functions)
-    }
-    pilot = Pilot(policy, env)
-    env.reset(seed=0)
+def agent_calls(task: str, pilot: Pilot, env: NativeVectorEnv) -> list[tuple[Any, Any]]:
+    """Returns the calls of a trained agent's first decision, and of its shield where that may act in the page."""
+    observation, _ = env.reset(seed=0)
     pilot.reset()
-    agent = policy.agent(pilot.briefing)
+    calls = noted(pilot, observation, network(task))
+    if shielded_from(agent_of(pilot), pilot.briefing):
+        fields = pilot.briefing.layout.unpack(observation.astype(np.float64))
+        still = np.zeros((1, len(pilot.briefing.robot.twist_axes)))
+        with watched(shield, "filter_twists", calls):
+            SHIELD.passed(fields, pilot.briefing, SHIELD.reset(pilot.briefing), still)
+    return calls
+
+
+def agent_of(pilot: Pilot) -> Agent:
+    """Returns the agent that a pilot's policy drives with."""
+    policy: Any = pilot.policy
+    agent: Agent = policy.agent(pilot.briefing)
+    return agent
+
+
+def shielded_from(agent: Agent, briefing: Briefing) -> int:
+    """Returns the least team of robots that an agent is shielded in; 0: it is in none."""
+    if not agent.features.shielded:
+        return 0
+    teams = agent.card["trained_on"].get("teams")
+    return 1 if out_of_distribution(agent.card, briefing, agent.speed) else max(teams) + 1 if teams else 0
+
+
+def network_recipe(task: str, name: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
+    """Returns how the page makes a trained agent decide."""
+    policy = make(name, seed=seed)
+    pilot = Pilot(policy, env)
+    noted_calls = agent_calls(task, pilot, env)
+    calls = {name_of(kernel): dict(leaves(names_of(kernel), values)) for kernel, values in noted_calls}
+    agent = agent_of(pilot)
     actuators = effective_actuators(agent.card, pilot.briefing)
     memory = agent.perception(pilot.briefing).fresh(1)
     forward = calls["forward"]
     features = agent.features
     told: dict[str, Any] = {
-        "make": {"name": AGENT, "gains": {"seed": seed}},
+        "make": {"name": name, "gains": {"seed": seed}},
         "network": True,
         "knows": policy.knows,
         "speed": network_speed(agent.card, pilot.briefing, agent.speed),
@@ -660,9 +711,9 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         "count": len(forward["numbers"]),
         "task": task,
     }
-    for name, call in calls.items():
+    for function, call in calls.items():
         if "scales" in call:
-            told[f"{name}_scales"] = np.asarray(call["scales"]).tolist()
+            told[f"{function}_scales"] = np.asarray(call["scales"]).tolist()
     if "fill_trails" in calls:
         told["shares"] = calls["fill_trails"]["shares"].tolist()
     if "fill_goal" in calls:
@@ -670,6 +721,24 @@ def network_recipe(task: str, robot: str, seed: int, env: NativeVectorEnv, blobs
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
     if features.posed:
         told |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
+    if "fill_bodies" in calls:
+        bodies = calls["fill_bodies"]
+        told |= {"bodied": bodies["out"].shape[1], "bodies": int(bodies["count"]), "fronted": bool(bodies["fronted"])}
+    parts = {
+        name_of(kernel): {
+            "export": export_in(kernel),
+            "arguments": [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)],
+        }
+        for kernel, values in noted_calls
+        if name_of(kernel) in ("want", "avoid", "filter_twists")
+    }
+    if agent.base is not None:
+        if agent.actions.kind != "planar":
+            raise NotImplementedError(f"{name}: the page adds planar actions alone to a base, not unicycle ones")
+        laws = {"want": parts["want"], "avoid": parts["avoid"]}
+        told["base"] = {"guards": agent.base.guards, "reach": agent.base.reach} | laws
+    if shielded_from(agent, pilot.briefing):
+        told["shield"] = {"from": shielded_from(agent, pilot.briefing)} | parts["filter_twists"]
     if "guard" in calls:
         told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:
@@ -789,10 +858,11 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         key = f"{task} {robot} {actuators} {label}"
                         told["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
-                for gains_name, gains in contest.gain_sets(AGENT, robot, ()):
-                    if gains["seed"] == 0 and network(task):
-                        key = f"{task} {robot} {actuators} {AGENT} ({gains_name})"
-                        told["pilots"][key] = network_recipe(task, robot, 0, env, blobs)
+                for name in agents(task):
+                    for gains_name, gains in contest.gain_sets(name, robot, ()):
+                        if gains["seed"] == 0:
+                            key = f"{task} {robot} {actuators} {name} ({gains_name})"
+                            told["pilots"][key] = network_recipe(task, name, 0, env, blobs)
     told["blobs"] = blobs.listed()
     return told
 
@@ -836,7 +906,7 @@ def jobs() -> list[tuple[str, str]]:
     return [
         (task, name)
         for task in EVERY
-        for name in ("", *decisions(task), *(() if task in CROWDS else (LATE,)), *((AGENT,) if network(task) else ()))
+        for name in ("", *decisions(task), *(() if task in CROWDS else (LATE,)), *agents(task))
     ]
 
 
@@ -844,22 +914,19 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     """Returns the functions of the WebAssembly module that a job of `jobs` stands for, by their names there."""
     contest = contest_of(task)
     timed_on = f"{contest.timed_on}/test"
-    if policy == AGENT:
-        functions = [(of_policies(module, name), name) for module, name in network(task)]
+    if policy in AGENTS:
         found: dict[str, Export] = {}
         for robot in FITTING:  # agents of one may call more than those of another
             if not any(contest.gain_sets(policy, robot, ())):
                 continue
             # a quick base shows all that an agent calls: it is held to what the agent knows
             env = environment(task, robot, "ideal", timed_on)
-            for kernel, values in first_decision(env, make(policy), functions):
-                module = kernel.py_func.__module__.rpartition(".")[2]
-                name = export_of("perception" if module in _OF_PERCEPTION else module, kernel.py_func.__name__)
-                found.setdefault(name, (kernel, leaves(names_of(kernel), values), values))
+            for kernel, values in agent_calls(task, Pilot(make(policy), env), env):
+                found.setdefault(export_in(kernel), (kernel, leaves(names_of(kernel), values), values))
         return found
     if policy == LATE:
         return {
-            export_of(LATE, kernel.py_func.__name__): (kernel, leaves(names_of(kernel), values), values)
+            export_of(LATE, name_of(kernel)): (kernel, leaves(names_of(kernel), values), values)
             for kernel, values in predictions(task)
         }
     env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)

@@ -122,7 +122,8 @@ def driven_among(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDAr
         **{name: each for name, each in contest.env_kwargs.items() if name != "visible"},
     )
     inner: Any = env.unwrapped
-    pilot = Pilot(make(case["policy"]), env)
+    name, trained = case["policy"].split()[0], case["policy"].endswith("(trained)")
+    pilot = Pilot(make(name, **({"seed": 0} if trained else {})), env)
     observation, _ = env.reset(seed=0, options={"scenario": 0})
     pilot.reset()
     world = plain(inner.task.scenarios[0], contest.spec.clock)
@@ -236,6 +237,28 @@ def test_the_page_drives_teams_and_people_as_python_does() -> None:
         )
     ]
     compare(chosen, 120, driven_among)
+
+
+@node
+@pytest.mark.filterwarnings("ignore::wayfield.policies.learned.conditions.NewToAgent")
+@pytest.mark.parametrize(
+    ("task", "policy", "family", "actuators", "people"),
+    [
+        ("teams", "team_guided (trained)", "circle_4", "lagged", None),
+        ("teams", "team_scan (trained)", "doorway_4", "lagged", None),
+        ("people", "people_free (trained)", "crowdnav_5", "lagged", None),
+        # held to slower actuators that they know; shielded where their own are slower, and in larger teams
+        ("teams", "team_guided (trained)", "crossing_4", "ideal", None),
+        ("teams", "team_guided (trained)", "circle_16", "lagged", None),
+        ("teams", "team_scan (trained)", "circle_16", "ideal", None),
+        ("people", "people_free (trained)", "crossing_flow_8", "slow", "moussaid"),
+    ],
+)
+def test_the_page_drives_agents_among_bodies_as_python_does(
+    task: str, policy: str, family: str, actuators: str, people: str | None
+) -> None:
+    case = {"task": task, "robot": "omni3", "actuators": actuators, "policy": policy, "family": family}
+    compare([case | {"people": people}], contest_of(task).spec.clock, driven_among)
 
 
 ROOM = ("." * 40 + "\n") * 12 + ("." * 18 + "@@@@" + "." * 18 + "\n") * 8 + ("." * 40 + "\n") * 12

@@ -201,7 +201,7 @@ def test_the_demo_drives_with_the_kernels_of_the_package() -> None:
     text = (Path(__file__).parents[2] / "docs" / "demo.html").read_text(encoding="utf-8")
     assert len(text.encode()) <= page_demo.BUDGET
     told, content = payload(text)
-    shipped = page.kernel_part(set(ROBOTS))
+    shipped = page.kernel_part(set(ROBOTS), page_demo.AGENTS_THERE)
     assert kernels_of(told["kernels"], content) == kernels_of(*shipped), (
         "the kernels were built anew: python benchmarks/studies/page_demo.py"
     )

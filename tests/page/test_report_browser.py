@@ -12,7 +12,7 @@ import numpy as np
 import page_demo
 import pytest
 from oracles.hostile_page import HOSTILE, hostile
-from page_recipes import FITTING
+from page_recipes import AGENTS, FITTING
 from PIL import Image
 
 from wayfield.benchmarks.report import page
@@ -55,7 +55,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     driving = Content(worlds=[first_of[family] for family in families if family in first_of])
     first = driving.worlds[-1]
     told = {"demo": {"first": f"{first['kind']}: {first['family']}", "unable": page_demo.unable()}}
-    files["demo"].write_text(rendered("demo", driving, made("demo", driving), page_demo.BUDGET, told), encoding="utf-8")
+    text = rendered("demo", driving, made("demo", driving), page_demo.BUDGET, told, AGENTS)
+    files["demo"].write_text(text, encoding="utf-8")
     return files
 
 
@@ -539,6 +540,16 @@ def test_teams_and_people_are_driven_by_laws_by_hand_and_by_python(browser: Brow
             tab.evaluate("(family) => { picks.restore({ family, seed: 0 }); drive.clear(); }", family)
             tab.evaluate("(label) => { drive.add({ label }); drive.pump(30000); }", label)
             same_in_python(tab, label)
+        tab.evaluate(CHOSEN, "omni3")
+        for family, label in (
+            ("team: doorway_4", "team_guided (trained)"),
+            ("team: doorway_4", "team_scan (trained)"),
+            ("people: crowdnav_5", "people_free (trained)"),
+        ):
+            tab.evaluate("(family) => { picks.restore({ family, seed: 0 }); drive.clear(); }", family)
+            tab.evaluate("(label) => { drive.add({ label }); drive.pump(30000); }", label)
+            same_in_python(tab, label)
+        tab.evaluate(CHOSEN, "p3dx")
         # people go on walking while one drives by hand
         tab.get_by_role("button", name="drive yourself").click()
         tab.keyboard.down("ArrowUp")

@@ -5,7 +5,7 @@ const FAST = 6; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
 const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""], ["hybrid", "joins two that drive here"], ["nav2", "keeps a cost map that the page does not carry"],
-  ["central", "plans for all at once, in Python"], ["team_guided", "its network sees bodies, the page's do not"], ["people_free", "its network sees bodies, the page's do not"]]; // why not here
+  ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free"].map((each) => [each, "its weights are not in this file"])]; // why not here
 
 // Whether the cells of a world's map are not in the page.
 const outlined = (world) => Boolean(world.walls && !world.grid);

@@ -184,6 +184,12 @@ const LOOKS = {
   },
 };
 
+// The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
+function guardOf({ guard, base, fill_bodies_scales: scales }) {
+  if (guard) return { kind: "guard", title: "wanted, and what the guard leaves", numbers: guard };
+  return base && { kind: "guard", title: base.guards ? "wanted, and what the half-planes leave" : "orca_team's choice, and that", numbers: scales };
+}
+
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
 class Looks {
   constructor(drive) {
@@ -212,7 +218,7 @@ class Looks {
     if (!run) return null;
     const { conditions, label } = run.asked;
     const recipe = drive.kernels.tables.pilots[`${drive.task} ${conditions.robot} ${conditions.actuators} ${label}`];
-    const look = recipe && (recipe.look || (recipe.guard && { kind: "guard", title: "wanted, and what the guard leaves", numbers: recipe.guard }));
+    const look = recipe && (recipe.look || guardOf(recipe));
     return look ? { run, look } : null;
   }
 

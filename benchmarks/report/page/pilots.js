@@ -9,11 +9,11 @@ function pilotFor(simulator, label, gains = {}) {
   return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe, gains);
 }
 
-// One law drives all robots of a world, each by what it sees.
+// One policy drives all robots of a world, each by what it sees.
 class Everyone {
   constructor(simulator, recipe, gains) {
     this.simulator = simulator;
-    this.pilots = simulator.each.map((one) => new Law(one, recipe, gains));
+    this.pilots = simulator.each.map((one) => (recipe.network ? new Network(one, recipe) : new Law(one, recipe, gains)));
   }
 
   act() {
@@ -22,6 +22,10 @@ class Everyone {
 
   look(places) {
     return this.pilots[0].look(places);
+  }
+
+  get wanted() {
+    return this.pilots[0].wanted;
   }
 }
 
@@ -115,12 +119,17 @@ class Law {
     return kernels.f64(this.looked.looked.at, size).slice();
   }
 
-  act() {
+  // Decides; returns `count` numbers of what it fills.
+  decide(count, { out, offset } = { out: "out", offset: 0 }) {
     const { kernels } = this.simulator;
     this.sense();
     kernels.call(this.recipe.export, this.values);
+    return kernels.f64(this.values[out].at + offset, count);
+  }
+
+  act() {
     const { axes } = this.simulator.body;
-    const out = kernels.f64(this.values[this.recipe.out].at + this.recipe.offset, { unicycle: 2, planar: 3, axes: axes.length }[this.recipe.kind]);
+    const out = this.decide({ unicycle: 2, planar: 3, axes: axes.length }[this.recipe.kind], this.recipe);
     if (this.recipe.kind === "axes") return [0, 1, 2].map((axis) => (axes.includes(axis) ? out[axes.indexOf(axis)] : 0));
     return this.recipe.kind === "unicycle" ? [out[0], 0, out[1]] : [out[0], out[1], out[2]];
   }
@@ -154,11 +163,11 @@ class Network {
     this.scratch = room(8 * recipe.widest, [2, recipe.widest]);
     this.angles = room(8, [1]);
     this.speeds = doubles([recipe.speed]);
-    this.sizes = { at: kernels.put(kernels.blob(recipe.sizes)), shape: [recipe.layers] };
-    this.numbers = { at: kernels.put(joined(kernels.blob(recipe.numbers))), shape: [recipe.count] };
+    this.sizes = { at: simulator.kept(recipe.sizes), shape: [recipe.layers] };
+    this.numbers = { at: simulator.kept(recipe.numbers, joined), shape: [recipe.count] };
     this.fields = {};
     for (const [name, values] of Object.entries(simulator.seen)) this.fields[name] = doubles(Array.from(values));
-    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "fill_pose", "arrive"]) {
+    for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "fill_pose", "fill_bodies", "arrive"]) {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
     }
     if (recipe.guard) this.guard = doubles(recipe.guard);
@@ -172,6 +181,13 @@ class Network {
     this.turned = room(24, [1, 3]);
     this.actions = room(16, [1, 2]);
     this.speedNow = room(8, [1]);
+    this.angleNow = room(8, [1]);
+    if (recipe.base) {
+      this.eyes = Object.create(simulator); // sees the twist that the network sees
+      this.want = new Law(this.eyes, recipe.base.want, {});
+      this.avoid = new Law(this.eyes, recipe.base.avoid, {});
+    }
+    if (recipe.shield && simulator.team >= recipe.shield.from) this.shield = new Law(simulator, recipe.shield, {});
   }
 
   act() {
@@ -193,7 +209,11 @@ class Network {
     } else {
       kernels.call("perception_fill_goal", { goals: { at: fields.goal.at, shape: [1, 2] }, twists: { at: fields.twist.at, shape: [1, body.axes.length] },
         ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, speeds: this.speeds, scales: this.fill_goal, max_range: recipe.max_range,
-        pool: recipe.pool, ahead: recipe.ahead ? 1 : 0, angles: this.angles, out: part(inputs, 0, recipe.width - (recipe.posed || 0)) });
+        pool: recipe.pool, ahead: recipe.ahead ? 1 : 0, angles: this.angles, out: part(inputs, 0, recipe.width - (recipe.posed || 0) - (recipe.bodied || 0)) });
+    }
+    if (recipe.bodied) {
+      kernels.call("perception_fill_bodies", { bodies: { at: fields.bodies.at, shape: [1, seen.bodies.length / BODY, BODY] }, angles: this.angles,
+        scales: this.fill_bodies, count: recipe.bodies, fronted: recipe.fronted ? 1 : 0, out: part(inputs, recipe.width - recipe.bodied, recipe.bodied) });
     }
     if (recipe.posed) {
       kernels.call("perception_fill_pose", { goals: { at: fields.goal.at, shape: [1, 2] }, turns: fields.goal_heading_error, angles: this.angles,
@@ -239,6 +259,8 @@ class Network {
       at += width;
     }
     kernels.f32(inputs.at + 4 * at, recipe.limits.length).set(recipe.limits);
+    const asked = recipe.base && this.asked();
+    if (asked) kernels.f32(inputs.at + 4 * (at + recipe.limits.length), 2).set(this.likeliest(asked));
     kernels.call("agent_forward", { inputs, sizes: this.sizes, numbers: this.numbers, rectified: recipe.rectified ? 1 : 0, scratch: this.scratch, outputs: this.outputs });
     const actions = Array.from(kernels.f32(this.outputs.at, 2), (value) => Math.min(Math.max(value, -1), 1));
     if (acted) {
@@ -251,19 +273,66 @@ class Network {
       now.copyWithin(first + width, first, recipe.memory - width);
       now.set(kernels.f32(inputs.at, width), first);
     }
-    return this.ended(this.meant(actions));
+    if (asked) return this.ended(this.added(asked, actions));
+    this.wanted = this.meant(actions); // before the guard, for its overlay
+    return this.ended(this.wanted);
+  }
+
+  // What the base asks for: the velocity that it wants, or the twist that it drives by that.
+  asked() {
+    const { kernels, seen, body } = this.simulator;
+    this.eyes.seen = { ...seen, twist: kernels.f64(this.fields.twist.at, body.axes.length).slice() };
+    const wanted = this.want.decide(2);
+    return this.recipe.base.guards ? Array.from(wanted) : this.clear(wanted);
+  }
+
+  // The twist of the velocity nearest to a wanted one that keeps clear.
+  clear(wanted) {
+    const { kernels, body } = this.simulator;
+    kernels.f64(this.avoid.values.wanted.at, 2).set(wanted);
+    return Array.from(this.avoid.decide(body.axes.length));
+  }
+
+  // A planar velocity, turned by an angle.
+  turning([x, y], speed, angle) {
+    const { kernels } = this.simulator;
+    kernels.f64(this.speedNow.at, 1)[0] = speed;
+    kernels.f64(this.angleNow.at, 1)[0] = angle;
+    kernels.f64(this.actions.at, 2).set([x, y]);
+    kernels.f64(this.turned.at, 3).fill(0);
+    kernels.call("perception_turn", { actions: this.actions, speeds: this.speedNow, angles: this.angleNow, out: this.turned });
+    return Array.from(kernels.f64(this.turned.at, 3));
+  }
+
+  get angle() {
+    return this.simulator.kernels.f64(this.angles.at, 1)[0];
+  }
+
+  // `Actions.of_twists`, of one robot.
+  likeliest([x, y]) {
+    const { speed } = this.recipe;
+    return this.turning([x / speed, y / speed], 1, -this.angle).slice(0, 2).map((value) => Math.min(Math.max(value, -1), 1));
+  }
+
+  // `Actions.wished` and what keeps that clear, or `Actions.added`, of one robot.
+  added(asked, [a, b]) {
+    const { base: { reach, guards }, speed } = this.recipe;
+    const { axes } = this.simulator.body;
+    const more = this.turning([reach * a, reach * b], speed, this.angle);
+    const [x, y] = [asked[0] + more[0], asked[1] + more[1]];
+    const most = guards ? speed : Math.max(speed, Math.sqrt(asked[0] * asked[0] + asked[1] * asked[1]));
+    const factor = most / Math.max(Math.sqrt(x * x + y * y), most);
+    const twist = [x * factor, y * factor, ...asked.slice(2)];
+    this.wanted = guards ? [...twist, 0] : asked;
+    const driven = guards ? this.clear(twist) : twist;
+    return [0, 1, 2].map((axis) => (axes.includes(axis) ? driven[axes.indexOf(axis)] : 0));
   }
 
   // `Actions.twists`, of one robot.
   meant([a, b]) {
     const { recipe } = this;
-    const { kernels } = this.simulator;
     if (recipe.kind === "unicycle") return [recipe.speed * (0.5 * (1 + recipe.reverse) * (a + 1) - recipe.reverse), 0, recipe.yaw_rate * b];
-    kernels.f64(this.speedNow.at, 1)[0] = recipe.speed / Math.max(Math.sqrt(a * a + b * b), 1);
-    kernels.f64(this.actions.at, 2).set([a, b]);
-    kernels.f64(this.turned.at, 3).fill(0);
-    kernels.call("perception_turn", { actions: this.actions, speeds: this.speedNow, angles: this.angles, out: this.turned });
-    return Array.from(kernels.f64(this.turned.at, 3));
+    return this.turning([a, b], recipe.speed / Math.max(Math.sqrt(a * a + b * b), 1), this.angle);
   }
 
   // Whether the robot is where it is to rest: the end of `DockFeatures.guarded`.
@@ -273,12 +342,11 @@ class Network {
     return x * x + y * y < recipe.rest * recipe.rest && left < 0.5 && Math.abs(turn) < recipe.rest_turn;
   }
 
-  // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, and `hold`.
+  // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, `hold`, and the shield.
   ended(twist) {
-    this.wanted = twist; // before the guard, for its overlay
-    const { recipe, fields } = this;
+    const { recipe, fields, shield } = this;
     const { kernels, body, seen } = this.simulator;
-    if (!recipe.guard && !recipe.arrive_scales && !recipe.hold) return twist;
+    if (!recipe.guard && !recipe.arrive_scales && !recipe.hold && !shield) return twist;
     const count = body.axes.length;
     kernels.f64(this.twist.at, count).set(body.axes.map((axis) => twist[axis]));
     if (recipe.arrive_scales) {
@@ -294,6 +362,8 @@ class Network {
     const found = [0, 0, 0];
     body.axes.forEach((axis, k) => { found[axis] = kernels.f64(this.twist.at, count)[k]; });
     if (recipe.hold) body.axes.forEach((axis) => { kernels.f64(this.held.at, 9)[6 + axis] = found[axis]; });
-    return found;
+    if (!shield) return found;
+    kernels.f64(shield.values.twists.at, 3).set(found);
+    return Array.from(shield.decide(3, { out: "twists", offset: 0 }));
   }
 }

@@ -11,6 +11,7 @@ const recordsOf = (world) => solidsOf(world).map((shape, k) => [...shape, (world
 const NOISE_BLOCK = 64;
 const POSE_COLUMNS = 7;
 const NEAREST = 10; // bodies that are kept of each
+const BODY = 7; // numbers of a body that is seen
 const SIGHT = 5; // m, within which bodies are seen
 const GONE = 1e6; // m: where a body is that has left
 
@@ -40,6 +41,7 @@ class Simulator {
     this.body = this.tables.robots[robot];
     this.random = normals(seed);
     this.begun = kernels.mark();
+    this.constants = new Map();
     this.crowd = Boolean(world.walks); // whether there are others: robots, each with a goal of its own, and people
     this.team = 1 + (world.starts || []).length;
     this.alive = new Array(this.team).fill(true);
@@ -95,6 +97,12 @@ class Simulator {
     else this.layGoals(field, memory);
     if (this.crowd) this.layBodies(field, memory, room);
     this.asked = Array.from({ length: disturbance.delay }, () => this.alive.map(() => new Array(actions).fill(0)));
+  }
+
+  // Where a constant of the tables lies, once for all robots.
+  kept(blob, decoded = (bytes) => bytes) {
+    if (!this.constants.has(blob)) this.constants.set(blob, this.kernels.put(decoded(this.kernels.blob(blob))));
+    return this.constants.get(blob);
   }
 
   // A row a robot of what all have in common.
