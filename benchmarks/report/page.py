@@ -140,10 +140,16 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
             continue
         if key not in index:
             index[key] = len(content.worlds)
-            content.worlds.append(worlds[key])
+            content.worlds.append(worlds[key] | _asked(row))
         hull = {"hull": hulls[k]} if hulls and row["robot"] not in ROBOTS else {}
         content.episodes.append(_episode(row, index[key]) | hull)
         content.drives.append(drives.get(k))
+
+
+def _asked(row: Row) -> dict[str, float]:
+    """Returns the speed (m/s) that the rules of an episode's contest ask all policies for; {} where none do."""
+    contest = ALL_CONTESTS.get(row.get("contest", ""))
+    return {"speed": contest.rules.speed} if contest and contest.rules else {}
 
 
 def _episode(row: Row, world: int) -> dict[str, Any]:

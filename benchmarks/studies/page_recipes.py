@@ -16,7 +16,7 @@ from page_looks import AMONG_BODIES as LOOKS_AMONG_BODIES
 from page_looks import TO_POSES as LOOKS_TO_POSES
 from page_looks import Look, orca_of_team, orca_of_team_map
 
-from wayfield.benchmarks.contests import CONTESTS, Contest
+from wayfield.benchmarks.contests import CONTESTS, FOUND, Contest
 from wayfield.benchmarks.contests.crowds import PEOPLE, TEAMS
 from wayfield.envs import scenarios
 from wayfield.envs.batch import ALONE, Results
@@ -32,7 +32,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import RUN, VERTEX
-from wayfield.policies import Pilot, make
+from wayfield.policies import Pilot, cruising, make
 from wayfield.policies.gain import Gain, gains_of
 from wayfield.policies.learned.agent import SHIELD, Agent
 from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
@@ -41,6 +41,7 @@ from wayfield.policies.parts import forward_prediction, shield
 from wayfield.policies.parts.params import PLANT
 from wayfield.policies.parts.stopping import NEAR_ENOUGH
 from wayfield.policies.policy import lacks
+from wayfield.policies.registry import NoCruisingSpeed
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import bearing
 
@@ -673,8 +674,10 @@ def shielded_from(agent: Agent, briefing: Briefing) -> int:
     return 1 if out_of_distribution(agent.card, briefing, agent.speed) else max(teams) + 1 if teams else 0
 
 
-def network_recipe(task: str, name: str, seed: int, env: NativeVectorEnv, blobs: Blobs) -> dict[str, Any]:
-    """Returns how the page makes a trained agent decide."""
+def network_recipe(
+    task: str, name: str, seed: int, env: NativeVectorEnv, blobs: Blobs
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Returns how the page makes a trained agent decide, and the gains of it that the page can change."""
     policy = make(name, seed=seed)
     pilot = Pilot(policy, env)
     noted_calls = agent_calls(task, pilot, env)
@@ -735,7 +738,7 @@ def network_recipe(task: str, name: str, seed: int, env: NativeVectorEnv, blobs:
     if agent.base is not None:
         if agent.actions.kind != "planar":
             raise NotImplementedError(f"{name}: the page adds planar actions alone to a base, not unicycle ones")
-        laws = {"want": parts["want"], "avoid": parts["avoid"]}
+        laws = {each: parts[each] | {"speed": place_of_speed(calls[each]["params"])} for each in ("want", "avoid")}
         told["base"] = {"guards": agent.base.guards, "reach": agent.base.reach} | laws
     if shielded_from(agent, pilot.briefing):
         told["shield"] = {"from": shielded_from(agent, pilot.briefing)} | parts["filter_twists"]
@@ -745,7 +748,29 @@ def network_recipe(task: str, name: str, seed: int, env: NativeVectorEnv, blobs:
         # JSON has no infinity: a limit that nothing reaches serves as well
         told["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
         told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
-    return told
+    sliders: dict[str, Any] = {"gains": [], "fixed": list(gains_of(policy))}
+    low, high = min(agent.card["trained_on"]["speeds"]), max(agent.card["trained_on"]["speeds"])
+    if agent.base is not None and low < high:
+        speed = {"name": "speed", "unit": "m/s", "about": "the most that it drives", "above": None, "places": []}
+        sliders["gains"].append(speed | {"low": low, "high": high, "whole": False})
+        sliders["fixed"].remove("speed")
+    # a base slower than those it knows is driven more slowly by a law of its own
+    known = told["speed"] == agent.speed and bool(sliders["gains"])
+    return told | {"gains": {"speed": agent.speed} if known else {}, "cruise": "speed" if known else None}, sliders
+
+
+def place_of_speed(params: NDArray[Any]) -> int:
+    """Returns the byte of a law's record that holds its cruising speed."""
+    assert params.dtype.fields is not None
+    return int(params.dtype.fields["max_speed"][1])
+
+
+def cruise_of(name: str, gains: Mapping[str, Any]) -> str | None:
+    """Returns the gain that holds a policy's cruising speed; None for one without."""
+    try:
+        return next(iter(cruising(name, gains, 1.0)))
+    except NoCruisingSpeed:
+        return None
 
 
 def layout(dtype: np.dtype[Any]) -> dict[str, Any]:
@@ -858,11 +883,13 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         key = f"{task} {robot} {actuators} {label}"
                         told["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
+                        told["pilots"][key]["cruise"] = None if gains_name in FOUND else cruise_of(name, gains)
                 for name in agents(task):
                     for gains_name, gains in contest.gain_sets(name, robot, ()):
                         if gains["seed"] == 0:
                             key = f"{task} {robot} {actuators} {name} ({gains_name})"
-                            told["pilots"][key] = network_recipe(task, name, 0, env, blobs)
+                            told["pilots"][key], sliders = network_recipe(task, name, 0, env, blobs)
+                            told["sliders"][f"{task} {name}"] = sliders
     told["blobs"] = blobs.listed()
     return told
 

@@ -21,7 +21,7 @@ from wayfield.benchmarks.report.page import TABLES
 from wayfield.benchmarks.report.worlds import DRAWS, plain
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
-from wayfield.policies import Pilot, make
+from wayfield.policies import Pilot, cruising, make
 
 PAGE = Path(report.__path__[0]) / "page"
 RUNNER = Path(__file__).with_name("page_runner.js")
@@ -123,10 +123,14 @@ def driven_among(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDAr
     )
     inner: Any = env.unwrapped
     name, trained = case["policy"].split()[0], case["policy"].endswith("(trained)")
-    pilot = Pilot(make(name, **({"seed": 0} if trained else {})), env)
+    gains: dict[str, Any] = {"seed": 0} if trained else {}
+    asked = {"speed": case["speed"]} if "speed" in case else {}
+    if asked:
+        gains |= cruising(name, gains, case["speed"])
+    pilot = Pilot(make(name, **gains), env)
     observation, _ = env.reset(seed=0, options={"scenario": 0})
     pilot.reset()
-    world = plain(inner.task.scenarios[0], contest.spec.clock)
+    world = plain(inner.task.scenarios[0], contest.spec.clock) | asked
 
     def placed() -> list[float]:
         places, *_, clocks, _ = inner.batch.own
@@ -259,6 +263,13 @@ def test_the_page_drives_agents_among_bodies_as_python_does(
 ) -> None:
     case = {"task": task, "robot": "omni3", "actuators": actuators, "policy": policy, "family": family}
     compare([case | {"people": people}], contest_of(task).spec.clock, driven_among)
+
+
+@node
+def test_the_page_drives_among_people_at_the_speed_that_a_contest_asks_for() -> None:
+    case = {"task": "people", "robot": "omni3", "actuators": "lagged", "family": "crowdnav_5", "speed": 1.0}
+    policies = ("people_free (trained)", "orca_team", "social_force", "vfh_plus", "dwa", "polar")
+    compare([case | {"policy": policy} for policy in policies], 500, driven_among)
 
 
 ROOM = ("." * 40 + "\n") * 12 + ("." * 18 + "@@@@" + "." * 18 + "\n") * 8 + ("." * 40 + "\n") * 12

@@ -248,7 +248,7 @@ class Drive {
   }
 
   twistByHand(simulator) {
-    const [fast, turn] = [0.6, 1.5];
+    const [fast, turn] = [simulator.world.speed || 0.6, 1.5];
     const on = (...keys) => (keys.some((key) => this.held.has(key)) ? 1 : 0);
     const omni = simulator.body.axes.length > 2;
     return [fast * (on("ArrowUp", "w") - on("ArrowDown", "s")), omni ? fast * (on("a") - on("d")) : 0,

@@ -17,14 +17,14 @@ class Gains {
   recipe(label = this.label) {
     const { drive } = this;
     const recipe = drive.kernels.tables.pilots[`${drive.task} ${drive.replay.robot} ${drive.tier.value} ${label}`];
-    return recipe && gainsOf(drive.kernels, drive.task, recipe);
+    return recipe && gainsOf(drive.kernels, drive.task, recipe, drive.replay.world);
   }
 
   // Lays the sliders of the policy that is chosen.
   offer() {
     const label = this.drive.who.value;
     const recipe = this.recipe(label);
-    const key = `${this.drive.task} ${this.drive.replay.robot} ${this.drive.tier.value} ${label}`;
+    const key = `${this.drive.task} ${this.drive.replay.robot} ${this.drive.tier.value} ${this.drive.replay.world.speed} ${label}`;
     if (key === this.key) return;
     this.key = key;
     this.label = label;

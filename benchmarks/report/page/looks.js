@@ -186,8 +186,8 @@ const LOOKS = {
 
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
-  if (guard) return { kind: "guard", title: "wanted, and what the guard leaves", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "wanted, and what the half-planes leave" : "orca_team's choice, and that", numbers: scales };
+  if (guard) return { kind: "guard", title: "wanted (dashed), and what the guard leaves", numbers: guard };
+  return base && { kind: "guard", title: base.guards ? "wanted (dashed), and what the half-planes leave" : "orca_team's choice (dashed), and its own", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
@@ -309,7 +309,7 @@ class Looks {
   tell(found) {
     const { other } = this.replay;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
-    const told = [...new Set(shown.map(({ run, look }) => `${look.title} of ${run.asked.label}`))].join("; ");
+    const told = [...new Set(shown.map(({ run, look }) => `${run.asked.label}: ${look.title}`))].join("; ");
     this.button.disabled = !shown.length;
     this.button.title = told || "this policy has no overlay";
     this.legend.hidden = !(this.on && shown.length);

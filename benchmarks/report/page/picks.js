@@ -68,6 +68,7 @@ class Picks {
     if (left) about.push("The others did not fit into the file; their numbers are in the tables.");
     if (world.obstacles && world.obstacles.some((each) => each[7] > 0)) about.push("Boxes that can be pushed (dashed) are drawn where they stood at the start.");
     if (world.bodies) about.push(kept.length && !actors[0].others.length ? "Of more than 64 bodies only the first robot is drawn." : "The other bodies are those of the chosen run; people are grey.");
+    if (world.speed) about.push(`Policies are asked for ${short(world.speed)} m/s.`);
     about.push("Poses are rounded to 1 mm and 1 mrad.");
     replay.show(world, episodes[0].robot, actors, about.join(" "));
     const wanted = actors.find((actor) => actor.policy === policy);

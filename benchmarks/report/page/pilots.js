@@ -4,16 +4,17 @@ function pilotFor(simulator, label, gains = {}) {
   const { kernels, task, robot, actuators } = simulator;
   const recipe = kernels.tables.pilots[`${task} ${robot} ${actuators} ${label}`];
   if (!recipe) return null;
+  gains = { ...askedOf(kernels, task, recipe, simulator.world), ...gains };
   if (simulator.crowd) return new Everyone(simulator, recipe, gains);
   if (simulator.late) return new Predicted(simulator, new Law(simulator, recipe, gains));
-  return recipe.network ? new Network(simulator, recipe) : new Law(simulator, recipe, gains);
+  return recipe.network ? new Network(simulator, recipe, gains) : new Law(simulator, recipe, gains);
 }
 
 // One policy drives all robots of a world, each by what it sees.
 class Everyone {
   constructor(simulator, recipe, gains) {
     this.simulator = simulator;
-    this.pilots = simulator.each.map((one) => (recipe.network ? new Network(one, recipe) : new Law(one, recipe, gains)));
+    this.pilots = simulator.each.map((one) => (recipe.network ? new Network(one, recipe, gains) : new Law(one, recipe, gains)));
   }
 
   act() {
@@ -36,14 +37,21 @@ function pilotsOf(kernels, task, robot, actuators) {
 }
 
 // The gains of a recipe that the page can change, each with its value and the ends of its slider, and the names of the others.
-function gainsOf({ tables }, task, recipe) {
+function gainsOf({ tables }, task, recipe, world = {}) {
   const sliders = recipe && recipe.make && tables.sliders[`${task} ${recipe.make.name}`];
   if (!sliders) return { gains: [], fixed: [] };
   const gains = sliders.gains.filter(({ name }) => name in recipe.gains).map((each) => {
-    const value = recipe.gains[each.name];
+    const asks = each.name === recipe.cruise && world.speed && (!recipe.network || (world.speed >= each.low && world.speed <= each.high));
+    const value = asks ? world.speed : recipe.gains[each.name];
     return { ...each, value, low: Math.min(each.low, value), high: Math.max(each.high, value) };
   });
   return { gains, fixed: sliders.fixed };
+}
+
+// The gains by which a policy drives at the speed that its world asks for, as in the run that the world is of.
+function askedOf(kernels, task, recipe, world) {
+  const asked = gainsOf(kernels, task, recipe, world).gains.filter(({ name, value }) => name === recipe.cruise && value !== recipe.gains[name]);
+  return Object.fromEntries(asked.map(({ name, value }) => [name, value]));
 }
 
 class Law {
@@ -145,9 +153,10 @@ function joined(planes) {
 
 // A trained agent: what its network sees is filled by the package's functions, and put together here as Python does.
 class Network {
-  constructor(simulator, recipe) {
+  constructor(simulator, recipe, gains) {
     this.simulator = simulator;
     this.recipe = recipe;
+    this.speed = gains.speed ?? recipe.speed;
     const { kernels } = simulator;
     const doubles = (values) => ({ at: kernels.put(new Uint8Array(new Float64Array(values).buffer)), shape: [values.length] });
     const room = (bytes, shape) => {
@@ -162,7 +171,7 @@ class Network {
     this.outputs = room(8, [1, 2]);
     this.scratch = room(8 * recipe.widest, [2, recipe.widest]);
     this.angles = room(8, [1]);
-    this.speeds = doubles([recipe.speed]);
+    this.speeds = doubles([this.speed]);
     this.sizes = { at: simulator.kept(recipe.sizes), shape: [recipe.layers] };
     this.numbers = { at: simulator.kept(recipe.numbers, joined), shape: [recipe.count] };
     this.fields = {};
@@ -186,6 +195,7 @@ class Network {
       this.eyes = Object.create(simulator); // sees the twist that the network sees
       this.want = new Law(this.eyes, recipe.base.want, {});
       this.avoid = new Law(this.eyes, recipe.base.avoid, {});
+      if (gains.speed) for (const law of [this.want, this.avoid]) kernels.f64(law.values.params.at + law.recipe.speed, 1)[0] = gains.speed;
     }
     if (recipe.shield && simulator.team >= recipe.shield.from) this.shield = new Law(simulator, recipe.shield, {});
   }
@@ -310,13 +320,13 @@ class Network {
 
   // `Actions.of_twists`, of one robot.
   likeliest([x, y]) {
-    const { speed } = this.recipe;
+    const { speed } = this;
     return this.turning([x / speed, y / speed], 1, -this.angle).slice(0, 2).map((value) => Math.min(Math.max(value, -1), 1));
   }
 
   // `Actions.wished` and what keeps that clear, or `Actions.added`, of one robot.
   added(asked, [a, b]) {
-    const { base: { reach, guards }, speed } = this.recipe;
+    const { speed, recipe: { base: { reach, guards } } } = this;
     const { axes } = this.simulator.body;
     const more = this.turning([reach * a, reach * b], speed, this.angle);
     const [x, y] = [asked[0] + more[0], asked[1] + more[1]];
@@ -331,8 +341,8 @@ class Network {
   // `Actions.twists`, of one robot.
   meant([a, b]) {
     const { recipe } = this;
-    if (recipe.kind === "unicycle") return [recipe.speed * (0.5 * (1 + recipe.reverse) * (a + 1) - recipe.reverse), 0, recipe.yaw_rate * b];
-    return this.turning([a, b], recipe.speed / Math.max(Math.sqrt(a * a + b * b), 1), this.angle);
+    if (recipe.kind === "unicycle") return [this.speed * (0.5 * (1 + recipe.reverse) * (a + 1) - recipe.reverse), 0, recipe.yaw_rate * b];
+    return this.turning([a, b], this.speed / Math.max(Math.sqrt(a * a + b * b), 1), this.angle);
   }
 
   // Whether the robot is where it is to rest: the end of `DockFeatures.guarded`.

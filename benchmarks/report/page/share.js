@@ -141,6 +141,7 @@ function checkedWorld(world) {
   const number = (field, least) => asNumber(field, world[field], least);
   if (!Number.isInteger(world.steps) || world.steps < 1) throw new Error(`steps is ${JSON.stringify(world.steps)}; it must be a whole number of at least 1`);
   for (const field of ["start_offset", "start_turn"]) number(field, 0);
+  if (world.speed !== undefined) number("speed", 1e-3);
   for (const field of ["start", "goal"]) if (world[field]) asNumbers(field, world[field], 3);
   if (world.draws !== undefined) { if (!Array.isArray(world.draws)) throw new Error("its scene's draws are no list"); world.draws.forEach((each, k) => asNumber(`draws[${k}]`, each)); }
   const [path, obstacles, walls, patrols, waypoints] = [rows("path", 2, MOST_POINTS), rows("obstacles", 8, MOST_OBSTACLES), rows("walls", 8, MOST_POINTS), rows("patrols", 6, MOST_OBSTACLES), rows("waypoints", 2, MOST_OBSTACLES)];
@@ -238,7 +239,7 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
   const made = [`env = gymnasium.make(`, `    ${value(id)}, scenario=scenario, robot=${value(conditions.robot in drive.sheets ? `${conditions.robot}.json` : conditions.robot)}, actuators=${value(conditions.actuators)}${disturbed},`,
     `    max_episode_steps=${world.steps}${kwargs},`, ")"];
   const recipe = drive.kernels.tables.pilots[`${drive.task} ${conditions.robot} ${conditions.actuators} ${label}`];
-  const mine = recipe ? { ...recipe.make.gains, ...gains } : {};
+  const mine = recipe ? { ...recipe.make.gains, ...askedOf(drive.kernels, drive.task, recipe, world), ...gains } : {};
   const told = Object.entries(mine).map(([name, each]) => `, ${name}=${value(each)}`).join("");
   const byHand = label === KEYBOARD;
   const axes = tables.robots[conditions.robot].axes;
