@@ -186,6 +186,10 @@ class PpoLearner(Learner):
     LOGGED = ("approx_kl", "std", "explained_variance")
     MILDER = "or max_grad_norm "
 
+    def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
+        self.begins_as = agent_to_begin_as(preset, seed) if preset.begins else None  # before worlds, which take long
+        super().__init__(preset, env_id, seed)
+
     @property
     def model(self) -> PPO:
         """Returns the algorithm."""
@@ -216,34 +220,12 @@ class PpoLearner(Learner):
             device="cpu",
             verbose=0,
         )
-        if preset.begins:
-            self._begin_as(shipped_agent(preset.begins, str(preset.robot), self.seed))
-
-    def _begin_as(self, agent: Agent) -> None:
-        """Gives the policy's mean the weights of an agent.
-
-        Raises:
-            ValueError: if it sees, does or is something else than the preset's.
-        """
-        preset, network = self.preset, agent.network
-        if type(preset.features) is not type(agent.features):
-            raise ValueError(
-                f"begins is {preset.begins!r}, whose agents see something else than those of {preset.name}"
-            )
-        pairs: dict[str, tuple[object, object]] = {
-            "hidden": (list(preset.hidden), network.sizes[1:-1].tolist()),
-            "activation": (preset.activation, network.activation),
-        }
-        for part in ("features", "actions"):
-            mine, its = (dataclasses.asdict(getattr(each, part)) for each in (preset, agent))
-            pairs |= {f"{part}.{name}": (value, its[name]) for name, value in mine.items()}
-        for name, (value, wanted) in pairs.items():
-            if value != wanted:
-                raise ValueError(f"{name} must be {wanted}, as of the agent that the network begins as, got {value}")
-        with torch.no_grad():
-            for module, (weight, bias) in zip(linear(mean_of(self.ppo.policy)), agent.network.layers, strict=True):
-                module.weight.copy_(torch.from_numpy(weight.copy()))
-                module.bias.copy_(torch.from_numpy(bias.copy()))
+        if self.begins_as is not None:
+            with torch.no_grad():
+                mean = linear(mean_of(self.ppo.policy))
+                for module, (weight, bias) in zip(mean, self.begins_as.network.layers, strict=True):
+                    module.weight.copy_(torch.from_numpy(weight.copy()))
+                    module.bias.copy_(torch.from_numpy(bias.copy()))
 
     def _kept(self) -> tuple[int, str]:
         return self.preset.num_envs * self.preset.horizon, "num_envs x horizon"
@@ -328,6 +310,29 @@ class Timed(VecEnv):
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Passes on."""
         return self._env.env_method(method_name, *args, indices=indices, **kwargs)
+
+
+def agent_to_begin_as(preset: Preset, seed: int) -> Agent:
+    """Returns the agent whose weights a policy's mean gets.
+
+    Raises:
+        ValueError: if none of this seed ships, or it sees, does or is something else than the preset's.
+    """
+    agent = shipped_agent(preset.begins, str(preset.robot), seed)
+    network = agent.network
+    if type(preset.features) is not type(agent.features):
+        raise ValueError(f"begins is {preset.begins!r}, whose agents see something else than those of {preset.name}")
+    pairs: dict[str, tuple[object, object]] = {
+        "hidden": (list(preset.hidden), network.sizes[1:-1].tolist()),
+        "activation": (preset.activation, network.activation),
+    }
+    for part in ("features", "actions"):
+        mine, its = (dataclasses.asdict(getattr(each, part)) for each in (preset, agent))
+        pairs |= {f"{part}.{name}": (value, its[name]) for name, value in mine.items()}
+    for name, (value, wanted) in pairs.items():
+        if value != wanted:
+            raise ValueError(f"{name} must be {wanted}, as of the agent that the network begins as, got {value}")
+    return agent
 
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
