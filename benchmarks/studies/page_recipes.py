@@ -686,7 +686,7 @@ def network_recipe(
     actuators = effective_actuators(agent.card, pilot.briefing)
     memory = agent.perception(pilot.briefing).fresh(1)
     forward = calls["forward"]
-    features = agent.features
+    features: Any = agent.features  # of a kind that its task says
     told: dict[str, Any] = {
         "make": {"name": name, "gains": {"seed": seed}},
         "network": True,
@@ -751,7 +751,13 @@ def network_recipe(
     sliders: dict[str, Any] = {"gains": [], "fixed": list(gains_of(policy))}
     low, high = min(agent.card["trained_on"]["speeds"]), max(agent.card["trained_on"]["speeds"])
     if agent.base is not None and low < high:
-        speed = {"name": "speed", "unit": "m/s", "about": "the most that it drives", "above": None, "places": []}
+        speed: dict[str, Any] = {
+            "name": "speed",
+            "unit": "m/s",
+            "about": "the most that it drives",
+            "above": None,
+            "places": [],
+        }
         sliders["gains"].append(speed | {"low": low, "high": high, "whole": False})
         sliders["fixed"].remove("speed")
     # a base slower than those it knows is driven more slowly by a law of its own
