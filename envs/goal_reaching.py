@@ -32,7 +32,7 @@ from wayfield.envs.world.blocks import in_blocks
 from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grids
 from wayfield.envs.world.grids import FRAME, Grids, clearance_around, lay_grids
-from wayfield.envs.world.patrols import go_on, turns
+from wayfield.envs.world.movers import go_on, turns
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
 from wayfield.system.compiled import allocating, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle

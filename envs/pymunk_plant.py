@@ -26,7 +26,7 @@ from wayfield.envs.tasks.stepping import Robots
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.world.geometry import clearance_to, nearest_surface
 from wayfield.envs.world.grids import FRAME, Grids, OccupancyGrid, grid_clearance, grid_normal
-from wayfield.envs.world.patrols import go_on, motion_at, moves
+from wayfield.envs.world.movers import go_on, motion_at, moves
 from wayfield.system.compiled import allocating, any_layout, compiled, machine_code
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 from wayfield.system.linear import pseudo_inverse

@@ -32,7 +32,7 @@ MOVED = {
     "wayfield.envs.kinematics": "wayfield.envs.robots.kinematics",
     "wayfield.envs.observation": "wayfield.envs.tasks.observation",
     "wayfield.envs.paths": "wayfield.envs.world.paths",
-    "wayfield.envs.patrols": "wayfield.envs.world.patrols",
+    "wayfield.envs.patrols": "wayfield.envs.world.movers",
     "wayfield.envs.specs": "wayfield.envs.tasks.specs",
     "wayfield.envs.task": "wayfield.envs.tasks.task",
 }

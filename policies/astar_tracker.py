@@ -12,7 +12,7 @@ from wayfield.envs.scenarios.ways import grid_over
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance_to
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import any_moves, motion_at, moves
+from wayfield.envs.world.movers import any_moves, motion_at, moves
 from wayfield.policies.gain import gain
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,

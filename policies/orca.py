@@ -12,7 +12,7 @@ from wayfield.envs.crowds.half_planes import best_velocity, disc_half_plane
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal, grid_place, grid_ray
-from wayfield.envs.world.patrols import motion_at, moves
+from wayfield.envs.world.movers import motion_at, moves
 from wayfield.policies.astar_tracker import lay_grid, memory_of, plan_with_room
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params

@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import lengths, nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal
-from wayfield.envs.world.patrols import any_moves, go_on
+from wayfield.envs.world.movers import any_moves, go_on
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, velocity_twists

@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import any_moves, motion_at, moves
+from wayfield.envs.world.movers import any_moves, motion_at, moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, turn_rate

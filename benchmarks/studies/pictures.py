@@ -28,7 +28,7 @@ from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import TaskSpec, splits
 from wayfield.envs.single import FPS
 from wayfield.envs.tasks.specs import CROWDS, EVERY
-from wayfield.envs.world.patrols import turns
+from wayfield.envs.world.movers import turns
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 

@@ -14,7 +14,7 @@ from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE, Robots
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.world.geometry import clearance_to, nearest_surface
 from wayfield.envs.world.grids import NO_GRIDS
-from wayfield.envs.world.patrols import go_on
+from wayfield.envs.world.movers import go_on
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos, wrap_angle
 

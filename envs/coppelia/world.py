@@ -28,7 +28,7 @@ from wayfield.envs.coppelia.sandbox import Sandbox
 from wayfield.envs.coppelia.scene import Footprint, Object, Scene
 from wayfield.envs.robots.hulls import clearance_of
 from wayfield.envs.tasks.task import CONTROL_PERIOD
-from wayfield.envs.world.patrols import motion_at
+from wayfield.envs.world.movers import motion_at
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 ROOM_FOR_OBSTACLES = 1024  # besides those of the scene

@@ -29,7 +29,7 @@ from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.tasks.specs import Repertoire
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
-from wayfield.envs.world.patrols import any_moves
+from wayfield.envs.world.movers import any_moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to
 from wayfield.system.compiled import allocating
 from wayfield.system.elementary import sin_cos

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.world.geometry import OBSTACLE
-from wayfield.envs.world.patrols import motion_at
+from wayfield.envs.world.movers import motion_at
 from wayfield.system.checks import FASTEST, FINEST, HEAVIEST, LIGHTEST, LONGEST, SHORTEST, number
 from wayfield.system.checks import heading as checked_heading
 from wayfield.system.elementary import sin_cos

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs.scenarios.obstacles import described, obstacle_field
 from wayfield.envs.world.geometry import OBSTACLE, clearance_to
 from wayfield.envs.world.grids import OccupancyGrid
+from wayfield.envs.world.movers import PATROL, motion_at
 from wayfield.envs.world.paths import Path
-from wayfield.envs.world.patrols import PATROL, motion_at
 from wayfield.system.checks import (
     FARTHEST,
     FASTEST,

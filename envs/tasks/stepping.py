@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import kinematic_plant, records
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.world.grids import Grids
-from wayfield.envs.world.patrols import go_on
+from wayfield.envs.world.movers import go_on
 from wayfield.system.compiled import inlined
 from wayfield.system.sharing import BEGUN, PART, add, next_rows
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.world.patrols import PATROL
+from wayfield.envs.world.movers import PATROL
 from wayfield.system.compiled import compiled, inlined
 
 OBSTACLE = np.dtype(

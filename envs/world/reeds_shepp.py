@@ -10,7 +10,7 @@ import numpy as np
 
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
-from wayfield.envs.world.patrols import any_moves, go_on
+from wayfield.envs.world.movers import any_moves, go_on
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos
 

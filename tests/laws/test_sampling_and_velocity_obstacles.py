@@ -21,7 +21,7 @@ from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios.obstacles import circle, moving_circle, obstacle_field, wall
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
-from wayfield.envs.world.patrols import motion_at
+from wayfield.envs.world.movers import motion_at
 from wayfield.policies import mppi
 from wayfield.policies.mppi import Mppi
 from wayfield.policies.orca import Orca

@@ -15,7 +15,7 @@ from wayfield.envs.robots.sensing import beam_angles
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
-from wayfield.envs.world.patrols import motion_at
+from wayfield.envs.world.movers import motion_at
 from wayfield.policies import mppi
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.mppi import Mppi

@@ -15,8 +15,8 @@ from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstac
 from wayfield.envs.scenarios.scenario import check_clear
 from wayfield.envs.tasks.specs import TASKS
 from wayfield.envs.world.grids import OccupancyGrid
+from wayfield.envs.world.movers import PATROL
 from wayfield.envs.world.paths import Path
-from wayfield.envs.world.patrols import PATROL
 
 LINE = Path([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])
 RING = Path([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], closed=True)

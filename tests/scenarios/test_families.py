@@ -32,7 +32,7 @@ from wayfield.envs.scenarios import (
     wall,
     ways,
 )
-from wayfield.envs.world.patrols import motion_at
+from wayfield.envs.world.movers import motion_at
 
 HULL = 0.3  # m, omni3's: the largest robot
 GOALS = FAMILIES["goal_reaching"]

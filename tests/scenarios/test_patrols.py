@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios.obstacles import moving_circle
-from wayfield.envs.world.patrols import motion_at
+from wayfield.envs.world.movers import motion_at
 
 DT = 0.05
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
