@@ -110,18 +110,15 @@ def wrap_angle(angle):
     return wrapped
 
 
+# 2^(16 k), from k = -64 on, and 2^k: their products are exact, those of numbers that are not normal too
+_SIXTEENTHS = np.ldexp(1.0, 16 * np.arange(-64, 64))
+_UNITS = np.ldexp(1.0, np.arange(16))
+
+
 @inlined
 def power_of_two(n):
     """Returns 2^n for a whole number n from -1022 to 1023, exactly."""
-    result = 1.0
-    factor = 2.0 if n >= 0 else 0.5
-    left = abs(n)
-    while left > 0:
-        if left & 1:
-            result *= factor
-        factor *= factor
-        left >>= 1
-    return result
+    return _SIXTEENTHS[(n >> 4) + 64] * _UNITS[n & 15]
 
 
 @inlined
