@@ -1,16 +1,13 @@
-"""Rows of contests at random, and what tables show of rows, in plain loops."""
+"""Rows of contests at random."""
 
 import itertools
 import math
-import statistics
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from wayfield.benchmarks.contests import Column, Contest
-from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm, mean
-from wayfield.benchmarks.statistics.crossed import share_interval
+from wayfield.benchmarks.contests import Contest
 
 NAN = math.nan
 COMMAND = "python evaluate.py --suite x"
@@ -72,109 +69,3 @@ def groups(rows: Sequence[Any]) -> dict[tuple[str, str], list[Any]]:
 
 def named(entry: tuple[str, str]) -> str:
     return entry[0] if entry[1] == "default" else f"{entry[0]} ({entry[1]})"
-
-
-def costs_of(rows: Sequence[Any], metric: str) -> list[float]:
-    return [number(row, metric) if number(row, "success") else number(row, "failure_cost") for row in rows]
-
-
-def table_of(rows: Sequence[Any], numbers: Sequence[float]) -> tuple[Any, list[str]]:
-    """Returns numbers of rows by scenario and agent, in the order of the first rows, and the families."""
-    scenarios, agents = ([*dict.fromkeys(keys)] for keys in (
-        [(row["scenario"], row["episode"]) for row in rows], [row["agent_seed"] for row in rows]))  # fmt: skip
-    table = np.full((len(scenarios), len(agents)), NAN)
-    for row, value in zip(rows, numbers, strict=True):
-        table[scenarios.index((row["scenario"], row["episode"])), agents.index(row["agent_seed"])] = value
-    return table, [name.partition("/")[0] for name, _ in scenarios]
-
-
-def told(value: float, ends: Any, factor: float, decimals: int) -> str:
-    text = f"{factor * value:.{decimals}f}"
-    return text if ends is None else f"{text} [{', '.join(f'{factor * end:.{decimals}f}' for end in ends)}]"
-
-
-def won_told(rows: Sequence[Any]) -> str:
-    won = [number(row, "success") for row in rows]
-    return told(statistics.fmean(won), share_interval(*table_of(rows, won)), 100.0, 1)
-
-
-def cell_of(column: Column, rows: Sequence[Any], contest: Contest) -> str:
-    """Returns what a column shows of some rows."""
-    rows = [row for row in rows if number(row, "success") or not column.successes_only]
-    of_cost = column.metric == "cost"
-    metric = contest.spec.cost.metric if of_cost else column.metric
-    numbers = costs_of(rows, metric) if of_cost or column.imputed else [number(row, metric) for row in rows]
-    known = [each for each in numbers if not math.isnan(each)]
-    if not known:
-        return ""
-    ends = None
-    if column.with_interval and len(known) == len(numbers):
-        table, strata = table_of(rows, numbers)
-        if column.reduction == "mean":
-            failure = number(rows[0], "failure_cost") if of_cost or column.imputed else 0.0
-            won = table_of(rows, [number(row, "success") for row in rows])[0]
-            ends = counted_interval(table, won, failure, strata)
-        else:
-            ends = interval(table, strata, iqm)
-    value = {"mean": statistics.fmean, "max": max, "iqm": lambda all_: float(iqm(np.array(all_)))}[column.reduction]
-    return told(value(known), ends, column.factor, column.decimals)
-
-
-def short_of(rows: Sequence[Any], contest: Contest, success: str = "") -> str:
-    if not rows:
-        return ""
-    success = success or f"{100.0 * statistics.fmean(number(row, 'success') for row in rows):.0f}"
-    cost = contest.spec.cost
-    return f"{success} | {statistics.fmean(costs_of(rows, cost.metric)):.{cost.decimals}f}"
-
-
-def speed_of(rows: Sequence[Any]) -> float:
-    speeds = [number(row, "mean_speed") for row in rows if number(row, "success")]
-    return statistics.fmean(speeds) if speeds else NAN
-
-
-def shown_pace(speed: float) -> str:
-    return "-" if math.isnan(speed) else f"{speed:.2f}"
-
-
-def is_off(rows: Sequence[Any], asked: float | None) -> bool:
-    return asked is not None and abs(speed_of(rows) - asked) > 0.03 * asked  # of NaN it is false
-
-
-def solved_of(rows: Sequence[Any], metric: str) -> tuple[Any, list[str]]:
-    """Returns a metric as a table of the scenarios that are solved, who fails there at the mean of the others."""
-    met: dict[tuple[str, str], list[Any]] = {}
-    for row in rows:
-        met.setdefault((row["scenario"], row["episode"]), []).append(row)
-    lines, strata = [], []
-    for runs in met.values():
-        took = [number(row, metric) for row in runs if number(row, "success")]
-        if took:
-            lines.append([number(row, metric) if number(row, "success") else statistics.fmean(took) for row in runs])
-            strata.append(runs[0]["family"])
-    return np.array(lines), strata
-
-
-def typical_of(rows: Sequence[Any], contest: Contest) -> str:
-    """Returns the cost of the successes as tables show it."""
-    table, strata = solved_of(rows, contest.cost.metric)
-    if not len(table):
-        return ""
-    in_mm = contest.cost.unit == "m"
-    reduce = iqm if in_mm else np.mean
-    ends = interval(table, strata, iqm if in_mm else mean)
-    return told(float(reduce(table.ravel())), ends, 1e3 if in_mm else 1.0, 2 if in_mm else 1)
-
-
-def in_order(entries: dict[tuple[str, str], list[Any]], contest: Contest) -> list[tuple[str, str]]:
-    """Returns the entries as they stand: by success, then by the cost of the successes."""
-
-    def key(entry: tuple[str, str]) -> tuple[float, ...]:
-        rows = entries[entry]
-        won = -statistics.fmean(number(row, "success") for row in rows)
-        table, _ = solved_of(rows, contest.cost.metric)
-        if not len(table):
-            return won, math.inf
-        return won, float((iqm if contest.cost.unit == "m" else np.mean)(table.ravel()))
-
-    return sorted(entries, key=key)

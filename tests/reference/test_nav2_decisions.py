@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from oracles.local_planning import briefing_of
-from oracles.nav2_memory import flips
 
 from wayfield.policies import nav2_dwb, nav2_mppi
 from wayfield.policies.nav2_dwb import Nav2Dwb
@@ -341,29 +340,3 @@ def test_dwb_drives_the_twist_of_the_least_score(controller: Nav2Dwb, robot: str
         np.testing.assert_allclose(got, found, atol=1e-9)
         legal.append(found[3] < math.inf)
     assert 0 < sum(legal) < len(legal)
-
-
-def test_signs_that_flip_are_forbidden_until_the_robot_has_moved() -> None:
-    w, rng = World(DWBS[0], "omni4", np.random.default_rng(0), 0.0), np.random.default_rng(23)
-    c, signs, forbidden, flipped_at = w.controller, [0.0] * 3, [0.0] * 3, (0.0, 0.0, 0.0)
-    pose, held = np.zeros(3), 0
-    for _ in range(400):
-        w.m["command"] = rng.choice([-1.0, 0.0, 1.0], 3) * rng.choice([0.02, 0.3], 3)
-        pose = pose + rng.normal(0.0, [0.025, 0.025, 0.06])
-        flips(w.p, w.m, tuple(pose))
-        flipped = False
-        for k, v in enumerate(w.m["command"][0]):
-            if k and abs(w.m["command"][0, 0]) > c.still_speed:
-                continue
-            if v * signs[k] < 0.0:
-                forbidden[k], flipped = signs[k], True
-            signs[k] = math.copysign(1.0, v) if v else signs[k]
-        flipped_at = tuple(pose) if flipped else flipped_at
-        far = math.dist(pose[:2], flipped_at[:2]) > c.reset_distance
-        if any(forbidden) and (far or abs(wrap(pose[2] - flipped_at[2])) > c.reset_angle):
-            signs, forbidden = [0.0] * 3, [0.0] * 3
-        held += any(forbidden)
-        assert w.m["forbidden"][0].tolist() == forbidden
-        assert w.m["signs"][0].tolist() == signs
-        assert w.m["flipped_at"][0].tolist() == pytest.approx(flipped_at)
-    assert 50 < held < 350

@@ -17,7 +17,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import ROBOTS, records
 from wayfield.envs.robots.sensing import ROOM, Lidar, beam_angles, scan_ranges
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
-from wayfield.envs.world.blocks import in_blocks
+from wayfield.envs.world.blocks import blocks_clearance, in_blocks
 from wayfield.envs.world.geometry import clearance
 
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
@@ -118,6 +118,18 @@ def test_rays_end_on_the_first_surface(
         near = min((first_hit(o, x, y, angle, blur) for o in field), default=math.inf)
         far = min((first_hit(o, x, y, angle, -blur) for o in field), default=math.inf)
         assert min(near, max_range) - 1e-8 <= distance <= min(far, max_range) + 1e-8
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-3.14, 3.14))
+def test_of_many_obstacles_in_blocks_the_nearest_is_met_as_of_few(seed: int, heading: float) -> None:
+    rng = np.random.default_rng(seed)
+    many = obstacle_field(*(circle(*rng.uniform(-9.0, 9.0, 2), rng.uniform(0.05, 0.4)) for _ in range(300)))
+    pose = 0.0, 0.0, heading
+    few = [scan(many[k : k + 100], pose, 40, FULL, 8.0)[1] for k in (0, 100, 200)]
+    np.testing.assert_allclose(scan(many, pose, 40, FULL, 8.0)[1], np.minimum.reduce(few), atol=1e-12)
+    placed, blocks = in_blocks(many[None], np.array([300]))
+    assert blocks[0] > 0
+    assert blocks_clearance(placed, 0, 300, blocks[0], 0.0, 0.0) == pytest.approx(clearance(many, 300, 0.0, 0.0))
 
 
 @given(st.integers(2, 720), st.floats(0.1, 6.2))
