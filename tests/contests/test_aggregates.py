@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayfield.benchmarks.episodes.metrics import against_the_best, fastest_time, smoothness
+from wayfield.benchmarks.episodes.metrics import smoothness
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.statistics.aggregates import interval, iqm, mean
 
 FINITE = st.floats(-1e6, 1e6)
-SCORES = ("spl", "sct", "barn_score", "barn_score_2022")
 
 
 @given(st.lists(FINITE, min_size=1, max_size=30), FINITE)
@@ -41,38 +40,6 @@ def test_the_interval_of_many_values_is_the_one_that_resampling_comes_to(
     resampled = ends(values, strata, statistic)
     monkeypatch.setattr("wayfield.benchmarks.statistics.aggregates.MANY", 1)
     np.testing.assert_allclose(ends(values, strata, statistic), resampled, atol=0.12 * (resampled[1] - resampled[0]))
-
-
-def test_fastest_time_is_the_ramp_and_then_the_cruise() -> None:
-    assert fastest_time(10.0, 2.0, math.inf) == 5.0
-    # half a second squared times a: 2 s to reach 2 m/s over 2 m, then 8 m at 2 m/s
-    assert fastest_time(10.0, 2.0, 1.0) == 2.0 + 4.0
-    assert fastest_time(0.5, 2.0, 1.0) == 1.0
-
-
-def straight_run(success: bool, seconds: float, speed: float) -> Trajectory:
-    times = np.linspace(0.0, seconds, round(seconds / 0.05) + 1)
-    poses = np.column_stack([speed * times, np.zeros((len(times), 2))])
-    return Trajectory(times=times, poses=poses, success=success, shortest=4.0, max_speed=1.0)
-
-
-def test_spl_sct_and_barn_are_their_definitions() -> None:
-    # 5 m driven in 10 s where 4 m are the shortest, and 4 s the fastest
-    found = against_the_best(straight_run(True, 10.0, 0.5))
-    assert found["spl"] == pytest.approx(4.0 / 5.0)
-    assert found["sct"] == pytest.approx(4.0 / 10.0)
-    assert found["barn_score"] == pytest.approx(4.0 / 10.0)
-    # the BARN score saturates at half and at an eighth
-    assert against_the_best(straight_run(True, 5.0, 1.0))["barn_score"] == pytest.approx(0.5)
-    assert against_the_best(straight_run(True, 50.0, 0.1))["barn_score"] == pytest.approx(0.125)
-    assert against_the_best(straight_run(False, 10.0, 0.5)) == dict.fromkeys(SCORES, 0.0)
-    assert against_the_best(Trajectory(times=np.zeros(2), poses=np.zeros((2, 3)))) == {}
-
-
-def test_who_cuts_a_corner_or_starts_fast_is_not_better_than_the_best() -> None:
-    # 3 m driven in 2 s where 4 m are the shortest and 4 s the fastest
-    found = against_the_best(straight_run(True, 2.0, 1.5))
-    assert found == dict(zip(SCORES, (1.0, 1.0, 0.5, 0.25), strict=True))
 
 
 def swing(seconds: float, amplitude: float, waves: float = 3.0) -> Trajectory:

@@ -82,16 +82,6 @@ def test_a_column_of_no_list_holds_numbers_where_all_of_it_are() -> None:
     assert episodes.texts("a") == ["1", "2.5", ""]
 
 
-def test_a_column_is_put_in_place_of_another_or_behind_all() -> None:
-    episodes = Episodes({"policy": "lqr", "trajectory": "9"} for _ in range(5000))
-    more = episodes.with_column("trajectory", [""] * 4999 + ["00000"]).with_column("more", range(5000))
-    assert more.names == ["policy", "trajectory", "more"]
-    assert dict(more[-1]) == {"policy": "lqr", "trajectory": "00000", "more": 4999.0}
-    assert episodes["trajectory"].tolist() == ["9"] * 5000
-    with pytest.raises(ValueError, match="1 cells for 5000"):
-        episodes.with_column("more", [1])
-
-
 def test_the_documents_name_every_column() -> None:
     table = (Path(__file__).parents[2] / "docs" / "evaluate.md").read_text(encoding="utf-8")
     own = [column for contest in CONTESTS.values() for column in contest.metrics]

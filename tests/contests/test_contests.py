@@ -26,7 +26,6 @@ from wayfield.benchmarks.contests import (
     path_following,
 )
 from wayfield.benchmarks.episodes.metrics import measure
-from wayfield.benchmarks.episodes.shortest import shortest_way
 from wayfield.benchmarks.leaderboards.matrix import Runs, how_often_better
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import read_rows
@@ -35,7 +34,7 @@ from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.tuning import tune
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.disturbances import LEVELS
-from wayfield.envs.scenarios import TASKS, GoalScenario, obstacle_field, path_scenarios, splits, wall
+from wayfield.envs.scenarios import TASKS, path_scenarios, splits
 from wayfield.policies.tuned import condition, read_gains, tuned_set
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
@@ -159,17 +158,11 @@ def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--suite", "path-folowing"), "Did you mean 'path-following'?"),
-        (("--suite", "path-following", "--policies", "dwa"), "'dwa' takes no part in suite 'path-following'"),
         (("--suite", "goal-obstacles", "--families", "circles"), "'circles' has no scenarios for suite"),
         (("--suite", "goal-obstacles", "--families", "rooms,push_boxes"), "use --dynamics pymunk"),
         (("--suite", "goal-obstacles", "--policies", "dwa,mppi", "--gains", "paper"), "'mppi' has no case"),
-        (("--suite", "path-following", "--seed", "99999999999"), "99999999999"),
         (("--suite", "goal-obstacles", "--families", "cluter_10"), "Did you mean 'clutter_10'?"),
-        (("--suite", "path-following", "--video"), "--video belongs to --suite documents"),
         (("--robot", "p3dx"), "--robot belongs to the contests"),
-        (("--gains", "tuned"), "--gains belongs to the contests"),
-        (("--suite", "path-following", "--robot", "p3d"), "Did you mean 'p3dx'?"),
         (("--suite", "path-following", "--episodes", "0"), "episodes"),
     ],
 )
@@ -191,14 +184,6 @@ def test_comparisons_that_are_not_paired_are_refused(paths: tuple[Path, Result])
 
 
 # The shortest way.
-
-
-def test_a_goal_behind_walls_has_no_way() -> None:
-    ends = [(3.0, -1.0), (5.0, -1.0), (5.0, 1.0), (3.0, 1.0)]
-    box_of_walls = [wall(*a, *b) for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
-    shut = GoalScenario("shut", goal=(4.0, 0.0, 0.0), obstacles=obstacle_field(*box_of_walls))
-    with pytest.raises(ValueError, match=r"'shut' has no way for a hull of 0\.25 m"):
-        shortest_way(shut, 0.25)
 
 
 # Tuning.
@@ -276,9 +261,7 @@ def test_the_value_of_a_score_never_turns_its_order_round(drawn: list[tuple[int,
     ("arguments", "message"),
     [
         (["pure_pursit", "--suite", "path-following"], "Did you mean 'pure_pursuit'?"),
-        (["dwa", "--suite", "path-following"], "'dwa' takes no part"),
         (["dwa", "--suite", "goal-obstacles", "--trials", "0"], "trials"),
-        (["dwa"], "--suite"),
     ],
 )
 def test_tuning_refuses_what_it_cannot_do(arguments: list[str], message: str) -> None:
@@ -356,18 +339,7 @@ def test_a_damaged_gains_file_is_refused() -> None:
         ('{"policy": "stanley", "gains": {"k": [1]}}', "must map names to plain values"),
         *(
             (json.dumps({**good, "gains": {}, name: value}), f"{name} must be")
-            for name, value in (
-                *(
-                    ("robot", 3),
-                    ("level", None),
-                    ("speed", -1.0),
-                    ("speed", 0),
-                    ("speed", True),
-                    ("chosen", "luck"),
-                    ("frames", 0.5),
-                ),
-                *(("searched_on", value) for value in ("train", None, {"split": 3})),
-            )
+            for name, value in (("robot", 3), ("speed", -1.0), ("chosen", "luck"), ("searched_on", {"split": 3}))
         ),
     ):
         with pytest.raises(ValueError, match=message):

@@ -190,11 +190,8 @@ def test_a_contest_among_people_meets_them_with_eyes_and_without(tmp_path: Path)
     [
         (("--suite", "docking", "--cross"), "--cross belongs to --suite teams"),
         (("--suite", "teams", "--people", "orca"), "--people belongs to --suite people"),
-        (("--suite", "teams", "--dynamics", "pymunk"), "--dynamics pymunk is for one robot"),
-        (("--suite", "teams", "--families", "berth"), "--families 'berth' has no scenarios for suite 'teams'"),
         (("--suite", "crowdnav", "--families", "lanes_12"), "--families belongs to suites of frozen scenarios"),
         (("--suite", "people", "--policies", "lqr"), "--policies 'lqr' takes no part in suite 'people'"),
-        (("--suite", "people", "--people", "replay"), "replay"),
     ],
 )
 def test_what_does_not_go_together_is_refused_in_a_line(options: tuple[str, ...], said: str, tmp_path: Path) -> None:

@@ -7,21 +7,18 @@ import itertools
 import json
 import math
 import re
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
-import scipy.ndimage
 from click.testing import CliRunner
-from numpy.typing import NDArray
 
 from wayfield.benchmarks.commands import evaluate
-from wayfield.benchmarks.contests import PUBLIC_SPLIT, Course, Entrants
+from wayfield.benchmarks.contests import PUBLIC_SPLIT, Entrants
 from wayfield.benchmarks.entrants.own_scenario import without_way
-from wayfield.benchmarks.entrants.public_suites import PUBLIC, barn_courses, mrpb_courses, racetrack_courses
+from wayfield.benchmarks.entrants.public_suites import PUBLIC, mrpb_courses, racetrack_courses
 from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.episodes.shortest import shortest_way
@@ -157,10 +154,8 @@ def test_the_clock_starts_with_the_first_decimetre_and_ends_after_a_hundred_seco
 BROKEN_WORLDS: dict[str, tuple[str, str]] = {
     "nothing": ("", ":1: is no XML: no element found"),
     "an entity": ("<!DOCTYPE s [<!ENTITY a 'aa'>]>\n" + sdf(cylinder(0, 1, 2)), "document type"),
-    "another root": ("<robot/>", "sdf/world"),
     "no obstacle": (sdf(), "holds no obstacles"),
     "a word in a pose": (sdf(cylinder(0, 1, 2)).replace("2.000000 0.0", "two 0.0"), "pose is .* 6 finite numbers"),
-    "far away": (sdf(cylinder(0, 1e9, 2)), "pose is .* at most 1e\\+06"),
     "the frame of another": (
         sdf(cylinder(0, 1, 2)).replace("frame=''>1", "relative_to='shelf'>1"),
         ":4: pose has relative_to='shelf'",
@@ -170,9 +165,7 @@ BROKEN_WORLDS: dict[str, tuple[str, str]] = {
         ":5: includes 'model://shelf'",
     ),
     "roll": (sdf(cylinder(0, 1, 2)).replace("0.0 0.0 0.0 0.0</pose>", "0 0.5 0 0</pose>"), "roll and pitch"),
-    "a negative radius": (sdf(cylinder(0, 1, 2, -1.0)), "radius is -1"),
     "a mesh": (sdf(cylinder(0, 1, 2).replace("cylinder>", "mesh>")), "geometry <mesh> is not known"),
-    "too deep": ("<a>" * 99 + "</a>" * 99, "nested more than"),
 }
 
 
@@ -193,21 +186,11 @@ def saved(array: object) -> bytes:
     return stream.getvalue()
 
 
-def archive() -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as packed:
-        packed.writestr("path.npy", saved(np.zeros((3, 2))))
-    return stream.getvalue()
-
-
 BROKEN_PATHS: dict[str, tuple[bytes, str]] = {
     "nothing": (b"", "is no path"),
     "objects": (saved(np.array([[1, "x"]], object)), "is no path"),
-    "words": (saved(np.array([["a", "b"]])), "dtype"),
     "a column more": (saved(np.zeros((3, 3))), r"shape is \(3, 3\)"),
     "NaN": (saved(np.array([[1.0, 2.0], [math.nan, 1.0]])), "cell 1 is"),
-    "a header of much": (saved(np.zeros((30, 2))).replace(b"(30, 2), }    ", b"(999999999, 2)}"), "is no path"),
-    "an archive": (archive(), "is no path"),
 }
 
 
@@ -233,10 +216,7 @@ def table(folder: Path, text: str) -> Path:
     ("text", "said"),
     [
         (HEADER, "holds no cylinders"),
-        (HEADER + "0,1,2\n", r":2: .* lacks a number"),
         (HEADER + "0,1,2,0.1\n0,1,wide,0.1\n", r":3: .* lacks a number"),
-        (HEADER + "0,1,2,0.1\n" + 200_000 * "9" + ",1,2,0.1\n", r":3: field larger"),
-        (HEADER + '0,1,2,0.1\n"0"x,1,2,0.1\n', r":3: .* expected after"),
     ],
 )
 def test_other_tables_are_refused_by_line(tmp_path: Path, text: str, said: str) -> None:
@@ -303,14 +283,10 @@ def test_a_folder_that_cannot_be_run_is_one_line(worlds: Path, spoil: Callable[[
     ("words", "said"),
     [
         (["--suite", "barn"], "needs --data FOLDER"),
-        (["--suite", "barn", "--data", ""], "--data is empty"),
         (["--suite", "barn", "--data", "nowhere"], "'nowhere' is no folder"),
         (["--suite", "path-following", "--data", "x"], "--data belongs to public benchmarks"),
-        (["--data", "x"], "--data belongs to public benchmarks"),
         (["--suite", "racetracks", "--data", "x", "--mode", "p3dx"], "none of suite 'racetracks'"),
-        (["--suite", "barn", "--data", "x", "--robot", "kobuki"], "jackal"),
         (["--suite", "barn", "--data", "x", "--families", "rooms"], "--families"),
-        (["--suite", "barn", "--data", "x", "--scale", "2"], "--scale"),
     ],
 )
 def test_options_that_do_not_go_together_are_one_line(words: list[str], said: str) -> None:
@@ -403,17 +379,12 @@ def test_a_case_of_mrpb_that_no_robot_can_drive_is_left_out_and_told_of(tmp_path
 
 BROKEN_CASES = {
     "nothing": ("cases.csv", "", "header is ''"),
-    "another header": ("cases.csv", "x,y\n1,2\n", "header is 'x,y'"),
     "no case": ("cases.csv", CASES_HEADER, "holds no cases"),
     "five cells": ("cases.csv", CASES_HEADER + "1,2,3,4,5\n", ":2: has 5 cells"),
     "a word": ("cases.csv", CASES_HEADER + "1,2,3,4,5,6\n1,two,3,4,5,6\n", ":3: start_y is 'two'"),
-    "NaN": ("cases.csv", CASES_HEADER + "1,2,3,4,nan,6\n", ":2: goal_y is nan"),
-    "far away": ("cases.csv", CASES_HEADER + "1,2,3,4,1e9,6\n", ":2: goal_y is 1000000000.0"),
-    "in a wall": ("cases.csv", CASES_HEADER + "-2.95,0,0,2,1,0\n", "occupied over the start"),
     "no launch argument": ("config.txt", "goal_pose_x: 3\n", ":1: is 'goal_pose_x: 3'"),
     "twice": ("config.txt", CONFIG_TEXT.replace("pose_y", "pose_x"), "initial_pose_x is given twice"),
     "half a case": ("config.txt", CONFIG_TEXT.rpartition("\n")[0], "case 1 has no goal_heading"),
-    "words": ("config.txt", CONFIG_TEXT.replace('"-2"', '"west"'), "start_x is 'west'"),
 }
 
 
@@ -473,61 +444,6 @@ def test_maps_are_run_as_other_contests_are(tmp_path: Path) -> None:
         assert len(read_rows(tmp_path / "movingai")) == 6
 
 
-def scattered(rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Returns 512 x 512 cells of which two in five are blocked, as random512 of MovingAI has them."""
-    return rng.random((512, 512)) < 0.38
-
-
-def warehouse(rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Returns shelves of 10 x 2 cells with aisles of one cell, as the warehouses of MovingAI have them."""
-    del rng
-    occupied = np.zeros((84, 170), np.bool_)
-    for row in range(4, 80, 3):
-        for column in range(10, 158, 11):
-            occupied[row : row + 2, column : column + 10] = True
-    return occupied
-
-
-def den(rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Returns caves of 256 x 256 cells, grown by a cellular automaton, as the dens of MovingAI look."""
-    occupied = rng.random((256, 256)) < 0.47
-    for _ in range(6):
-        occupied = scipy.ndimage.convolve(occupied.astype(int), np.ones((3, 3), int), mode="constant", cval=1) >= 5
-    return occupied
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("drawn", [scattered, warehouse, den])
-def test_the_planner_told_the_map_arrives_wherever_there_is_a_way(
-    tmp_path: Path, drawn: Callable[[np.random.Generator], NDArray[np.bool_]]
-) -> None:
-    """In maps of cells of 1 m so large that the planner's own cells are wide, through gaps of one cell."""
-    rng = np.random.default_rng(7)
-    occupied = drawn(rng)
-    parts, _ = scipy.ndimage.label(~occupied)
-    sizes = np.bincount(parts.ravel())
-    sizes[0] = 0
-    free = np.argwhere(parts == sizes.argmax())
-    height, width = occupied.shape
-    rows = "\n".join("".join("@" if each else "." for each in row) for row in occupied)
-    (tmp_path / "m.map").write_text(f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}\n", encoding="utf-8")
-    lines = ["version 1"]
-    while len(lines) < 5:
-        start = free[rng.integers(len(free))]
-        near = free[(np.abs(free - start).sum(axis=1) > 15) & (np.abs(free - start).sum(axis=1) < 30)]
-        goal = near[rng.integers(len(near))]
-        lines.append(f"0\tm.map\t{width}\t{height}\t{start[1]}\t{start[0]}\t{goal[1]}\t{goal[0]}\t30.0")
-    (tmp_path / "m.scen").write_text("\n".join([*lines, ""]), encoding="utf-8")
-    robot, contest = ROBOTS["p3dx"], PUBLIC["movingai"].contest("problems")
-    # the ways may be several times the straight ones
-    course = Course("m", PUBLIC_SPLIT, str(tmp_path / "m.scen"), 16_000, members=(0, 1, 2, 3))
-    (case,) = contest.cases(robot, course, Entrants(("astar_tracker",), ("default",)))
-    for each in roll_out(case, actuators="lagged", episodes=4, members=course.members):
-        found = measure(each)
-        assert found["success"] == 1.0
-        assert found["min_clearance"] > 0.03
-
-
 @pytest.mark.slow
 def test_the_planner_told_the_map_says_that_there_is_no_way(tmp_path: Path) -> None:
     rows = ["." * 240 if k != 100 else "@" * 240 for k in range(240)]
@@ -562,22 +478,6 @@ def test_the_planner_told_the_map_arrives_in_every_public_problem() -> None:
             assert [measure(each)["success"] for each in driven] == [1.0] * len(course.members), course.family
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not BARN.exists(), reason="the worlds are not here")
-def test_every_world_of_the_data_set_is_driven_and_scored() -> None:
-    contest, robot = PUBLIC["barn"].contest("p3dx"), ROBOTS["p3dx"]
-    scenarios = barn_scenarios(BARN)
-    paths = {f"world_{file.stem[5:]}": np.load(file, allow_pickle=False) for file in BARN.rglob("path_*.npy")}
-    for course in barn_courses(str(BARN), robot):
-        (case,) = contest.cases(robot, course, Entrants(("astar_tracker",), ("default",)))
-        driven = roll_out(case, actuators="lagged", episodes=len(course.members), members=course.members)
-        for k, each in zip(course.members, driven, strict=True):
-            found = measure(each)
-            seconds = found["time"] * 0.6 / 2.0  # the formula is for 2 m/s
-            expected = official(seconds, paths[scenarios[k].name], 2.0) if found["success"] == 1.0 else 0.0
-            assert found["barn_score"] == pytest.approx(expected, rel=1e-9)
-
-
 @pytest.mark.skipif(not BARN.exists(), reason="the worlds are not here")
 def test_the_worlds_and_the_table_of_the_data_set_agree() -> None:
     derived = read_cylinders(BARN / CYLINDERS)
@@ -588,17 +488,6 @@ def test_the_worlds_and_the_table_of_the_data_set_agree() -> None:
         np.testing.assert_allclose(mine, theirs, atol=1e-9)
     lengths = [way_length(read_path(file)) for file in BARN.rglob("path_*.npy")]
     assert 5.0 <= min(lengths) / 2.0 <= max(lengths) / 2.0 <= 6.94  # s, as the organisers' 300 worlds have them
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SHARED.exists(), reason="the circuits are not here")
-def test_real_circuits_are_run_as_other_contests_are(tmp_path: Path) -> None:
-    for name in ("Norisring", "Zandvoort"):
-        (tmp_path / f"{name}.csv").write_bytes((SHARED / "tum_racetracks" / f"{name}.csv").read_bytes())
-    words = ["--suite", "racetracks", "--data", str(tmp_path), "--policies", "pure_pursuit,lqr", "--gains", "default"]
-    told = run(words, tmp_path / "out")
-    assert "Racetracks, path following, p3dx" in told
-    assert all(row["success"] == 1.0 for row in read_rows(tmp_path / "out"))
 
 
 def test_a_goal_that_no_way_leads_to_is_told_of(tmp_path: Path) -> None:
