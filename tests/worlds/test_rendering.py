@@ -78,13 +78,6 @@ def test_frame_size_stays_when_the_world_changes():
     assert first.shape == moved.shape == other_world.shape
 
 
-def test_equal_scenes_give_equal_frames():
-    renderer = Renderer("rgb_array", fps=20)
-    first = frame_of(full_scene(), renderer)
-    frame_of(SCENE, renderer)
-    np.testing.assert_array_equal(frame_of(full_scene(), renderer), first)
-
-
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 def test_robot_moves_as_its_pose_with_y_up(robot):
     renderer = Renderer("rgb_array", fps=20)
@@ -137,18 +130,6 @@ def test_obstacles_lie_where_the_world_says():
 def empty_scene(**layers: object) -> Scene:
     """Returns a scene whose robot is far away."""
     return dataclasses.replace(SCENE, **({"pose": (1e6, 1e6, 0.0)} | layers))
-
-
-@pytest.mark.parametrize("bounds", [(0, 0, 10, 8), (0, 0, 1, 90), (-50, -1, 50, 1), (2, 3, 4, 5)])
-def test_the_bounds_fit_with_a_margin_and_touch_it_on_two_sides(bounds):
-    view = Renderer("rgb_array", fps=20).view(dataclasses.replace(SCENE, bounds=bounds))
-    (left, bottom), (right, top) = view.pixels_from_world([bounds[:2], bounds[2:]])
-    width, height = view.width_px, view.height_px - 2 * view.strip_px
-    shares = (left / width, 1.0 - right / width, (top - view.strip_px) / height, (bottom - top) / height)
-    assert shares[0] == pytest.approx(shares[1])
-    assert shares[2] == pytest.approx(0.5 - 0.5 * shares[3])
-    assert min(shares[0], shares[2]) == pytest.approx(0.07)
-    np.testing.assert_allclose(view.world_from_pixels(view.pixels_from_world((1.5, -2.5))), (1.5, -2.5))
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
@@ -215,11 +196,6 @@ def test_the_first_frame_of_an_episode_shows_nothing_of_the_last():
     assert (env.render() != first).any()
     env.reset(seed=1)
     np.testing.assert_array_equal(env.render(), first)
-
-
-def test_unknown_render_mode_is_refused():
-    with pytest.raises(ValueError, match="render_mode"):
-        Renderer("ansi", fps=20)
 
 
 def run_python(program: str, **environment: str) -> str:

@@ -1,20 +1,14 @@
 """Threads that share out rows: the same bits for every number of them, and errors before anything has moved."""
 
-import copy
-import pickle
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numba import njit
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.policies import Pilot, make
-from wayfield.system.sharing import BRIEF, PART, next_rows, shares_of
-from wayfield.system.threads import ThreadPool, bounds, thread_pool
+from wayfield.system.threads import ThreadPool, thread_pool
 
 ROWS = 150  # four blocks at most, and not alike
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -64,17 +58,6 @@ def test_every_number_of_threads_gives_the_same_bits(case: str, mode: str) -> No
     for envs in others:
         assert all(alike(a, b) for a, b in zip(expected, driven(envs), strict=True))
         assert envs.batch.states.tobytes() == one.batch.states.tobytes()
-
-
-def test_a_copy_goes_on_with_its_threads() -> None:
-    envs = vector("goal", 2)
-    driven(envs, 10)
-    others = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]
-    actions = envs.action_space.sample()
-    expected = envs.step(actions)
-    for other in others:
-        assert other.batch.num_threads == 2
-        assert all(alike(a, b) for a, b in zip(expected, other.step(actions), strict=True))
 
 
 @pytest.mark.parametrize("row", [0, 70, ROWS - 1])
@@ -135,36 +118,6 @@ def test_every_block_is_done_once_whoever_is_late() -> None:
         assert sorted(seen) == list(range(count))
 
 
-@njit
-def taken(shares: Any, thread: int, last: int, count: int) -> Any:
-    """Calls `sharing.next_rows`."""
-    return next_rows(shares, thread, last, count)
-
-
-@given(st.integers(0, 700), st.integers(1, 5), st.booleans(), st.randoms(use_true_random=False))
-def test_whoever_is_next_each_row_is_taken_once(count: int, threads: int, brief: bool, random: Any) -> None:
-    shares = shares_of(threads)
-    shares[BRIEF] = brief
-    done: list[int] = []
-    first_took, at_work = 0, list(range(threads))
-    while at_work:
-        thread = random.choice(at_work)
-        first, last = taken(shares, thread, 0, count)
-        if first == last:
-            at_work.remove(thread)
-            if shares[BRIEF] and thread == 0:  # its turn was brief: it has other work, then takes another
-                parts = -(-count // PART)
-                assert first_took <= parts // threads / 4 + 1
-                shares[BRIEF] = 0
-                at_work.append(0)
-        else:
-            assert first % PART == 0
-            assert last == min(first + PART, count)
-            done += range(first, last)
-            first_took += thread == 0
-    assert sorted(done) == list(range(count))
-
-
 def test_what_a_block_raises_is_raised_once_all_have_ended() -> None:
     seen: list[int] = []
 
@@ -177,12 +130,3 @@ def test_what_a_block_raises_is_raised_once_all_have_ended() -> None:
         thread_pool(2).run(work, 5)
     assert sorted(seen) == [0, 1, 2, 3, 4]
     thread_pool(2).run(work, 1)
-
-
-@pytest.mark.parametrize(("rows", "blocks"), [(1, 4), (31, 4), (64, 4), (150, 4), (4096, 3)])
-def test_bounds_cover_all_rows_in_blocks_alike(rows: int, blocks: int) -> None:
-    found = bounds(rows, blocks)
-    assert [k for first, last in found for k in range(first, last)] == list(range(rows))
-    sizes = [last - first for first, last in found]
-    assert max(sizes) - min(sizes) <= 1
-    assert len(found) == 1 or min(sizes) >= 32
