@@ -5,14 +5,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from oracles import model_predictive
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.crowds.half_planes import best_velocity, disc_half_plane, nearest_velocity
-from wayfield.policies import Pilot, make
 from wayfield.policies.lqr import gain_table
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
@@ -62,37 +60,3 @@ def test_gains_are_those_of_the_matrix_exponential() -> None:
 def test_plans_are_those_of_ipopt(case: dict[str, Any]) -> None:
     problem, _, memory, _ = model_predictive.planned(case["scenario"], case["steps"])
     model_predictive.same_plan(problem, memory, np.array(case["plan"]), case["total"])
-
-
-@pytest.mark.parametrize("case", anchor("closed_forms.json")["decay"], ids=lambda case: f"lam {case['lam']}")
-def test_document_b_arrives_after_as_many_periods_as_its_law_says(case: dict[str, Any], tmp_path: Path) -> None:
-    file = tmp_path / "goal.json"
-    file.write_text(json.dumps({"goal": [3.0, 4.0, 0.0], "position_tolerance": 0.001}))
-    env: Any = gymnasium.make("wayfield/OmniGoalObstacles-v0", scenario=str(file), max_episode_steps=400)
-    observation, info = env.reset(seed=0)
-    pilot = Pilot(make("waypoint", lam=case["lam"], final_tolerance=0.0), env)
-    pilot.reset()
-    periods = 0
-    while info["goal_distance"] > 0.25:
-        observation, _, _, _, info = env.step(pilot.command(observation))
-        periods += 1
-    assert periods == case["periods"]
-
-
-@pytest.mark.parametrize(
-    "case", anchor("closed_forms.json")["circles"], ids=lambda case: f"R {case['radius']}, k {case['k_ang']}"
-)
-def test_document_a_goes_round_on_the_radius_of_its_law(case: dict[str, Any], tmp_path: Path) -> None:
-    angles = np.linspace(0.0, 2.0 * math.pi, round(1200 * case["radius"]), endpoint=False)
-    points = case["radius"] * np.column_stack([np.cos(angles), np.sin(angles)])
-    file = tmp_path / "ring.json"
-    file.write_text(json.dumps({"path": points.tolist(), "closed": True, "laps": 0}))
-    env: Any = gymnasium.make("wayfield/DiffDrivePathFollowing-v0", scenario=str(file), max_episode_steps=1400)
-    observation, _ = env.reset(seed=0)
-    law = make("lookahead_documented", k_ang=case["k_ang"], mode_distance=0.01)
-    pilot = Pilot(law, env)
-    pilot.reset()
-    for _ in range(1300):
-        observation, *_ = env.step(pilot.command(observation))
-    state = env.unwrapped.batch.states[0]
-    assert math.hypot(state["x"], state["y"]) == pytest.approx(case["driven"], abs=3e-4)

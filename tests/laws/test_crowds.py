@@ -157,15 +157,6 @@ def test_one_person_alone_takes_up_the_wanted_speed_exponentially(law: str, tau:
     assert (out[:, 0, 3] == 0.0).all()
 
 
-def test_forces_of_contact_are_action_and_reaction() -> None:
-    rng = np.random.default_rng(4)
-    for _ in range(100):
-        overlap, angle, vx, vy = rng.uniform(-0.3, 0.1), rng.uniform(-3.0, 3.0), *rng.uniform(-1.0, 1.0, 2)
-        n = math.cos(angle), math.sin(angle)
-        mine = people.pushed_2000(overlap, *n, vx, vy)
-        assert people.pushed_2000(overlap, -n[0], -n[1], -vx, -vy) == (-mine[0], -mine[1])
-
-
 def test_the_force_of_1995_is_the_gradient_of_its_potential() -> None:
     rng = np.random.default_rng(5)
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles.model_predictive import DT, IPOPT_CASES, PATH_ID, Array, Drive, Problem, by_ipopt, planned, same_plan
+from oracles.model_predictive import DT, PATH_ID, Array, Drive, Problem
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.world.paths import Path, PathPool
@@ -74,19 +74,6 @@ def test_the_program_is_the_sum_to_first_order(scenario: str, actuators: str) ->
     speeds += [(np.full(n, -most), np.full(n, most))] * len(robot.wheel_matrix)
     np.testing.assert_allclose(program.lower, [*np.concatenate([low for low, _ in speeds]), -math.inf])
     np.testing.assert_allclose(program.upper, [*np.concatenate([high for _, high in speeds]), problem.start[4]])
-
-
-@pytest.mark.parametrize(("scenario", "steps", "warm"), IPOPT_CASES)
-def test_its_plan_is_the_one_that_ipopt_finds(scenario: str, steps: int, warm: bool) -> None:
-    """The same non-linear program solved by an interior-point method with exact derivatives.
-
-    Around a corner there are several local optima, and ipopt ends in another, worse one when it starts from the plan of
-    the period before: there it starts from the plan and its multipliers, and has to stay.
-    """
-    pytest.importorskip("casadi")
-    problem, policy, memory, old = planned(scenario, steps)
-    *best, total = by_ipopt(problem, policy, memory, old, warm)
-    same_plan(problem, memory, np.array(best), total)
 
 
 # The path as a curve of poses.

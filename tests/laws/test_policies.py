@@ -18,10 +18,7 @@ from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield import policies
-from wayfield.benchmarks.entrants.documents import documents
-from wayfield.benchmarks.records.cases import Case
 from wayfield.envs import goal_reaching, path_following, team_worlds
-from wayfield.envs.robots import ACTUATORS
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.envs.tasks.specs import TASKS
 from wayfield.policies import POLICIES, Pilot
@@ -50,7 +47,6 @@ EVERY_PAIR = [
     if (name, env_id) not in OTHER_ROBOT
 ]
 ROBOTS_OF = {PATH_ID: ("p3dx",), OMNI_PATH_ID: ("omni3", "omni4"), GOAL_ID: ("omni3", "omni4"), DIFF_GOAL_ID: ("p3dx",)}
-DOCUMENT_CASES = {case.key: case for case in documents()}.values()
 every_policy = pytest.mark.parametrize("name", POLICIES)
 every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:-3]}" for a, b in EVERY_PAIR])
 
@@ -61,21 +57,6 @@ def senses(name: str, env_id: str) -> dict[str, Any]:
 
 
 # By name.
-
-
-@every_policy
-def test_a_policy_is_a_frozen_dataclass_that_says_what_it_is(name: str) -> None:
-    policy = policies.make(name)
-    assert dataclasses.is_dataclass(policy)
-    field = next((field.name for field in dataclasses.fields(policy)), "gain")  # type: ignore[arg-type]
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(policy, field, 1.0)
-    assert policy.knows in KNOWS
-    assert set(policy.observes) <= set(IDS_OF)
-    assert policies.make(name) == policy
-    assert all(field.default is not dataclasses.MISSING for field in dataclasses.fields(policy))  # type: ignore[arg-type]
-    # not the signature that dataclasses write where there is no docstring
-    assert not (type(policy).__doc__ or "").startswith((type(policy).__name__ + "(", "Policy("))
 
 
 @every_policy
@@ -183,21 +164,6 @@ def test_an_action_is_a_member_of_the_space(name: str, env_id: str, actuators: s
             assert action.dtype == env.action_space.dtype
             assert env.action_space.contains(action)
             seen, *_ = env.step(action)
-
-
-@pytest.mark.parametrize("case", DOCUMENT_CASES, ids=lambda case: "-".join(case.key).replace(" ", "_"))
-def test_the_documents_own_policies_act_within_the_space_too(case: Case) -> None:
-    for actuators in ACTUATORS:
-        env = gymnasium.make(case.env_id, scenario=case.scenario, actuators=actuators, **case.env_kwargs)
-        seen, _ = env.reset(seed=0)
-        pilot = Pilot(policies.make(case.policy, **case.gains), env)
-        pilot.reset()
-        for _ in range(40):
-            action = pilot.act(seen)
-            assert env.action_space.contains(action)
-            seen, _, terminated, _, _ = env.step(action)
-            if terminated:
-                break
 
 
 @settings(max_examples=settings().max_examples // 4)

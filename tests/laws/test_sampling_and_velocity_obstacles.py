@@ -490,27 +490,3 @@ def test_ways_in_the_open_are_straight_and_behind_a_wall_lead_round_its_end() ->
     _, ways, _, _ = grids(policy, scan(barrier), (2.0, 0.0))
     # two legs to a corner that the hull passes at its radius, and the arc around it
     assert math.hypot(1.0, 1.75) * 2.0 < ways[40, 40] < math.hypot(1.0, 1.75) * 2.0 + 0.9
-
-
-# At the wheel.
-
-
-def test_seeing_needs_beams_and_gains_are_checked() -> None:
-    with pytest.raises(ValueError, match="num_beams is 0"):
-        Mppi().reset(brief("p3dx", num_beams=0))
-    for gain in ("step_time", "temperature", "max_speed", "max_yaw_rate", "influence", "cell", "reach"):
-        for value in (0.0, -1.0, math.nan):
-            with pytest.raises(ValueError, match=gain):
-                dataclasses.replace(Mppi(), **{gain: value})
-    for name, wrong in (("samples", 1), ("steps", 2.5), ("seed", -1), ("noise_correlation", 1.0), ("detour", 1)):
-        with pytest.raises(ValueError, match=name):
-            Mppi(**{name: wrong})  # type: ignore[arg-type]
-    for gain in ("horizon", "wall_horizon", "recovery", "sensing_radius", "max_speed", "k", "turn_gain"):
-        for value in (0.0, math.nan, "a", True):
-            with pytest.raises(ValueError, match=gain):
-                dataclasses.replace(Orca(), **{gain: value})
-    for gain in ("margin", "perturbation", "tracking_error", "arrival_radius"):
-        with pytest.raises(ValueError, match=gain):
-            dataclasses.replace(Orca(), **{gain: -0.1})
-    with pytest.raises(ValueError, match="seed"):
-        Orca(seed=-1)
