@@ -1,8 +1,6 @@
 """Fingerprints: the same behaviour has the same, in every process and alone as in a batch, and any other another."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +8,7 @@ import click.testing
 import fingerprints
 import gymnasium
 import pytest
-from fingerprints import CONDITIONS, QUANTITIES, World, alone, batched, differences, fingerprint
+from fingerprints import CONDITIONS, QUANTITIES, World, alone, differences, fingerprint
 
 from wayfield import policies
 from wayfield.policies import Pilot
@@ -26,31 +24,6 @@ STEPS = 130  # beyond the clock, so that there is a reset
 @pytest.fixture(scope="module")
 def here() -> dict[str, Any]:
     return fingerprints.fingerprints(NAMES, WORLDS, STEPS)
-
-
-def test_another_process_finds_the_same(here: dict[str, Any]) -> None:
-    code = (
-        f"import json, sys; sys.path.insert(0, {str(Path(fingerprints.__file__).parent)!r}); import fingerprints as f;"
-        "p, g = f.CONDITIONS['path-following'][2], f.CONDITIONS['goal-obstacles'][1];"
-        "worlds = [f.World('path-following', 'p3dx', 'kinematic', p), f.World('goal-obstacles', 'omni4', 'pymunk', g)];"
-        f"print(json.dumps(f.fingerprints({NAMES!r}, worlds, {STEPS})))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert json.loads(run.stdout) == here
-    assert {key.split()[-2] for key in here} == set(NAMES)
-
-
-@pytest.mark.parametrize("world", WORLDS, ids=lambda world: world.contest)
-def test_a_robot_alone_has_that_of_the_first_of_a_batch(world: World) -> None:
-    name = "pure_pursuit" if world.contest == "path-following" else "apf_corrected"
-    policy = policies.make(name)
-    single = gymnasium.make(**world.options(), disable_env_checker=True)
-    envs = gymnasium.make_vec(**world.options(), num_envs=3, vectorization_mode="vector_entry_point")
-    one = fingerprint(alone(single, Pilot(policy, single), STEPS))
-    many = list(batched(envs, Pilot(policy, envs), STEPS))
-    assert one == fingerprint(iter(many), 1)
-    assert one != fingerprint(iter(many))
-    assert any(step["ends"].any() for step in many if "ends" in step)
 
 
 def test_a_difference_is_told_with_its_step_and_quantity(here: dict[str, Any]) -> None:

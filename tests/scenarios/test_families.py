@@ -129,12 +129,7 @@ def test_quantities_are_reproduced(task: str, family: str) -> None:
     ("damage", "message"),
     [
         (lambda text: text[: len(text) // 2], "damaged: JSONDecodeError"),
-        (lambda text: "[]", "damaged"),
-        (lambda text: text.replace('"doors_wide"', '"doors_wider"'), "damaged: KeyError: 'doors_wide'"),
         (lambda text: re.sub(r'("doors_wide".*?"test".*?"seeds": \[)\d+', r"\g<1>77", text, flags=re.S), "SHA-256"),
-        (lambda text: re.sub(r'("doors_wide".*?"test".*?"seeds": \[)\d+', r"\g<1>1.5", text, flags=re.S), "damaged"),
-        (lambda text: re.sub(r'("doors_wide".*?"test".*?"tiers": \["?)\w+', r"\g<1>soft", text, flags=re.S), "SHA-256"),
-        (lambda text: re.sub(r'("doors_wide".*?"test".*?"quantities": \[)', r"\g<1>0.5, ", text, flags=re.S), "damage"),
         (lambda text: re.sub(r'("doors_wide".*?"test".*?"sha256": ")\w', r"\g<1>x", text, flags=re.S), "SHA-256"),
     ],
 )
@@ -171,9 +166,7 @@ def test_missing_split_files_are_named(tmp_path: pathlib.Path, monkeypatch: pyte
             "clutter_10/tests",
             "'clutter_10' has no split 'tests'; the splits are train, validation, test, claims. Did you mean",
         ),
-        ("clutter_10/", "'clutter_10' has no split ''"),
         ("cluter_10", "unknown goal scenario 'cluter_10'. Did you mean 'clutter_10'?"),
-        ("cluter_10/test", "unknown goal scenario 'cluter_10/test'. Did you mean 'clutter_10/test'?"),
         ("splines", "unknown goal scenario 'splines'."),
     ],
 )

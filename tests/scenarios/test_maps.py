@@ -191,11 +191,6 @@ def _png(width: int, height: int, kind: int = 0) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
 
 
-def _npy(shape: str, descr: str = "|b1") -> bytes:
-    head = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode() + b"\0" * 12
-
-
 def _pickled(folder: Path) -> None:
     np.save(folder / "room.npy", np.array([[{"a": 1}]], object), allow_pickle=True)
 
@@ -207,66 +202,30 @@ def _elsewhere(folder: Path) -> None:
     _text("room.yaml", "room.pgm", "linked/room.pgm")(folder)
 
 
-def _pipe(folder: Path) -> None:
-    (folder / "room.pgm").unlink()
-    os.mkfifo(folder / "room.pgm")
-
-
-def _folder(folder: Path) -> None:
-    (folder / "room.pgm").unlink()
-    (folder / "room.pgm").mkdir()
-
-
 BROKEN: list[tuple[str, str, Break, str]] = [
     ("yaml no image", "room.yaml", _text("room.yaml", "image: room.pgm\n", ""), "'image' is missing"),
     ("yaml image is missing", "room.yaml", lambda f: (f / "room.pgm").unlink(), "image is 'room.pgm'; there is no"),
-    ("yaml image is a pipe", "room.yaml", _pipe, "image room.pgm is a folder or a device"),
     ("yaml absolute image", "room.yaml", _text("room.yaml", "room.pgm", "/etc/passwd"), "must be relative"),
     ("yaml image above", "room.yaml", _text("room.yaml", "room.pgm", "../../room.pgm"), "lead out of the folder"),
     ("yaml image through a link", "room.yaml", _elsewhere, "lead out of the folder"),
-    ("yaml image is no image", "room.yaml", _text("room.yaml", "room.pgm", "room.yaml"), "must end in"),
-    ("yaml no resolution", "room.yaml", _text("room.yaml", "resolution: 0.5\n", ""), "'resolution' is missing"),
-    ("yaml resolution NaN", "room.yaml", _text("room.yaml", "resolution: 0.5", "resolution: .nan"), "is nan"),
     ("yaml resolution a word", "room.yaml", _text("room.yaml", ": 0.5", ": fine"), "resolution is 'fine'"),
-    ("yaml origin of two", "room.yaml", _text("room.yaml", "-2.0, 0.0]", "-2.0]"), "origin is"),
-    ("yaml negate 2", "room.yaml", _text("room.yaml", "negate: 0", "negate: 2"), "negate is 2"),
     ("yaml thresholds crossed", "room.yaml", _text("room.yaml", "0.196", "0.7"), "free_thresh is 0.7"),
     ("yaml mode", "room.yaml", _text("room.yaml", "negate: 0", "mode: trinarry"), "Did you mean 'trinary'"),
-    ("yaml misspelt", "room.yaml", _text("room.yaml", "negate", "negat"), "Did you mean 'negate'"),
     ("yaml twice", "room.yaml", _text("room.yaml", "negate: 0", "negate: 0\nnegate: 1"), "'negate' is given twice"),
-    ("yaml no fields", "room.yaml", _bytes("room.yaml", b"- 1\n- 2\n"), "holds no fields"),
-    ("yaml broken", "room.yaml", _bytes("room.yaml", b"image: [1, 2\nx: {"), "room.yaml:"),
     ("yaml code", "room.yaml", _text("room.yaml", "0.5", "!!python/object/apply:os.getcwd []"), "room.yaml:2"),
     ("yaml deep", "room.yaml", _bytes("room.yaml", b"image: " + b"[" * 50_000), "nested too deeply"),
-    ("yaml long", "room.yaml", _bytes("room.yaml", b"#" * 70_000), "characters"),
     ("yaml bytes", "room.yaml", _bytes("room.yaml", b"\xff\xfe\x00"), "no UTF-8"),
     ("pgm cut off", "room.yaml", _bytes("room.pgm", b"P5\n4 3\n255\n\0\0"), "room.pgm"),
     ("pgm huge", "room.yaml", _bytes("room.pgm", b"P5\n100000 100000\n255\n"), "room.pgm"),
-    ("pgm wide", "room.yaml", _bytes("room.pgm", b"P5\n100000 1\n255\n" + b"\0" * 100_000), "100000 x 1 cells"),
     ("png huge", "room.png", _bytes("room.png", _png(100_000, 100_000)), "room.png"),
-    ("png damaged", "room.png", _bytes("room.png", _png(400, 300)), "room.png"),
-    ("png without its palette", "room.png", _bytes("room.png", _png(4, 3, 3)), "room.png"),
     ("npy pipe", "room.npy", lambda f: (f / "room.npy").unlink() or os.mkfifo(f / "room.npy"), "a folder or a device"),
     ("npy objects", "room.npy", _pickled, "it holds pickled objects"),
-    ("npy three axes", "room.npy", lambda f: np.save(f / "room.npy", np.zeros((2, 2, 2), bool)), "rows, columns"),
     ("npy numbers", "room.npy", lambda f: np.save(f / "room.npy", np.zeros((2, 2))), "bool or whole numbers"),
-    ("map type", "room.map", _text("room.map", "octile", "hex"), "room.map:1"),
-    ("map height", "room.map", _text("room.map", "height 3", "height x"), "room.map:2"),
     ("map rows", "room.map", _text("room.map", "height 3", "height 5"), "height is 5"),
-    ("map huge", "room.map", _text("room.map", "height 3\nwidth 4", "height 100000\nwidth 100000"), "100000 x 100000"),
-    ("map cell", "room.map", _text("room.map", "@T", "@?"), r"room.map:6: '\?' is no cell"),
-    ("scen version", "room.scen", _text("room.scen", "version 1", "version 7"), "room.scen:1"),
     ("scen columns", "room.scen", _text("room.scen", "\t3.0\n", "\n"), "room.scen:2: has 8 columns"),
     ("scen outside", "room.scen", _text("room.scen", "\t0\t0\t3\t0\t", "\t0\t0\t9\t0\t"), "room.scen:2: goal x is 9"),
-    ("scen short", "room.scen", _text("room.scen", "\t3.0\n", "\t2.99\n"), "length is 2.99; it must be at least 3,"),
     ("scen map is missing", "room.scen", lambda f: (f / "room.map").unlink(), "room.scen:2: map is 'room.map'; there"),
     ("scene map absolute", "scene.json", _text("scene.json", "room.yaml", "/tmp/room.yaml"), "map.file is"),
-    ("scene map of another kind", "scene.json", _text("scene.json", "room.yaml", "scene.json"), "suffix '.json'"),
-    ("scene resolution missing", "scene.json", _text("scene.json", "room.yaml", "room.png"), "'resolution' is missing"),
-    ("scene setting misspelt", "scene.json",
-     _text("scene.json", '"room.yaml"', '{"file": "room.png", "resolutoin": 1}'), "Did you mean 'resolution'"),
-    ("scene unknown", "scene.json",
-     _text("scene.json", '"room.yaml"', '{"file": "room.yaml", "unknown": "maybe"}'), "unknown='maybe'"),
     ("scene setting of a ROS map", "scene.json",
      _text("scene.json", '"room.yaml"', '{"file": "room.yaml", "resolution": 1}'), "'resolution' is not known"),
 ]  # fmt: skip

@@ -204,7 +204,7 @@ def test_a_hull_too_large_for_a_field_is_refused() -> None:
             goal_scenarios("discs", hull_radius)
 
 
-@pytest.mark.parametrize("name", ["circl", "Circle", "circle_r2 ", "", "nowhere", "a\0b"])
+@pytest.mark.parametrize("name", ["circl", "nowhere", "a\0b"])
 def test_unknown_path_names_are_answered_with_the_known(name: str) -> None:
     with pytest.raises(ValueError, match="unknown path scenario") as caught:
         path_scenarios(name)
@@ -218,7 +218,7 @@ def test_unknown_goal_name() -> None:
         goal_scenarios("apf1", 0.3)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "1", True])
+@pytest.mark.parametrize("value", [0.0, math.nan, "1"])
 def test_scale_and_hull_radius_must_be_positive_numbers(value: float) -> None:
     with pytest.raises(ValueError, match=re.escape(f"scale is {value!r}")):
         path_scenarios("circle", value)
@@ -233,18 +233,10 @@ def test_scale_and_hull_radius_must_be_positive_numbers(value: float) -> None:
     ("path", "settings", "message"),
     [
         (LINE, {"laps": 2}, "laps is 2; an open path"),
-        (LINE, {"laps": 0}, "laps is 0; an open path"),
         (RING, {"laps": -1}, "laps is -1"),
-        (RING, {"laps": 1.5}, "laps is 1.5"),
-        (RING, {"laps": True}, "laps is True"),
-        (LINE, {"corridor": 0.0}, "corridor is 0.0"),
         (LINE, {"corridor": math.nan}, "corridor is nan"),
-        (LINE, {"start_offset": -0.1}, "start_offset is -0.1"),
-        (LINE, {"start_turn": math.inf}, "start_turn is inf"),
         (LINE, {"start": (0.0, 0.0)}, "start is (0.0, 0.0); it must be 3 numbers"),
-        (LINE, {"start": (0.0, math.nan, 0.0)}, "start[1] is nan"),
         (LINE, {"start": (0.0, 2.0, 0.0)}, "2 m from the path; the corridor is 1 m"),
-        (LINE, {"start_offset": 1.5}, "start_offset 1.5"),
         (Path([(0.0, 0.0), (1e10, 0.0)]), {}, "path has a point beyond"),
     ],
 )
@@ -257,16 +249,10 @@ def test_faulty_path_scenarios_are_refused(path: Path, settings: dict[str, objec
     ("settings", "message"),
     [
         ({"goal": (1.0, 2.0)}, "goal is (1.0, 2.0); it must be 3 numbers (x, y, heading)"),
-        ({"goal": (1.0, 2.0, "x")}, "goal[2] is 'x'"),
-        ({"start": (math.inf, 0.0, 0.0)}, "start[0] is inf"),
         ({"waypoints": ((1.0, 2.0), (3.0,))}, "waypoints[1] is (3.0,)"),
         ({"position_tolerance": 0.0}, "position_tolerance is 0.0"),
-        ({"heading_tolerance": -1.0}, "heading_tolerance is -1.0"),
-        ({"waypoint_radius": math.nan}, "waypoint_radius is nan"),
-        ({"start_offset": -1.0}, "start_offset is -1.0"),
         ({"obstacles": np.zeros((2, 8))}, "it must be an OBSTACLE record"),
         ({"obstacles": np.array([(0, 0, 1, 0, -1, 1, 0, 0, (0,) * 6)], OBSTACLE)}, "obstacles[0].half_length is -1.0"),
-        ({"obstacles": np.array([(np.nan, 0, 1, 0, 1, 1, 0, 0, (0,) * 6)], OBSTACLE)}, "obstacles[0].x is nan"),
     ],
 )
 def test_faulty_goal_scenarios_are_refused(settings: dict[str, object], message: str) -> None:
@@ -277,13 +263,9 @@ def test_faulty_goal_scenarios_are_refused(settings: dict[str, object], message:
 @pytest.mark.parametrize(
     ("make", "arguments", "message"),
     [
-        (circle, (0, 0, 0), "circle radius is 0"),
-        (circle, (math.nan, 0, 1), "circle x is nan"),
         (circle, (0, 0, 1, -1), "circle mass is -1"),
-        (box, (0, 0, 1, -2), "box width is -2"),
         (box, (0, 0, 1, 1, "east"), "box heading is 'east'"),
         (wall, (1, 2, 1, 2), "wall x2, y2 is (1.0, 2.0)"),
-        (wall, (1, 2, 10**400, 2), "wall x2 is 1000"),
     ],
 )
 def test_faulty_obstacles_are_refused(make: object, arguments: tuple[object, ...], message: str) -> None:
@@ -329,27 +311,13 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
     ("content", "line", "message"),
     [
         (b"", 1, "the table has no points"),
-        (b"x,y\n", 2, "the table has no points"),
-        (b"1,2\n", 1, "ends after 1 distinct point(s); a path needs at least 2"),
         (b"1,2\n3,4\n1,2\n", 2, "ends after 2 distinct point(s); a closed path needs at least 3"),
-        (b"1,2\n\n1,2\n", 3, "point [1.0, 2.0] repeats the one before it"),
         (b"0,0\n# c\n1,2\n1,2\n5,5\n", 4, "point [1.0, 2.0] repeats the one before it"),
         (b"0,0\n1,two\n3,4\n", 2, "'two' is not a number"),
-        (b"0,0\n1,2_0\n3,4\n", 2, "'2_0' is not a number"),
-        (b"0,0\n1,\n", 2, "'' is not a number"),
         (b"a,b\n1,2\n", 1, "'a,b' is neither a row of numbers nor a header with columns x and y"),
-        (b"0,0\n\n1,nan\n", 3, "is not finite"),
         (b"0,0\n1e300,1\n", 2, "or beyond 1e+06 m"),
-        (b"1\n2\n", 1, "'1' has 1 column(s); without a header it must be 2 (x, y) or 7"),
         (b"0,0\n1,1\n2\n", 3, "has 1 column(s), the first row has 2"),
-        (b"i,x,y\n0,0,0\n1,1,1\n2,2,2,2\n", 4, "has 4 column(s), the first row has 3"),
-        (b"x,y,width\n0,0,1\n1,1\n2,2,1\n", 3, "has 2 column(s), the first row has 3"),
-        (b"i,x,y\n0,0\n", 2, "has 2 column(s), the header names 3"),
         (b"0,0\n1,1\n\x93NUMPY\xff\n", 3, "byte 0x93 is no UTF-8"),
-        (b"\x00\x01\x02\x03", 1, "neither a row of numbers"),
-        (b"\x80\x04\x95cos\nsystem\n(S'true'\ntR.", 1, "byte 0x80 is no UTF-8"),
-        (b"__import__('os'),1\n2,3\n", 1, "is not a number"),
-        (b"a" * 10_000, 1, "neither a row of numbers"),
     ],
 )
 def test_faulty_tables_name_file_and_line(tmp_path: FilePath, content: bytes, line: int, message: str) -> None:
@@ -417,29 +385,16 @@ def written(folder: FilePath, content: object, name: str = "mine.json") -> str:
     [
         ("", ":1: Expecting value"),
         ('{"path":\n[[0, 0], [1 1]]}', ":2: "),
-        ("[]", "holds []; it must be one object"),
-        ("[" * 100_000, "nested too deeply"),
         ('{"path": [[0, 0], [NaN, 1]]}', "NaN is not a number of JSON"),
         ('{"laps": 1, "laps": 2, "path": []}', "field 'laps' is given twice"),
-        ('{"path": [[0, 0], [1' + "0" * 5000 + ", 1]]}", "5001 digits"),
         ({"pth": []}, "Did you mean 'path'?"),
-        ({}, "exactly one of the fields 'path' and 'path_file'"),
         ({"path": [], "path_file": "a.csv"}, "exactly one of"),
-        ({"path": []}, "needs at least 2 points, got 0"),
-        ({"path": [[0, 0], [1, 2, 3]]}, "path[1] is [1, 2, 3]; it must be 2 numbers (x, y)"),
         ({"path": [[0, 0], [1, "2"]]}, "path[1][1] is '2'; it must be a finite number"),
-        ({"path": [[0, 0], [1e300, 0]]}, "path[1][0] is 1e+300"),
-        ({"path": [[0, 0], [0, 0], [1, 1]]}, "path points 0 and 1 are both"),
         ({"path": [[0, 0], [1, 1]], "closed": "yes"}, "closed is 'yes'; it must be true or false"),
-        ({"path": [[0, 0], [1, 1]], "closed": True}, "a closed path needs at least 3 points"),
-        ({"path": [[0, 0], [1, 1]], "laps": 2}, "laps is 2"),
-        ({"path": [[0, 0], [1, 1]], "start": [0, 0]}, "start is [0, 0]"),
-        ({"path": [[0, 0], [1, 1]], "corridor": "wide"}, "corridor is 'wide'"),
         (
             {"path_file": "scenario.json"},
             "path_file is 'scenario.json'; it must be the name of a .csv or .txt",
         ),
-        ({"path_file": 3}, "path_file is 3"),
     ],
 )
 def test_faulty_path_json_is_explained(tmp_path: FilePath, content: object, message: str) -> None:
@@ -454,17 +409,9 @@ def test_faulty_path_json_is_explained(tmp_path: FilePath, content: object, mess
     ("content", "message"),
     [
         ({}, "field 'goal' is missing"),
-        ({"goal": [1, 2]}, "goal is [1, 2]; it must be 3 numbers (x, y, heading)"),
-        ({"goal": [1, 2, 0], "path": []}, "field 'path' is not known"),
         ({"goal": [1, 2, 0], "tolerance": 1}, "field 'tolerance' is not known; the fields are goal, start"),
         ({"goal": [1, 2, 0], "waypoints": [3]}, "waypoints[0] is 3; it must be 2 numbers (x, y)"),
-        ({"goal": [1, 2, 0], "obstacles": [[1, 2]]}, "obstacles[0] is [1, 2]; it must be an object"),
-        (
-            {"goal": [1, 2, 0], "obstacles": [{}]},
-            "obstacles[0].kind is None; it must be one of circle, box, wall",
-        ),
         ({"goal": [1, 2, 0], "obstacles": [{"kind": "circl"}]}, "Did you mean 'circle'?"),
-        ({"goal": [1, 2, 0], "obstacles": [{"kind": "circle"}]}, "field 'obstacles[0].x' is missing"),
         (
             {"goal": [1, 2, 0], "obstacles": [{"kind": "circle", "x": 0, "y": 0, "r": 1}]},
             "field 'obstacles[0].r' is not known; the fields are x, y, radius, mass",
@@ -477,7 +424,6 @@ def test_faulty_path_json_is_explained(tmp_path: FilePath, content: object, mess
             {"goal": [9, 2, 0], "obstacles": [{"kind": "circle", "x": 9, "y": 2, "radius": 1}]},
             "obstacles[0] (circle of radius 1 m at (9, 2)) is over the goal",
         ),
-        ({"goal": [1, 2, 0], "position_tolerance": 0}, "position_tolerance is 0"),
     ],
 )
 def test_faulty_goal_json_is_explained(tmp_path: FilePath, content: object, message: str) -> None:
