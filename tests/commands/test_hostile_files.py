@@ -45,8 +45,3 @@ def test_a_value_that_holds_itself_a_billion_times_over_is_shown_at_once() -> No
     for _ in range(20):
         value = [value, {"key": value}, (value,)]
     assert len(shown(value)) == 60
-
-
-@pytest.mark.parametrize("value", [[], (), {}, (1,), [1, (2, "a"), {"b": [None]}], {"k": -1.5, 2: b"x"}, True, 10**30])
-def test_a_small_value_is_shown_as_python_writes_it(value: object) -> None:
-    assert shown(value) == repr(value)

@@ -12,7 +12,7 @@ pytest.importorskip("pyarrow", reason='needs pip install "wayfield[record]"')
 pytest.importorskip("minari", reason='needs pip install "wayfield[record]"')
 
 from wayfield.benchmarks.recordings import record
-from wayfield.system.storage import replace_folder, restore_folder
+from wayfield.system.storage import restore_folder
 
 WORDS = ("pure_pursuit", "--suite", "path-following", "--family", "splines", "--episodes", "1", "--dataset", "mine-v0")
 # ends at the n-th call that changes what a folder holds, before it is done or after
@@ -83,12 +83,3 @@ def test_a_kill_at_any_moment_of_a_replacement_leaves_the_old_set_or_the_new_one
     texts = {file.read_text() for file in old.iterdir()}
     assert texts in ({"set"}, {"staged"})
     assert len(list(old.iterdir())) == 2
-
-
-def test_a_folder_takes_the_place_of_another(home: Path) -> None:
-    for name in ("old", "new"):
-        (home / name).mkdir()
-        (home / name / name).touch()
-    replace_folder(home / "new", home / "old")
-    assert [each.name for each in (home / "old").iterdir()] == ["new"]
-    assert not (home / "new").exists()

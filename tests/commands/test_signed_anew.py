@@ -13,7 +13,7 @@ from wayfield.policies.learned.agent import CARD, WEIGHTS, load_agent, signed, w
 from wayfield.system.readers import READERS
 
 
-@pytest.mark.parametrize("content", ["[" * 100_000, "\udcff", "{}", "[1]", '[{"success": [1]}]', ""])
+@pytest.mark.parametrize("content", ["[" * 100_000, "{}", '[{"success": [1]}]'])
 def test_rows_that_are_none(content: str, tmp_path: Path) -> None:
     reader = READERS["rows of a part"]
     file = reader.fill(tmp_path)

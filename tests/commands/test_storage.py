@@ -1,11 +1,9 @@
-"""Files are whole or not there, whoever writes beside and whenever a process is killed; children end with parents."""
+"""Files are whole or not there, whoever writes beside and whenever a process is killed."""
 
 import multiprocessing
 import os
-import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -65,20 +63,6 @@ def test_what_a_dead_process_left_is_cleared_and_what_a_living_one_writes_is_not
     assert sorted({*tmp_path.iterdir()} - {tmp_path / "a"}) == sorted([ours, foreign])
 
 
-def test_a_lock_is_refused_to_a_second_and_free_after_the_first(tmp_path):
-    file = tmp_path / "lock"
-    code = (
-        f"from wayfield.system import storage\n"
-        f"try:\n    with storage.locked({str(file)!r}, 'busy here'): print('held')\n"
-        f"except BlockingIOError as error: print(error)"
-    )
-    with storage.locked(file, "busy"):
-        told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout == "busy here\n"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout == "held\n"
-
-
 @pytest.mark.parametrize("kind", ["text", "folder", "link"])
 def test_what_is_no_lock_is_refused_and_stays_as_it_is(tmp_path, kind):
     file, there = tmp_path / "lock", tmp_path / "mine.txt"
@@ -93,35 +77,3 @@ def test_what_is_no_lock_is_refused_and_stays_as_it_is(tmp_path, kind):
         pass
     assert file.is_dir() if kind == "folder" else file.read_text() == "mine"
     assert sorted(tmp_path.iterdir()) == [file, there]
-
-
-def test_the_digest_is_of_the_content_not_of_the_order():
-    assert storage.digest({"a": 1, "b": [2.5]}) == storage.digest({"b": [2.5], "a": 1})
-    assert storage.digest({"a": 1}) != storage.digest({"a": 2})
-
-
-_PARENT = """
-import os, subprocess, sys, time
-child = subprocess.Popen([sys.executable, "-c",
-    "import os, time; from wayfield.system.processes import end_with_parent; end_with_parent(os.getppid());"
-    "print(os.getpid(), flush=True); time.sleep(60)"])
-time.sleep(60)
-"""
-
-
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_a_child_ends_with_its_parent_however_that_ends(how):
-    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, text=True) as parent:
-        child = int(parent.stdout.readline())
-        parent.send_signal(how)
-        parent.wait()
-        for _ in range(1200):
-            try:
-                os.kill(child, 0)
-            except ProcessLookupError:
-                return
-            with open(f"/proc/{child}/stat") as stat:
-                if stat.read().split()[2] == "Z":
-                    return
-            time.sleep(0.05)
-        pytest.fail(f"process {child} goes on after its parent")

@@ -23,7 +23,6 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS, Actuators
 from wayfield.policies.learned import perception
 from wayfield.policies.learned.agent import (
     CARD,
-    FORMAT,
     WEIGHTS,
     Agent,
     Network,
@@ -322,13 +321,9 @@ def test_a_slow_base_stops_on_the_way_on_which_the_known_one_does(speed: float, 
     "more",
     [
         {"cruises": {"lagged": [[0.4, 0.3]]}},
-        {"cruises": {"slow": [[0.4, 0.3]]}, "trained_on": TRAINED_ON},
         {"cruises": {"lagged": [[0.4, 0.3], [0.8, 0.3]]}, "trained_on": TRAINED_ON},
-        {"cruises": {"lagged": [[0.4, 0.0]]}, "trained_on": TRAINED_ON},
-        {"trained_on": {**TRAINED_ON, "speeds": []}},
         {"trained_on": {**TRAINED_ON, "speeds": [-1.0]}},
         {"measured": [{"asked_speed": 0.6}]},
-        {"measured": [{"asked_speed": 0.6, "env_kwargs": {}, "success": "all", "collision": 0.0}]},
     ],
 )
 def test_a_card_that_says_nothing_sensible_of_its_conditions_is_named(tmp_path: Path, more: dict[str, Any]) -> None:
@@ -368,43 +363,23 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
     def changed(**values: Any) -> Any:
         return json.loads((whole / CARD).read_text())["features"] | values
 
-    def renumbered(folder: Path) -> None:
-        (folder / CARD).write_text((folder / CARD).read_text().replace("0.6", "0.7"))
-
     def spoil(folder: Path) -> None:
         content = bytearray((folder / WEIGHTS).read_bytes())
         content[-5] ^= 1
         (folder / WEIGHTS).write_bytes(bytes(content))
 
-    other = make_folder(tmp_path / "other", task="goal_reaching")
     cases = {
         "no_card": (lambda f: (f / CARD).unlink(), CARD),
         "no_weights": (lambda f: (f / WEIGHTS).unlink(), WEIGHTS),
         "cut": (lambda f: (f / WEIGHTS).write_bytes((f / WEIGHTS).read_bytes()[:-100]), "damaged"),
-        "empty": (lambda f: (f / WEIGHTS).write_bytes(b""), "damaged"),
-        "pickle": (lambda f: (f / WEIGHTS).write_bytes(b"\x80\x04cos\nsystem\n"), "damaged"),
         "flipped": (spoil, "SHA-256"),
-        "foreign": (lambda f: shutil.copy(other / WEIGHTS, f / WEIGHTS), "must be finite float32 of shape"),
         "no_json": (lambda f: (f / CARD).write_text("{"), "no JSON"),
-        "a_list": (lambda f: (f / CARD).write_text("[]"), "must be one object"),
-        "nothing": (lambda f: (f / CARD).write_text("{}"), "not the card"),
         "nested": (lambda f: (f / CARD).write_text("[" * 10**6), "nested too deeply"),
-        "bytes": (lambda f: (f / CARD).write_bytes(b"\xff\xfe{"), "no JSON"),
         "vast": (lambda f: os.truncate(f / CARD, 2**36), "at most"),
-        "vast_weights": (lambda f: os.truncate(f / WEIGHTS, 2**36), "at most"),
-        "folder": (lambda f: ((f / CARD).unlink(), (f / CARD).mkdir()), "no file"),
-        "another number": (renumbered, r"card\.json is damaged"),
         "format": (lambda f: (f / CARD).write_text('{"format": 99}'), "format 99"),
-        "unsigned": (lambda f: (f / CARD).write_text(f'{{"format": {FORMAT}}}'), "digest"),
-        "version": (edit(env_id="wayfield/DiffDrivePathFollowing-v9"), "DiffDrivePathFollowing-v9"),
         "features": (edit(features={"size": 3}), "features"),
-        "task": (edit(task="flying"), "flying"),
-        "robots": (edit(robots="p3dx"), "robots"),
         "frames": (edit(features=changed(frames=0)), "frames"),
-        "kind": (edit(actions={"kind": "bogus", "yaw_rate": 2.0}), "kind"),
         "speed": (edit(speed=math.nan), "speed"),
-        "steps": (edit(training={}), "steps"),
-        "hidden": (edit(network={"hidden": [0], "num_twist": 2, "activation": "tanh"}), "hidden"),
     }
     for name, (change, said) in cases.items():
         folder = broken(name, change)
@@ -418,9 +393,7 @@ def test_a_missing_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
     [
         (DIFF, {"num_beams": 72}, "omni3, not p3dx"),
         (OMNI, {"num_beams": 31}, "at least 32, over the full circle"),
-        (OMNI, {"num_beams": 72, "max_range": 3.0}, "max_range=5"),
         (OMNI, {"num_beams": 72, "field_of_view": 3.0}, "full circle"),
-        (OMNI, {"num_beams": 0}, "num_beams=72"),
     ],
 )
 def test_an_agent_refuses_what_it_was_not_trained_for(

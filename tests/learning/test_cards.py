@@ -69,13 +69,3 @@ def test_a_signed_card_with_a_value_of_another_type_loads_or_names_file_and_fiel
                 assert any(str(key) in said for key in place if isinstance(key, str)), (place, value, said)
                 assert len(said.splitlines()) == 1, (place, value, said)
                 assert len(said) < 1000, (place, value, said)
-
-
-@pytest.mark.parametrize("actuators", [2, None, [], [2], "lagged", {"lagged": 1}, ["quick"]])
-def test_the_actuators_of_a_card_are_names_of_actuators(actuators: Any, tmp_path: Path) -> None:
-    home = AGENTS / "goal_reaching_p3dx" / "seed_0"
-    (tmp_path / WEIGHTS).write_bytes((home / WEIGHTS).read_bytes())
-    card = changed(json.loads((home / CARD).read_text()), ("trained_on", "actuators"), actuators)
-    (tmp_path / CARD).write_text(json.dumps(card))
-    with pytest.raises(ValueError, match=r"card\.json: trained_on\.actuators must be"):
-        load_agent(tmp_path)

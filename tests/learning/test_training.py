@@ -391,12 +391,7 @@ def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     ("settings", "said"),
     [
         (["activation=relu"], "activation must be tanh"),
-        (["clip=0.1"], "'clip' is unknown"),
-        (["imitation=4096"], "'imitation' is unknown"),
         (["sac.buffer_size=1023"], "num_envs x horizon = 1024"),
-        (["sac.buffer_size=many"], "sac.buffer_size must be a whole number"),
-        (["sac.gradient_steps=0"], "gradient_steps must be a whole number >= 1, got 0"),
-        (["sac.target_rate=2"], "target_rate must be"),
         (["sac=1"], "has parts: sac.buffer_size"),
     ],
 )
@@ -433,28 +428,17 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["wayfield/Nowhere-v0"], "has no preset"),
-        ([PATH, "--preset", "path_folowing"], "Did you mean 'path_following'"),
         ([PATH, "--preset", "omni3_goal"], "is for wayfield/OmniGoalObstacles-v0"),
         ([PATH, "--set", "learning_rat=1"], "Did you mean 'learning_rate'"),
-        ([PATH, "--set", "reward.eror_cost=1"], "Did you mean 'error_cost'"),
         ([PATH, "--set", "reward=1"], "has parts"),
-        ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--steps", "0"], "steps must be a whole number >= 1"),
         ([PATH, "--preset", PLAIN, "--steps", str(1024 * 32 - 1)], "at least one update, num_envs x horizon = 32768"),
         ([PATH, "--preset", PLAIN, "--set", "controller=lqr"], "either teaches"),
-        ([PATH, "--preset", PLAIN, "--set", "reach=0.2"], "either teaches"),
-        ([PATH, "--set", "paces=0.5,fast"], "paces must be a finite number"),
-        ([PATH, "--set", "controller=LQR"], "controller='LQR' is unknown"),
-        ([PATH, "--set", "gains=default"], "key 'gains' is unknown"),
         ([PATH, "--set", "num_envs=4"], "too few robots"),
         ([PATH, "--preset", RESIDUAL, "--set", "controller=dwa"], "does not read"),
         ([PATH, "--preset", "path_following", "--set", "steps=400000"], "imitation must be"),
         ([PATH, "--resume"], "no run to resume"),
         ([PATH, "--seed", "99999999999"], "2147483647"),
-        ([PATH, "--seed", "-1"], "0<=x"),
-        ([PATH, "--seeds", "0"], "1<=x<=1000"),
-        ([PATH, "--steps", "9" * 30], "steps must be a whole number from 1 to"),
         pytest.param(
             [PATH, "--preset", PLAIN, "--set", "num_envs=65536", "--set", "horizon=65536", "--steps", "9" * 11],
             "memory",
@@ -529,10 +513,7 @@ def other_number(file: Path) -> None:
 
 DAMAGES: dict[str, Callable[[Path], Any]] = {
     "ones": tensors_of_ones,
-    "flipped": flipped,
     "number": other_number,
-    "cut": lambda file: os.truncate(file, file.stat().st_size // 2),
-    "nested": lambda file: file.write_bytes((10**6).to_bytes(8, "little") + b"[" * 10**6),
     "vast": lambda file: os.truncate(file, 2**36),
     "folder": lambda file: (file.unlink(), file.mkdir()),
 }
@@ -639,7 +620,7 @@ def test_a_training_that_diverges_is_refused_and_leaves_the_best_agent(
         np.testing.assert_array_equal(mine, other)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff\xfe", b"[" * 10**6, b"1e999", b"9" * 10**5])
+@pytest.mark.parametrize("content", [b"{", b"\xff\xfe", b"[" * 10**6, b"1e999"])
 def test_a_description_or_curve_of_no_use_is_named(tmp_path: Path, finished: Path, content: bytes) -> None:
     shutil.copytree(finished, tmp_path / "run")
     for name, read in ((checkpoints.RUN, checkpoints.read_run), (checkpoints.CURVE, read_curve)):

@@ -175,14 +175,11 @@ def test_the_command_refuses_a_folder_without_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        *("", "[]", '{"worlds": 3, "rows": []}', '{"worlds": {}, "rows": ["a"]}'),
-        *('{"worlds": {}, "rows": [], "hulls": [0.3]}', '{"worlds": {}, "rows": [""], "hulls": ["a"]}'),
-        *('{"worlds": {}, "rows": [""], "hulls": [[0.3]]}', '{"worlds": {}, "rows": [""], "hulls": [[0.3, -1]]}'),
-        *(
-            f'{{"worlds": {{}}, "rows": [""], "hulls": {each}}}'
-            for each in ("[true]", "[Infinity]", "[[1, 1, 1]]", "0.3")
-        ),
-        *('{"worlds": {"a": {}}, "rows": ["a"]}', '{"worlds": {"a": 1}, "rows": ["a"]}', '{"worlds": {}, "rows": ""}'),
+        "",
+        '{"worlds": 3, "rows": []}',
+        '{"worlds": {}, "rows": [""], "hulls": [[0.3, -1]]}',
+        '{"worlds": {"a": {}}, "rows": ["a"]}',
+        '{"worlds": {}, "rows": ""}',
     ],
 )
 def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
