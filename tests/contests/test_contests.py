@@ -183,9 +183,6 @@ def test_comparisons_that_are_not_paired_are_refused(paths: tuple[Path, Result])
         how_often_better(runs, Runs.of(Episodes(rows[:-1]), contest))
 
 
-# The shortest way.
-
-
 # Tuning.
 
 

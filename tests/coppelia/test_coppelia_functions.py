@@ -203,9 +203,6 @@ def test_packed_tables_are_little_endian_numbers_of_a_width(plain, kind, code, l
         refused("bytes are not", unpack, b"\0")
 
 
-# Signals, properties and blocks.
-
-
 # Drawing.
 
 

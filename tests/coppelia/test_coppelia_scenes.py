@@ -87,9 +87,6 @@ def test_a_goal_scenario_is_its_start_obstacles_goal_and_waypoints(scene, task, 
     assert (other.dynamics, other.actuators, other.dt) == ("pymunk", "lagged", 0.02)
 
 
-# Models.
-
-
 # The tree of objects.
 
 

@@ -96,29 +96,22 @@ def bad() -> Iterator[tuple[str, str, str]]:
     drive = driven()
     yield "short", table(driven(seconds=12.0)), "must move for 20 s or more"
     yield "still", table(changed(drive, speeds=0.0 * drive.speeds)), "never moves"
-    yield "no commands", table(changed(drive, commands=0.0 * drive.commands)), "commands are all zero"
     yield "millimetres", table(changed(drive, speeds=drive.speeds * [1500.0, 1.0])), "it must be at most 50"
-    yield "degrees", table(changed(drive, commands=drive.commands * [1.0, 180.0 / math.pi])), "is it in other units"
     slow = changed(drive, speeds=drive.speeds * [1.0, 0.2], commands=drive.commands * [1.0, 0.2 * 180.0 / math.pi])
     yield "slow degrees", table(slow), "one of them is in other units"
     yield "a sign", table(changed(drive, speeds=drive.speeds * [1.0, -1.0])), "yaw rate of odometry goes against"
     yield "swapped", table(changed(drive, speeds=drive.speeds[:, ::-1])), "does not follow the commands"
-    noise = np.random.default_rng(1).normal(size=drive.speeds.shape)
-    yield "noise", table(changed(drive, speeds=0.005 * noise)), "does not follow the commands"
     gap = np.where(drive.times > 20.0, drive.times + 14.7, drive.times)
     later = np.where(drive.command_times > 20.0, drive.command_times + 14.7, drive.command_times)
     yield "gap", table(changed(drive, times=gap, command_times=later)), "gaps: 14.7 s"
     few = slice(None, None, 6)
     yield "slow", table(changed(drive, times=drive.times[few], speeds=drive.speeds[few])), "5 Hz or faster"
     yield "early", table(changed(drive, command_times=drive.command_times + 0.6)), "different clocks"
-    yield "apart", table(changed(drive, command_times=drive.command_times + 1000.0)), "must overlap"
     yield "NaN", table(drive).replace(",,,0.0", ",,,nan", 1).replace(",,,-", ",,,nan-", 1), "must be a finite number"
     lines = table(drive).splitlines()
     yield "backward", "\n".join([*lines[:300], *lines[100:]]) + "\n", "run backward"
     yield "cut off", table(drive)[:-25] + '"', "drive.csv:"
     yield "columns", table(drive).replace("t,v_cmd", "time,v_cmd", 1), "columns are"
-    yield "half", "t,v,w\n0,0,0\n", "holds no commands"
-    yield "empty", "", "columns are"
 
 
 @pytest.mark.parametrize(("name", "text", "told"), list(bad()), ids=[each[0] for each in bad()])

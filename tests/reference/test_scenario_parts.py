@@ -150,35 +150,6 @@ def test_what_was_passed_over_cannot_be_done_and_what_was_taken_can(task: str) -
     assert tried == most
 
 
-def test_the_largest_robot_needs_room_at_both_ends_and_a_way_that_is_not_too_long() -> None:
-    def goal(*obstacles: Any, at: float = 5.0, family: str = "", across: float = 0.0) -> bool:
-        field = obstacle_field(*obstacles)
-        return TASKS["goal_reaching"].feasible(GoalScenario("mine", (at, across, 0.0), obstacles=field, family=family))
-
-    def dock(x: float, *obstacles: Any) -> bool:
-        field = obstacle_field(*obstacles)
-        made = TASKS["docking"].scenario("mine", (0.0, 0.0, 0.0), (-x, 0.0, 0.0), obstacles=field)
-        return TASKS["docking"].feasible(made)
-
-    assert goal()
-    assert (goal(at=2.0), goal(at=1.999)) == (True, False)
-    # 0.1 m to spare at both ends, 0.05 m at a goal that is meant to be near something
-    for spare, good in ((0.1001, True), (0.0999, False)):
-        assert goal(circle(-0.3 - spare - 0.2, 0.0, 0.2)) is good
-        assert goal(circle(5.3 + spare + 0.2, 0.0, 0.2)) is good
-        assert dock(2.0, circle(-2.3 - spare - 0.2, 0.0, 0.2)) is good
-    for spare, good in ((0.0501, True), (0.0499, False)):
-        assert goal(circle(5.3 + spare + 0.2, 0.0, 0.2), family="near_goal") is good
-    assert (dock(3.0), dock(3.001)) == (True, False)
-    # a door for a disc of 0.3 m, and one that is too narrow
-    for width, good in ((0.7, True), (0.58, False)):
-        walls = [wall(2.5, side * 0.5 * width, 2.5, side * 11.0) for side in (-1.0, 1.0)]
-        assert goal(*walls) is good
-    # round a wall: there and back
-    for reach, good in ((9.0, True), (10.0, False)):
-        assert goal(wall(2.5, -reach, 2.5, 12.0)) is good
-
-
 def test_a_way_on_a_map_is_as_long_as_it_is() -> None:
     room = np.zeros((40, 60), np.bool_)
     room[:30, 30] = True
@@ -222,37 +193,3 @@ def test_an_arc_has_the_curvature_that_is_asked_for() -> None:
     along = tracing.lengths(points)
     assert along[0] == 0.0
     assert along[-1] == pytest.approx(2.6, abs=1e-5)
-
-
-def test_points_are_evenly_spaced_and_placed() -> None:
-    fine = np.array([[1.0, 1.0, 2.0, 4.0], [1.0, 2.0, 2.0, 2.0]])  # 4 m, round a corner
-    for side in (-1.0, 1.0):
-        even = tracing.evenly(fine, 0.3, 5.0, -1.0, 0.7, side)
-        assert len(even) == 14  # 13 steps
-        for j, point in enumerate(even):
-            s = 4.0 * j / 13
-            u, v = (0.0, s) if s < 1.0 else (s - 1.0, 1.0)
-            at = complex(5.0, -1.0) + complex(u, side * v) * complex(math.cos(0.7), math.sin(0.7))
-            assert tuple(point) == pytest.approx((at.real, at.imag), abs=6e-7)
-            assert (np.abs(point * 1e6 - np.round(point * 1e6)) < 1e-4).all()
-    assert len(tracing.evenly(fine, 9.0, 0.0, 0.0, 0.0, 1.0)) == 4  # never fewer steps than three
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_sharpness_is_the_largest_turn_within_a_window(closed: bool) -> None:
-    rng = np.random.default_rng(9)
-    for _ in range(30):
-        angles = np.cumsum(rng.normal(0.0, 0.4, 15))
-        points = np.cumsum(
-            rng.uniform(0.05, 0.2, 15)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0
-        )
-        if closed:  # a ring, whose sharpest bend may be where it closes
-            angles = 2.0 * math.pi * (np.arange(15) + rng.uniform(-0.3, 0.3, 15)) / 15
-            points = rng.uniform(0.15, 0.4, 15)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-        corners = np.vstack([points, points, points[:1]]) if closed else points
-        ways = np.diff(corners, axis=0) @ [1.0, 1j]
-        turns = np.append(0.0, np.cumsum(np.angle(ways[1:] / ways[:-1])))
-        at = np.append(0.0, np.cumsum(0.5 * (np.abs(ways[1:]) + np.abs(ways[:-1]))))
-        near = np.abs(at[:, None] - at) <= 0.3
-        wanted = np.abs(turns[:, None] - turns)[near].max() / 0.3
-        assert tracing.sharpness(points, closed, 0.3) == pytest.approx(wanted)

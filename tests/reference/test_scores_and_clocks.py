@@ -1,4 +1,4 @@
-"""How a search scores gains, a preset its agents, and how long a scenario of one's own may take, in plain loops."""
+"""How long the shortest way is, and how long a scenario of one's own may take."""
 
 import dataclasses
 import json
@@ -10,36 +10,10 @@ import pytest
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.own_scenario import POLICIES, own_cases, own_scenario, without_way
-from wayfield.benchmarks.episodes.metrics import smoothness
 from wayfield.benchmarks.episodes.shortest import shortest_way
-from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.scenarios import box, circle, moving_circle, obstacle_field, splits, wall
 
-PATH, GOAL, DOCK = (f"wayfield/DiffDrive{name}-v0" for name in ("PathFollowing", "GoalObstacles", "Docking"))
-
-
-def driven(n: int = 30) -> Trajectory:
-    rng = np.random.default_rng(n)
-    return Trajectory(
-        times=0.05 * np.arange(n),
-        poses=np.cumsum(rng.normal(0.02, 0.02, (n, 3)), axis=0),
-        twists=np.column_stack([rng.normal(0.0, 0.05, n), np.zeros(n), np.zeros(n)]),
-        wheel_speeds=rng.normal(size=(n, 2)),
-        saturated=np.zeros(n),
-        clearances=np.ones(n),
-        goals=np.ones((2, 3)),
-        obstacles=obstacle_field(circle(3.0, 3.0, 0.2)),
-        success=True,
-        shortest=1.0,
-        max_speed=0.6,
-    )
-
-
-def test_three_states_have_no_smoothness() -> None:
-    assert smoothness(driven(3)) == {}
-    assert set(smoothness(driven(4))) == {"velocity_smoothness", "ldlj", "squared_jerk"}
-    still = dataclasses.replace(driven(9), twists=np.zeros((9, 3)))
-    assert smoothness(still) == {"squared_jerk": 0.0, "velocity_smoothness": 0.0}
+GOAL = "wayfield/DiffDriveGoalObstacles-v0"
 
 
 def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:

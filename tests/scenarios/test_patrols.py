@@ -179,6 +179,3 @@ def test_both_plants_agree_while_nothing_touches(tmp_path: Path, robot: str) -> 
         (a, *_, info), (b, *_) = (env.step(action) for env in envs)
         assert not info["collision"]
         np.testing.assert_allclose(a, b, atol=1e-6)
-
-
-# Everything else.
