@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from wayfield.envs.scenarios.cellular import cellular
 from wayfield.envs.scenarios.fields import discs, mixed, open_field
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
@@ -74,4 +75,6 @@ GOAL_SCENARIOS: Mapping[str, Callable[[float], tuple[GoalScenario, ...]]] = {
     "discs": discs,
     # 64 random fields of circles, boxes and interior walls in a walled square of 10 m.
     "mixed": mixed,
+    # 64 random worlds of the BARN challenge's kind: cylinders in a walled lane of 4.5 m, a goal 10 m ahead.
+    "cellular": cellular,
 }
