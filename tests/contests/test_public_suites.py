@@ -153,6 +153,9 @@ def test_the_clock_starts_with_the_first_decimetre_and_ends_after_a_hundred_seco
 
 BROKEN_WORLDS: dict[str, tuple[str, str]] = {
     "nothing": ("", ":1: is no XML: no element found"),
+    "another root": ("<robot/>", "sdf/world"),
+    "a negative radius": (sdf(cylinder(0, 1, 2, -1.0)), "radius is -1"),
+    "too deep": ("<a>" * 99 + "</a>" * 99, "nested more than"),
     "an entity": ("<!DOCTYPE s [<!ENTITY a 'aa'>]>\n" + sdf(cylinder(0, 1, 2)), "document type"),
     "no obstacle": (sdf(), "holds no obstacles"),
     "a word in a pose": (sdf(cylinder(0, 1, 2)).replace("2.000000 0.0", "two 0.0"), "pose is .* 6 finite numbers"),
@@ -188,6 +191,7 @@ def saved(array: object) -> bytes:
 
 BROKEN_PATHS: dict[str, tuple[bytes, str]] = {
     "nothing": (b"", "is no path"),
+    "words": (saved(np.array([["a", "b"]])), "dtype"),
     "objects": (saved(np.array([[1, "x"]], object)), "is no path"),
     "a column more": (saved(np.zeros((3, 3))), r"shape is \(3, 3\)"),
     "NaN": (saved(np.array([[1.0, 2.0], [math.nan, 1.0]])), "cell 1 is"),
@@ -216,6 +220,7 @@ def table(folder: Path, text: str) -> Path:
     ("text", "said"),
     [
         (HEADER, "holds no cylinders"),
+        (HEADER + '0,1,2,0.1\n"0"x,1,2,0.1\n', r":3: .* expected after"),
         (HEADER + "0,1,2,0.1\n0,1,wide,0.1\n", r":3: .* lacks a number"),
     ],
 )

@@ -323,6 +323,7 @@ def test_a_slow_base_stops_on_the_way_on_which_the_known_one_does(speed: float, 
         {"cruises": {"lagged": [[0.4, 0.3]]}},
         {"cruises": {"lagged": [[0.4, 0.3], [0.8, 0.3]]}, "trained_on": TRAINED_ON},
         {"trained_on": {**TRAINED_ON, "speeds": [-1.0]}},
+        {"trained_on": {**TRAINED_ON, "actuators": ["quick"]}},
         {"measured": [{"asked_speed": 0.6}]},
     ],
 )

@@ -47,6 +47,9 @@ def said(file: Path, **values: Any) -> None:
     ("damage", "named"),
     [
         (lambda data: flipped(data / "1" / "part-0.arrow", 0.5), "1/part-0.arrow"),
+        (lambda data: said(data / "1" / "metadata.json", options=3), "1/metadata.json"),
+        (lambda data: said(data / "metadata.json", total_episodes=2), "data is damaged"),
+        (lambda data: said(data / "metadata.json", wayfield={"digest": 1}), "metadata.json: wayfield"),
         (lambda data: (data / "2" / "part-0.arrow").write_bytes(b"ARROW1"), "2/part-0.arrow"),
         (lambda data: said(data / "1" / "metadata.json", seed=77), "1/part-0.arrow"),
         (lambda data: said(data / "metadata.json", total_episodes=-1), "metadata.json: total_episodes"),

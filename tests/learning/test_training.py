@@ -391,6 +391,7 @@ def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     ("settings", "said"),
     [
         (["activation=relu"], "activation must be tanh"),
+        (["sac.buffer_size=many"], "sac.buffer_size must be a whole number"),
         (["sac.buffer_size=1023"], "num_envs x horizon = 1024"),
         (["sac=1"], "has parts: sac.buffer_size"),
     ],
@@ -430,6 +431,9 @@ def test_the_way_left_is_the_distance_where_nothing_stands_and_longer_behind_a_w
     [
         ([PATH, "--preset", "omni3_goal"], "is for wayfield/OmniGoalObstacles-v0"),
         ([PATH, "--set", "learning_rat=1"], "Did you mean 'learning_rate'"),
+        (["wayfield/Nowhere-v0"], "has no preset"),
+        ([PATH, "--preset", "path_folowing"], "Did you mean 'path_following'"),
+        ([PATH, "--set", "learning_rate"], "key=value"),
         ([PATH, "--set", "reward=1"], "has parts"),
         ([PATH, "--steps", "0"], "steps must be a whole number >= 1"),
         ([PATH, "--preset", PLAIN, "--steps", str(1024 * 32 - 1)], "at least one update, num_envs x horizon = 32768"),

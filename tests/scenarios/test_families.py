@@ -129,6 +129,7 @@ def test_quantities_are_reproduced(task: str, family: str) -> None:
     ("damage", "message"),
     [
         (lambda text: text[: len(text) // 2], "damaged: JSONDecodeError"),
+        (lambda text: re.sub(r'("doors_wide".*?"test".*?"seeds": \[)\d+', r"\g<1>1.5", text, flags=re.S), "damaged"),
         (lambda text: re.sub(r'("doors_wide".*?"test".*?"seeds": \[)\d+', r"\g<1>77", text, flags=re.S), "SHA-256"),
         (lambda text: re.sub(r'("doors_wide".*?"test".*?"sha256": ")\w', r"\g<1>x", text, flags=re.S), "SHA-256"),
     ],

@@ -70,6 +70,9 @@ def test_both_forms_say_the_same(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("0 1 0 0\n0 1 1 1\n", "2: id 1 is in frame 0 twice, first in line 1; it must be there once"),
+        ("", "1: holds no rows; a row is frame, id, x, y"),
+        ("0 1 0\n", "1: has 3 columns; a row has 4: frame, id, x, y"),
+        ("0 1.5 0 0\n", "1: id is '1.5'; it must be a whole number"),
         ("0 1 0 0\n10 1 x 0\n", "2: x is 'x'; it must be a number from -10000 to 10000, in m"),
         (
             plain({1: (0, walk(0.0, 0.0, 1.0, 0.0, 12))}) + "200 1 9 9\n",

@@ -311,6 +311,9 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
     ("content", "line", "message"),
     [
         (b"", 1, "the table has no points"),
+        (b"1\n2\n", 1, "'1' has 1 column(s); without a header it must be 2 (x, y) or 7"),
+        (b"i,x,y\n0,0\n", 2, "has 2 column(s), the header names 3"),
+        (b"x,y,width\n0,0,1\n1,1\n2,2,1\n", 3, "has 2 column(s), the first row has 3"),
         (b"1,2\n3,4\n1,2\n", 2, "ends after 2 distinct point(s); a closed path needs at least 3"),
         (b"0,0\n# c\n1,2\n1,2\n5,5\n", 4, "point [1.0, 2.0] repeats the one before it"),
         (b"0,0\n1,two\n3,4\n", 2, "'two' is not a number"),
@@ -411,6 +414,7 @@ def test_faulty_path_json_is_explained(tmp_path: FilePath, content: object, mess
         ({}, "field 'goal' is missing"),
         ({"goal": [1, 2, 0], "tolerance": 1}, "field 'tolerance' is not known; the fields are goal, start"),
         ({"goal": [1, 2, 0], "waypoints": [3]}, "waypoints[0] is 3; it must be 2 numbers (x, y)"),
+        ({"goal": [1, 2, 0], "obstacles": [[1, 2]]}, "obstacles[0] is [1, 2]; it must be an object"),
         ({"goal": [1, 2, 0], "obstacles": [{"kind": "circl"}]}, "Did you mean 'circle'?"),
         (
             {"goal": [1, 2, 0], "obstacles": [{"kind": "circle", "x": 0, "y": 0, "r": 1}]},

@@ -43,6 +43,7 @@ def finished(code: str, **environment: str) -> "subprocess.CompletedProcess[str]
     ("env_id", "field", "value"),
     [
         (PATH_ID, "noise", 1e300),
+        (PATH_ID, "scale", 1e-320),
         (PATH_ID, "num_preview", 10**9),
         (PATH_ID, "robot", ["p3dx"]),
         (PATH_ID, "shove", (0.0, 0.0, 0.0, 1e20)),

@@ -175,6 +175,7 @@ def test_vertices_carry_arc_length_and_unit_tangents(path: Path) -> None:
     [
         ([(0, 0)], False, "at least 2 points, got 1"),
         ([(0, 0), (1, 0)], True, "a closed path needs at least 3 points, got 2"),
+        ([(0, 0, 0), (1, 0, 0)], False, "shape (n, 2), got (2, 3)"),
         ([(0, 0), (1, math.nan)], False, "path point 1"),
         ([(0, 0), (1, 0), (1, 0)], False, "path points 1 and 2"),
         ([(0, 0), (1, 0), (0, 0)], True, "path points 2 and 0"),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import wayfield.envs.robots
 from wayfield.benchmarks import compare
 from wayfield.benchmarks.commands import evaluate
-from wayfield.envs.robots import ROBOTS, Robot, read_robot, robot_of
+from wayfield.envs.robots import ROBOTS, Robot, Wheel, read_robot, robot_of
 from wayfield.envs.robots.intervals import Interval, drawn
 from wayfield.envs.scenarios import TASKS, TaskSpec
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
@@ -237,9 +237,17 @@ OMNI: dict[str, Any] = GOOD | {"drive": "omni", "wheels": ring(3)}
 MECANUM: dict[str, Any] = GOOD | {"drive": "mecanum", "wheels": sheet("mecanum4")["wheels"]}
 # changes of a good sheet, or a whole text; what the message names: field and value, range, unit
 IDENTIFIED = {"value": [0.1, 0.2], "low": [0.05, None], "high": [0.2, 0.3], "method": "by hand"}
+LOW = {"kind": "box", "length": 0.19, "width": 0.3}
 WRONG: list[tuple[Any, tuple[str, ...]]] = [
     (GOOD | {"delay": 0.1}, ("delay is 0.1;", "2 numbers (v_x, yaw rate)")),
     (GOOD | {"gain": [1.0, 0.0]}, ("gain[1] is 0.0;", "0.1 to 10")),
+    (
+        GOOD | {"wheels": WHEELS | {"wheelbase": 0.2}, "inertia": 0.1, "hull": LOW},
+        ("hull.length is 0.19;", "0.2 m, for wheels[0]"),
+    ),
+    (GOOD | {"sources": {"delay": IDENTIFIED}}, ("sources.delay.value is (0.1, 0.2);", "the field's, ()")),
+    (GOOD | {"sources": {"mass": 5}}, ("sources is {'mass': 5};",)),
+    (GOOD | {"hull": 0.25}, ("hull is 0.25;", "an object with radius")),
     (GOOD | {"saturation": "wheel"}, ("saturation='wheel'", "Did you mean 'wheels'?")),
     (GOOD | {"sources": {"mass": IDENTIFIED}}, ("sources.mass is an interval;", "delay, gain, lag")),
     (
@@ -261,6 +269,7 @@ WRONG: list[tuple[Any, tuple[str, ...]]] = [
     (GOOD | {"wheels": WHEELS | {"track": -0.3}}, ("wheels.track is -0.3;", "0.002 to 20 m")),
     (GOOD | {"sensors": {"beams": 20_000}}, ("sensors.beams must be a whole number from 0 to 10000", "20000")),
     (OMNI | {"wheels": ring(2)}, ("wheels has 2 entries", "3 to 8 wheels")),
+    (OMNI | {"wheels": WHEELS}, ("wheels is {", "a list of objects with x, y, direction, radius")),
     (OMNI | {"wheels": ring(3, roller_angle=0.7)}, ("'wheels[0].roller_angle' is not known",)),
     (OMNI | {"wheels": ring(4, direction=0.0)}, ("wheels cannot span the twists", "rank 2", "(0, 1, 0)")),
     (OMNI | {"encoders": ring(3)}, ("encoders has 3 entries", "2")),
@@ -323,6 +332,8 @@ def test_a_robot_made_in_python_is_checked_too() -> None:
         dataclasses.replace(ROBOTS["p3dx"], mass=math.nan)
     with pytest.raises(ValueError, match="wheels must be two"):
         dataclasses.replace(ROBOTS["p3dx"], wheels=ROBOTS["omni4"].wheels)
+    with pytest.raises(ValueError, match=r"wheels\[0\]\.roller_angle is 0\.1; it belongs to the drive mecanum"):
+        dataclasses.replace(ROBOTS["p3dx"], wheels=(Wheel(0.0, -0.19, 0.1, roller_angle=0.1), Wheel(0.0, 0.19, 0.1)))
     with pytest.raises(ValueError, match="sensors is 5"):
         dataclasses.replace(ROBOTS["p3dx"], sensors=5)  # type: ignore[arg-type]
 
@@ -390,6 +401,7 @@ def test_a_training_takes_a_sheet(tmp_path: Path) -> None:
     ("value", "told"),
     [
         ("p3d", "Did you mean 'p3dx'?"),
+        ("nowhere.json", "--robot 'nowhere.json' cannot be read: No such file"),
         ("bad.json", "--robot bad.json: field 'mas' is not known"),
     ],
 )
