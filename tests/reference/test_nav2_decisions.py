@@ -18,6 +18,7 @@ FARTHEST, UNIT, SPACING = 1.275, 0.005, 0.025  # m
 LETHAL, INSCRIBED = 254.0, 253.0
 FILTER = np.array([-21, 14, 39, 54, 59, 54, 39, 14, -21]) / 231.0
 
+flips = compiled(lambda p, m, pose: nav2_dwb.note_flips(p[0], m[0], pose))
 optimise = compiled(
     lambda p, m, costs, points, state, samples, now: nav2_mppi.optimise(p[0], m[0], costs, points, state, samples, now)
 )
@@ -340,3 +341,29 @@ def test_dwb_drives_the_twist_of_the_least_score(controller: Nav2Dwb, robot: str
         np.testing.assert_allclose(got, found, atol=1e-9)
         legal.append(found[3] < math.inf)
     assert 0 < sum(legal) < len(legal)
+
+
+def test_signs_that_flip_are_forbidden_until_the_robot_has_moved() -> None:
+    w, rng = World(DWBS[0], "omni4", np.random.default_rng(0), 0.0), np.random.default_rng(23)
+    c, signs, forbidden, flipped_at = w.controller, [0.0] * 3, [0.0] * 3, (0.0, 0.0, 0.0)
+    pose, held = np.zeros(3), 0
+    for _ in range(400):
+        w.m["command"] = rng.choice([-1.0, 0.0, 1.0], 3) * rng.choice([0.02, 0.3], 3)
+        pose = pose + rng.normal(0.0, [0.025, 0.025, 0.06])
+        flips(w.p, w.m, tuple(pose))
+        flipped = False
+        for k, v in enumerate(w.m["command"][0]):
+            if k and abs(w.m["command"][0, 0]) > c.still_speed:
+                continue
+            if v * signs[k] < 0.0:
+                forbidden[k], flipped = signs[k], True
+            signs[k] = math.copysign(1.0, v) if v else signs[k]
+        flipped_at = tuple(pose) if flipped else flipped_at
+        far = math.dist(pose[:2], flipped_at[:2]) > c.reset_distance
+        if any(forbidden) and (far or abs(wrap(pose[2] - flipped_at[2])) > c.reset_angle):
+            signs, forbidden = [0.0] * 3, [0.0] * 3
+        held += any(forbidden)
+        assert w.m["forbidden"][0].tolist() == forbidden
+        assert w.m["signs"][0].tolist() == signs
+        assert w.m["flipped_at"][0].tolist() == pytest.approx(flipped_at)
+    assert 50 < held < 350

@@ -10,6 +10,7 @@ import pytest
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.policies.learned import perception
 from wayfield.policies.learned.perception import (
     Actions,
     DockFeatures,
@@ -386,3 +387,29 @@ def test_the_end_of_a_way_and_the_guard_are_what_the_docstrings_say(f: Any, robo
             wanted = [0.0] * t
         np.testing.assert_allclose(got[i], wanted, atol=1e-9)
     assert 0 < slowed < n
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+def test_a_slower_base_is_driven_by_its_limits_and_its_lag(robot: str) -> None:
+    rng, n, wheels = np.random.default_rng(5), 12, np.ascontiguousarray(ROBOTS[robot].wheel_matrix)
+    t, most, fastest = len(ROBOTS[robot].twist_axes), 6.0, 1.1
+    axes = np.array(ROBOTS[robot].twist_axes)
+    law = (0.7, 1.9, DT, 0.6, 0.75, most, fastest)
+    held, command, twist = np.zeros((n, 2, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    for _ in range(6):
+        asked = rng.normal(0.0, 0.8, (n, t))
+        got = asked.copy()
+        perception.hold(law, wheels, held, got)
+        for i in range(n):
+            whole = np.zeros(3)
+            whole[axes] = asked[i]
+            whole *= min(1.0, most / np.abs(wheels @ whole).max(), fastest / abs(whole[2]))
+            change = whole - command[i]
+            far = math.hypot(*change[:2])
+            change[:2] *= min(1.0, 0.7 * DT / far)
+            change[2] = clip(change[2], 1.9 * DT)
+            command[i] += change
+            mean = command[i] + 0.75 * (twist[i] - command[i])
+            twist[i] = command[i] + 0.6 * (twist[i] - command[i])
+            np.testing.assert_allclose(got[i], mean[axes], atol=1e-9)
+            np.testing.assert_allclose(held[i], [command[i], twist[i]], atol=1e-9)
