@@ -68,9 +68,7 @@ class Hybrid(Gains):
         Raises:
             ValueError: if no agent ships for robot and seed, or its card needs another scan or control period.
         """
-        agent = self.agent(briefing)
-        planner = self.planner(briefing, agent)
-        parts = {"planner": planner.reset(briefing), "agent": agent.reset(briefing)}
+        parts = self.parts(briefing)
         fields: list[Any] = [(name, each.dtype, each.shape[1:]) for name, each in parts.items()]
         # whole words a robot, so that every map begins with one; by a field, as what only pads is not copied with a row
         if spare := -np.dtype(fields).itemsize % 8:
@@ -80,6 +78,11 @@ class Hybrid(Gains):
             memory[name] = each
         return memory
 
+    def parts(self, briefing: Briefing) -> dict[str, NDArray[Any]]:
+        """Returns the empty memories (b,) of which that of `reset` is made."""
+        agent = self.agent(briefing)
+        return {"planner": self.planner(briefing, agent).reset(briefing), "agent": agent.reset(briefing)}
+
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
@@ -87,18 +90,36 @@ class Hybrid(Gains):
         agent = self.agent(briefing)
         # the planner's kernels take records that lie apart; the agent's are compiled for such as lie side by side
         planned, kept = memory["planner"], memory["agent"].copy()
-        self.planner(briefing, agent).act(observation, briefing, planned)
+        own = self.planner(briefing, agent).act(observation, briefing, planned)
         goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
         lead(planned["state"], observation.pose, self.ahead, goals, led)
-        own = kept["network"] if "network" in (kept.dtype.names or ()) else kept
-        if "least" in (own.dtype.names or ()):
-            own["least"][led] = own["distance"][led] = np.hypot(goals[led, 0], goals[led, 1])
-            own["waited"][led] = 0.0
+        seen = kept["network"] if "network" in (kept.dtype.names or ()) else kept
+        if "least" in (seen.dtype.names or ()):
+            seen["least"][led] = seen["distance"][led] = np.hypot(goals[led, 0], goals[led, 1])
+            seen["waited"][led] = 0.0
         left = np.where(led, np.maximum(observation.waypoints_left, 1.0), observation.waypoints_left)
         twists = agent.act(observation._replace(goal=goals, waypoints_left=left), briefing, kept)
+        twists = self.taken(observation, briefing, memory, kept, (own, twists))
         planned["state"]["command"][:, briefing.robot.twist_axes] = twists
         memory["agent"] = kept
         return twists
+
+    def taken(
+        self,
+        observation: goal_reaching.Observation,
+        briefing: Briefing,
+        memory: NDArray[Any],
+        kept: NDArray[Any],
+        twists: tuple[NDArray[np.float64], NDArray[np.float64]],
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t) that are driven, here the agent's.
+
+        Args:
+            memory: that of `reset`, in which the planner has decided and the agent has not.
+            kept: (b,) what the agent remembers of its decision.
+            twists: the planner's and the agent's, m/s and rad/s.
+        """
+        return twists[1]
 
 
 @functools.lru_cache(maxsize=64)

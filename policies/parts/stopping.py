@@ -12,7 +12,7 @@ from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, s
 from wayfield.envs.robots.records import aligned
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.policy import Policy, check_scan
-from wayfield.system.compiled import allocating, inlined
+from wayfield.system.compiled import allocating, any_layout, inlined
 from wayfield.system.elementary import bearing, sin_cos
 
 SECTORS = 36  # of the memory of what was seen near the robot
@@ -240,6 +240,33 @@ def find_approaching(p, scan, seen, m, i, radius, hits, count):
             hits[count, 2] = (1.0 - 1e-6) * radius
             count += 1
     return count
+
+
+@any_layout
+@allocating
+def find_approached(scan, poses, ages, radius, found):
+    """Fills of robots (b,) whether a surface comes nearer by itself, by scans that `find_approaching` has just aged.
+
+    Args:
+        poses: (b, 3) m, rad.
+        ages: (b,) s, of the older scans.
+        radius: m, of the hull: what is nearer is not looked at.
+    """
+    for i in range(found.shape[0]):
+        found[i] = False
+        lines = scan.older[i].copy()
+        most = FASTEST * ages[i] * FASTEST * ages[i]
+        sine, cosine = sin_cos(poses[i, 2])
+        for j in range(scan.directions.shape[0]):
+            distance = scan.ranges[i, j]
+            if not radius < distance < min(WATCHED, (1.0 - 1e-6) * scan.reach):
+                continue
+            ux = cosine * scan.directions[j, 0] - sine * scan.directions[j, 1]
+            uy = sine * scan.directions[j, 0] + cosine * scan.directions[j, 1]
+            _, rx, ry = step_of_surface(lines, poses[i, 0] + distance * ux, poses[i, 1] + distance * uy, most)
+            if -(rx * ux + ry * uy) > MOVED:
+                found[i] = True
+                break
 
 
 @inlined

@@ -1,6 +1,7 @@
 """One agent for every robot: what it sees of a sheet, that it begins as its planner, and what it says of itself."""
 
 import dataclasses
+import json
 import math
 import warnings
 from pathlib import Path
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Sensors
+from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies import Pilot, Shielded, make
-from wayfield.policies.learned.agent import Agent, load_agent, save_agent, weights_digest
+from wayfield.policies.any_robot import AnyRobot
+from wayfield.policies.learned.agent import Agent, Network, load_agent, save_agent, weights_digest
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.features_sheet import SHEET, SheetFeatures, numbers_of, windows
 from wayfield.policies.learned.perception import Actions, Perception
@@ -198,3 +201,50 @@ def test_robots_of_one_world_drive_as_each_alone(robot: str, ahead: float) -> No
         twists, twist = pilots[0].act(seen), pilots[1].act(one)
         assert np.array_equal(twists[0], twist[0])
         seen, one = many.step(twists)[0], alone.step(twist)[0]
+
+
+class Standing(AnyRobot):
+    """One whose agent stands still, whatever it sees."""
+
+    def agent(self, briefing: Briefing) -> Agent:
+        agent = super().agent(briefing)
+        inputs, back = int(agent.network.sizes[0]), agent.actions.reverse
+        nothing = np.array([(back - 1.0) / (back + 1.0), 0.0], np.float32)
+        still = Network.of([(np.zeros((2, inputs), np.float32), nothing)])
+        return dataclasses.replace(agent, network=still)
+
+
+def moved(policy: AnyRobot, folder: Path, seconds: float, **scene: Any) -> list[float]:
+    """Returns how far (m) from its start the robot is at each second, facing along x, until it arrives."""
+    (folder / "scene.json").write_text(json.dumps({"start": [0, 0, 0], "heading_tolerance": math.pi, **scene}))
+    env: Any = gymnasium.make(
+        GOALS[2], robot="kobuki", scenario=str(folder / "scene.json"), num_beams=72, actuators="lagged"
+    )
+    seen, _ = env.reset(seed=0)
+    pilot = Pilot(policy, env)
+    pilot.reset()
+    away = []
+    for k in range(round(20 * seconds)):
+        seen, _, terminated, _, _ = env.step(pilot.act(seen))
+        if k % 20 == 19 or terminated:
+            away.append(math.hypot(*(float(env.unwrapped.batch.states[axis][0]) for axis in ("x", "y"))))
+        if terminated:
+            break
+    return away
+
+
+def test_the_planner_drives_once_the_agent_has_made_no_way_for_its_patience(tmp_path: Path) -> None:
+    for patience, stands in ((2.0, 2), (4.0, 4)):
+        away = moved(Standing(patience=patience), tmp_path, 20.0, goal=[2.0, 1.0, 0.0])
+        assert max(away[:stands]) < 1e-3 < away[stands + 1]
+        assert away[-1] == pytest.approx(math.hypot(2.0, 1.0), abs=0.2)
+        assert len(away) < 20
+    assert max(moved(Standing(patience=0.0), tmp_path, 10.0, goal=[2.0, 1.0, 0.0])) < 1e-3
+
+
+def test_the_agent_drives_as_long_as_something_comes_nearer(tmp_path: Path) -> None:
+    """A disc that comes for five seconds and goes away for five."""
+    patrol = {"vx": -0.4, "vy": 0.0, "leg_time": 5.0}
+    disc = {"kind": "circle", "x": 3.5, "y": 0.0, "radius": 0.5, "patrol": patrol}
+    away = moved(Standing(patience=1.0), tmp_path, 9.0, goal=[0.0, 4.0, 0.0], obstacles=[disc])
+    assert max(away[:5]) < 1e-3 < away[8]
