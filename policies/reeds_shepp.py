@@ -20,26 +20,25 @@ from wayfield.policies.parts.steering import Map, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
 
-MEMORY = np.dtype(
-    [
-        ("plan", np.float64, (PLAN, 2)),  # turn and length in radii of each piece
-        ("start", np.float64, (3,)),  # pose where the plan begins, m and rad
-        ("radius", np.float64),  # m, of its circles; 0: there is none
-        ("length", np.float64),  # m
-        ("along", np.float64),  # m, of it that is done
-        ("off", np.float64),  # 1 once the robot has set off on it
-        ("arrived", np.float64),
-        ("steps", np.float64),  # since the episode began
-        ("no_path", np.int64),  # plans that are not free, for want of one that is
-    ]
-)
+FIELDS: list[Any] = [
+    ("plan", np.float64, (PLAN, 2)),  # turn and length in radii of each piece
+    ("start", np.float64, (3,)),  # pose where the plan begins, m and rad
+    ("radius", np.float64),  # m, of its circles; 0: there is none
+    ("length", np.float64),  # m
+    ("along", np.float64),  # m, of it that is done
+    ("off", np.float64),  # 1 once the robot has set off on it
+    ("arrived", np.float64),
+    ("steps", np.float64),  # since the episode began
+    ("no_path", np.int64),  # plans that are not free, for want of one that is
+]
+MEMORY = np.dtype(FIELDS)
 
 _STRAIGHTS = 6  # lengths of the last piece that are tried, in either direction
 _STRAIGHT_STEP = 0.3  # m, between them
 _WINDOW = 0.15  # m, how far ahead of the last place on the plan the next one is looked for
-_GRAIN = 0.005  # m, between the places that are looked at
+GRAIN = 0.005  # m, between the places that are looked at
 _LEAST_SPEED = 0.02  # m/s, at which a piece is ended
-_STRAY = 0.15  # m, from the plan, beyond which another is made
+STRAY = 0.15  # m, from the plan, beyond which another is made
 _PATIENCE = 40.0  # s, that the robot waits for what moves before it sets off all the same
 _ROOM = 0.05  # m, that it wants to spare beside what moves
 _EARLY, _LATE = 0.2, 0.5  # s, by which it may be at a place before its time and after it
@@ -122,16 +121,8 @@ def drive(params, told, poses, goals, turns, memory, twists):
             dy = targets[i, num_goals[i] - 1, 1] - poses[i, 1]
             gx = cosine * dx + sine * dy
             gy = cosine * dy - sine * dx
-        ended = m.radius > 0.0 and m.length - m.along < _GRAIN
-        # on the last piece backward the goal lies ahead of the robot's back
-        way = -1.0 if m.radius > 0.0 and direction(m) < 0.0 else 1.0
-        near = m.radius > 0.0 and m.length - m.along < 2.0 * p.arrival_radius
-        m.arrived = (
-            1.0
-            if (m.arrived == 1.0 or near or gx * gx + gy * gy < _GRAIN * _GRAIN)
-            and is_there(m.arrived == 1.0, way * gx, way * gy, p.arrival_radius)
-            else 0.0
-        )
+        ended = m.radius > 0.0 and m.length - m.along < GRAIN
+        note_arrival(p, m, gx, gy)
         twists[i, 0] = 0.0
         if m.arrived == 1.0:
             twists[i, 1] = turn_rate(p, turns[i])
@@ -144,6 +135,20 @@ def drive(params, told, poses, goals, turns, memory, twists):
                 continue
             m.off = 1.0
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
+
+
+@inlined
+def note_arrival(p, m, gx, gy):
+    """Notes whether the robot is at its goal, (gx, gy) in its frame, m; see `arrival_radius` of `SmoothPose`."""
+    # on the last piece backward the goal lies ahead of the robot's back
+    way = -1.0 if m.radius > 0.0 and direction(m) < 0.0 else 1.0
+    near = m.radius > 0.0 and m.length - m.along < 2.0 * p.arrival_radius
+    m.arrived = (
+        1.0
+        if (m.arrived == 1.0 or near or gx * gx + gy * gy < GRAIN * GRAIN)
+        and is_there(m.arrived == 1.0, way * gx, way * gy, p.arrival_radius)
+        else 0.0
+    )
 
 
 @compiled
@@ -203,11 +208,11 @@ def advance(m, poses, i):
             place = s
         if s >= last:
             break
-        s = min(s + _GRAIN, last)
+        s = min(s + GRAIN, last)
     m.along = place
-    if end - place < 2.0 * _GRAIN and end < m.length:
+    if end - place < 2.0 * GRAIN and end < m.length:
         m.along = end + 1e-6  # the next leg
-    return best <= _STRAY * _STRAY
+    return best <= STRAY * STRAY
 
 
 @allocating

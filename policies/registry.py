@@ -30,6 +30,7 @@ from wayfield.policies.potential_field import CorrectedField, PotentialField
 from wayfield.policies.pure_pursuit import PurePursuit
 from wayfield.policies.random import Random
 from wayfield.policies.reeds_shepp import ReedsShepp
+from wayfield.policies.reeds_shepp_scan import ReedsSheppScan
 from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.scan_planner import ScanPlanner
 from wayfield.policies.smooth_pose import SmoothPose
@@ -119,6 +120,13 @@ ABOUT: dict[str, Listed] = {
         "Reeds and Shepp 1990",
         (DOCKS,),
         protected="its plan, made anew where the map moves into it",
+    ),
+    "reeds_shepp_scan": Listed(
+        ReedsSheppScan,
+        "the same around what the scan shows",
+        "Reeds and Shepp 1990",
+        (DOCKS,),
+        protected="its plan, made anew where the scan shows something on it; stands where none is free",
     ),
     "waypoint": Listed(
         Waypoint, "exponential decay of the pose error, waypoint after waypoint", "document B", (DOCKS,)

@@ -59,6 +59,7 @@ DOCKING = Contest(
     policies=entering(_SPEC.suite),
     overview=("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "ppo"),
     claims=("smooth_pose_backward", "mpc_pose", "reeds_shepp", "ppo"),
+    on_request=("reeds_shepp_scan",),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         Column("collision (%)", "collision", 1, 100.0, reduction="mean"),

@@ -362,14 +362,15 @@ def test_gains_with_which_the_polar_law_diverges_are_refused(gains: dict[str, fl
 
 
 def reached(
-    name: str, robot: str, family: str, actuators: str, count: int, monkeypatch: pytest.MonkeyPatch
+    name: str, robot: str, family: str, actuators: str, count: int, monkeypatch: pytest.MonkeyPatch, num_beams: int = 8
 ) -> NDArray[np.bool_]:
     """Returns which of many scenarios of a family, of seeds of no split, end in success."""
     hull = ROBOTS[robot].hull_radius
     bank = tuple(FAMILIES["docking"][family](5_000_000 + k).fitted(0.3 - hull) for k in range(count))
     monkeypatch.setattr(goal_reaching, "field_scenarios", lambda *_: bank)
     env: Any = gymnasium.make_vec(
-        env_id(robot), count, vectorization_mode="vector_entry_point", robot=robot, actuators=actuators, num_beams=8
+        env_id(robot), count, vectorization_mode="vector_entry_point", robot=robot, actuators=actuators,
+        num_beams=num_beams,
     )  # fmt: skip
     observations, _ = env.reset(seed=0, options={"scenario": list(range(count))})
     pilot = Pilot(policies.make(name), env)
@@ -417,6 +418,46 @@ def test_the_planner_docks_where_laws_without_a_map_touch(
     planned = reached("reeds_shepp", "p3dx", family, "lagged", 100, monkeypatch).mean()
     assert planned >= least
     assert reached("polar", "p3dx", family, "lagged", 100, monkeypatch).mean() < planned
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni4"])
+@pytest.mark.parametrize("family", ["open", "behind", "wall", "berth", "moving"])
+def test_by_the_scan_it_docks_from_anywhere_and_where_laws_that_see_nothing_touch(
+    robot: str, family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = reached("reeds_shepp_scan", robot, family, "lagged", 60, monkeypatch, 72).mean()
+    blind = reached("polar", robot, family, "lagged", 60, monkeypatch).mean()
+    assert seen == 1.0 if family in ("open", "behind") else seen > blind
+
+
+def end_by_the_scan(folder: Path, steps: int = 1200, **fields: Any) -> dict[str, Any]:
+    """Returns the last info of an episode that `reeds_shepp_scan` drives with the P3DX."""
+    env: Any = gymnasium.make(
+        DIFF_ID, scenario=written(folder, **fields), actuators="lagged", num_beams=72, max_episode_steps=steps
+    )
+    seen, info = env.reset(seed=0)
+    pilot = Pilot(policies.make("reeds_shepp_scan"), env)
+    pilot.reset()
+    over = False
+    while not over:
+        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
+        over = terminated or truncated
+    return info
+
+
+@pytest.mark.parametrize("start", [(1.4, 0.6, 2.0), (0.3, 1.6, -0.4), (-1.5, -0.8, 1.0)])
+def test_by_the_scan_it_docks_with_gaps_of_two_centimetres(start: tuple[float, float, float], tmp_path: Path) -> None:
+    aside = ROBOTS["p3dx"].hull_radius + 0.02 + 0.25
+    boxes = [{"kind": "box", "x": 0, "y": y, "length": 0.8, "width": 0.5} for y in (aside, -aside)]
+    assert end_by_the_scan(tmp_path, dock=[0, 0, 0], start=start, obstacles=boxes)["success"]
+
+
+def test_by_the_scan_it_stands_where_no_way_is_free(tmp_path: Path) -> None:
+    corners = [(0.6, 0.6), (-0.6, 0.6), (-0.6, -0.6), (0.6, -0.6), (0.6, 0.6)]
+    walls = [{"kind": "wall", "x1": a, "y1": b, "x2": c, "y2": d} for (a, b), (c, d) in itertools.pairwise(corners)]
+    info = end_by_the_scan(tmp_path, 300, dock=[0, 0, 0], start=[1.5, 0.5, 0], obstacles=walls)
+    assert not info["collision"]
+    assert info["goal_distance"] > 0.6
 
 
 # ---- agents
