@@ -3,22 +3,17 @@
 import dataclasses
 import itertools
 import math
-import shutil
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import pytest
 
-import wayfield
 from wayfield import policies
 from wayfield.envs.robots import ACTUATORS, Actuators
-from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
-from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.learned.residual import Base, controller_at
 
-PATH, GOAL = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
+PATH = "wayfield/DiffDrivePathFollowing-v0"
 TIERS: Any = (*ACTUATORS.values(), *(Actuators(True, a, w, lag) for a, w, lag in itertools.product(
     (0.3, 1.0, 1.5), (1.0, 3.0, 4.0), (0.05, 0.1, 0.3))))  # fmt: skip
 
@@ -77,40 +72,6 @@ def test_which_base_an_agent_drives_a_base_as_and_how_fast(known: tuple[str, ...
     assert effective_actuators({}, told) is told.actuators
     assert network_speed({}, told, 0.33) == 0.33
     assert out_of_distribution({}, told, 9.0) == ""
-
-
-def test_agents_are_found_by_their_seeds(tmp_path: Path) -> None:
-    for name in ("seed_10/best", "seed_2/best", "seed_02/best", "seed_x/best", "seed_7", "other/best"):
-        (tmp_path / name).mkdir(parents=True)
-    assert list(trained(str(tmp_path))) == [2, 10]
-    assert trained(str(tmp_path))[10] == tmp_path / "seed_10" / "best"
-    home = Path(wayfield.__file__).parent / "policies" / "agents" / "docking_p3dx"
-    assert shipped("docking", "p3dx") == {k: home / f"seed_{k}" for k in range(len(list(home.iterdir())))}
-    with pytest.raises(ValueError, match="no agent of seed 99 ships for docking with p3dx; there are seeds 0, 1, 2"):
-        shipped_agent("docking", "p3dx", 99)
-    with pytest.raises(ValueError, match="there are none"):
-        shipped_agent("docking", "kobuki", 0)
-    assert shipped_agent("docking", "p3dx", 1, 0.3).speed == 0.3
-    assert shipped_agent("docking", "p3dx", 1).speed == load_agent(home / "seed_1").card["speed"]
-
-
-def test_an_agent_of_ones_own_drives_and_not_the_one_that_ships(tmp_path: Path, told: Any) -> None:
-    home = Path(wayfield.__file__).parent / "policies" / "agents" / "path_following_p3dx"
-    for seed, of in ((0, 1), (3, 0)):  # seed 0 here is another one there
-        shutil.copytree(home / f"seed_{of}", tmp_path / f"seed_{seed}" / "best")
-    for seed, of in ((0, 1), (3, 0)):
-        mine: Any = policies.make("ppo", seed=seed, home=str(tmp_path))
-        assert mine.agent(told).card["sha256"] == load_agent(home / f"seed_{of}").card["sha256"]
-        assert mine.knows == "sensors"
-    slow: Any = policies.make("ppo", seed=3, home=str(tmp_path), speed=0.4)
-    assert slow.agent(told).speed == 0.4
-    ships: Any = policies.make("ppo", seed=0, speed=0.4)
-    assert ships.agent(told).card["sha256"] == load_agent(home / "seed_0").card["sha256"]
-    with pytest.raises(ValueError, match="holds agents for path_following, not for goal_reaching"):
-        slow.agent(briefing_of(GOAL))
-    lost: Any = policies.make("ppo", seed=1, home=str(tmp_path))
-    with pytest.raises(ValueError, match=r"no agent of seed 1 is in .*; there are seeds 0, 3"):
-        lost.agent(told)
 
 
 def test_a_controller_under_an_agent_cruises_at_the_speed_that_is_asked_for() -> None:
