@@ -21,6 +21,7 @@ from kept_rows import SUFFIX, read_packed
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.episodes.metrics import HELD
+from wayfield.benchmarks.records.results import read_table
 from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.statistics.paired import Difference
 from wayfield.envs.robots import ROBOTS
@@ -167,6 +168,23 @@ def test_every_page_says_the_verdicts_of_its_rows(monkeypatch: pytest.MonkeyPatc
     found = audit.Audit()
     audit.audit_verdicts(found, audit.KEPT)
     assert found.cells > 1000
+    assert found.wrong == []
+
+
+@pytest.mark.parametrize(
+    ("section", "ends"),
+    [("path-following", ("", "_better", "_pairs")), ("docking", ("", "_pairs")), ("disturbances", ("_ladder_pairs",))],
+)
+def test_kept_tables_are_what_formulas_of_their_own_make_of_the_rows(section: str, ends: tuple[str, ...]) -> None:
+    rows = [{"speed": "", **row} for row in read_packed(ROOT / sections.ROWS / f"{section}{SUFFIX}")]
+    contest, robot = rows[0]["contest"], rows[0]["robot"]
+    mine = [row for row in rows if (row["contest"], row["robot"]) == (contest, robot)]
+    found = audit.Audit()
+    for end in ends:
+        stem = f"{contest.replace('-', '_')}_{robot}{end}"
+        check = {"": audit.audit_standings, "_better": audit.audit_shares}.get(end, audit.audit_pairs)
+        check(found, mine, read_table(ROOT / sections.KEPT / f"{stem}.csv", audit.texts), stem)
+    assert found.cells > 200
     assert found.wrong == []
 
 
