@@ -11,6 +11,8 @@ have the same parts, and the plain mode serves where one is missing at import:
   `targetctx.insert_user_function`, `_insert`, `_cache`; `_code` of types.
 * `core.codegen.JITCPUCodegen`: `_get_host_cpu_name`, `_get_host_cpu_features`, `_engine._defined_symbols`; its place
   `_internal_codegen` in `core.registry.cpu_target.target_context`.
+* `core.registry.cpu_target.typing_context`: `resolve_function_type`, `_lookup_global`; `types.Function`, whose key
+  holds its templates.
 * `core.caching`: `FunctionCache`, `CompileResultCacheImpl`, the locator of `NUMBA_CACHE_DIR`, `IndexDataCacheFile`
   with `_load_data`, `_save_data`, `_data_path`, `_dump`, `_open_for_write`.
 * `core.compiler_lock.global_compiler_lock`, `core.sigutils.normalize_signature`; `_defn` of intrinsics
@@ -75,6 +77,33 @@ def _use_level() -> None:
 
 
 _use_level()
+
+
+def _remembering(context: Any) -> Any:
+    """Returns `resolve_function_type` of a typing context that types an operator once for the types that it is put to.
+
+    Only while a kernel of ours is compiled, and only Numba's own functions: it tries each of an operator's templates,
+    those of arrays too, at every place where two numbers are added, which took an eighth of the compiler's time.
+    """
+    resolve = context.resolve_function_type
+    found: dict[Any, Any] = {}
+
+    @functools.wraps(resolve)
+    def remembered(function: Any, args: Any, kws: Any) -> Any:
+        own = function if isinstance(function, numba.types.Type) else context._lookup_global(function)
+        if kws or _depth.now == 0 or not isinstance(own, numba.types.Function):
+            return resolve(function, args, kws)
+        signature = found.get((own, args))
+        if signature is None:
+            signature = resolve(function, args, kws)
+            if signature is not None:
+                found[own, args] = signature
+        return signature
+
+    return remembered
+
+
+cpu_target.typing_context.resolve_function_type = _remembering(cpu_target.typing_context)
 
 
 def serving_any_layout(kernel: Any) -> Any:
