@@ -17,7 +17,7 @@ from wayfield.envs.scenarios.obstacles import circle, obstacle_field
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.system.checks import number
 
-BANK_SIZE = 64
+BANK_SIZE = 32
 SIDE = 30  # cells, of the square field
 HALF_HULL = 2  # cells, that the Jackal takes up to each side of its own
 _FILLS, _ROUNDS = (0.15, 0.2, 0.25, 0.3), (2, 3, 4)  # of the automaton: each pair is as frequent
@@ -28,7 +28,7 @@ _LEAST = 0.36  # m, of the disc that passes: the narrowest of the published worl
 
 
 def cellular(hull_radius: float) -> tuple[GoalScenario, ...]:
-    """Returns 64 worlds, those of the seeds 0 to 63.
+    """Returns 32 worlds, those of the seeds 0 to 31.
 
     Raises:
         ValueError: if the hull (m) is larger than what passes in each of them.
@@ -66,7 +66,7 @@ def cellular_world(seed: int) -> GoalScenario:
 
 def grown(draw: Draw, fill: float, rounds: int) -> NDArray[np.bool_]:
     """Returns which cells (across, ahead) are filled: at random, then smoothed by their neighbours; walls beside."""
-    filled = np.array([draw.number(0.0, 1.0) < fill for _ in range(SIDE * SIDE)]).reshape(SIDE, SIDE)
+    filled = np.reshape(draw.chances(fill, SIDE * SIDE), (SIDE, SIDE))
     filled[[0, -1]] = True
     for _ in range(rounds):
         around = np.pad(filled.astype(np.int64), 1)

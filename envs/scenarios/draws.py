@@ -29,6 +29,10 @@ class Draw:
         """Returns a whole number from `low` to `high`, both included."""
         return low + int((high - low + 1) * self._random())
 
+    def chances(self, share: float, count: int) -> list[bool]:
+        """Returns of each of some draws whether it falls into a share (0 to 1) of all."""
+        return [self._random() < share for _ in range(count)]
+
     def sign(self) -> float:
         """Returns 1 or -1."""
         return 1.0 if self._random() < 0.5 else -1.0

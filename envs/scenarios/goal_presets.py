@@ -75,6 +75,6 @@ GOAL_SCENARIOS: Mapping[str, Callable[[float], tuple[GoalScenario, ...]]] = {
     "discs": discs,
     # 64 random fields of circles, boxes and interior walls in a walled square of 10 m.
     "mixed": mixed,
-    # 64 random worlds of the BARN challenge's kind: cylinders in a walled lane of 4.5 m, a goal 10 m ahead.
+    # 32 random worlds of the BARN challenge's kind: cylinders in a walled lane of 4.5 m, a goal 10 m ahead.
     "cellular": cellular,
 }
