@@ -144,7 +144,8 @@ SCANNING = dataclasses.replace(GUIDED, features=SEEKING.features, controller="vf
 @pytest.mark.parametrize(
     ("env_id", "preset"),
     [
-        *((PATH, SMALL), (PATH, TAUGHT), (PATH, REPLAYING), (OMNI, SEEKING), ("wayfield/OmniTeam-v0", GUIDED)),
+        *((PATH, SMALL), (PATH, TAUGHT), (PATH, REPLAYING), (OMNI, SEEKING)),
+        pytest.param("wayfield/OmniTeam-v0", GUIDED, marks=pytest.mark.slow),
         pytest.param("wayfield/OmniTeam-v0", SCANNING, marks=pytest.mark.slow),
         pytest.param("wayfield/OmniPeople-v0", MEETING, marks=pytest.mark.slow),
     ],
