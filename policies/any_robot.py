@@ -27,6 +27,7 @@ PROGRESS = np.dtype(
         ("approached", np.int64),  # control periods in a row in which something came nearer by itself
     ]
 )
+PACE = 0.6  # m/s, from which on patience is as long as it says
 WAY = 0.1  # m, by which the way left becomes less
 APPROACHED = 4  # such periods until that is believed: a single one is often noise, or a corner between two beams
 BEHIND_PLANNER = Shield(spread=0.3)
@@ -53,7 +54,9 @@ class AnyRobot(Hybrid):
 
     speed: float = gain(0.6, "m/s", "the most that it drives, where the base can", above=0.0)
     ahead: float = gain(1.2, "m", "of the point on the plan that the agent drives to; 0: it drives alone", least=0.0)
-    patience: float = gain(3.0, "s", "without way made, after which the planner drives; 0: never", least=0.0)
+    patience: float = gain(
+        3.0, "s", "without way made at 0.6 m/s, longer for a slower one; then the planner drives; 0: never", least=0.0
+    )
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent of the kinematic class.
@@ -98,6 +101,8 @@ class AnyRobot(Hybrid):
         """Returns which robots (b,) the planner drives by itself, and notes what decides that."""
         if not self.patience:
             return np.zeros(len(memory), np.bool_)
+        # a slow robot makes way as far in a longer time
+        patience = self.patience * max(1.0, PACE / self._speed(briefing.robot))
         progress, planner = memory["progress"], memory["planner"]
         scan = Scan.of(self, observation, briefing, planner)
         seen = np.empty(len(memory), np.bool_)
@@ -108,9 +113,9 @@ class AnyRobot(Hybrid):
         made = left < progress["least"] - WAY
         progress["least"][made] = left[made]
         # once the planner drives, the way that it makes does not call it off
-        begins = (made & (progress["stood"] <= self.patience)) | (progress["approached"] >= APPROACHED)
+        begins = (made & (progress["stood"] <= patience)) | (progress["approached"] >= APPROACHED)
         progress["stood"] = np.where(begins, 0.0, progress["stood"] + briefing.dt)
-        alone: NDArray[np.bool_] = progress["stood"] > self.patience
+        alone: NDArray[np.bool_] = progress["stood"] > patience
         return alone
 
     def _speed(self, robot: Robot) -> float:
