@@ -30,10 +30,10 @@ from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import sin_cos
 
 STATE = [
-    *FIELDS,
     ("target", np.float64, (2,)),  # the goal, m, world frame
     ("waits", np.float64),  # 1: for a way that is free
     *SIGHTS,
+    *FIELDS,  # last: a record that began with them would be taken for one of `ReedsShepp`, with a warning
 ]
 
 _CUT = 0.005  # m, by which chords between hits cut corners
