@@ -234,8 +234,8 @@ def moved(policy: AnyRobot, folder: Path, seconds: float, **scene: Any) -> list[
 
 
 def test_the_planner_drives_once_the_agent_has_made_no_way_for_its_patience(tmp_path: Path) -> None:
-    for patience, stands in ((2.0, 2), (4.0, 4)):
-        away = moved(Standing(patience=patience), tmp_path, 20.0, goal=[2.0, 1.0, 0.0])
+    for patience, speed, stands in ((2.0, 0.6, 2), (4.0, 0.6, 4), (2.0, 0.3, 4)):
+        away = moved(Standing(patience=patience, speed=speed), tmp_path, 20.0, goal=[2.0, 1.0, 0.0])
         assert max(away[:stands]) < 1e-3 < away[stands + 1]
         assert away[-1] == pytest.approx(math.hypot(2.0, 1.0), abs=0.2)
         assert len(away) < 20
