@@ -22,6 +22,7 @@ from reproduction import check, stamped
 from results_page import PAGE, README, Kept, Made, pages
 from sections import DOCUMENTS, KEPT, ROWS, SECTIONS, Section
 
+from wayfield.benchmarks.contests import PUBLIC_SPLIT
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.leaderboards.document_tables import document_tables
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
@@ -183,7 +184,7 @@ def tables(section: Section, rows: Sequence[Row], command: str) -> dict[str, byt
 def scenarios(rows: Episodes) -> int:
     """Returns how many different scenarios the rows of the standings are about."""
     # contests have rows of the validation split and of the front too
-    tested = rows.where(split=("test", "claims", "")) if "split" in rows.names else rows
+    tested = rows.where(split=("test", "claims", PUBLIC_SPLIT, "")) if "split" in rows.names else rows
     names = [name for name in ("document", "contest", "scenario", "episode") if name in tested.names]
     return int(tested.numbered(*names).max()) + 1 if tested else 0
 

@@ -9,6 +9,7 @@ with what comes out and makes the page of results anew.
 |---|---|
 | contests, ladder, documents | a case of each entry |
 | transfer | a course of each entry, without the worlds of BARN, which do not ship |
+| barn | none, for the same reason |
 | learners | families of the controller; the agents do not ship |
 | coverage | every `STRIDE`-th line of the table |
 """
@@ -33,7 +34,7 @@ from kept_rows import SUFFIX, thinned, unpacked
 from results_page import Kept, Made, pages
 from sections import KEPT, ROWS, SECTIONS, Section
 
-from wayfield.benchmarks.contests import CONTESTS, GAINS, Course, Entrants
+from wayfield.benchmarks.contests import CONTESTS, GAINS, PUBLIC_SPLIT, Course, Entrants
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.leaderboards.entries import grouped
 from wayfield.benchmarks.records.cases import Case
@@ -142,7 +143,8 @@ def samples(section: Section, kept: Kept, scratch: Path) -> Iterator[Sample]:
     elif section.name == learners.SUITE:
         yield from _of_learners(rows, rng)
     else:
-        for of_entry in _grouped(rows, ("contest", "document", "policy", "gains_name", "dynamics")):
+        of_ours = [row for row in rows if row.get("split") != PUBLIC_SPLIT]
+        for of_entry in _grouped(of_ours, ("contest", "document", "policy", "gains_name", "dynamics")):
             cases = _grouped(of_entry, _OF_A_CASE)
             first = cases[rng.integers(len(cases))][:EPISODES]
             yield functools.partial(_driven, first), first

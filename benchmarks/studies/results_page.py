@@ -289,7 +289,7 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
             rows = paired[name]
             blocks += [f"## {heading}", *reading, *_verdicts(rows, list(itertools.islice(verdicts, len(rows))))]
             reading = []
-        elif name.endswith(".csv") and len(there) > 1:
+        elif name.endswith(".csv") and len(there) > 1 and not section.columns:
             files.append(f"- [{heading}]({place.removeprefix(f'{KEPT}/')})")
             continue
         else:

@@ -31,7 +31,7 @@ class Section:
     pictures: Mapping[str, str] = dataclasses.field(default_factory=dict)  # file of the run: what it shows
     within: str = ""  # folder of its tables, with a slash, where another section has tables of these names
     needs: str = ""  # what its command takes and does not ship: it is run by hand
-    columns: tuple[str, ...] = ()  # that the page shows of its table, which is a file too; none: all
+    columns: tuple[str, ...] = ()  # that the page shows of its tables, which are files too; none: all, of a single one
 
     @property
     def of_contest(self) -> bool:
@@ -164,6 +164,23 @@ SECTIONS = (
             )
         },
         "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart.",
+    ),
+    Section(
+        "barn",
+        "The BARN challenge's worlds, Jackal",
+        "python evaluate.py --suite barn --data BARN "
+        "--policies scan_planner,any_robot,vfh_plus,dwa,astar_tracker",
+        {
+            "barn_jackal.csv": "By the challenge's rules",
+            "barn_jackal_published.csv": "Beside what is published, of other simulations",
+        },
+        "Simulation without Gazebo: a proxy of the challenge's scores, and no rank among them. The tuned gains were "
+        "searched in worlds of the same kind and none of these: `python benchmarks/studies/barn_gains.py`.",
+        needs="the official worlds of BARN",
+        columns=(
+            *("policy", "gains", "success (%)", "score (2, 8)", "collision (%)", "mean speed of successes (m/s)"),
+            *("year", "entry", "score", "source"),
+        ),
     ),
     Section(
         TRANSFERRED,
