@@ -168,8 +168,7 @@ SECTIONS = (
     Section(
         "barn",
         "The BARN challenge's worlds, Jackal",
-        "python evaluate.py --suite barn --data BARN "
-        "--policies scan_planner,any_robot,dwa,astar_tracker",
+        "python evaluate.py --suite barn --data BARN --policies scan_planner,any_robot,dwa,astar_tracker",
         {
             "barn_jackal.csv": "By the challenge's rules",
             "barn_jackal_published.csv": "Beside what is published, of other simulations",
