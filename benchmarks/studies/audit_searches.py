@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
-from wayfield.benchmarks.contests import ALL_CONTESTS, BY_HAND, CONTESTS, ROBUST_LEVEL
+from wayfield.benchmarks.contests import ALL_CONTESTS, BY_HAND, ROBUST_LEVEL
 from wayfield.benchmarks.runs.shards import in_frames
 from wayfield.benchmarks.tuning.tune import searched_families
 from wayfield.envs.scenarios import splits
@@ -92,14 +92,14 @@ def misnamed_rows(rows: Sequence[Row], sets: Mapping[str, Mapping[str, Any]], wh
     names = {name: ("search", level) for name, level in LEVELS.items()}
     names |= {by_hand: ("hand", LEVELS[name]) for name, by_hand in BY_HAND.items()}
     seen = {
-        (row["contest"], row["policy"], row["robot"], row["speed"] or f"{PACE:g}", row["gains_name"], row["gains"]):
-        row["learned_from"]
+        (row["contest"], row["policy"], row["robot"], row["speed"] or pace_of(row["contest"]), row["gains_name"],
+         row["gains"]): row["learned_from"]
         for row in rows
         if row["gains_name"] in names
     }  # fmt: skip
     for (suite, policy, robot, speed, called, gains), told in seen.items():
         chosen, level = names[called]
-        file = f"{CONTESTS[suite].spec.suite}/{policy}_{condition(robot, float(speed), level)}.json"
+        file = f"{ALL_CONTESTS[suite].spec.suite}/{policy}_{condition(robot, float(speed), level)}.json"
         content = sets.get(file)
         what = f"{where}: {policy} ({called}) at {speed} m/s"
         if content is None or content.get("chosen") != chosen:
@@ -108,6 +108,12 @@ def misnamed_rows(rows: Sequence[Row], sets: Mapping[str, Mapping[str, Any]], wh
             yield f"{what} was driven with other gains than those of {file}"
         elif told.partition(",")[0] != in_frames(content["frames"]):
             yield f"{what} prints {told}, {file} has {in_frames(content['frames'])}"
+
+
+def pace_of(contest: str) -> str:
+    """Returns the speed (m/s) that a contest asks for where a row says none."""
+    rules = ALL_CONTESTS[contest].rules
+    return f"{rules.speed if rules else PACE:g}"
 
 
 def holds(content: Mapping[str, Any], gains: str, apart: frozenset[str] = frozenset()) -> bool:
