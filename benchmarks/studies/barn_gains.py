@@ -22,6 +22,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import ways
 from wayfield.envs.scenarios.cellular import cellular_world
 from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.envs.scenarios.splits import digest
 from wayfield.policies import Pilot
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
@@ -125,7 +126,8 @@ def search(bank: tuple[GoalScenario, ...], trials: int, seed: int) -> dict[str, 
 def main(trials: int, worlds: int, seed: int, out: str) -> None:
     """Searches, drives what was found in as many other worlds, and writes the gains with both scores."""
     last = FIRST_SEED + worlds
-    found = search(tuple(map(cellular_world, range(FIRST_SEED, last))), trials, seed)
+    bank = tuple(map(cellular_world, range(FIRST_SEED, last)))
+    found = search(bank, trials, seed)
     others = tuple(map(cellular_world, range(last, last + worlds)))
     sets = {"chosen": found["gains"], "default": {"max_speed": ASKED}}
     scores = {name: drive(gains, others) for name, gains in sets.items()}
@@ -144,10 +146,20 @@ def main(trials: int, worlds: int, seed: int, out: str) -> None:
         "gains": found["gains"],
         "frames": SPENT + found["frames"],
         "validation": {
-            name: {"failures": round(worlds * (1.0 - arrived)), "episodes": worlds, "quality": round(-score, 6)}
+            name: {
+                "failures": round(worlds * (1.0 - arrived)),
+                "episodes": worlds,
+                "off_pace": 0,  # it asks for no speed but at most the challenge's
+                "quality": round(-score, 6),
+            }
             for name, (score, arrived, _, _) in scores.items()
         },
-        "searched_on": {"split": f"cellular worlds, seeds {FIRST_SEED} to {last - 1}", "scenarios": worlds},
+        "searched_on": {
+            "split": f"cellular worlds, seeds {FIRST_SEED} to {last - 1}",
+            "scenarios": worlds,
+            "sha256": digest(bank),
+            "validation_sha256": digest(others),
+        },
         "seed": seed,
         "command": f"python benchmarks/studies/barn_gains.py --trials {trials} --worlds {worlds} --seed {seed}",
     }
