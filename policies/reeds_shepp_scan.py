@@ -63,7 +63,6 @@ class ReedsSheppScan(ReedsShepp):
     """
 
     lookahead: float = gain(1.5, "m", "of the way, that is looked at in every control period", above=0.0)
-
     foresight: float = gain(2.0, "s", "for which what comes nearer is put forward", least=0.0)
     spare: float = gain(0.01, "m", "beside the hull, that a way is given up for", least=0.0)
 
