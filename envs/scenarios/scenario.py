@@ -228,6 +228,8 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
         if not isinstance(record, np.void) or record.dtype != OBSTACLE:
             raise ValueError(f"obstacles[{j}] is {shown(record)}; it must be an OBSTACLE record: circle, box or wall")
     field = obstacle_field(*records)
+    if not records:  # as of each robot of a team but the first
+        return field
     sizes = ("half_length", "half_width", "radius", "mass")
     for name in (each for each in OBSTACLE.names or () if each != "patrol"):
         bad = np.flatnonzero(~np.isfinite(field[name]) | ((field[name] < 0.0) & (name in sizes)))

@@ -93,7 +93,9 @@ def test_further_scenarios_are_proven_and_in_no_split() -> None:
     assert not names & {each.name for each in drawn}
     assert len({each.name for each in drawn}) == 6
     assert all(EVERY["people"].feasible(each) for each in drawn)
-    preset = dataclasses.replace(PRESETS["people"], further=5, num_envs=48)
+    people = PRESETS["people"]
+    two = tuple((0.5, kwargs) for _, kwargs in (people.worlds[0], people.worlds[-1]))
+    preset = dataclasses.replace(people, further=5, num_envs=48, worlds=two, shortest_ways=False)
     met = {len(part.task.scenarios) for part in make_worlds(preset, preset.env_ids[0]).worlds.parts}
     assert met == {SPLITS["train"] + 5, len(split("people", "all", "train"))}  # of one family, and of all
     with pytest.raises(ValueError, match=r"^further must be 0 where no world is of one family alone, got 5$"):
@@ -212,17 +214,19 @@ def test_agents_among_bodies_need_them() -> None:
 
 def test_a_network_may_begin_as_an_agent_that_ships() -> None:
     small = ["num_envs=256", "horizon=2", "batch_size=256"]
-    learner = PpoLearner(overridden(PRESETS["team_scan"], small), TEAM, 1)
+    scan = PRESETS["team_scan"]
+    few = {"worlds": ((1.0, {**scan.worlds[0][1], "scenario": "circle_4/train"}),), "shortest_ways": False}
+    learner = PpoLearner(dataclasses.replace(overridden(scan, small), **few), TEAM, 1)
     agent = load_agent(shipped("goal_reaching", "omni3")[1])
     assert all(map(np.array_equal, sum(learner.layers(), ()), sum(agent.network.layers, ())))
     with pytest.raises(ValueError, match=r"hidden must be \[256, 256\], as of the agent .*, got \[64, 64\]"):
-        PpoLearner(overridden(PRESETS["team_scan"], [*small, "hidden=64,64"]), TEAM, 1)
+        PpoLearner(overridden(scan, [*small, "hidden=64,64"]), TEAM, 1)
     with pytest.raises(ValueError, match=r"features.margin must be 0.03, as of the agent .*, got 0.01$"):
-        PpoLearner(overridden(PRESETS["team_scan"], [*small, "robot=omni4"]), TEAM, 1)
+        PpoLearner(overridden(scan, [*small, "robot=omni4"]), TEAM, 1)
     with pytest.raises(ValueError, match="no agent of seed 99 ships for goal_reaching with omni3; there are seeds 0"):
-        PpoLearner(overridden(PRESETS["team_scan"], small), TEAM, 99)
+        PpoLearner(overridden(scan, small), TEAM, 99)
     with pytest.raises(ValueError, match=r"begins is .goal_reaching.; .* imitation > 0"):
-        overridden(PRESETS["team_scan"], ["imitation=0"])
+        overridden(scan, ["imitation=0"])
 
 
 def test_where_no_agent_ships_a_line_says_so() -> None:
