@@ -27,7 +27,13 @@ PAGE = Path(report.__path__[0]) / "page"
 RUNNER = Path(__file__).with_name("page_runner.js")
 STEPS = 200
 LOOKED = 40  # steps, after which overlays are compared
-node = pytest.mark.skipif(shutil.which("node") is None, reason="node is missing: apt-get install nodejs")
+NODE = shutil.which("node")
+
+
+def node(test: Any) -> Any:
+    """Marks a test that runs the page's kernels under Node."""
+    missing = pytest.mark.skipif(NODE is None, reason="node is missing: apt-get install nodejs")
+    return pytest.mark.page(missing(test))
 
 
 def tables() -> Any:

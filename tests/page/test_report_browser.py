@@ -21,7 +21,10 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, scenarios_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is missing: apt-get install chromium")
+pytestmark = [
+    pytest.mark.page,
+    pytest.mark.skipif(CHROMIUM is None, reason="chromium is missing: apt-get install chromium"),
+]
 pytest.importorskip("playwright.sync_api", reason='playwright is missing: pip install "wayfield[dev]"')
 
 from playwright.sync_api import Browser, Page, sync_playwright  # noqa: E402
