@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.robots import ACTUATORS, Actuators
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.learned.features import LIMIT
 from wayfield.policies.learned.features_sheet import SHEET, numbers_of
 from wayfield.policies.learned.reading import is_number, is_whole
 from wayfield.system.checks import LAST_SEED, shown
@@ -275,11 +276,15 @@ def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: floa
 def _out_of_ranges(
     card: Mapping[str, Any], ranges: Mapping[str, Sequence[float]], briefing: Briefing, speed: float
 ) -> str:
-    """Returns the line of an agent that drives any robot: which numbers of the data sheet are beyond those it met."""
+    """Returns the line of an agent that drives any robot: which numbers of the data sheet are beyond those it met.
+
+    What is denser or farther than the network can tell, 360 beams and 25 m, is as the greatest of those.
+    """
     new = []
     for name, value in numbers_of(briefing, speed).items():
         low, high = ranges[name]
-        if not (1.0 - SLACK) * low <= value <= (1.0 + SLACK) * high:
+        seen = min(value, LIMIT * SHEET[name])
+        if not (1.0 - SLACK) * low <= seen <= (1.0 + SLACK) * high:
             unit = UNITS.get(name, "")
             new.append(f"with {name} {value:.3g}{unit}, not {low:.3g} to {high:.3g}")
     if not new:

@@ -108,6 +108,9 @@ def test_a_robot_beyond_the_ranges_is_told_of_with_the_number(tmp_path: Path) ->
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         agent.reset(briefed(ROBOTS["turtlebot3"]))
+        # as dense as the network can tell, and denser
+        dense = untrained(tmp_path, 2, {**WIDE, "beams": [32.0, 400.0], "range": [3.0, 30.0]})
+        dense.reset(briefed(ROBOTS["turtlebot3"], num_beams=1081, field_of_view=4.712, max_range=60.0))
 
 
 def test_what_was_measured_nearest_is_told_with_its_robot(tmp_path: Path) -> None:
