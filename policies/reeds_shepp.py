@@ -38,6 +38,8 @@ _STRAIGHT_STEP = 0.3  # m, between them
 _WINDOW = 0.15  # m, how far ahead of the last place on the plan the next one is looked for
 GRAIN = 0.005  # m, between the places that are looked at
 _LEAST_SPEED = 0.02  # m/s, at which a piece is ended
+_OVER = 0.005  # m, by which a lag carries the robot past its end at most: the deceleration times the lag squared
+_STEADY = 0.3  # of `settling`: the way driven within the lag, up to which errors decay
 STRAY = 0.15  # m, from the plan, beyond which another is made
 _PATIENCE = 40.0  # s, that the robot waits for what moves before it sets off all the same
 _ROOM = 0.05  # m, that it wants to spare beside what moves
@@ -57,11 +59,14 @@ class ReedsShepp(Gains):
     Along the way, with e the robot's place left of it, th its heading off it, kappa the curvature a little ahead, by
     what the actuators lag, and d = 1 or -1 the direction,
 
-        v = d min(speed, max_yaw_rate / |kappa|, sqrt(2 deceleration s)),  w = v kappa - |v| (2 th / L + d e / L^2),
+        v = d min(speed, max_yaw_rate / |kappa|, sqrt(2 deceleration s), 0.3 L / tau),
+        w = v kappa - |v| (2 th / L + d e / L^2),
 
-    s the way left to the next change of direction, brings both errors down critically damped over L = `settling`. At
-    the goal (see `arrival_radius` of `SmoothPose`) it turns on the spot by what is left. Off the way by 0.15 m, or at
-    its end but not at the goal, it plans anew. Waypoints are passed on the way to the goal only by chance.
+    s the way left to the next change of direction, brings both errors down critically damped over L = `settling`, and
+    does so on a base that lags by tau as long as it drives but a share of L within tau; faster it would swing. Past its
+    end a lag carries the robot by no more than 5 mm: it brakes with at most 0.005 m / tau^2. At the goal (see
+    `arrival_radius` of `SmoothPose`) it turns on the spot by what is left. Off the way by 0.15 m, or at its end but not
+    at the goal, it plans anew. Waypoints are passed on the way to the goal only by chance.
 
     Source: Reeds and Shepp, Optimal Paths for a Car That Goes Both Forwards and Backwards, Pacific J. Math. 145(2),
     1990. The straight end, the waiting and the tracking law are ours.
@@ -306,7 +311,10 @@ def may_set_off(p, told, m, i, now):
 def wanted_speed(p, m, end):
     """Returns the speed (m/s) at the robot's place on a leg that ends at arc length `end`."""
     bend = abs(curvature(m, m.along))
-    v = min(p.speed, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * p.deceleration * (end - m.along)))
+    late = max(p.preview - p.plant.dt, 1e-9)
+    steady = _STEADY * p.settling / late
+    braking = min(p.deceleration, _OVER / (late * late))
+    v = min(p.speed, steady, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * braking * (end - m.along)))
     return max(v, _LEAST_SPEED)
 
 

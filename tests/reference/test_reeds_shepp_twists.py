@@ -107,8 +107,9 @@ def driven(p: ReedsShepp, base: Any, way: Way | None, seen: Any, arrived: bool) 
     px, py, pth = way.pose(way.along)
     e, off, d = math.cos(pth) * (y - py) - math.sin(pth) * (x - px), wrap(th - pth), way.way or 1.0
     end, bend = way.leg_end, abs(way.bend(way.along))
-    deceleration = min(p.deceleration, 0.5 * base.acceleration)
-    v = min(p.speed, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * deceleration * (end - way.along)))
+    deceleration = min(p.deceleration, 0.5 * base.acceleration, 0.005 / base.lag**2)
+    most = min(p.speed, 0.3 * p.settling / base.lag, p.max_yaw_rate / max(bend, 1e-9))
+    v = min(most, math.sqrt(2.0 * deceleration * (end - way.along)))
     v = max(v, 0.02)
     kappa = way.bend(min(way.along + v * (base.lag + DT), end - 1e-6))
     w = d * v * kappa - v * (2.0 * off / p.settling + d * e / p.settling**2)
@@ -139,7 +140,7 @@ def test_the_shortest_way_is_driven_as_the_docstring_says(policy: ReedsShepp, ti
         pilot = Pilot(policy, env)
         pilot.reset()
         way, arrived, base, rng = None, False, env.unwrapped.task.options.actuators, np.random.default_rng(2)
-        for k in range(220):
+        for k in range(400):
             seen = pilot.briefing.layout.unpack(flat.astype(np.float64))
             command = pilot.command(flat)
             twist, way, arrived = driven(policy, base, way, seen, arrived)

@@ -430,6 +430,12 @@ def test_by_the_scan_it_docks_from_anywhere_and_where_laws_that_see_nothing_touc
     assert seen == 1.0 if family in ("open", "behind") else seen > blind
 
 
+@pytest.mark.parametrize("family", ["wall", "berth"])
+def test_a_base_that_answers_late_docks_as_a_prompt_one(family: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    late, prompt = (reached("reeds_shepp", "p3dx", family, each, 60, monkeypatch).mean() for each in ("slow", "lagged"))
+    assert late >= prompt - 0.02
+
+
 def end_by_the_scan(folder: Path, steps: int = 1200, **fields: Any) -> dict[str, Any]:
     """Returns the last info of an episode that `reeds_shepp_scan` drives with the P3DX."""
     env: Any = gymnasium.make(
