@@ -11,13 +11,14 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import gain
-from wayfield.policies.hybrid import TASK, Hybrid
+from wayfield.policies.hybrid import SUITE, TASK, Hybrid
 from wayfield.policies.learned.agent import Agent
 from wayfield.policies.learned.features_sheet import TOP
 from wayfield.policies.learned.ppo import shipped, shipped_agent
 from wayfield.policies.parts.shield import Shield, Shielded
 from wayfield.policies.parts.stopping import Scan, find_approached
 from wayfield.policies.scan_planner import ScanPlanner
+from wayfield.policies.tuned import tuned_gains
 
 KINDS = {2: "any_diff_drive", 3: "any_omni"}  # by the number of twist components
 PROGRESS = np.dtype(
@@ -38,7 +39,8 @@ class AnyRobot(Hybrid):
     """Drives any base to a goal by its data sheet: a sheet in, a driver out.
 
     The agent of the seed that ships for every robot of the kinematic class (`SheetFeatures`) drives, as in `Hybrid`, to
-    a point ahead on the way of the scan planner with its default gains; or alone, to the goal, with `ahead` 0. Where no
+    a point ahead on the way of the scan planner with its default gains, or those tuned for the robot at the speed
+    `planned`; or alone, to the goal, with `ahead` 0. Where no
     agent ships for the class, or the scan is not one that it can read, the planner drives. Behind them stands, always,
     a `Shield`, which knows the base's accelerations and lag and how far its beams stand apart.
 
@@ -47,7 +49,8 @@ class AnyRobot(Hybrid):
     among what stands still it makes its way where the agent stands, and among what moves the agent is the better one.
     The planner's map remembers what stands between the beams, so that the shield behind it grows hits by 0.3 of what it
     does behind the agent, to which the narrowest doors are shut with few beams. What it costs: the wait itself, and
-    that the planner drives among what moves, where it is worse, as long as nothing is seen to come nearer.
+    that the planner drives among what moves, where it is worse, as long as nothing is seen to come nearer. Behind a
+    planner without `foresight` nothing counts as coming nearer.
 
     It asks for no more than 0.95 of what the base can drive. Needs a scan of half a turn or more.
     """
@@ -57,6 +60,7 @@ class AnyRobot(Hybrid):
     patience: float = gain(
         3.0, "s", "without way made at 0.6 m/s, longer for a slower one; then the planner drives; 0: never", least=0.0
     )
+    planned: float = gain(0.0, "m/s", "that the planner's gains were tuned for; 0: its default ones", least=0.0)
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent of the kinematic class.
@@ -68,8 +72,12 @@ class AnyRobot(Hybrid):
         return shipped_agent(TASK, KINDS[len(robot.twist_axes)], self.seed, self._speed(robot))
 
     def planner(self, briefing: Briefing, agent: Agent) -> ScanPlanner:
-        """Returns the planner, which drives as fast as the agent."""
-        return ScanPlanner(max_speed=agent.speed)
+        """Returns the planner, which drives as fast as the agent.
+
+        Raises:
+            NotTuned: if none was tuned for the robot at `planned`.
+        """
+        return _planner(briefing.robot.name, agent.speed, self.planned)
 
     def parts(self, briefing: Briefing) -> dict[str, NDArray[Any]]:
         """Returns the empty memories (b,) of planner, agent and progress."""
@@ -104,10 +112,11 @@ class AnyRobot(Hybrid):
         # a slow robot makes way as far in a longer time
         patience = self.patience * max(1.0, PACE / self._speed(briefing.robot))
         progress, planner = memory["progress"], memory["planner"]
-        scan = Scan.of(self, observation, briefing, planner)
-        seen = np.empty(len(memory), np.bool_)
-        ages = planner["state"]["older_age"]
-        find_approached(scan, observation.pose, ages, briefing.robot.hull_radius, seen)
+        seen = np.zeros(len(memory), np.bool_)
+        if _planner(briefing.robot.name, self._speed(briefing.robot), self.planned).foresight:
+            scan = Scan.of(self, observation, briefing, planner)
+            ages = planner["state"]["older_age"]
+            find_approached(scan, observation.pose, ages, briefing.robot.hull_radius, seen)
         progress["approached"] = np.where(seen, progress["approached"] + 1, 0)
         left = way_left(planner["state"], observation.goal)
         made = left < progress["least"] - WAY
@@ -131,7 +140,7 @@ class AnyRobot(Hybrid):
                 pass
             else:
                 return None if self.ahead else agent
-        return _planner(self._speed(briefing.robot))
+        return Shielded(_planner(briefing.robot.name, self._speed(briefing.robot), self.planned))
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the empty memory of what drives.
@@ -162,5 +171,6 @@ def agents_of(robot: Robot) -> tuple[int, ...]:
 
 
 @functools.lru_cache(maxsize=64)
-def _planner(speed: float) -> Shielded:
-    return Shielded(ScanPlanner(max_speed=speed))
+def _planner(robot: str, speed: float, planned: float) -> ScanPlanner:
+    found = tuned_gains("scan_planner", SUITE, robot, planned) if planned else {}
+    return ScanPlanner(**{**found, "max_speed": speed})

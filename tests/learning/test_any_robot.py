@@ -21,6 +21,7 @@ from wayfield.policies.learned.features_sheet import SHEET, SheetFeatures, numbe
 from wayfield.policies.learned.perception import Actions, Perception
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.training.drawn import RANGES, draw_robots, robot_like
+from wayfield.policies.tuned import tuned_gains
 
 GOALS = {2: "wayfield/DiffDriveGoalObstacles-v0", 3: "wayfield/OmniGoalObstacles-v0"}
 WIDE = {name: [0.0, 1e6] for name in SHEET}
@@ -177,17 +178,18 @@ def test_a_run_on_drawn_robots_goes_on_bit_for_bit() -> None:
 
 
 def test_where_no_agent_can_drive_the_planner_does_behind_the_shield() -> None:
-    """An omni base, for which none ships, and a scan of too few beams."""
-    for robot, seen, speed in (
-        ("mecanum4", {}, 0.4),
-        ("p3dx", {"num_beams": 20}, 0.4),
-        ("turtlebot3", {"num_beams": 20}, 0.95 * 0.22),
+    """An omni base, for which none ships, and a scan of too few beams; by gains of its own, and by tuned ones."""
+    for robot, seen, speed, planned in (
+        ("mecanum4", {}, 0.4, 0.0),
+        ("p3dx", {"num_beams": 20}, 0.4, 0.0),
+        ("p3dx", {"num_beams": 20}, 0.4, 0.6),
+        ("turtlebot3", {"num_beams": 20}, 0.95 * 0.22, 0.0),
     ):
+        gains = tuned_gains("scan_planner", "goal-obstacles", robot, planned) if planned else {}
         env = gymnasium.make_vec(GOALS[len(ROBOTS[robot].twist_axes)], 2, scenario="discs", robot=robot, **seen)
-        pilots = [
-            Pilot(each, env) for each in (make("any_robot", speed=0.4), Shielded(make("scan_planner", max_speed=speed)))
-        ]
-        drive_alike(env, pilots, 20)
+        planner = make("scan_planner", **{**gains, "max_speed": speed})
+        ours = make("any_robot", speed=0.4, planned=planned)
+        drive_alike(env, [Pilot(each, env) for each in (ours, Shielded(planner))], 20)
 
 
 @pytest.mark.parametrize("robot", ["kobuki", "jackal"])
@@ -249,5 +251,6 @@ def test_the_agent_drives_as_long_as_something_comes_nearer(tmp_path: Path) -> N
     """A disc that comes for five seconds and goes away for five."""
     patrol = {"vx": -0.4, "vy": 0.0, "leg_time": 5.0}
     disc = {"kind": "circle", "x": 3.5, "y": 0.0, "radius": 0.5, "patrol": patrol}
-    away = moved(Standing(patience=1.0), tmp_path, 9.0, goal=[0.0, 4.0, 0.0], obstacles=[disc])
+    scene: dict[str, Any] = {"goal": [0.0, 4.0, 0.0], "obstacles": [disc]}
+    away = moved(Standing(patience=1.0), tmp_path, 9.0, **scene)
     assert max(away[:5]) < 1e-3 < away[8]
