@@ -219,11 +219,11 @@ class Standing(AnyRobot):
         return dataclasses.replace(agent, network=still)
 
 
-def moved(policy: AnyRobot, folder: Path, seconds: float, **scene: Any) -> list[float]:
+def moved(policy: AnyRobot, folder: Path, seconds: float, robot: str = "kobuki", **scene: Any) -> list[float]:
     """Returns how far (m) from its start the robot is at each second, facing along x, until it arrives."""
     (folder / "scene.json").write_text(json.dumps({"start": [0, 0, 0], "heading_tolerance": math.pi, **scene}))
     env: Any = gymnasium.make(
-        GOALS[2], robot="kobuki", scenario=str(folder / "scene.json"), num_beams=72, actuators="lagged"
+        GOALS[2], robot=robot, scenario=str(folder / "scene.json"), num_beams=72, actuators="lagged"
     )
     seen, _ = env.reset(seed=0)
     pilot = Pilot(policy, env)
@@ -248,9 +248,10 @@ def test_the_planner_drives_once_the_agent_has_made_no_way_for_its_patience(tmp_
 
 
 def test_the_agent_drives_as_long_as_something_comes_nearer(tmp_path: Path) -> None:
-    """A disc that comes for five seconds and goes away for five."""
+    """A disc that comes for five seconds and goes away for five; but not above a planner that foresees no motion."""
     patrol = {"vx": -0.4, "vy": 0.0, "leg_time": 5.0}
     disc = {"kind": "circle", "x": 3.5, "y": 0.0, "radius": 0.5, "patrol": patrol}
     scene: dict[str, Any] = {"goal": [0.0, 4.0, 0.0], "obstacles": [disc]}
     away = moved(Standing(patience=1.0), tmp_path, 9.0, **scene)
     assert max(away[:5]) < 1e-3 < away[8]
+    assert moved(Standing(patience=1.0, planned=1.2), tmp_path, 5.0, "jackal", **scene)[4] > 1.0
