@@ -177,7 +177,7 @@ SECTIONS = (
         "scan_planner, by a search and then by hand, and for any_robot, by hand, in worlds of the same kind and none "
         "of these (`python benchmarks/studies/barn_gains.py`). They drive at up to 2 m/s and foresee no motion, of "
         "which these worlds have none; the others have default gains and are asked for 1.2 m/s. The worlds were driven "
-        "once before, with scan_planner's former gains, which came to 0.425. any_robot's planner has scan_planner's "
+        "before, with scan_planner's former gains, which came to 0.425. any_robot's planner has scan_planner's "
         "gains and drives most of the time, wherever the agent has made no way for a second.",
         needs="the official worlds of BARN",
         columns=(
