@@ -169,7 +169,16 @@ def check_alike(here: Run, there: Run, symmetry: Symmetry, atol: float) -> None:
 
 
 PATH_LAWS = (
-    *("lookahead_documented", "lookahead_retuned", "pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "mpc"),
+    *(
+        "lookahead_documented",
+        "lookahead_retuned",
+        "pure_pursuit",
+        "regulated_pure_pursuit",
+        "stanley",
+        "lqr",
+        "ilqr",
+        "mpc",
+    ),
     "smooth_pose",
 )
 POSE_LAWS = (
