@@ -26,6 +26,7 @@ INPUTS = 3  # by how much the commands and sigma change in a step
 BY_SPEED, BY_YAW_RATE = (3, 5, 8), (4, 6, 9)  # columns of a step's slopes: of what changes v, and what changes w
 COST = 10  # numbers of the cost's slopes: four of the gradient, six of the Hessian
 ATTEMPTS = 1 + INPUTS  # at the inputs that lie on a bound
+FORESIGHT = 1.25  # of the time in which it stops, that a plan sees ahead at least
 # of the damping, after a sweep that lowered the sum and after one that did not; where it begins, and its range
 EASIER, HARDER, AT_FIRST, LEAST, MOST = 0.3, 5.0, 30.0, 1e-4, 1e3
 
@@ -44,7 +45,8 @@ class Ilqr(Gains):
     """Drives the start of the best plan for the next `horizon` seconds, made better in every control period.
 
     The plan is that of `mpc`: commands and places sigma_k that it aims at on the same curve of poses P(sigma), whose
-    corners are turns with a length of their own. With N steps of lengths h, T = horizon together, and
+    corners are turns with a length of their own. With N steps of lengths h, T = horizon together, or 1.25 times the
+    time in which the base stops if that is more, and
 
         rho(d) = 2 softness^2 (sqrt(1 + (d / softness)^2) - 1),
 
@@ -86,8 +88,8 @@ class Ilqr(Gains):
         least=0.0,
         most=1.0,
     )
-    turn_radius: float = gain(0.08, "m", "length that a radian on the spot counts as", above=0.0, search=(0.03, 0.3))
-    horizon: float = gain(1.8, "s", "of the prediction; at least a control period a step", above=0.0, most=60.0)
+    turn_radius: float = gain(0.15, "m", "length that a radian on the spot counts as", above=0.0, search=(0.03, 0.3))
+    horizon: float = gain(1.8, "s", "of the prediction; longer where it takes longer to stop", above=0.0, most=60.0)
     steps: int = gain(20, "1", "of the prediction", least=1, most=MOST_STEPS)
     sweeps: int = gain(8, "1", "in a control period, at most", least=1)
     tolerance: float = gain(0.001, "m", "of the sum's fall, under which a sweep is the last", least=0.0)
@@ -112,7 +114,9 @@ class Ilqr(Gains):
     def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
         assert briefing.path is not None
-        periods = max(round(self.horizon / briefing.dt), self.steps)
+        actuators = briefing.actuators
+        stopping = self.speed / actuators.acceleration + actuators.reaction
+        periods = max(round(max(self.horizon, FORESIGHT * stopping) / briefing.dt), self.steps)
         reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * periods * briefing.dt
         twists = np.empty((2, len(memory)))
         plan_rows(
