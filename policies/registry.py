@@ -12,6 +12,7 @@ from wayfield.policies.central import Central
 from wayfield.policies.dwa import Dwa
 from wayfield.policies.gain import Range, gains_of
 from wayfield.policies.hybrid import Hybrid
+from wayfield.policies.ilqr import Ilqr
 from wayfield.policies.learned.ppo import Ppo
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.lqr import Lqr
@@ -99,6 +100,13 @@ ABOUT: dict[str, Listed] = {
     "stanley": Listed(Stanley, "steering on a virtual front axle", "Hoffmann et al. 2007", (PATHS,)),
     "lqr": Listed(
         Lqr, "linear-quadratic regulator in path coordinates, feed-forward, speed profile", "Rajamani", (PATHS,)
+    ),
+    "ilqr": Listed(
+        Ilqr,
+        "the plan of mpc by iterative LQR: dynamic programming, no solver",
+        "Li and Todorov 2004; Tassa et al. 2014",
+        (PATHS,),
+        protected="its plan",
     ),
     "mpc": Listed(
         Mpc,

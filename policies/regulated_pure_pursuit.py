@@ -13,7 +13,7 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import Motion, unicycle_twists
+from wayfield.policies.parts.steering import Motion, unicycle_twists, widest_turn
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
@@ -126,16 +126,6 @@ def pursue(params, course, motion, commands):
             most = widest_turn(plant, v)
         commands[i, 0] = v
         commands[i, 1] = min(max(w, -most), most)
-
-
-@inlined
-def widest_turn(plant, v):
-    """Returns the yaw rate (rad/s) that is left, to either side, when wheels that turn at their limit drive v (m/s)."""
-    most = plant.turn_speed
-    for k in range(plant.num_wheels):
-        left = plant.wheel_speed_limit - abs(plant.wheel_matrix[k, 0] * v)
-        most = min(most, left / abs(plant.wheel_matrix[k, 2]))
-    return max(most, 0.0)
 
 
 @inlined

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.system.compiled import inlined
 from wayfield.system.elementary import bearings
 
 Array = NDArray[np.float64]
@@ -43,6 +44,16 @@ class Map(NamedTuple):
         assert briefing.map is not None
         obstacles, counts, frames, cells = briefing.map
         return cls(obstacles, counts, *briefing.goal, frames, cells)
+
+
+@inlined
+def widest_turn(plant, v):
+    """Returns the yaw rate (rad/s) that is left, to either side, when wheels that turn at their limit drive v (m/s)."""
+    most = plant.turn_speed
+    for k in range(plant.num_wheels):
+        left = plant.wheel_speed_limit - abs(plant.wheel_matrix[k, 0] * v)
+        most = min(most, left / abs(plant.wheel_matrix[k, 2]))
+    return max(most, 0.0)
 
 
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:

@@ -16,7 +16,7 @@ from wayfield.policies.parts.forward_prediction import ForwardPrediction
 PERIODS = 5  # of the delay
 LATE = dataclasses.replace(ROBOTS["p3dx"], delay=(0.25, 0.25), gain=(0.9, 0.7), lag=(0.1, 0.15), decelerations=(0.7, 2))
 PROMPT = dataclasses.replace(LATE, delay=(), gain=())
-ALONG_PATHS = ("pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "mpc", "lookahead_retuned")
+ALONG_PATHS = ("pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "ilqr", "mpc", "lookahead_retuned")
 TO_DOCKS = ("smooth_pose", "mpc_pose", "reeds_shepp", "polar")
 
 

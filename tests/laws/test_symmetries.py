@@ -191,9 +191,13 @@ def runs(env_id: str, name: str, scene: dict[str, Any], symmetry: Symmetry, fold
     ]
 
 
-@pytest.mark.parametrize("name", PATH_LAWS)
+# whether a sweep of ilqr's is an improvement hangs on the last digit, which a mirror leaves as it is
+@pytest.mark.parametrize(
+    ("name", "symmetry"),
+    [*((name, OBLIQUE) for name in PATH_LAWS), *((name, MIRROR) for name in (*PATH_LAWS, "ilqr"))],
+    ids=[*(f"{name}-oblique" for name in PATH_LAWS), *(f"{name}-mirror" for name in (*PATH_LAWS, "ilqr"))],
+)
 @pytest.mark.parametrize("scene", PATH)
-@pytest.mark.parametrize("symmetry", [OBLIQUE, MIRROR], ids=["oblique", "mirror"])
 def test_a_path_that_is_moved_or_mirrored_is_followed_alike(
     name: str, scene: str, symmetry: Symmetry, tmp_path: Path
 ) -> None:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the environments
 from wayfield.policies import Pilot, mpc
 from wayfield.policies.mpc import Mpc
+from wayfield.policies.parts import pose_path
+from wayfield.policies.policy import Policy
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -21,7 +23,7 @@ Array = NDArray[np.float64]
 class Drive:
     """An episode of one robot, its states and the twists asked of it."""
 
-    def __init__(self, scenario: str, policy: Mpc | None = None, env_id: str = PATH_ID, **kwargs: Any) -> None:
+    def __init__(self, scenario: str, policy: Policy | None = None, env_id: str = PATH_ID, **kwargs: Any) -> None:
         self.env: Any = gymnasium.make(env_id, scenario=scenario, **{"actuators": "lagged", **kwargs})
         self.observation, _ = self.env.reset(seed=0)
         self.pilot = Pilot(policy or Mpc(), self.env)
@@ -44,7 +46,8 @@ class Drive:
 
     @property
     def failures(self) -> int:
-        return int(self.pilot.memory["qp_failures"][0])
+        memory = self.pilot.memory
+        return int(memory["qp_failures"][0]) if "qp_failures" in memory.dtype.names else 0
 
     @property
     def mean_speed(self) -> float:
@@ -64,7 +67,7 @@ class Problem:
         self.path = np.empty((200, 3))
         self.start = np.empty(5)
         assert briefing.path is not None
-        mpc.locate(
+        pose_path.locate(
             *briefing.path,
             self.model,
             seen.pose,
@@ -119,7 +122,7 @@ class Problem:
         return float(np.square(self.residuals(z, self.pose_at)).sum() - self.pay() @ z)
 
     def pose_at(self, sigma: float) -> tuple[float, float, float]:
-        return mpc.on_path(self.path, sigma)[:3]  # type: ignore[no-any-return]
+        return pose_path.on_path(self.path, sigma)[:3]  # type: ignore[no-any-return]
 
     def plan(self, memory: NDArray[Any]) -> Array:
         """Returns the plan of a memory as unknowns."""
@@ -150,10 +153,10 @@ def by_ipopt(problem: Problem, policy: Mpc, memory: NDArray[Any], old: Array, wa
     drive = problem.drive
     n, h = problem.n, policy.step
     # the quadratic B-spline as a sum of truncated powers, whose factors are the third differences of its points
-    points = problem.path[: int((problem.start[3] + policy.speed * n * h) / mpc.SPACING) + 5]
+    points = problem.path[: int((problem.start[3] + policy.speed * n * h) / pose_path.SPACING) + 5]
     factors = 0.5 * np.diff(points, 3, axis=0, prepend=np.zeros((3, 3)))
     sigma, z = casadi.SX.sym("sigma"), casadi.SX.sym("z", 3 * n)
-    powers = casadi.fmax(sigma / mpc.SPACING + 2.5 - np.arange(len(points)), 0) ** 2
+    powers = casadi.fmax(sigma / pose_path.SPACING + 2.5 - np.arange(len(points)), 0) ** 2
     pose_at = casadi.Function("pose_at", [sigma], [casadi.dot(powers, factors[:, axis]) for axis in range(3)])
     terms = casadi.vertcat(*problem.residuals(z, pose_at, casadi.sin, casadi.cos))
     total = casadi.sumsqr(terms) - casadi.dot(problem.pay(), z)
