@@ -589,9 +589,8 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
                     continue
                 first = next(row for row in mine if _has_map(row) == _has_map(own))
                 verdict = None if own == first else verdict_of(lines, kind, _entry(own), _entry(first))
-                if verdict and (
-                    verdict[0].startswith("fewer successes") or verdict[0].endswith(("slower", "errs more"))
-                ):
+                behind = ("slower", "errs more", "errs more at a higher speed")  # the prose names no speed
+                if verdict and (verdict[0].startswith("fewer successes") or verdict[0].endswith(behind)):
                     found.append(
                         f"{policy} where {words!r} ({task}): beside {_named(_entry(first))} it has {verdict[0]}"
                     )
