@@ -82,8 +82,8 @@ def test_a_number_of_threads_that_is_none_is_refused_by_name(value: Any) -> None
 
 @pytest.mark.parametrize(
     ("case", "policy"),
-    [("path", "regulated_pure_pursuit"), ("path", "lqr"), ("path", "mpc"), ("goal", "dwa"), ("goal", "vfh_plus"),
-     ("goal", "orca"), ("goal", "scan_planner"), ("goal", "random"), ("dock", "polar")],
+    [("path", "regulated_pure_pursuit"), ("path", "lqr"), ("path", "ilqr"), ("path", "mpc"), ("goal", "dwa"),
+     ("goal", "vfh_plus"), ("goal", "orca"), ("goal", "scan_planner"), ("goal", "random"), ("dock", "polar")],
 )  # fmt: skip
 def test_policies_decide_alike_with_every_number_of_threads(case: str, policy: str) -> None:
     drivers = []
