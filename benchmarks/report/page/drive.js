@@ -4,7 +4,7 @@ const KEYBOARD = "you, by keyboard or pad";
 const FAST = 6; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
-const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""], ["hybrid", "joins two that drive here"], ["reeds_shepp_scan", "draws its map of the scan in Python"], ["nav2", "keeps a cost map that the page does not carry"],
+const REASONS = [["mpc", "solves its problem with OSQP"], ["ilqr", "plans by sweeps that the page does not carry"], ["ppo", ""], ["agent", ""], ["hybrid", "joins two that drive here"], ["reeds_shepp_scan", "draws its map of the scan in Python"], ["nav2", "keeps a cost map that the page does not carry"],
   ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free"].map((each) => [each, "its weights are not in this file"])]; // why not here
 
 // Whether the cells of a world's map are not in the page.
