@@ -36,7 +36,8 @@ class Hybrid(Gains):
     Nothing was trained for it: the agent is the one of `ppo`, the planner has the gains tuned for the robot, or its own
     where none were found to be better. Serves the robots that goal seekers ship for, and sees what those see. Limits: a
     point that the planner leads around a mover with moves on as it plans anew, which takes from what the network knows
-    of crowds; the agents drive omni bases as differential drives, and the planner alone is not beaten there.
+    of crowds; the agents drive omni bases as differential drives, where the planner alone is beaten by seconds among
+    what moves and not among what stands.
 
     Source: waypoints of a planner for a learned local planner, as in Faust et al., "PRM-RL: Long-range robotic
     navigation tasks by combining reinforcement learning and sampling-based planning", ICRA 2018; here on a map of its

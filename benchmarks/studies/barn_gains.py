@@ -116,7 +116,7 @@ def search(policy: str, bank: tuple[GoalScenario, ...], trials: int, seed: int) 
     best, *_, frames = drive(policy, gains, bank)
     for number in range(1, trials + 1):
         changed = dict(gains)
-        count = min(random.integers(CHANGED[0], CHANGED[1] + 1), len(ranges))
+        count = min(int(random.integers(CHANGED[0], CHANGED[1] + 1)), len(ranges))
         for name in random.choice(list(ranges), count, replace=False):
             low, high = ranges[name]
             value = changed[name] + WIDTH * (high - low) * random.normal()

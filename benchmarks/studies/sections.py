@@ -1,7 +1,7 @@
 """The sections of the page of results: the run behind each, and what is shown of it."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from interval_coverage import COVERAGE, SUITE
 from learners import LEARNERS
@@ -106,13 +106,14 @@ _MAIN = (
 )
 
 
-def _claims(contest: Contest) -> Section:
-    """Returns the section of a contest on the split that tells small differences."""
-    stem = f"{contest.stem}_p3dx"
+def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = ()) -> Section:
+    """Returns the section of a contest with a robot, on the split that tells small differences."""
+    stem, default = f"{contest.stem}_{robot}", robot == "p3dx"
+    asked = f"--split claims --policies {','.join(policies or contest.claims)}"
     return Section(
-        f"{contest.name}-claims",
-        f"{contest.spec.title}, P3DX, a hundred other scenarios a family",
-        f"python evaluate.py --suite {contest.name} --split claims --policies {','.join(contest.claims)}",
+        f"{contest.name}-claims" if default else f"{contest.name}-{robot}-claims",
+        f"{contest.spec.title}, {'P3DX' if default else robot}, a hundred other scenarios a family",
+        f"python evaluate.py --suite {contest.name}{'' if default else f' --robot {robot}'} {asked}",
         {
             f"{stem}_board.csv": BOARD,
             f"{stem}_pairs.csv": CLAIMS,
@@ -151,6 +152,11 @@ SECTIONS = (
     *_MAIN,
     *_others(),
     *(_claims(contest) for contest in CONTESTS.values() if contest.claims),
+    # whether the agent below the planner is better than the planner on bases that go sideways
+    *(
+        _claims(CONTESTS["goal-obstacles"], robot, ("vfh_plus", "scan_planner", "hybrid"))
+        for robot in ("omni3", "omni4")
+    ),
     Section(
         DISTURBANCES,
         "Under disturbances",
