@@ -40,9 +40,9 @@ class AnyRobot(Hybrid):
 
     The agent of the seed that ships for every robot of the kinematic class (`SheetFeatures`) drives, as in `Hybrid`, to
     a point ahead on the way of the scan planner with its default gains, or those tuned for the robot at the speed
-    `planned`; or alone, to the goal, with `ahead` 0. Where no
-    agent ships for the class, or the scan is not one that it can read, the planner drives. Behind them stands, always,
-    a `Shield`, which knows the base's accelerations and lag and how far its beams stand apart.
+    `planned`; or alone, to the goal, with `ahead` 0. Where no agent ships for the class, or the scan is not one that it
+    can read, the planner drives. Behind them stands, always, a `Shield`, which knows the base's accelerations and lag
+    and how far its beams stand apart.
 
     When for `patience` the way left has not become less, by 0.1 m, and nothing has come nearer by itself (a surface, as
     `find_approaching` sees it, in four control periods in a row), the planner drives by itself until something does:
@@ -140,7 +140,7 @@ class AnyRobot(Hybrid):
                 pass
             else:
                 return None if self.ahead else agent
-        return Shielded(_planner(briefing.robot.name, self._speed(briefing.robot), self.planned))
+        return _shielded(briefing.robot.name, self._speed(briefing.robot), self.planned)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the empty memory of what drives.
@@ -174,3 +174,8 @@ def agents_of(robot: Robot) -> tuple[int, ...]:
 def _planner(robot: str, speed: float, planned: float) -> ScanPlanner:
     found = tuned_gains("scan_planner", SUITE, robot, planned) if planned else {}
     return ScanPlanner(**{**found, "max_speed": speed})
+
+
+@functools.lru_cache(maxsize=64)
+def _shielded(robot: str, speed: float, planned: float) -> Shielded:
+    return Shielded(_planner(robot, speed, planned))
