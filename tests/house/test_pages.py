@@ -21,7 +21,7 @@ BLOCK = re.compile(r"(?:`([\w/]+\.\w+)`:\n\n)?^```(python|bash|text|json)\n(.*?)
 
 # what a line or a Python block contains that is not run, and why not
 LEFT_OUT = {
-    "pip install": "it would change the environment of the tests; test_install.py runs README's first in a fresh one",
+    "pip install": "it would change the environment of the tests; .ci/run runs README's in fresh ones",
     "uvx": "it needs uv, which the tests do not install",
     "pytest": "these are the tests",
     "config.environment(": "one call of a script of RLlib's, which examples/rllib_ppo.py is",

@@ -7,7 +7,6 @@ from urllib.parse import unquote, urlparse
 
 import pytest
 from pictures import stem_of
-from sphinx.application import Sphinx
 
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies import POLICIES
@@ -18,9 +17,11 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="chromium is missing: apt-get install chromium"),
 ]
-pytest.importorskip("playwright.sync_api", reason='playwright is missing: pip install "wayfield[dev]"')
+pytest.importorskip("playwright.sync_api", reason='playwright is missing: pip install -e ".[dev]"')
+pytest.importorskip("sphinx", reason='sphinx is missing: pip install ".[docs]"')
 
 from playwright.sync_api import sync_playwright  # noqa: E402
+from sphinx.application import Sphinx  # noqa: E402
 
 
 @pytest.fixture(scope="module")
