@@ -535,7 +535,7 @@ class GoalReaching(Task):
         """Returns the task's part of the briefing: waypoints and goal, and the obstacles for a policy with a map."""
         courses, goals, *_ = self.world
         scenario = states["scenario"]
-        told: dict[str, Any] = {"position_tolerance": courses["position_tolerance"][scenario]}
+        told: dict[str, Any] = {name: courses[name][scenario] for name in ("position_tolerance", "heading_tolerance")}
         if knows not in ("sensors", "bodies"):
             told["goal"] = Goals(goals[scenario], courses["num_goals"][scenario])
         return told

@@ -114,7 +114,7 @@ class Dwa(Gains):
             ValueError: if the robot has no range scan.
         """
         memory = remembering(self, briefing, STATE)
-        memory["state"]["stop_radius"] = rest_radius(self.stop_radius, briefing)
+        memory["state"]["stop_radius"] = rest_radius(self.stop_radius, briefing.position_tolerance)
         memory["state"]["detour"]["waypoints"] = np.nan
         return memory
 

@@ -12,7 +12,7 @@ from wayfield.envs.robots.kinematics import limit_acceleration, saturation_facto
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
-from wayfield.policies.parts.arriving import is_there, turn_rate
+from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.quadratic import solution
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 MOST_HORIZON = 100  # steps: the Hessian grows with their square
 DAMPING = 0.02  # of the Hessian's largest diagonal entry, added to all
+_LOOP = 2.0  # rad/m, yaw rate by speed, of the plan that moves the robot sideways
 SHARES = (1.0, 0.5, 0.25)  # of a change of plan, that are tried
 
 
@@ -53,8 +54,10 @@ class MpcPose(Gains):
     with these no terminal cost or constraint is needed. Bounds: |v_k| <= speed, |w_k| <= max_yaw_rate, the
     accelerations and the wheel speeds.
 
-    Each period takes the cheapest of three plans, the last one, moved on, and what the law of `polar` would drive,
-    forward and backward, and improves it by a Gauss-Newton step: a program that OSQP solves, of whose change all, a
+    Each period takes the cheapest of five plans, the last one, moved on, and, forward and backward, what the law of
+    `polar` would drive and a loop that leads sideways, v = a sin s, w = 2 a cos s, s from 0 to 2 pi, with the a that
+    takes y off: beside the pose and parallel to it the sum is level, and no step would leave it. It improves that plan
+    by a Gauss-Newton step: a program that OSQP solves, of whose change all, a
     half or a quarter is taken, the first that makes the plan cheaper. Programs that are not solved are counted in the
     memory's field `qp_failures`; the plan is then driven as it is. At the pose (see `arrival_radius` of `SmoothPose`)
     the robot turns on the spot by what is left. What stands around is not seen. A waypoint is taken as a pose that is
@@ -80,7 +83,9 @@ class MpcPose(Gains):
     horizon: int = gain(20, "steps", "of the prediction", least=1, most=MOST_HORIZON)
     step: float = gain(0.15, "s", "rounded to whole control periods", above=0.0, search=(0.1, 0.25))
     solver_iterations: int = gain(400, "1", "of OSQP, at most", least=1, most=1_000_000)
-    arrival_radius: float = gain(0.02, "m", "from the goal, within which it turns to the heading", above=0.0)
+    arrival_radius: float = gain(
+        0.02, "m", "within which it turns to the heading, or less if the goal asks for it", above=0.0
+    )
     turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
     yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
     max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
@@ -90,15 +95,18 @@ class MpcPose(Gains):
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""
-        return np.zeros(
+        memory = np.zeros(
             briefing.num_envs,
             [
                 ("commands", np.float64, (2, self.horizon)),  # at the end of each step, m/s and rad/s
                 ("command", np.float64, (2,)),  # of the last control period
                 ("arrived", np.float64),
+                ("stay", np.float64),  # m, of `stay_radius`
                 ("qp_failures", np.int64),  # programs that were not solved, in this episode
             ],
         )
+        memory["stay"] = stay_radius(self.arrival_radius, briefing)
+        return memory
 
     def act(self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
@@ -128,7 +136,7 @@ class MpcPose(Gains):
         for i in range(len(memory)):
             if rest(p, seen, memory, i, twists):
                 continue
-            cost = choose(p, seen, command, commands, i)
+            cost = choose(p, seen, memory, command, commands, i)
             slope = linearise(p, seen, command, commands, i, program.arrays)
             change = program.solve(slope)
             if change is None:
@@ -226,8 +234,7 @@ def rest(params, seen, memory, i, twists):
     px, py = seen.goals[i]
     # forward or backward: the place is reached when it no longer lies where the last command drives
     way = -1.0 if m.command[0] < 0.0 else 1.0
-    near = math.sqrt(px * px + py * py) < 2.0 * p.arrival_radius
-    there = near and seen.waypoints_left[i] == 0.0 and is_there(m.arrived == 1.0, way * px, way * py, p.arrival_radius)
+    there = is_there(m.arrived == 1.0, way * px, way * py, p.arrival_radius, m.stay) and seen.waypoints_left[i] == 0.0
     m.arrived = 1.0 if there else 0.0
     if there:
         twists[i, 0] = 0.0
@@ -284,8 +291,8 @@ def plan_cost(p, pose, twist, last, plan):
 
 
 @compiled
-def polar_plan(p, pose, twist, last, way, plan):
-    """Fills a plan (2, n) with what `polar` drives: forward, way 1, or backward, -1."""
+def polar_plan(p, radius, pose, twist, last, way, plan):
+    """Fills a plan (2, n) with what `polar` drives: forward, way 1, or backward, -1; within `radius` (m) it turns."""
     v, w = last
     for k in range(plan.shape[1]):
         for _ in range(p.substeps):
@@ -293,7 +300,7 @@ def polar_plan(p, pose, twist, last, way, plan):
             sine, cosine = sin_cos(heading)
             gx = -way * (cosine * x + sine * y)
             gy = -way * (cosine * y - sine * x)
-            if gx * gx + gy * gy > p.arrival_radius * p.arrival_radius:
+            if gx * gx + gy * gy > radius * radius:
                 to_v, to_w = polar_twist(p, gx, gy, -heading)
                 to_v *= way
             else:
@@ -307,9 +314,26 @@ def polar_plan(p, pose, twist, last, way, plan):
         plan[1, k] = w
 
 
+@compiled
+def loop_plan(p, pose, way, plan):
+    """Fills a plan (2, n) that moves a robot beside its pose sideways: out, forward (way 1) or backward, and back.
+
+    With v = a sin(s), w = b cos(s), s from 0 to 2 pi over the horizon of T seconds, x and th come back to where they
+    began and y changes by a b T^2 / (4 pi), to third order.
+    """
+    n = plan.shape[1]
+    horizon = n * p.step
+    product = 4.0 * math.pi * pose[1] / (horizon * horizon)
+    a = min(math.sqrt(abs(product) / _LOOP), p.speed)
+    for k in range(n):
+        sine, cosine = sin_cos(2.0 * math.pi * (k + 1) / n)
+        plan[0, k] = way * a * sine
+        plan[1, k] = -way * math.copysign(min(_LOOP * a, p.max_yaw_rate), product) * cosine
+
+
 @any_layout
 @allocating
-def choose(params, seen, command, commands, i):
+def choose(params, seen, memory, command, commands, i):
     """Puts the cheapest of the plans to start from in the place of robot i's; returns its cost."""
     p = params[0]
     n = commands.shape[2]
@@ -323,11 +347,15 @@ def choose(params, seen, command, commands, i):
     best = plan_cost(p, pose, twist, last, commands[i])
     plan = np.empty((2, n))
     for way in (1.0, -1.0):
-        polar_plan(p, pose, twist, last, way, plan)
-        cost = plan_cost(p, pose, twist, last, plan)
-        if cost < best:
-            best = cost
-            assign(commands[i], plan)
+        for loop in (False, True):
+            if loop:
+                loop_plan(p, pose, way, plan)
+            else:
+                polar_plan(p, min(p.arrival_radius, 0.5 * memory[i].stay), pose, twist, last, way, plan)
+            cost = plan_cost(p, pose, twist, last, plan)
+            if cost < best:
+                best = cost
+                assign(commands[i], plan)
     return best
 
 

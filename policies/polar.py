@@ -10,14 +10,20 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
-from wayfield.policies.parts.arriving import is_there, turn_rate
+from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import bearing
 
-MEMORY = np.dtype([("arrived", np.float64), ("way", np.float64)])  # 1: there; 1 forward, -1 backward, 0: not chosen
+MEMORY = np.dtype(
+    [
+        ("arrived", np.float64),  # 1: there
+        ("way", np.float64),  # 1 forward, -1 backward, 0: not chosen
+        ("stay", np.float64),  # m, of `stay_radius`
+    ]
+)
 
 _TURN_BACK = 0.75 * math.pi  # rad, of alpha, beyond which the way is chosen anew: pushed past its pose
 
@@ -53,7 +59,9 @@ class Polar(Gains):
     k_beta: float = gain(-1.5, "1/s", "yaw rate per radian from the goal heading", below=0.0, search=(-4.0, -0.5))
     max_speed: float = gain(0.6, "m/s", "at most", above=0.0, search=(0.2, 0.6))
     deceleration: float = gain(0.4, "m/s^2", "no more than half of what the base can", above=0.0, search=(0.2, 0.8))
-    arrival_radius: float = gain(0.02, "m", "from the goal, within which it turns to the heading", above=0.0)
+    arrival_radius: float = gain(
+        0.02, "m", "within which it turns to the heading, or less if the goal asks for it", above=0.0
+    )
     turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
     yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
     max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
@@ -63,7 +71,9 @@ class Polar(Gains):
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns whether each robot is there and which way it drives, MEMORY records (b,)."""
-        return np.zeros(briefing.num_envs, MEMORY)
+        memory = np.zeros(briefing.num_envs, MEMORY)
+        memory["stay"] = stay_radius(self.arrival_radius, briefing)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -91,7 +101,8 @@ def approach(params, goals, turns, waypoints_left, memory, twists):
         last = waypoints_left[i] == 0.0
         if m.way == 0.0 or abs(bearing(m.way * py, m.way * px)) > _TURN_BACK:
             m.way = 1.0 if px >= 0.0 else -1.0
-        m.arrived = 1.0 if last and is_there(m.arrived == 1.0, m.way * px, m.way * py, p.arrival_radius) else 0.0
+        there = is_there(m.arrived == 1.0, m.way * px, m.way * py, p.arrival_radius, m.stay)
+        m.arrived = 1.0 if last and there else 0.0
         if m.arrived == 1.0:
             twists[i, 0] = 0.0
             twists[i, 1] = turn_rate(p, turns[i])

@@ -133,7 +133,7 @@ class CorrectedField(Gains):
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, and where it rests, MEMORY records (b,)."""
         memory = np.zeros(briefing.num_envs, MEMORY)
-        memory["stop_radius"] = rest_radius(self.stop_radius, briefing)
+        memory["stop_radius"] = rest_radius(self.stop_radius, briefing.position_tolerance)
         return memory
 
     def act(

@@ -14,7 +14,7 @@ from wayfield.envs.world.grids import grid_clearance
 from wayfield.envs.world.movers import any_moves, motion_at, moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.gain import Gains, gain
-from wayfield.policies.parts.arriving import is_there, turn_rate
+from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
@@ -28,6 +28,7 @@ FIELDS: list[Any] = [
     ("along", np.float64),  # m, of it that is done
     ("off", np.float64),  # 1 once the robot has set off on it
     ("arrived", np.float64),
+    ("stay", np.float64),  # m, of `stay_radius`
     ("steps", np.float64),  # since the episode began
     ("no_path", np.int64),  # plans that are not free, for want of one that is
 ]
@@ -77,7 +78,9 @@ class ReedsShepp(Gains):
     settling: float = gain(0.15, "m", "of way in which errors of the tracker decay", above=0.0, search=(0.08, 0.4))
     speed: float = gain(0.4, "m/s", "at most", above=0.0, search=(0.2, 0.6))
     deceleration: float = gain(0.4, "m/s^2", "no more than half of what the base can", above=0.0, search=(0.2, 0.8))
-    arrival_radius: float = gain(0.02, "m", "from the goal, within which it turns to the heading", above=0.0)
+    arrival_radius: float = gain(
+        0.02, "m", "within which it turns to the heading, or less if the goal asks for it", above=0.0
+    )
     turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
     yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
     max_yaw_rate: float = gain(1.2, "rad/s", "at most", above=0.0)
@@ -87,7 +90,9 @@ class ReedsShepp(Gains):
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the plans of each robot, MEMORY records (b,), none yet."""
-        return np.zeros(briefing.num_envs, MEMORY)
+        memory = np.zeros(briefing.num_envs, MEMORY)
+        memory["stay"] = stay_radius(self.arrival_radius, briefing)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -147,11 +152,11 @@ def note_arrival(p, m, gx, gy):
     """Notes whether the robot is at its goal, (gx, gy) in its frame, m; see `arrival_radius` of `SmoothPose`."""
     # on the last piece backward the goal lies ahead of the robot's back
     way = -1.0 if m.radius > 0.0 and direction(m) < 0.0 else 1.0
-    near = m.radius > 0.0 and m.length - m.along < 2.0 * p.arrival_radius
+    near = m.radius > 0.0 and m.length - m.along < m.stay
     m.arrived = (
         1.0
         if (m.arrived == 1.0 or near or gx * gx + gy * gy < GRAIN * GRAIN)
-        and is_there(m.arrived == 1.0, way * gx, way * gy, p.arrival_radius)
+        and is_there(m.arrived == 1.0, way * gx, way * gy, p.arrival_radius, m.stay)
         else 0.0
     )
 
@@ -313,9 +318,9 @@ def wanted_speed(p, m, end):
     bend = abs(curvature(m, m.along))
     late = max(p.preview - p.plant.dt, 1e-9)
     steady = _STEADY * p.settling / late
-    braking = min(p.deceleration, _OVER / (late * late))
+    braking = min(p.deceleration, min(_OVER, 0.5 * m.stay) / (late * late))
     v = min(p.speed, steady, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * braking * (end - m.along)))
-    return max(v, _LEAST_SPEED)
+    return max(v, min(_LEAST_SPEED, 0.5 * m.stay / late))
 
 
 @inlined

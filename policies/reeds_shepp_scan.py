@@ -13,7 +13,7 @@ from wayfield.envs.world.geometry import OBSTACLE, row_clearance
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.reeds_shepp import pose_along
 from wayfield.policies.gain import gain
-from wayfield.policies.parts.arriving import turn_rate
+from wayfield.policies.parts.arriving import stay_radius, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, unicycle_twists
 from wayfield.policies.parts.stopping import (
@@ -74,7 +74,9 @@ class ReedsSheppScan(ReedsShepp):
         Raises:
             ValueError: if the robot has no range scan.
         """
-        return remembering(self, briefing, STATE)
+        memory = remembering(self, briefing, STATE)
+        memory["state"]["stay"] = stay_radius(self.arrival_radius, briefing)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]

@@ -11,7 +11,7 @@ from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
-from wayfield.policies.parts.arriving import is_there, turn_rate
+from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Motion, unicycle_twists
@@ -20,8 +20,13 @@ from wayfield.system.elementary import bearing, power, sin_cos, wrap_angle
 
 _KEPT = 0.5 * math.pi  # rad, by which the other way must be better to be taken instead
 
-# arrived: 1 at the goal; way: 1 forward, -1 backward, 0 not chosen
-MEMORY = np.dtype([("arrived", np.float64), ("way", np.float64)])
+MEMORY = np.dtype(
+    [
+        ("arrived", np.float64),  # 1: at the goal
+        ("way", np.float64),  # 1 forward, -1 backward, 0: not chosen
+        ("stay", np.float64),  # m, of `stay_radius`
+    ]
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +73,13 @@ class SmoothPose(Gains):
         above=0.0,
         search=(0.2, 0.8),
     )
-    arrival_radius: float = gain(0.05, "m", "within which it turns to the heading", above=0.0, search=(0.01, 0.05))
+    arrival_radius: float = gain(
+        0.05,
+        "m",
+        "within which it turns to the heading, or less if the goal asks for it",
+        above=0.0,
+        search=(0.01, 0.05),
+    )
     turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
     yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
     max_yaw_rate: float = gain(1.5, "rad/s", "of the turn at the goal", above=0.0)
@@ -79,7 +90,9 @@ class SmoothPose(Gains):
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns whether each robot has arrived at its goal and which way it drives, MEMORY records (b,)."""
-        return np.zeros(briefing.num_envs, MEMORY)
+        memory = np.zeros(briefing.num_envs, MEMORY)
+        memory["stay"] = stay_radius(self.arrival_radius, briefing)
+        return memory
 
     def act(
         self,
@@ -175,7 +188,7 @@ def approach(params, goals, turns, waypoints_left, memory, twists):
         m.way = chosen_way(p, m.way, px, py, turns[i])
         px *= m.way
         py *= m.way
-        m.arrived = 1.0 if is_there(m.arrived == 1.0, px, py, p.arrival_radius) else 0.0
+        m.arrived = 1.0 if is_there(m.arrived == 1.0, px, py, p.arrival_radius, m.stay) else 0.0
         if m.arrived == 1.0:
             twists[i, 0] = 0.0
             twists[i, 1] = turn_rate(p, turns[i])

@@ -11,8 +11,17 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.stopping import rest_radius
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
+
+MEMORY = np.dtype(
+    [
+        ("index", np.int64),  # of the waypoint
+        ("near", np.float64),  # m, and rad, within which it rests: `rest_radius`
+        ("turn", np.float64),
+    ]
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,15 +41,18 @@ class Waypoint(Gains):
 
     lam: float = gain(1.0, "1/s", "rate of the decay of the pose error", above=0.0)
     switching_radius: float = gain(0.35, "m", "from a waypoint, within which the next one is headed for", above=0.0)
-    final_tolerance: float = gain(0.01, "m", "and rad for the heading", least=0.0)
+    final_tolerance: float = gain(0.01, "m", "and rad for the heading, or less where the goal asks for it", least=0.0)
 
     knows: ClassVar[str] = "goal"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("holonomic",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns the index of the waypoint that each robot drives to, (b,)."""
-        return np.zeros(briefing.num_envs, np.int64)
+        """Returns the waypoint that each robot drives to and where it rests, MEMORY records (b,)."""
+        memory = np.zeros(briefing.num_envs, MEMORY)
+        memory["near"] = rest_radius(self.final_tolerance, briefing.position_tolerance)
+        memory["turn"] = rest_radius(self.final_tolerance, briefing.heading_tolerance)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
@@ -58,16 +70,17 @@ def drive(params, told, poses, turns, memory, twists):
     p = params[0]
     for i in range(poses.shape[0]):
         last = told.num_goals[i] - 1
+        m = memory[i]
         x, y, heading = poses[i]
-        ex = told.goals[i, memory[i], 0] - x
-        ey = told.goals[i, memory[i], 1] - y
-        if memory[i] < last and math.sqrt(ex * ex + ey * ey) < p.switching_radius:
-            memory[i] += 1
-            ex = told.goals[i, memory[i], 0] - x
-            ey = told.goals[i, memory[i], 1] - y
-        turn = turns[i] if memory[i] == last else 0.0
-        near = math.sqrt(ex * ex + ey * ey) <= p.final_tolerance and abs(turn) <= p.final_tolerance
-        rate = 0.0 if memory[i] == last and near else p.lam
+        ex = told.goals[i, m.index, 0] - x
+        ey = told.goals[i, m.index, 1] - y
+        if m.index < last and math.sqrt(ex * ex + ey * ey) < p.switching_radius:
+            m.index += 1
+            ex = told.goals[i, m.index, 0] - x
+            ey = told.goals[i, m.index, 1] - y
+        turn = turns[i] if m.index == last else 0.0
+        near = math.sqrt(ex * ex + ey * ey) <= m.near and abs(turn) <= m.turn
+        rate = 0.0 if m.index == last and near else p.lam
         sine, cosine = sin_cos(heading)
         twists[i, 0] = rate * (cosine * ex + sine * ey)
         twists[i, 1] = rate * (cosine * ey - sine * ex)

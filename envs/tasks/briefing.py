@@ -101,6 +101,7 @@ class Briefing:
     beam_angles: NDArray[np.float64]  # (beams,) rad, body frame
     max_range: float  # m
     position_tolerance: NDArray[np.float64] | None = None  # (b,) m, from the goal where it is reached; None on a path
+    heading_tolerance: NDArray[np.float64] | None = None  # (b,) rad, off the goal's heading; None on a path
     path: Course | None = None
     goal: Goals | None = None
     map: Surroundings | None = None
@@ -143,8 +144,10 @@ class Briefing:
     def _by_rows(self, other: "Briefing", change: Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]) -> Any:
         """Returns the fields that hold a row for each robot, their arrays changed with those of another."""
         found: dict[str, Any] = {}
-        if self.position_tolerance is not None and other.position_tolerance is not None:
-            found["position_tolerance"] = change(self.position_tolerance, other.position_tolerance)
+        for name in ("position_tolerance", "heading_tolerance"):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine is not None and theirs is not None:
+                found[name] = change(mine, theirs)
         for name, rows in _ROWS.items():
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine is not None:

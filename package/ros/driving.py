@@ -138,6 +138,7 @@ class ToGoal:
             beam_angles=angles,
             max_range=most,
             position_tolerance=np.array([tolerance]),
+            heading_tolerance=np.array([turned]),
         )
         self._policy, self._robot = policy, robot
         self._tolerance, self._turned = tolerance, turned

@@ -41,7 +41,7 @@ def arrive(goals, turns, waypoints_left, scales, twists):
             twists[i, 0] = share * x
             twists[i, 1] = share * y
             twists[i, 2] = turn_rate(law, turns[i])
-        elif is_there(False, x, y, near):
+        elif is_there(False, x, y, near, 2.0 * near):
             twists[i, 0] = 0.0
             twists[i, 1] = turn_rate(law, turns[i])
         else:

@@ -1,18 +1,26 @@
 """The end of a way to a pose: whether a robot counts as there, and how it turns on the spot to the heading."""
 
 import math
+from typing import Any
 
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.parts.stopping import rest_radius
 from wayfield.system.compiled import inlined
 
 
-@inlined
-def is_there(was_there, px, py, radius):
-    """Returns whether a robot counts as at a place (px, py) in its frame, m: within a radius, once there within two.
+def stay_radius(arrival_radius: float, briefing: Briefing) -> Any:
+    """Returns how far from its goal (m) each robot may stay: twice `arrival_radius`, or less where the goal asks."""
+    return rest_radius(2.0 * arrival_radius, briefing.position_tolerance)
 
-    A place at most two radii away that is no longer ahead is reached as well: on the way on it would only recede.
+
+@inlined
+def is_there(was_there, px, py, radius, stay):
+    """Returns whether a robot counts as at a place (px, py) in its frame, m: within both radii, once there in `stay`.
+
+    A place within `stay` that is no longer ahead is reached as well: on the way on it would only recede.
     """
     r = math.sqrt(px * px + py * py)
-    return r <= 2.0 * radius and (was_there or r <= radius or px <= 0.0)
+    return r <= stay and (was_there or r <= radius or px <= 0.0)
 
 
 @inlined

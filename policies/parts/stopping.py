@@ -109,12 +109,11 @@ def remembering(policy: Policy, briefing: Briefing, state: list[Any]) -> NDArray
     return memory
 
 
-def rest_radius(stop_radius: float, briefing: Briefing) -> Any:
-    """Returns how far from its goal (m) each robot may come to rest: `stop_radius`, or less where the goal asks for it.
+def rest_radius(stop_radius: float, tolerance: NDArray[np.float64] | None) -> Any:
+    """Returns how far from its goal (m, or rad) each robot may come to rest: `stop_radius`, or less if the goal asks.
 
     A law may have been tuned for goals that are reached from farther away than the one that it is driven to.
     """
-    tolerance = briefing.position_tolerance
     return stop_radius if tolerance is None else np.minimum(stop_radius, NEAR_ENOUGH * tolerance)
 
 

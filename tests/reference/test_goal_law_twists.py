@@ -180,7 +180,7 @@ def test_the_law_of_document_b_is_its_docstring(policy: Waypoint) -> None:
         poses = rng.uniform(-0.6, 0.6, (n, 3)) * [1.0, 1.0, 5.0]
         turns = rng.choice([0.0, 0.1, 1.0], n) * rng.uniform(-3.0, 3.0, n)
         near = rng.random(n) < 0.3
-        poses[near, :2] = goals[np.arange(n), memory][near, :2] + rng.normal(0.0, 0.1, (near.sum(), 2))
+        poses[near, :2] = goals[np.arange(n), memory["index"]][near, :2] + rng.normal(0.0, 0.1, (near.sum(), 2))
         seen = Observation(poses, np.zeros((n, 3)), np.zeros((n, 2)), turns, np.zeros(n), np.zeros((n, 0)))
         got = policy.act(seen, briefing, memory)
         for k in range(n):

@@ -95,6 +95,13 @@ def polar(p: MpcPose, start: Any, last: Any, way: float, n: int, base: Any) -> A
     return np.array(found).T
 
 
+def loop(p: MpcPose, y: float, way: float, n: int) -> Any:
+    """Returns the loop, v = a sin and w = 2 a cos, that takes y off, each within its bound."""
+    a = min(math.sqrt(4.0 * math.pi * abs(y) / (n * p.step) ** 2 / 2.0), p.speed)
+    s = 2.0 * math.pi * np.arange(1, n + 1) / n
+    return np.array([way * a * np.sin(s), -way * math.copysign(min(2.0 * a, p.max_yaw_rate), y) * np.cos(s)])
+
+
 def slopes(function: Any, at: Any) -> Any:
     """Returns the derivatives of a function by central differences."""
     h, columns = 1e-5, []
@@ -160,11 +167,13 @@ def test_predictive_control_to_a_pose_is_its_docstring(actuators: str, policy: M
         def cost(plan: Any, parts: Any = parts) -> float:
             return float((parts(plan) ** 2).sum())
 
-        # the last plan, moved on by a control period, and the polar law forward and backward
+        # the last plan, moved on by a control period, the polar law and the loop, forward and backward
         substeps = max(round(policy.step / DT), 1)
         moved = old.copy()
         moved[:, :-1] += (old[:, 1:] - old[:, :-1]) / substeps
-        plan = min(moved, *(polar(policy, start, last, way, n, base) for way in (1.0, -1.0)), key=cost)
+        new = [each for way in (1.0, -1.0)
+               for each in (polar(policy, start, last, way, n, base), loop(policy, place.imag, way, n))]  # fmt: skip
+        plan = min(moved, *new, key=cost)
         # the program: the sum's gradient, Gauss and Newton's Hessian, a fiftieth of its largest entry to all
         jacobian = slopes(parts, plan)
         hessian, gradient = 2.0 * jacobian.T @ jacobian, 2.0 * jacobian.T @ parts(plan)
