@@ -3,6 +3,7 @@
 The size of every file is read from its head and checked before anything of that size is made.
 """
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -42,6 +43,7 @@ _DAMAGED = (
     OSError, ValueError, SyntaxError, EOFError, LookupError, TypeError, OverflowError, MemoryError, AssertionError,
     AttributeError,
 )  # fmt: skip
+_REC_709 = (0.212656, 0.715158, 0.072186, 0.0)  # of red, green and blue in the brightness
 _NUMERAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _PGM = b"P5\n# a room\n6 4\n255\n" + bytes([0] * 7 + [254] * 4 + [0] * 2 + [254] * 2 + [205, 254] + [0] * 7)
@@ -89,13 +91,17 @@ def grid_from_file(file: str, unknown: str = "occupied", **settings: Any) -> Occ
     .png, .pbm, .ppm, .bmp), dark where they are occupied, their top row the highest; arrays (.npy: bool, or whole
     numbers as in nav_msgs/OccupancyGrid: 0 free, above it occupied, below it unknown), their first row the lowest.
 
+    Pixels are taken as by nav2_map_server since navigation2's pull request 5071 of April 2025 (map_io.cpp): brightness
+    is one of 256 levels, of a colour that of Rec. 709; at a threshold a cell is occupied, or free; what is not wholly
+    opaque is unknown, but in mode "raw".
+
     Args:
         file: a path.
         unknown: what cells are that the map does not know, and all that lies beyond it: "occupied" or "free".
         settings: what a ROS map's file says itself, under its names. Of all others: "resolution", m, a side of a cell,
             without which no image or array is read (1 m for a MovingAI map), and "origin", the pose (x, y, yaw) of the
             lower left corner, by default (0, 0, 0). Of images also "negate" (1: bright is occupied), "mode",
-            "occupied_thresh" (0.65) and "free_thresh" (0.25), as map_server's.
+            "occupied_thresh" (0.65) and "free_thresh" (0.196: the grey 205 that map_saver writes is unknown).
 
     Raises:
         ValueError: if the file is no such map, is too large, or a setting does not belong; one line that starts with
@@ -121,7 +127,7 @@ def grid_from_file(file: str, unknown: str = "occupied", **settings: Any) -> Occ
 
 
 def file_beside(file: str, field: str, name: Any) -> str:
-    """Returns the path of a file that another one names, relative to its own folder.
+    """Returns the path of a file that another one names, relative to its own folder; links are followed.
 
     Raises:
         ValueError: naming the field, if it is no name or leads out of that folder.
@@ -130,12 +136,22 @@ def file_beside(file: str, field: str, name: Any) -> str:
         raise ValueError(f"{field} is {shown(name)}; it must be the name of a file")
     if os.path.isabs(name) or re.match(r"[A-Za-z]:|[\\/~]", name):
         raise ValueError(f"{field} is {shown(name)}; it must be relative to the folder of {os.path.basename(file)}")
-    folder = os.path.dirname(file)
-    path = os.path.join(folder, name)
-    home, there = (os.path.realpath(each) for each in (folder or ".", path))
-    if os.path.commonpath([home, there]) != home:
+    if os.path.normpath(name).split(os.sep)[0] == os.pardir:
         raise ValueError(f"{field} is {shown(name)}; it must not lead out of the folder of {os.path.basename(file)}")
-    return path
+    return os.path.join(os.path.dirname(file), name)
+
+
+def _picture(file: str, name: Any) -> str:
+    """Returns the path of a ROS map's picture: as the map names it, or else of that name beside the map.
+
+    map_saver writes where it was called from, so that a map that was moved names a folder of its maker's.
+    """
+    bare = re.split(r"[\\/]", name)[-1] if isinstance(name, str) else name
+    beside = file_beside(file, "image", bare if bare not in ("", ".", "..") else name)
+    with contextlib.suppress(ValueError):
+        if os.path.exists(named := file_beside(file, "image", name)):
+            return named
+    return beside
 
 
 def map_of(file: str, field: str, value: Any) -> OccupancyGrid:
@@ -155,7 +171,7 @@ def map_files(file: str, value: Any) -> list[str]:
     """Returns the files that a scenario's map consists of: the map, and the image of a ROS map."""
     found = [file_beside(file, "map.file", value.get("file") if isinstance(value, dict) else value)]
     if found[0].lower().endswith((".yaml", ".yml")):
-        found.append(file_beside(found[0], "image", _ros_fields(found[0])["image"]))
+        found.append(_picture(found[0], _ros_fields(found[0])["image"]))
     return found
 
 
@@ -322,11 +338,14 @@ def _ros_fields(file: str) -> dict[str, Any]:
 def _ros_grid(file: str, unknown: str) -> OccupancyGrid:
     """Returns the grid of a map_server YAML file."""
     fields = _ros_fields(file)
-    image = file_beside(file, "image", fields.pop("image"))
+    name = fields.pop("image")
+    image = _picture(file, name)
     if os.path.splitext(image)[1].lower() not in IMAGE_SUFFIXES:
-        raise ValueError(f"image is {shown(os.path.basename(image))}; it must end in {', '.join(IMAGE_SUFFIXES)}")
+        raise ValueError(f"image is {name!r}; it must end in {', '.join(IMAGE_SUFFIXES)}")
     if not os.path.exists(image):
-        raise ValueError(f"image is {shown(os.path.basename(image))}; there is no such file beside it")
+        raise ValueError(
+            f"image is {name!r}; there is no {os.path.basename(image)} in {os.path.dirname(image) or '.'}: put it there"
+        )
     return _grid_of(file, image, fields, unknown)
 
 
@@ -397,20 +416,21 @@ def _image(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], N
     if not (isinstance(negate, bool | int | float) and negate in (0, 1)):
         raise ValueError(f"negate is {shown(negate)}; it must be 0 or 1")
     high = number("occupied_thresh", settings.get("occupied_thresh", 0.65), least=0.0, most=1.0)
-    low = number("free_thresh", settings.get("free_thresh", 0.25), least=0.0, most=1.0)
+    low = number("free_thresh", settings.get("free_thresh", 0.196), least=0.0, most=1.0)
     if low >= high:
         raise ValueError(f"free_thresh is {low:g}; it must be below occupied_thresh, {high:g}")
-    light, white, opaque = _brightness(file, mode)
-    # of each brightness, whether it counts as occupied, and whether as known
-    levels = np.arange(white + 1)
+    light, opaque = _brightness(file)
+    # of each brightness, whether it counts as occupied, and whether as known; in single precision, as there
+    levels = np.arange(256, dtype=np.float32)
     if mode == "raw":
-        percent = np.rint(levels * (255.0 / white))
-        share = percent / 100.0
+        share = levels / 100.0
+        opaque = None
     else:
-        share = (levels if negate else white - levels) / white
-    occupied, free = share > high, share < low
+        share = levels / np.float32(255.0)
+        share = share if negate else 1.0 - share
+    occupied, free = share >= np.float32(high), share <= np.float32(low)
     if mode == "raw":
-        occupied &= percent <= 100
+        occupied &= levels <= 100
     taken = occupied[light]
     known = (occupied | free)[light]
     if opaque is not None:
@@ -419,12 +439,8 @@ def _image(file: str, settings: Mapping[str, Any]) -> tuple[NDArray[np.bool_], N
     return taken[::-1].copy(), known[::-1].copy()
 
 
-def _brightness(file: str, mode: str) -> tuple[NDArray[np.uint16], int, NDArray[np.bool_] | None]:
-    """Returns the brightness (rows, columns) of an image, top row first, what is white, and where it is opaque.
-
-    Brightness is the plain mean of the channels, not what the eye sees. As in map_server an image that has an alpha
-    channel has it averaged in where the mode is "trinary"; in "scale" all that is not wholly opaque is unknown.
-    """
+def _brightness(file: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
+    """Returns the brightness (rows, columns) of an image, top row first, and where it is wholly opaque; None: all."""
     name = os.path.basename(file)
     check_ordinary(file, f"image {name}")
     try:
@@ -437,17 +453,13 @@ def _brightness(file: str, mode: str) -> tuple[NDArray[np.uint16], int, NDArray[
                     deep = np.asarray(image)
                     if deep.dtype.kind not in "iu" or deep.min() < 0 or deep.max() > 65535:
                         raise ValueError(f"image {name} has pixels of {image.mode}; it must have 8 or 16 bits")
-                    return deep.astype(np.uint16), 65535, None
+                    return ((deep.astype(np.uint32) + 128) // 257).astype(np.uint8), None
                 clear = image.has_transparency_data
                 if image.mode in ("1", "L") and not clear:
-                    return np.asarray(image.convert("L")).astype(np.uint16), 255, None
-                channels = np.asarray(image.convert("RGBA" if clear else "RGB"))
-                count = 4 if clear and mode == "trinary" else 3
-                total = channels[..., 0].astype(np.uint16)
-                for k in range(1, count):
-                    total += channels[..., k]
-                opaque = channels[..., 3] == 255 if clear and mode == "scale" else None
-                return total, 255 * count, opaque
+                    return np.asarray(image.convert("L")), None
+                whole = image.convert("RGBA" if clear else "RGB")
+                opaque = np.asarray(whole.getchannel("A")) == 255 if clear else None
+                return np.asarray(whole.convert("RGB").convert("L", _REC_709)), opaque
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise ValueError(f"image {name} is too large; it must have at most {MOST_CELLS:,} pixels") from None
     except UnidentifiedImageError:
