@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.envs.scenarios.maps import map_of
+from wayfield.envs.scenarios.maps import MAP_SUFFIXES, map_of
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
@@ -61,7 +61,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         except ValueError as error:
             raise fault(file, error) from None
     if suffix.lower() != ".json":
-        raise fault(file, f"suffix {suffix!r} is not known; a path is read from .csv, .txt or .json")
+        raise _of_no_scenario(file, "a path is read from .csv, .txt or .json")
     fields = json_object(file)
     check_keys(file, "", fields, _PATH_FIELDS)
     if ("path" in fields) == ("path_file" in fields):
@@ -114,7 +114,7 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
     """
     name, suffix = os.path.splitext(os.path.basename(file))
     if suffix.lower() != ".json":
-        raise fault(file, f"suffix {suffix!r} is not known; a goal scenario is read from .json")
+        raise _of_no_scenario(file, "a goal scenario is read from .json", spec.kind)
     fields = json_object(file)
     kind = spec.kind
     if kind == _GOAL:
@@ -139,6 +139,16 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
     except ValueError as error:
         raise fault(file, error) from None
     return scenario
+
+
+def _of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
+    """Returns the error of a file by whose name it is no scenario; of a map it shows the scenario to write."""
+    name, suffix = os.path.basename(file), os.path.splitext(file)[1]
+    if suffix.lower() not in MAP_SUFFIXES:
+        return fault(file, f"suffix {suffix!r} is not known; {wanted}")
+    bare = suffix.lower() not in (".yaml", ".yml", ".map")
+    told = json.dumps({"start": [1, 2, 0], kind: [9, 4, 0], "map": {"file": name, "resolution": 0.05} if bare else name})
+    return fault(file, f"is a map; a scenario also has a start and a {kind}: write {told} to mine.json beside it")
 
 
 def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
