@@ -69,37 +69,38 @@ def barn_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
 
 
 def racetrack_courses(folder: str, robot: Robot, scale: float = SCALE) -> tuple[Course, ...]:
-    """Returns the circuits of a folder, a course each, made small by the scale.
+    """Returns the circuits of a folder, a course each, made small by the scale; warns of each faulty file.
 
     Raises:
-        ValueError: if there are none, or a file is faulty; one line that names it.
+        ValueError: if there are none, or all are faulty; one line that names the first.
         OSError: if a file cannot be opened.
     """
     del robot
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() == ".csv" and file.name[0] != ".")
     if not files:
         raise ValueError(f"{folder}: holds no circuits: no .csv file")
-    found = []
-    for file in files:
+
+    def course(file: Path) -> Course:
         own = own_scenario(str(file), scale)
         if not own.scenario.path.closed:
             raise ValueError(f"{file}: is no circuit; its header must be # x_m,y_m,w_tr_right_m,w_tr_left_m")
-        found.append(Course(file.stem, PUBLIC_SPLIT, own.file, own.steps, own.env_kwargs))
-    return tuple(found)
+        return Course(file.stem, PUBLIC_SPLIT, own.file, own.steps, own.env_kwargs)
+
+    return _those_that_can(course, files, "circuits")
 
 
 def mrpb_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
-    """Returns the maps of a folder, a course each with its cases; warns of each that a robot has no way in.
+    """Returns the maps of a folder, a course each with its cases; warns of each case and map that cannot be driven.
 
     Raises:
-        ValueError: if there are none, a file is faulty, or no case of a map can be driven; one line that names it.
+        ValueError: if there are none, or none can be driven; one line that names the first.
         OSError: if a file cannot be opened.
     """
     places = [place for place in (Path(folder), *sorted(Path(folder).iterdir())) if is_mrpb(place)]
     if not places:
         raise ValueError(f"{folder}: holds no maps of MRPB: no folder with {MAP} and {CASES} or {CONFIG}")
-    found = []
-    for place in places:
+
+    def course(place: Path) -> Course:
         bank = scenarios_of(TASKS["goal_reaching"], str(place), robot.hull_radius)
         lengths, problems = {}, []
         for k, each in enumerate(bank):
@@ -112,15 +113,18 @@ def mrpb_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
         for problem in problems:
             warnings.warn(f"{problem}; it is left out, {len(lengths)} of {len(bank)} cases are driven", stacklevel=2)
         clock = _clock(max(lengths.values()), MRPB_SPEED)
-        found.append(Course(place.name, PUBLIC_SPLIT, str(place), clock, members=tuple(lengths)))
-    return tuple(found)
+        return Course(place.name, PUBLIC_SPLIT, str(place), clock, members=tuple(lengths))
+
+    return _those_that_can(course, places, "maps")
 
 
 def movingai_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
     """Returns the lists of problems of a folder, a course each with twelve of its problems, evenly by their lengths.
 
+    Warns of each list that is faulty.
+
     Raises:
-        ValueError: if there are none, or a file is faulty; one line that names it.
+        ValueError: if there are none, or all are faulty; one line that names the first.
         OSError: if a file cannot be opened.
     """
     files = sorted(Path(folder).rglob("*.scen"))
@@ -128,8 +132,8 @@ def movingai_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
         raise ValueError(f"{folder}: holds no problems: no .scen file")
     if len({file.name for file in files}) < len(files):
         raise ValueError(f"{folder}: holds two .scen files of the same name; their names must differ")
-    found = []
-    for file in files:
+
+    def course(file: Path) -> Course:
         bank = scenarios_of(TASKS["goal_reaching"], str(file), robot.hull_radius)
         lengths = {k: each.published_length for k, each in enumerate(bank) if each.published_length > 0.0}
         order = sorted(lengths, key=lengths.__getitem__)
@@ -138,7 +142,23 @@ def movingai_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
         count = min(PROBLEMS, len(order))
         members = tuple(order[(2 * j + 1) * len(order) // (2 * count)] for j in range(count))
         steps = _clock(lengths[members[-1]], PACE)
-        found.append(Course(file.stem, PUBLIC_SPLIT, str(file), steps, members=members))
+        return Course(file.stem, PUBLIC_SPLIT, str(file), steps, members=members)
+
+    return _those_that_can(course, files, "lists")
+
+
+def _those_that_can(course: Callable[[Path], Course], places: list[Path], what: str) -> tuple[Course, ...]:
+    """Returns the course of each place and warns of those that have none; ValueError where none has one."""
+    found, problems = [], []
+    for place in places:
+        try:
+            found.append(course(place))
+        except ValueError as error:
+            problems.append(str(error))
+    if not found:
+        raise ValueError(problems[0])
+    for problem in problems:
+        warnings.warn(f"{problem}; it is left out, {len(found)} of {len(places)} {what} are driven", stacklevel=3)
     return tuple(found)
 
 
