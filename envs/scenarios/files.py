@@ -5,6 +5,7 @@ import inspect
 import json
 import os
 import pathlib
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from wayfield.envs.scenarios.maps import MAP_SUFFIXES, map_of
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, path_from_table
+from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, closing, origin_to_subtract, path_from_table
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.world.paths import Path
 from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
@@ -71,7 +72,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         raise fault(file, f"closed is {shown(closed)}; it must be true or false")
     try:
         if "path" in fields:
-            fields["path"] = _listed_path(fields["path"], closed, scale)
+            fields["path"] = _listed_path(file, fields["path"], closed, scale)
         else:
             fields["path"] = _table_path(file, fields.pop("path_file"), closed, scale)
         if fields.get("start") is not None:
@@ -147,7 +148,9 @@ def _of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
     if suffix.lower() not in MAP_SUFFIXES:
         return fault(file, f"suffix {suffix!r} is not known; {wanted}")
     bare = suffix.lower() not in (".yaml", ".yml", ".map")
-    told = json.dumps({"start": [1, 2, 0], kind: [9, 4, 0], "map": {"file": name, "resolution": 0.05} if bare else name})
+    told = json.dumps(
+        {"start": [1, 2, 0], kind: [9, 4, 0], "map": {"file": name, "resolution": 0.05} if bare else name}
+    )
     return fault(file, f"is a map; a scenario also has a start and a {kind}: write {told} to mine.json beside it")
 
 
@@ -165,20 +168,24 @@ def _table_path(file: str, table: Any, closed: bool | None, scale: float) -> Pat
     return path_from_table(os.path.join(os.path.dirname(file), table), scale, closed)
 
 
-def _listed_path(points: Any, closed: bool | None, scale: float) -> Path:
-    """Returns the path of the points in a JSON file; closed None: when the last point repeats the first."""
+def _listed_path(file: str, points: Any, closed: bool | None, scale: float) -> Path:
+    """Returns the path of the points in a JSON file; closed None: as `closing` finds."""
     if not isinstance(points, list):
         raise ValueError(f"path is {shown(points)}; it must be a list of [x, y]")
     if len(points) > MOST_POINTS:
         raise ValueError(f"path has {len(points)} points; there must be at most {MOST_POINTS}")
-    pairs = [numbers_of(f"path[{i}]", point, 2, "x, y") for i, point in enumerate(points)]
+    try:
+        pairs = [numbers_of(f"path[{i}]", point, 2, "x, y") for i, point in enumerate(points)]
+    except ValueError as error:
+        pair = isinstance(points[0], list) and len(points[0]) == 2
+        raise ValueError(f"{error}{origin_to_subtract(points[0], scale) if pair else ''}") from None
     for i, (x, y) in enumerate(pairs):
         if max(abs(x), abs(y)) * scale > FARTHEST:
             raise ValueError(f"path[{i}] is {(x, y)}; it must lie within {FARTHEST:g} m of the origin")
-    repeats_first = len(pairs) > 1 and pairs[0] == pairs[-1]
-    if repeats_first and closed is not False:
-        pairs, closed = pairs[:-1], True
-    return Path([(x * scale, y * scale) for x, y in pairs] or np.empty((0, 2)), bool(closed))
+    found, closed, said = closing(np.reshape([(x * scale, y * scale) for x, y in pairs], (-1, 2)), closed)
+    if said:
+        warnings.warn(f"{file}: path {said}", stacklevel=2)
+    return Path(found, closed)
 
 
 def _obstacle(file: str, place: str, value: Any) -> np.void:

@@ -1,24 +1,44 @@
-"""Paths from text tables: x,y columns, CoppeliaSim's seven columns, and race circuits."""
+"""Paths from text tables: columns of x and y by name, CoppeliaSim's seven columns, and race circuits."""
 
 import dataclasses
+import math
+import os
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayfield.envs.world.geometry import lengths
 from wayfield.envs.world.paths import Path
-from wayfield.system.checks import FARTHEST, MOST_POINTS, shown
+from wayfield.system.checks import FARTHEST, MOST_POINTS, real, shown
 from wayfield.system.objects import read_text
 from wayfield.system.readers import reader
 
 TABLE_SUFFIXES = (".csv", ".txt")
 _COPPELIASIM_COLUMNS = 7  # x, y, z, qx, qy, qz, qw
+SAME_PLACE = 1e-3  # m, within which the last point of a circuit is the first one again
+_UNIT = 0.01  # by which the squares of a quaternion may sum to something else than 1
+_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", None: "white space"}
 _TRACK_WIDTHS = {"w_tr_right_m", "w_tr_left_m"}  # name the circuits of the TUM racetrack database
 # Numerals as NumPy's reader takes them: no digit separators, no hexadecimals
 _NUMERAL = re.compile(
     r"[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII
 )
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
+# Words of a header, camel case apart. A column of x is named so alone, or beside these words, the first set first.
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
+_AS_X = {"easting": "x", "east": "x", "northing": "y", "north": "y"}
+_BESIDE_X: tuple[frozenset[str], ...] = (
+    frozenset(),
+    frozenset({"m", "meter", "meters", "metre", "metres"}),
+    frozenset({"m", "pos", "position", "pose", "point", "poses", "translation"}),
+    frozenset({"m", "waypoint", "world", "map", "odom", "local", "utm", "coord", "ref", "center", "centre"}),
+)
+_NO_PLACE = {"orientation", "rotation", "twist", "linear", "angular", "velocity", "vel", "acceleration", "covariance"}
+_DEGREES = ({"lat", "latitude"}, {"lon", "lng", "long", "longitude"})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +46,7 @@ class _Layout:
     """What the first lines of a table tell about the rest."""
 
     first_row: int  # index of the first line with data
-    delimiter: str | None  # None for white space
+    delimiter: str | None  # of _SEPARATORS
     width: int  # columns of the first row
     columns: tuple[int, int]  # of x and y
     named: bool  # whether a header named the columns
@@ -35,20 +55,25 @@ class _Layout:
 
 _POSES = "".join(f"{x}, 0.5, 0, 0, 0, 0, 1\n" for x in range(5))
 _CIRCUIT = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n20,0,3,3\n20,20,3,3\n0,20,3,3\n"
+_RACING_LINE = "# s_m; x_m; y_m; psi_rad\n0; 0; 0; 0\n1; 1; 0; 0\n2; 2; 0.1; 0.1\n3; 3; 0.3; 0.2\n"
 
 
 @reader("path table", "path.csv", {"path.csv": "name,x,y\na,0,0\nb,1,0.5\nc,2,0\nd,3,1\n"})
 @reader("path table of poses", "path.csv", {"path.csv": _POSES})
 @reader("path table of a circuit", "path.csv", {"path.csv": _CIRCUIT})
+@reader("path table of a racing line", "path.csv", {"path.csv": _RACING_LINE})
 @reader("path table with spaces", "path.txt", {"path.txt": "0 0\n1 0.5\n2 0\n# end\n0 0\n"})
 def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -> Path:
     """Returns the path of a text table, its coordinates multiplied by `scale`.
 
-    Read are: columns named x and y (or x_m and y_m) in a header, among any others; two columns x, y without a
-    header; seven columns x, y, z, qx, qy, qz, qw without a header (CoppeliaSim's customData.PATH); circuits
-    with the header `# x_m,y_m,w_tr_right_m,w_tr_left_m` (TUMFTM/racetrack-database). Separated by commas or
-    white space; a # starts a comment. Unless it is said by `closed`, the path is closed for a circuit, and where the
-    last point repeats the first; an open one then goes all the way back.
+    Read are: columns named in a header, among any others: x and y, with a unit (x_m, "x [m]"), as positions of ROS
+    messages (field.pose.position.x, /odom/pose/pose/position/x, pos_x) or as easting and northing; two columns x, y
+    without a header; seven columns x, y, z, qx, qy, qz, qw without a header (CoppeliaSim's customData.PATH); circuits
+    with the header `# x_m,y_m,w_tr_right_m,w_tr_left_m` (TUMFTM/racetrack-database). Separated by semicolons, commas,
+    tabs or other white space; a # starts a comment.
+
+    Unless it is said by `closed`, the path is closed for a circuit and where the table comes back to its start; see
+    `closing`. A line says so where the last point does not repeat the first to the digit.
 
     Raises:
         ValueError: if the file is no such table; one line that starts with file:line.
@@ -59,26 +84,29 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
         raise _fault(file, 2 * MOST_POINTS, f"the table goes on; it must have at most {MOST_POINTS} points")
     layout = _layout(file, lines)
     points = _points(file, lines, layout)
+    first = points[0].tolist()
     with np.errstate(over="ignore"):  # an infinite product is reported below
         points *= scale
     far = np.flatnonzero(~(np.abs(points) <= FARTHEST).all(axis=1))  # true for NaN as well
     if len(far):
-        at = points[far[0]].tolist()
         line = _line_of(lines, layout, far[0])
-        raise _fault(file, line, f"point {at} is not finite or beyond {FARTHEST:g} m")
+        problem = f"point {points[far[0]].tolist()} is not finite or beyond {FARTHEST:g} m"
+        raise _fault(file, line, problem + origin_to_subtract(first, scale))
 
     if len(points) > MOST_POINTS:
         line = _line_of(lines, layout, MOST_POINTS)
         raise _fault(file, line, f"the table has {len(points)} points; it must have at most {MOST_POINTS}")
-    repeats_first = len(points) > 1 and bool((points[0] == points[-1]).all())
     same = np.flatnonzero((np.diff(points, axis=0) == 0.0).all(axis=1))
     if len(same):
         line = _line_of(lines, layout, same[0] + 1)
         at = points[same[0]].tolist()
         raise _fault(file, line, f"point {at} repeats the one before it; remove the row")
-    closed = (layout.circuit or repeats_first) if closed is None else closed
-    if repeats_first and closed:
-        points = points[:-1]
+    points, closed, said = closing(points, closed, layout.circuit)
+    if said:
+        where = (
+            f' in a .json file beside it, with "path_file": "{os.path.basename(file)}"' if '"closed"' in said else ""
+        )
+        warnings.warn(f"{file}: {said}{where}", stacklevel=2)
     least = 3 if closed else 2
     if len(points) < least:
         kind = "a closed path" if closed else "a path"
@@ -87,40 +115,90 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
     return Path(points, closed)
 
 
+def closing(
+    points: NDArray[np.float64], closed: bool | None, circuit: bool = False
+) -> tuple[NDArray[np.float64], bool, str]:
+    """Returns the points of a path without a repeated first one, whether it is closed, and a line if that is a guess.
+
+    Where nothing is said the path is closed if its last point lies within 1 mm (or a hundredth of its length) of the
+    first one, which it then stands for, or if from the last point it goes on to the first one as from point to point:
+    no more than half a median step further, without a corner of 45 degrees, after eight points or more.
+
+    Args:
+        points: (n, 2), m.
+        closed: what the user says; None: nothing.
+        circuit: whether the file is one of a circuit.
+    """
+    if len(points) < 3:
+        repeats = len(points) == 2 and bool((points[0] == points[1]).all())
+        return (points[:-1], True, "") if repeats and closed is not False else (points, bool(closed or circuit), "")
+    steps = np.diff(points, axis=0)
+    sizes = lengths(steps)
+    across = points[0] - points[-1]
+    gap = math.hypot(*across)
+    repeats = gap <= min(SAME_PLACE, 0.01 * float(sizes.sum()))
+    if closed is False or (not repeats and (closed or circuit)):
+        return points, bool(closed is not False), ""
+    if repeats:
+        said = gap > 0.0 and closed is None and not circuit
+        return points[:-1], True, f"ends {gap:.2g} m from its start: taken as closed" if said else ""
+    corners = steps[[0, -1]] @ across / np.maximum(sizes[[0, -1]] * gap, np.finfo(float).tiny)
+    if len(points) >= 8 and gap <= 1.5 * np.median(sizes) and corners.min() > math.sqrt(0.5):
+        return points, True, f'ends a step of {gap:.2g} m before its start: taken as closed; else say "closed": false'
+    if gap <= 0.02 * sizes.sum():
+        return points, False, f'ends {gap:.2g} m from its start: taken as open; to close it, say "closed": true'
+    return points, False, ""
+
+
+def origin_to_subtract(first: Sequence[Any], scale: float) -> str:
+    """Returns what to do about points too far away, where the path's first (x, y) is: the origin to subtract; or ""."""
+    x, y = (real(each) for each in first)
+    far = math.isfinite(x + y) and max(abs(x), abs(y)) * scale > FARTHEST
+    return f"; subtract an origin near the path from all points, such as ({x:.0f}, {y:.0f})" if far else ""
+
+
 def _layout(file: str, lines: list[str]) -> _Layout:
     """Returns the layout of the table, from its header, if any, and its first row."""
     names: list[str] = []
+    columns = None
     for i, line in enumerate(lines):
         if line.lstrip().startswith("#"):
-            fields = _header(line.lstrip("# \t"))
-            if _xy_columns(fields):
-                names = fields
+            told = _header(line.lstrip("# \t"))
+            if found := _xy_columns(file, i + 1, told):
+                names, columns = told, found
             continue
         text = line.split("#", 1)[0].strip()
-        delimiter = "," if "," in text else None
+        delimiter = _separator(text)
         fields = _fields(text, delimiter)
         if not fields:
             continue
-        if not names and not any(_NUMERAL.fullmatch(field) for field in fields):
+        number = [_NUMERAL.fullmatch(field) or _DECIMAL_COMMA.fullmatch(field) for field in fields]
+        if not names and not any(number):
             names = _header(text)
-            if not _xy_columns(names):
+            columns = _xy_columns(file, i + 1, names)
+            if not columns:
                 raise _fault(
                     file,
                     i + 1,
                     f"{shown(text)} is neither a row of numbers nor a header with columns x and y",
                 )
             continue
-        columns = _xy_columns(names) or (0, 1)
-        if names and len(fields) <= max(columns):
-            raise _fault(file, i + 1, f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}")
+        separated = f"the columns are separated by {_SEPARATORS[delimiter]}"
+        # with white space a field left out would shift the others
+        if names and (len(fields) <= max(columns or ()) or (delimiter is None and len(fields) != len(names))):
+            problem = f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}; {separated}"
+            raise _fault(file, i + 1, problem)
         if not names and len(fields) not in (2, _COPPELIASIM_COLUMNS):
             raise _fault(
                 file,
                 i + 1,
                 f"{shown(text)} has {len(fields)} column(s); without a header it must be 2 (x, y) or 7 "
-                "(x, y, z, qx, qy, qz, qw)",
+                f"(x, y, z, qx, qy, qz, qw): name them in a first line, such as x,y,speed; {separated}, decimals have "
+                "a point",
             )
-        return _Layout(i, delimiter, len(fields), columns, bool(names), set(names) >= _TRACK_WIDTHS)
+        return _Layout(
+            i, delimiter, len(fields), columns or (0, 1), bool(names), {name.lower() for name in names} >= _TRACK_WIDTHS
+        )
     raise _fault(file, len(lines), "the table has no points")
 
 
@@ -149,8 +227,21 @@ def _points(file: str, lines: list[str], layout: _Layout) -> NDArray[np.float64]
                 raise _fault(file, number, problem) from None
             for field in [fields[c] for c in layout.columns] if layout.named else fields:
                 if not _NUMERAL.fullmatch(field):
-                    raise _fault(file, number, f"{shown(field)} is not a number") from None
+                    what = f"{shown(field)} is not a number" if field else "a column is empty; leave out the row"
+                    comma = "; write its decimals with a point" if _DECIMAL_COMMA.fullmatch(field) else ""
+                    separated = f"the columns are separated by {_SEPARATORS[layout.delimiter]}"
+                    raise _fault(file, number, f"{what}{comma}; {separated}") from None
         raise ValueError(f"{file}: {' '.join(str(error).split())}") from None
+    if not layout.named and layout.width == _COPPELIASIM_COLUMNS:
+        odd = np.flatnonzero(~(np.abs((table[:, 3:] ** 2).sum(axis=1) - 1.0) <= _UNIT))
+        if len(odd):
+            told = ", ".join(f"{each:g}" for each in table[odd[0], 3:])
+            raise _fault(
+                file,
+                _line_of(lines, layout, odd[0]),
+                f"columns 4 to 7 are {told}, which is no unit quaternion; seven columns without a header must be x, y, "
+                "z, qx, qy, qz, qw: name others in a first line, such as s,x,y,psi,kappa,vx,ax",
+            )
     return np.ascontiguousarray(table[:, :2])
 
 
@@ -160,16 +251,46 @@ def _fields(text: str, delimiter: str | None) -> list[str]:
     return [field.strip() for field in text.split(delimiter)] if text else []
 
 
+def _separator(text: str) -> str | None:
+    """Returns what separates the columns of a line; commas between digits alone are those of decimals."""
+    if ";" in text:
+        return ";"
+    words = text.split()
+    if "," in text and not (len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words)):
+        return ","
+    return "\t" if "\t" in text and "\t\t" not in text else None
+
+
 def _header(text: str) -> list[str]:
-    """Returns the names in a header, in lower case, without quotation marks."""
-    return [field.strip(' "').lower() for field in text.split("," if "," in text else None)]
+    """Returns the names in a header, without quotation marks."""
+    return [field.strip(" \"'") for field in text.strip().split(_separator(text.strip()))]
 
 
-def _xy_columns(names: list[str]) -> tuple[int, int] | None:
-    """Returns which columns hold x and y, or None when the names lack one."""
-    for x, y in (("x", "y"), ("x_m", "y_m")):
-        if x in names and y in names:
-            return names.index(x), names.index(y)
+def _xy_columns(file: str, line: int, names: list[str]) -> tuple[int, int] | None:
+    """Returns which columns hold x and y, or None when the names lack one.
+
+    Raises:
+        ValueError: if several could be meant, or places are given in degrees.
+    """
+    words = [[_AS_X.get(each.lower(), each.lower()) for each in _WORD.findall(name)] for name in names]
+    for beside in _BESIDE_X:
+        pairs = []
+        for k, each in enumerate(words):
+            own = set(each) - {"x"}
+            # of a ROS topic any words stand before; of its messages the last ones tell
+            if each.count("x") == 1 and (own <= beside or (own & beside - {"m"} and not own & _NO_PLACE)):
+                other = ["y" if word == "x" else word for word in each]
+                if other in words:
+                    pairs.append((k, words.index(other)))
+        if len(pairs) > 1:
+            told = " and ".join(shown(names[k]) for k, _ in pairs[:2])
+            raise _fault(file, line, f"the columns {told} could both be x; leave one, or name it x and its partner y")
+        if pairs:
+            return pairs[0]
+    if all(any(set(each) & degrees for each in words) for degrees in _DEGREES):
+        raise _fault(
+            file, line, "latitude and longitude are degrees; project them to metres, such as UTM less an origin, as x,y"
+        )
     return None
 
 

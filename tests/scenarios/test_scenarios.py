@@ -352,8 +352,8 @@ def test_missing_files_and_folders(tmp_path: FilePath) -> None:
 def test_points_survive_the_way_through_a_file(
     tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, float]]
 ) -> None:
-    # shorter paths are refused
-    assume(np.hypot(*np.diff(points, axis=0).T).min() > 1e-3)
+    # shorter paths are refused, and a circuit's last point is its first one
+    assume(np.hypot(*np.diff([*points, points[0]], axis=0).T).min() > 1e-3)
     file = tmp_path_factory.getbasetemp() / "round_trip.csv"
     file.write_text("\n".join(f"{x!r},{y!r}" for x, y in points))
     (scenario,) = path_scenarios(str(file))

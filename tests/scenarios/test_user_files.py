@@ -8,10 +8,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from PIL import Image
 
 import wayfield  # noqa: F401
 from wayfield.envs.scenarios import GoalScenario, box, maps, obstacle_field
-from wayfield.envs.scenarios.files import kind_of
+from wayfield.envs.scenarios.files import kind_of, path_scenario_from_file
 from wayfield.envs.scenarios.tables import path_from_table
 
 ROOM = "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n....\n"
@@ -95,6 +96,12 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
     for head, row in (
         ("y,x", "{1},{0}"), ('"X" , "Y"', "{0},{1}"), ("# y, time, x", "{1}, 7, {0}"), ("t,x_m,y_m", "9,{0},{1}"),
         ("y x t", "{1} {0} 3"), ("# x y\n# nothing", "{0}\t{1}"),
+        ("# 0b1f\n# s_m; x_m; y_m; psi_rad", "9; {0}; {1}; 7"), ("Y [m]\tX [m]", "{1}\t{0}"), ("x;y", "{0};{1}"),
+        ("%time,field.header.frame_id,field.pose.pose.position.x,field.pose.pose.position.y,"
+         "field.pose.pose.orientation.x,field.pose.pose.orientation.y,field.twist.twist.linear.x,"
+         "field.twist.twist.linear.y", "9,odom,{0},{1},7,7,7,7"),
+        ("__time,/odom/pose/pose/position/x,/odom/pose/pose/position/y", "9,{0},{1}"),
+        ("t\tposX\tposY\tvelX\tvelY", "9\t{0}\t{1}\t7\t7"), ("northing,easting,zone", "{1},{0},32N"),
     ):  # fmt: skip
         file.write_text(head + "\n" + "".join(row.format(*point) + "\n" for point in points))
         path = path_from_table(str(file), 2.0)
@@ -108,6 +115,85 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
     assert path_from_table(str(file)).points.tolist() == [[1e6, 0.0], [0.0, -1e6]]
     with pytest.raises(ValueError, match=r"table\.csv:1: "):
         path_from_table(str(file), 1.0000001)
+
+
+def ring(share: float, count: int, digits: int = 17) -> list[tuple[float, float]]:
+    """Returns points of a circle of radius 1 m from its start over that share of a turn, both ends included."""
+    angles = np.linspace(0.0, 2.0 * math.pi * share, count)
+    return [(round(math.cos(each), digits), round(math.sin(each), digits)) for each in angles]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+@pytest.mark.parametrize(
+    ("points", "count", "closed", "said"),
+    [
+        (ring(1.0, 60), 59, True, "m from its start: taken as closed"),
+        (ring(1.0 + 1e-5, 60), 59, True, "m from its start: taken as closed"),
+        ([*ring(1.0, 60)[:-1], (1.0, 0.0)], 59, True, ""),  # to the digit
+        (ring(1.0 - 1 / 60, 60, 4), 60, True, '"closed": false'),  # as racing lines are written
+        (ring(0.99, 600), 600, False, '"closed": true'),
+        (ring(0.75, 60), 60, False, ""),
+        # two lanes of a mower: the end is a step beside the start, and no circuit
+        ([(0.5 * k, 0.0) for k in range(6)] + [(2.5 - 0.5 * k, 0.5) for k in range(6)], 12, False, ""),
+    ],
+)
+def test_a_path_that_comes_back_is_closed_or_a_line_says_that_it_is_not(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder, suffix: str, points: Any, count: int, closed: bool, said: str
+) -> None:
+    file = tmp_path / f"a.{suffix}"
+    content: dict[str, Any] = {"path": points}
+    file.write_text("".join(f"{x},{y}\n" for x, y in points) if suffix == "csv" else json.dumps(content))
+    path = path_scenario_from_file(str(file)).path
+    assert (len(path.points), path.closed) == (count, closed)
+    told = [str(each.message) for each in recwarn]
+    assert [said in each and str(file) in each for each in told] == [True] * bool(said)
+    if suffix == "json":  # what is said counts
+        for wanted in (True, False):
+            file.write_text(json.dumps(content | {"closed": wanted}))
+            assert path_scenario_from_file(str(file)).path.closed is wanted
+        assert len(recwarn) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("500000.5,5400000\n500001,5400000\n", r":1: .*beyond 1e\+06 m; subtract an origin .* \(500000, 5400000\)"),
+        ("0,0\n1,1\n5e6,0\n", r":3: point \[5000000.0, 0.0\] is not finite or beyond 1e\+06 m$"),
+        ("x;y\n1,5;2,5\n", ":2: '1,5' is not a number; write its decimals with a point; .* by semicolons"),
+        ("1,5\t2,5\n", ":1: '1,5' is not a number; write its decimals with a point; .* by tabs"),
+        ("1,5 2,5\n", ":1: '1,5' is not a number; write its decimals with a point; .* by white space"),
+        ("1,5,2,5\n", ":1: .* has 4 column.* by commas, decimals have a point"),
+        ("1;2;3\n", ":1: .* has 3 column.* name them in a first line, such as x,y,speed; .* by semicolons"),
+        ("x,y\n0,0\n,\n1,1\n", ":3: a column is empty; leave out the row"),
+        ("# lat,lon\n48.1,11.5\n48.2,11.5\n", ":1: latitude and longitude are degrees; project them to metres"),
+        ("/a/position/x,/a/position/y,/b/position/x,/b/position/y\n0,0,1,1\n", "/b/position/x' could both be x; leave"),
+        ("0,-0.4,-0.7,5.6,0,8,0\n1,0.2,-1.5,5.6,0,8,0\n", ":1: .* are 5.6, 0, 8, 0, which is no unit quaternion"),
+    ],
+)  # fmt: skip
+def test_a_table_of_another_convention_is_refused_with_what_to_type(tmp_path: Path, text: str, told: str) -> None:
+    file = tmp_path / "table.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=told) as refused:
+        path_scenario_from_file(str(file))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["office.yaml", "office.pgm", "office.map", "OFFICE.YML"])
+@pytest.mark.parametrize("task", ["PathFollowing", "GoalObstacles", "Docking", "Team", "People"])
+def test_a_map_alone_is_answered_with_a_scenario_that_can_be_read(tmp_path: Path, name: str, task: str) -> None:
+    (tmp_path / name).write_text("image: office.pgm\n")
+    with pytest.raises(ValueError, match=rf"{name}: is a map; .* write (\{{.*\}}) to mine.json") as refused:
+        gymnasium.make(f"wayfield/DiffDrive{task}-v0", scenario=str(tmp_path / name))
+    told = json.loads(str(refused.value).partition("write ")[2].partition(" to mine")[0])
+    assert set(told) == {"start", "dock" if task == "Docking" else "goal", "map"}
+    Image.fromarray(np.full((200, 200), 254, np.uint8)).save(tmp_path / "office.pgm")
+    ros = "image: office.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"
+    content = {"map": "type octile\nheight 12\nwidth 12\nmap\n" + ("." * 12 + "\n") * 12, "pgm": None}
+    if (text := content.get(name.lower().rpartition(".")[2], ros)) is not None:
+        (tmp_path / name).write_text(text)
+    (tmp_path / "mine.json").write_text(json.dumps(told))
+    gymnasium.make(f"wayfield/DiffDrive{'Docking' if task == 'Docking' else 'GoalObstacles'}-v0",
+                   scenario=str(tmp_path / "mine.json"))  # fmt: skip
 
 
 @pytest.mark.parametrize(
