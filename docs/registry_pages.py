@@ -285,6 +285,4 @@ def _linked(app: Sphinx, page: str, source: list[str]) -> None:
     text = source[0]
     for name, there in ROOT_PAGES.items():
         text = re.sub(rf"\]\((?:\.\./)+{re.escape(name)}", f"]({up}{FOLDER}/{there}", text)
-    # a page of its own, not a page of the site and not a download
-    text = re.sub(r"\[([^\]]+)\]\(demo\.html\)", rf'<a href="{up}demo.html">\1</a>', text)
     source[0] = text.replace("](results/)", "](results/README.md)")

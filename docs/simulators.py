@@ -9,12 +9,9 @@
 All share one file, `demo.html`, which holds kernels, scenes and page; browsers load it once, where one comes into view.
 """
 
-import base64
 import functools
 import html
 import json
-import re
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -25,6 +22,9 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+from wayfield.benchmarks.commands import demo
+from wayfield.benchmarks.report.page import kernel_part
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.tasks.specs import EVERY
 
 # of each kind of scenarios a family and one of the demo's seeds
@@ -37,11 +37,7 @@ FIRST = {
 @functools.cache
 def tables() -> Any:
     """Returns what the demo's kernels are handed: who can drive there, and which gains have sliders."""
-    text = Path(__file__).with_name("demo.html").read_text(encoding="utf-8")
-    packed = re.search(r'id="payload">([^<]*)<', text)
-    assert packed is not None
-    content = zlib.decompress(base64.b64decode(packed[1]))
-    return json.loads(content[4 : 4 + int.from_bytes(content[:4], "little")])["kernels"]
+    return kernel_part(set(ROBOTS), demo.AGENTS_THERE)[0]
 
 
 def pilots(kind: str, robot: str) -> list[str]:
@@ -122,7 +118,14 @@ class Simulator(SphinxDirective):
         return [nodes.raw("", frame, format="html")]
 
 
+def write(file: Path) -> None:
+    """Writes the demo page."""
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(demo.page(), encoding="utf-8")
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Registers the directive."""
+    """Registers the directive, and writes the page that its frames open."""
     app.add_directive("simulator", Simulator)
+    app.connect("config-inited", lambda app, config: write(Path(app.srcdir) / "generated/demo.html"))
     return {"parallel_read_safe": True}

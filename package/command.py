@@ -31,6 +31,7 @@ COMMANDS = {
     ),
     "verify": _Command("wayfield.benchmarks.commands.submit", "evaluate", "drive a submission again", "verify"),
     "play": _Command("wayfield.benchmarks.commands.play", "render", "drive by the keyboard, beside a policy's ghost"),
+    "demo": _Command("wayfield.benchmarks.commands.demo", "evaluate", "open the simulator in the browser"),
     "render": _Command("wayfield.benchmarks.figures.video", "render", "film a policy: .mp4, .gif or .png"),
     "policies": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list them, and what they know", "policies"),
     "scenarios": _Command(

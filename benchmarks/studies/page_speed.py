@@ -7,15 +7,16 @@ rounds each: others may be at work on the machine. And the demo page in Chromium
 import json
 import shutil
 import subprocess
+import tempfile
 import time
 from importlib import resources
 from pathlib import Path
 
 import click
 from gymnasium.utils.seeding import np_random
-from page_demo import DEMO
 from page_recipes import contest_of, environment, first_decision, of_policies
 
+from wayfield.benchmarks.commands import demo
 from wayfield.benchmarks.report.worlds import DRAWS, World, plain
 from wayfield.policies import make
 from wayfield.system.command_line import OneLineErrors
@@ -62,7 +63,7 @@ def _most(spent: list[float]) -> float:
     return spent[int(0.95 * len(spent))]
 
 
-def in_chromium(chromium: str) -> dict[str, list[float]]:
+def in_chromium(chromium: str, page: Path) -> dict[str, list[float]]:
     """Returns milliseconds in a real browser, sorted: until the demo page is ready, and between frames of it at 1x.
 
     MPPI drives while it is shown, alone and with its rollouts drawn; of some rounds the quietest.
@@ -74,7 +75,7 @@ def in_chromium(chromium: str) -> dict[str, list[float]]:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         for _ in range(LOADS):
             tab = browser.new_page(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
-            tab.goto(Path(DEMO).resolve().as_uri())
+            tab.goto(page.as_uri())
             found["ready"].append(tab.evaluate("ready.then(() => performance.now())"))
             if len(found["ready"]) < LOADS:
                 tab.close()
@@ -116,8 +117,12 @@ def main() -> None:
     if chromium is None:
         print("chromium is missing: apt-get install chromium")
         return
-    browsed = in_chromium(chromium)
-    print(f"{DEMO}: {Path(DEMO).stat().st_size / 1e6:.2f} MB, ready in {browsed.pop('ready')[0] / 1e3:.2f} s at best")
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "demo.html"
+        page.write_text(demo.page(), encoding="utf-8")
+        browsed = in_chromium(chromium, page)
+        size = page.stat().st_size / 1e6
+    print(f"the demo: {size:.2f} MB, ready in {browsed.pop('ready')[0] / 1e3:.2f} s at best")
     for name, spent in browsed.items():
         print(f"frames with {name} at 1x: median {spent[len(spent) // 2]:.1f} ms, 95 % within {_most(spent):.1f} ms")
 

@@ -130,6 +130,7 @@ def start(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "SDL_VIDEODRIVER": "dummy",  # windows are unseen
+        "BROWSER": "true",  # which opens nothing
         "MINARI_DATASETS_PATH": str(folder / "minari"),
     }
     with open(folder / "said", "wb") as file:

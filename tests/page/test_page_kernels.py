@@ -40,9 +40,7 @@ def tables() -> Any:
     return json.loads((PAGE / TABLES).read_text(encoding="utf-8"))
 
 
-REBUILD = (
-    "build the page's kernels anew: python benchmarks/studies/page_kernels.py, then benchmarks/studies/page_demo.py"
-)
+REBUILD = "build the page's kernels anew: python benchmarks/studies/page_kernels.py"
 
 
 def by_value(told: Any, blobs: list[str]) -> Any:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import page_demo
 import pytest
 from click.testing import CliRunner
 from hypothesis import given
@@ -19,6 +18,7 @@ from hypothesis import strategies as st
 from oracles.hostile_page import HOSTILE, hostile
 
 from wayfield.benchmarks import report
+from wayfield.benchmarks.commands import demo
 from wayfield.benchmarks.contests import Course, Entrants
 from wayfield.benchmarks.contests.crowds import PEOPLE
 from wayfield.benchmarks.records.replays import QUANTUM, drive_of, packed, read_drives, write_drives
@@ -30,8 +30,8 @@ from wayfield.benchmarks.report.page import Section, rendered, write_page
 from wayfield.benchmarks.report.worlds import plain, read_worlds, worlds_of
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.crowds.people import WALK
-from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, splits
+from wayfield.envs.tasks.specs import EVERY
 
 PAGE = Path(report.__path__[0]) / "page"
 
@@ -188,17 +188,14 @@ def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
         read_worlds(tmp_path)
 
 
-def kernels_of(told: dict[str, Any], content: bytes) -> dict[str, Any]:
-    """Returns what a page drives with: its module and constants as bytes, and the tables."""
-    pieces = [content[first : first + size] for first, size in (told["module"], *told["blobs"])]
-    return {name: told[name] for name in ("orders", "tasks", "pilots", "records")} | {"pieces": pieces}
-
-
-def test_the_demo_drives_with_the_kernels_of_the_package() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "demo.html").read_text(encoding="utf-8")
-    assert len(text.encode()) <= page_demo.BUDGET
-    told, content = payload(text)
-    shipped = page.kernel_part(set(ROBOTS), page_demo.AGENTS_THERE)
-    assert kernels_of(told["kernels"], content) == kernels_of(*shipped), (
-        "the kernels were built anew: python benchmarks/studies/page_demo.py"
-    )
+def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: Path) -> None:
+    made = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "demo.html")], catch_exceptions=False)
+    assert made.exit_code == 0
+    text = (tmp_path / "demo.html").read_text(encoding="utf-8")
+    assert len(text.encode()) <= demo.BUDGET
+    assert re.findall(r'(?:src|href)="https?:', text) == []
+    told, _ = payload(text)
+    assert {world["kind"] for world in told["worlds"]} == {spec.kind for spec in EVERY.values()}
+    refused = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "absent" / "demo.html")])
+    assert refused.exit_code == 1
+    assert len(refused.output.splitlines()) == 1

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import page_demo
 import pytest
 from oracles.hostile_page import HOSTILE, hostile
 from page_recipes import AGENTS, FITTING
 from PIL import Image
 
+from wayfield.benchmarks.commands import demo
 from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.page import Content, made, rendered
 from wayfield.envs.robots import ROBOTS
@@ -54,11 +54,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     # in the last one nothing moves, so that what stands there can be dragged
     some = [family for spec in TASKS.values() for family in spec.families][::4]
     families = [*some, "doorway_4", "crowdnav_5", "wall", "clutter_5"]
-    first_of = {each["family"]: each for each in reversed(page_demo.worlds(families))}
+    first_of = {each["family"]: each for each in reversed(demo.worlds(families))}
     driving = Content(worlds=[first_of[family] for family in families if family in first_of])
     first = driving.worlds[-1]
-    told = {"demo": {"first": f"{first['kind']}: {first['family']}", "unable": page_demo.unable()}}
-    text = rendered("demo", driving, made("demo", driving), page_demo.BUDGET, told, AGENTS)
+    told = {"demo": {"first": f"{first['kind']}: {first['family']}", "unable": demo.unable()}}
+    text = rendered("demo", driving, made("demo", driving), demo.BUDGET, told, AGENTS)
     files["demo"].write_text(text, encoding="utf-8")
     return files
 

@@ -1,22 +1,24 @@
-"""Makes the demo page, the simulator without a run: python benchmarks/studies/page_demo.py"""
+"""The simulator as a page without a run: `wayfield demo`."""
 
+import tempfile
+import webbrowser
 from collections.abc import Collection
 from pathlib import Path
 
 import click
 from gymnasium.utils.seeding import np_random
-from page_recipes import AGENT, contest_of, decisions
 
+from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.entrants.documents import FLOOR
-from wayfield.benchmarks.report.page import Content, made, rendered
+from wayfield.benchmarks.report.page import Content, kernel_part, made, rendered
 from wayfield.benchmarks.report.worlds import DRAWS, World, plain
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
-DEMO = "docs/demo.html"
 BUDGET = 2_500_000  # bytes
 SEEDS = 5  # scenarios of each family; of those of several bodies FEW, of at most SOME bodies
 FEW, SOME = 2, 33
@@ -42,18 +44,37 @@ def worlds(families: Collection[str] = ()) -> list[World]:
 
 
 def unable() -> dict[str, list[str]]:
-    """Returns who enters a contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
-    found = {}
-    for contest in map(contest_of, EVERY):
-        able = {*decisions(contest.spec.name), AGENT, *AGENTS_THERE, *FLOOR}
-        found[contest.spec.kind] = [name for name in contest.policies if name not in able]
-    return found
+    """Returns who enters a task's contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
+    told = kernel_part(set(ROBOTS), AGENTS_THERE)[0]["pilots"]
+    able = {(key.split()[0], key.split()[3]) for key in told} | {(spec, name) for spec in EVERY for name in FLOOR}
+    entered = {
+        contest.spec.kind: dict.fromkeys(contest.policies, contest.spec.name)
+        for contest in reversed(ALL_CONTESTS.values())  # the task's own contest comes first
+    }
+    return {kind: [name for name, task in who.items() if (task, name) not in able] for kind, who in entered.items()}
 
 
 @click.command("demo", cls=OneLineErrors)
-@click.option("--out", type=click.Path(path_type=Path), default=DEMO, show_default=True, help="The file.")
-def main(out: Path) -> None:
-    """Writes the page on which one drives against the policies, in scenarios of every family or of one's own."""
+@click.option("--out", type=click.Path(path_type=Path), help="Write the page to this file instead of opening it.")
+def main(out: Path | None) -> None:
+    """Opens the simulator in the browser: drive a robot against controllers and trained agents.
+
+    The page is one file of 2.4 MB that needs no network.
+    """
+    text = page()
+    file = out or Path(tempfile.mkdtemp(prefix="wayfield-")) / "demo.html"
+    write_whole(file, text.encode())
+    print(f"{file}: {len(text.encode()):,} bytes")
+    if out is None and not webbrowser.open(file.resolve().as_uri()):
+        raise click.ClickException(f"no browser was found: open {file} in one")
+
+
+def page() -> str:
+    """Returns the page, with the first scenarios of every family.
+
+    Raises:
+        ValueError: if it is larger than its budget.
+    """
     content = Content(worlds=worlds())
     content.sentences.append(
         "Drive a wheeled robot against classical controllers and trained agents, in the package's own simulator: the "
@@ -61,13 +82,11 @@ def main(out: Path) -> None:
         "move obstacles, goal or path, switch actuators and disturbances, save the scenario. Teams drive there too, "
         "each robot to a goal of its own, and people walk by their laws."
     )
-    how = made("python benchmarks/studies/page_demo.py", content)
     told = {"demo": {"first": FIRST, "unable": unable()}}
-    text = rendered("wayfield: drive", content, how, BUDGET, told, AGENTS_THERE)
+    text = rendered("wayfield: drive", content, made("wayfield demo", content), BUDGET, told, AGENTS_THERE)
     if len(text.encode()) > BUDGET:
-        raise click.ClickException(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
-    write_whole(out, text.encode())
-    print(f"{out}: {len(text.encode()):,} bytes")
+        raise ValueError(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
+    return text
 
 
 if __name__ == "__main__":
