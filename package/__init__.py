@@ -8,8 +8,7 @@ import importlib.metadata  # noqa: I001  what comes first is meant
 from typing import Any
 
 import wayfield.starting  # before all that takes long
-import wayfield.envs
-import wayfield.moved  # noqa: F401  modules under their old names
+import wayfield.envs  # noqa: F401  registers the ids
 
 __version__ = importlib.metadata.version("wayfield")
 

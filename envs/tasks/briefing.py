@@ -1,7 +1,6 @@
 """The information that a policy has access to before an episode starts."""
 
 import dataclasses
-import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,16 +18,6 @@ KNOWS = ("sensors", "path", "bodies", "goal", "map", "team_map")
 MAPPED = ("map", "team_map")  # to whom what stands is told
 
 # names of until 0.1: where each is now
-_FORMERLY = {
-    "paths": ("path", ""),
-    "path_index": ("path", "path_index"),
-    "goals": ("goal", "goals"),
-    "num_goals": ("goal", "num_goals"),
-    "obstacles": ("map", "obstacles"),
-    "num_obstacles": ("map", "counts"),
-    "patrols": ("map", "patrols"),
-    "grids": ("map", ""),
-}
 
 
 class Course(NamedTuple):
@@ -58,12 +47,6 @@ class Surroundings(NamedTuple):
     counts: NDArray[np.int64]  # (b,) of them
     frames: NDArray[np.void]  # (b,) of each robot's grid
     cells: NDArray[np.uint8]  # of all grids; none where there is no grid
-
-    @property
-    def patrols(self) -> NDArray[np.void]:
-        """Returns how the obstacles move, (b, m) PATROL records; leg_time 0 where one stands."""
-        patrols: NDArray[np.void] = self.obstacles["patrol"]
-        return patrols
 
     @classmethod
     def of(
@@ -153,15 +136,6 @@ class Briefing:
             if mine is not None:
                 found[name] = mine._replace(**{k: change(getattr(mine, k), getattr(theirs, k)) for k in rows})
         return found
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in _FORMERLY:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        value, field = _FORMERLY[name]
-        now = f"{value}.{field}".rstrip(".")
-        warnings.warn(f"briefing.{name} is briefing.{now} now, and will be gone", DeprecationWarning, stacklevel=2)
-        given = getattr(self, value)
-        return given if given is None or not field else getattr(given, field)
 
     @property
     def task(self) -> TaskSpec:
