@@ -377,6 +377,11 @@ class Batch:
         from wayfield.envs.rendering import Scene
 
         state = self.states[i]
+        if self.own and not state["alive"]:  # its clock has stopped, its world's goes on
+            state = state.copy()
+            team: Any = self.task
+            *_, clocks, _ = self.own
+            state["steps"] = clocks[i // team.team, 1]
         drawing = self.task.drawing(state)
         count = int(self.task.obstacle_counts(self.states[i : i + 1])[0])
         if self.task.num_beams:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
-from wayfield.envs.single import SingleEnv
+from wayfield.envs.single import FRAME_SIZE, SingleEnv
 from wayfield.envs.tasks.briefing import Goals
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
@@ -513,6 +513,7 @@ class GoalReaching(Task):
         here = np.round([state["x"], state["y"]])
         part = surroundings(np.vstack([course["start"][:2], poses[:, :2], here]), points)
         margin = 2.0 * self.robot.hull_radius
+        room = f"   clearance {self.room(state):5.2f} m" if self.room(state) < math.inf else ""
         return {
             "grid": grid,
             "goals": poses[state["waypoint"] :],
@@ -521,11 +522,12 @@ class GoalReaching(Task):
             "max_range": self.max_range,
             "bounds": part or (*(points.min(axis=0) - margin).tolist(), *(points.max(axis=0) + margin).tolist()),
             "start": tuple(course["start"][:2].tolist()),
-            "caption": (
-                f"t {state['steps'] * self.options.dt:5.2f} s   goal {state['goal_distance']:5.2f} m   "
-                f"clearance {state['clearance']:5.2f} m"
-            ),
+            "caption": f"t {state['steps'] * self.options.dt:5.2f} s   goal {state['goal_distance']:5.2f} m" + room,
         }
+
+    def room(self, state: NDArray[np.void]) -> float:
+        """Returns the distance (m) of the robot's hull to the nearest thing that it can touch; inf: none is near."""
+        return float(state["clearance"])
 
     def obstacle_counts(self, states: NDArray[np.void]) -> NDArray[np.int64]:
         """Returns how many obstacles each robot has around it."""
@@ -612,7 +614,7 @@ class OmniGoalObstacles(SingleEnv):
     | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances` |
     | num_beams, field_of_view, max_range | as the robot's | the range scan; 32, 2 pi, 5 m where no data sheet says so |
     | end_on_success, end_on_contact | True, True | see Episode end |
-    | render_mode | None | "rgb_array" or "human" |
+    | render_mode, frame_size | None, (640, 640) | "rgb_array" or "human"; width and height of the frames, px |
     | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
 
     The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
@@ -646,6 +648,7 @@ class OmniGoalObstacles(SingleEnv):
         end_on_success: bool = True,
         end_on_contact: bool = True,
         render_mode: str | None = None,
+        frame_size: tuple[int, int] = FRAME_SIZE,
         address: str | None = None,
     ) -> None:
         truth("end_on_success", end_on_success)
@@ -674,6 +677,7 @@ class OmniGoalObstacles(SingleEnv):
                 end_on_contact=int(end_on_contact),
             ),
             render_mode,
+            frame_size,
         )
 
 

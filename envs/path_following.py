@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
-from wayfield.envs.single import SingleEnv
+from wayfield.envs.single import FRAME_SIZE, SingleEnv
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
@@ -461,7 +461,7 @@ class DiffDrivePathFollowing(SingleEnv):
     | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances` |
     | scale | 1.0 | multiplies the path's coordinates |
     | num_preview, preview_spacing | 10, 0.1 m | the preview; longer than a closed path it goes round again |
-    | render_mode | None | "rgb_array" or "human" |
+    | render_mode, frame_size | None, (640, 640) | "rgb_array" or "human"; width and height of the frames, px |
     | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
 
     The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
@@ -492,6 +492,7 @@ class DiffDrivePathFollowing(SingleEnv):
         num_preview: int = 10,
         preview_spacing: float = 0.1,
         render_mode: str | None = None,
+        frame_size: tuple[int, int] = FRAME_SIZE,
         address: str | None = None,
     ) -> None:
         super().__init__(
@@ -514,6 +515,7 @@ class DiffDrivePathFollowing(SingleEnv):
                 preview_spacing=preview_spacing,
             ),
             render_mode,
+            frame_size,
         )
 
 

@@ -1,11 +1,13 @@
 """Frames of a robot in its world, drawn with pygame: as arrays without any display, or in a window."""
 
+import contextlib
 import dataclasses
 import itertools
 import math
 import os
+import weakref
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
@@ -21,6 +23,11 @@ except ImportError as error:
     raise DependencyNotInstalled(
         'rendering needs pygame-ce: pip install "wayfield[render]"; check_env does without, with skip_render_check=True'
     ) from error
+if not getattr(pygame, "IS_CE", 0):
+    raise DependencyNotInstalled(
+        "rendering needs pygame-ce, but pygame is installed over it: pip uninstall -y pygame pygame-ce, then "
+        'pip install "wayfield[render]"'
+    )
 
 Colour = tuple[int, int, int]
 
@@ -49,7 +56,8 @@ _SUPERSAMPLING = 2  # shapes are drawn this much larger and smoothed down
 _MARGIN = 0.07  # of the view, on each side of the bounds
 _ASPECTS = (0.75, 2.2)  # width over height of the view, so that caption and legend always find room
 _STRIP_PX = 28  # for the caption above the view and for the legend below it
-_SMALLEST_WITH_TEXT_PX = 300  # frames below this size show the world alone
+_SMALLEST_WITH_TEXT_PX = 300  # frames whose longer side is below show the world alone
+_LEAST_WITH_TEXT_PX = (400, 300)  # the same of frames of a given width and height
 _FONT_PX = 19
 _ROBOT_RADIUS_PX = 10.0  # the least: smaller robots are drawn larger than they are
 _WALL_PX = 3.0  # the least width of a wall
@@ -148,8 +156,11 @@ class View:
         return points
 
 
-def _frame_size_px(bounds: Bounds, size_px: int) -> tuple[int, int, int]:
-    """Returns width, height and strip height of a frame within size_px; even, as video encoders ask."""
+def _frame_size_px(bounds: Bounds, size_px: int | tuple[int, int]) -> tuple[int, int, int]:
+    """Returns width, height and strip height of a frame: that size, or within a square of it and even."""
+    if not isinstance(size_px, int):
+        words = all(side >= least for side, least in zip(size_px, _LEAST_WITH_TEXT_PX, strict=True))
+        return *size_px, _STRIP_PX if words else 0
     strip = _STRIP_PX if size_px >= _SMALLEST_WITH_TEXT_PX else 0
     aspect = float(np.clip(_span(bounds)[0] / _span(bounds)[1], *_ASPECTS))
     room = size_px - 2 * strip
@@ -602,9 +613,18 @@ def _scale_bar(view: View) -> tuple[str, float]:
 
 
 class Renderer:
-    """Draws scenes. The first scene fixes the frame size; later bounds are fitted into the same frame."""
+    """Draws scenes, in frames of one size; in the mode "human" in a window of its own.
 
-    def __init__(self, render_mode: str, fps: int, size_px: int = 640) -> None:
+    `close` ends the window, and no other window of the process. Its X and a pygame.QUIT event end it too, and with it
+    all drawing.
+
+    Args:
+        size_px: (width, height) of the frames; or of their longer side, and the first scene decides on the other.
+    """
+
+    _shown: ClassVar["weakref.WeakSet[Renderer]"] = weakref.WeakSet()  # those with a window: all end by QUIT
+
+    def __init__(self, render_mode: str, fps: int, size_px: int | tuple[int, int] = 640) -> None:
         if render_mode not in ("rgb_array", "human"):
             raise ValueError(f'render_mode must be "rgb_array" or "human", not {render_mode!r}')
         self._render_mode = render_mode
@@ -615,17 +635,19 @@ class Renderer:
         self._backdrop: Canvas | None = None
         self._backdrop_key: tuple[Any, ...] | None = None
         self._words: dict[str, pygame.Surface] = {}
-        self._window: pygame.Surface | None = None
-        self._clock: pygame.time.Clock | None = None
+        self._window: pygame.Window | None = None
+        self._clock = pygame.time.Clock()
+        self.over = False  # whether the user has closed the window
 
     def draw(self, scene: Scene) -> NDArray[np.uint8] | None:
         """Returns the frame (height, width, 3) in the mode "rgb_array"; in "human" it shows it instead."""
-        view = self.view(scene)
-        frame = self._frame(view, scene)
         if self._render_mode == "human":
-            self._show(frame)
+            self._hear()
+            if not self.over:
+                self._show(self._frame(self.view(scene), scene))
             return None
-        pixels = np.frombuffer(pygame.image.tobytes(frame, "RGB"), np.uint8)
+        view = self.view(scene)
+        pixels = np.frombuffer(pygame.image.tobytes(self._frame(view, scene), "RGB"), np.uint8)
         return pixels.reshape(view.height_px, view.width_px, 3).copy()
 
     def view(self, scene: Scene) -> View:
@@ -635,11 +657,12 @@ class Renderer:
         return _view(scene.bounds, self._frame_size_px)
 
     def close(self) -> None:
-        """Closes the window; a later `draw` opens a new one."""
+        """Closes the window; a later `draw` opens a new one, unless the user has closed it."""
         if self._window is not None:
-            # not pygame.quit(): other users of pygame in this process keep what they opened
-            pygame.display.quit()
-        self._window = self._clock = None
+            # not pygame.quit(), nor that of its displays: other users of pygame in this process keep what they opened
+            self._window.destroy()
+        self._window = None
+        self._shown.discard(self)
 
     def _frame(self, view: View, scene: Scene) -> pygame.Surface:
         if self._canvas is None:
@@ -726,27 +749,46 @@ class Renderer:
         return self._words[word]
 
     def _show(self, frame: pygame.Surface) -> None:
-        if self._window is None or not pygame.display.get_init():
-            pygame.display.init()
-            _check_display(pygame.display.get_driver())
-            pygame.display.set_caption("wayfield")
-            self._window = pygame.display.set_mode(frame.get_size())
-            self._clock = pygame.time.Clock()
-        assert self._clock is not None
-        self._window.blit(frame, (0, 0))
-        pygame.event.pump()
+        surface = None
+        if self._window is not None:
+            with contextlib.suppress(pygame.error):  # somebody else has called pygame.quit()
+                surface = self._window.get_surface()
+        if surface is None:
+            _open_display()
+            self._window = pygame.Window("wayfield", frame.get_size())
+            self._shown.add(self)
+            surface = self._window.get_surface()
+        assert self._window is not None
+        surface.blit(frame, (0, 0))
         self._clock.tick(self._fps)
-        pygame.display.flip()
+        self._window.flip()
+
+    def _hear(self) -> None:
+        """Obeys the X of this window and QUIT; events of other windows stay in the queue."""
+        if self._window is None or not pygame.display.get_init():
+            return
+        for event in pygame.event.get((pygame.WINDOWCLOSE, pygame.QUIT)):
+            ends_all = event.type == pygame.QUIT
+            mine = ends_all or event.window is self._window
+            for renderer in list(self._shown) if ends_all else [self] * mine:
+                renderer.over = True
+                renderer.close()
+            if not mine or (ends_all and pygame.display.get_surface() is not None):
+                pygame.event.post(event)  # for the window of the user's own
 
 
 class NoDisplay(RuntimeError):
     """There is no display to open a window on."""
 
 
-def _check_display(driver: str) -> None:
-    """Raises NoDisplay if SDL, finding no display, fell back to a driver that shows nothing."""
-    if driver in ("dummy", "offscreen") and not any(map(os.environ.get, ("SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER"))):
-        pygame.display.quit()
+def _open_display() -> None:
+    """Opens the display; NoDisplay if SDL, finding none, fell back to a driver that shows nothing."""
+    was_open = pygame.display.get_init()
+    pygame.display.init()
+    unseen = pygame.display.get_driver() in ("dummy", "offscreen")
+    if unseen and not any(map(os.environ.get, ("SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER"))):
+        if not was_open:
+            pygame.display.quit()
         raise NoDisplay(
             'render_mode="human" found no display to open a window on: run it on a desktop (DISPLAY or WAYLAND_DISPLAY '
             'set), use render_mode="rgb_array", or draw to an unseen window with SDL_VIDEODRIVER=dummy; check_env does '

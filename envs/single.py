@@ -1,7 +1,7 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import gymnasium
@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.task import CONTROL_PERIOD, Task
-from wayfield.system.checks import choose, shown, suggestion
+from wayfield.system.checks import choose, refuse, shown, suggestion, whole
 from wayfield.system.checks import seed as check_seed
 
 Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
+FRAME_SIZE = (640, 640)  # px, width and height
+_LEAST_SIDE, _MOST_SIDE = 32, 4096  # px
 
 
 class SingleEnv(gymnasium.Env[Any, Any]):
@@ -32,11 +34,9 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         check_keywords(cls, kwargs)
         return super().__new__(cls)
 
-    def __init__(self, task: Task, render_mode: str | None) -> None:
-        if render_mode is not None:
-            choose("render_mode", render_mode, self.metadata["render_modes"])
+    def __init__(self, task: Task, render_mode: str | None, frame_size: tuple[int, int] = FRAME_SIZE) -> None:
         self.task = task
-        self.render_mode = render_mode
+        self._choose_frames(render_mode, frame_size)
         self.observation_space = task.layout.space
         most = task.options.max_action.astype(np.float32)
         self.action_space = gymnasium.spaces.Box(-most, most, dtype=np.float32)
@@ -50,6 +50,17 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         self._generators: list[np.random.Generator] = []
         self._trail: list[tuple[float, float]] = []
         self._renderer: Any = None
+
+    def _choose_frames(self, render_mode: str | None, frame_size: Sequence[int]) -> None:
+        """Takes the render mode and the size (px, width and height) of all frames; ValueError if one is wrong."""
+        if render_mode is not None:
+            choose("render_mode", render_mode, self.metadata["render_modes"])
+        if not isinstance(frame_size, list | tuple) or len(frame_size) != 2:
+            refuse("frame_size", frame_size, "two whole numbers, (width, height) in pixels")
+        for i, side in enumerate(frame_size):
+            whole(f"frame_size[{i}]", side, _LEAST_SIDE, _MOST_SIDE)
+        self.render_mode = render_mode
+        self.frame_size = (int(frame_size[0]), int(frame_size[1]))
 
     def _wire(self) -> None:
         """Makes the arrays that a step writes, and views into them: making one takes a tenth of a step."""
@@ -116,7 +127,11 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         return observations[0], reward, terminated, False, dict(zip(self._names, numbers + flags))  # noqa: B905
 
     def render(self) -> Any:
-        """Returns an (h, w, 3) uint8 frame in "rgb_array" mode; "human" mode draws by itself."""
+        """Returns an (h, w, 3) uint8 frame in "rgb_array" mode; "human" mode draws by itself.
+
+        When the user closes the window, drawing stops, and the episode goes on; after `close` the next frame opens a
+        new window.
+        """
         if self.render_mode is None:
             gymnasium.logger.warn('render() needs a render mode: gymnasium.make(id, render_mode="rgb_array")')
             return None
@@ -125,7 +140,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         return self._draw()
 
     def close(self) -> None:
-        """Closes the window; with dynamics="coppelia", leaves the robot standing."""
+        """Closes its own window; with dynamics="coppelia", leaves the robot standing."""
         self.batch.close()
         if self._renderer is not None:
             self._renderer.close()
@@ -149,7 +164,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         from wayfield.envs.rendering import Renderer
 
         if self._renderer is None:
-            self._renderer = Renderer(str(self.render_mode), FPS)
+            self._renderer = Renderer(str(self.render_mode), FPS, self.frame_size)
         return self._renderer.draw(self.scene())
 
 

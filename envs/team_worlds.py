@@ -848,6 +848,10 @@ class Teams(GoalReaching):
         low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
         return drawn | {"bounds": (min(x0, low[0]), min(y0, low[1]), max(x1, high[0]), max(y1, high[1]))}
 
+    def room(self, state: NDArray[np.void]) -> float:
+        """Returns the distance (m) of the robot's hull to the nearest obstacle or body; inf: none is near."""
+        return min(super().room(state), float(state["gap"]))
+
     def others(
         self, states: NDArray[np.void], own: tuple[NDArray[Any], ...], i: int
     ) -> tuple[list[tuple[int, tuple[float, float, float], tuple[float, float], bool]], NDArray[np.float64]]:

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.robots import AnyRobot, robots_with
-from wayfield.envs.single import SingleEnv
+from wayfield.envs.single import FRAME_SIZE, SingleEnv
 from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ROBOTS, OMNI_ACTIONS, OMNI_ROBOTS, sheet_like
 from wayfield.envs.tasks.task import Options
 from wayfield.envs.team_worlds import Teams
 from wayfield.envs.vector import NativeVectorEnv
-from wayfield.system.checks import choose
 from wayfield.system.checks import seed as check_seed
 
 _MOST_TRAILS = 32  # robots whose ways are drawn
@@ -121,15 +120,13 @@ class TeamEnv(SingleEnv):
 
     task: Teams
 
-    def __init__(self, task: Teams, render_mode: str | None) -> None:
+    def __init__(self, task: Teams, render_mode: str | None, frame_size: tuple[int, int] = FRAME_SIZE) -> None:
         self.rows: TeamRows | None = None
         if task.team == 1:
-            super().__init__(task, render_mode)
+            super().__init__(task, render_mode, frame_size)
             return
-        if render_mode is not None:
-            choose("render_mode", render_mode, self.metadata["render_modes"])
         self.task = task
-        self.render_mode = render_mode
+        self._choose_frames(render_mode, frame_size)
         most = task.options.max_action.astype(np.float32)
         self.rows = TeamRows(task, task.team)
         self.batch = self.rows.batch
@@ -352,7 +349,7 @@ class OmniTeam(TeamEnv):
     | robot | "omni3" | {OMNI_ROBOTS} |
     | actuators, action_mode, noise, pose_source, shove, disturbance | as of goal reaching | |
     | num_beams, field_of_view, max_range | as the robot's | the range scan |
-    | render_mode | None | "rgb_array" or "human" |
+    | render_mode, frame_size | None, (640, 640) | "rgb_array" or "human"; width and height of the frames, px |
 
     The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
 
@@ -385,6 +382,7 @@ class OmniTeam(TeamEnv):
         field_of_view: float | None = None,
         max_range: float | None = None,
         render_mode: str | None = None,
+        frame_size: tuple[int, int] = FRAME_SIZE,
     ) -> None:
         options = Options.of(
             self.robots,
@@ -400,7 +398,9 @@ class OmniTeam(TeamEnv):
         )
         scan = (num_beams, field_of_view, max_range)
         crowd: dict[str, Any] = {"team": team, "sees": sees, "ends": ends, "parks": parks, "sight": sight}
-        super().__init__(self.asks(scenario, options, *scan, **crowd, visible=visible, people=people), render_mode)
+        super().__init__(
+            self.asks(scenario, options, *scan, **crowd, visible=visible, people=people), render_mode, frame_size
+        )
 
 
 class OmniTeamVector(TeamVectorEnv):

@@ -54,7 +54,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         check_keywords(single, kwargs, _BATCH_KEYWORDS)
         env = single(**kwargs)
         self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
-        self.render_mode = env.render_mode
+        self.render_mode, self.frame_size = env.render_mode, env.frame_size
         if self.render_mode == "human":
             raise ValueError('render_mode="human" shows one robot: use gymnasium.make, or "rgb_array" here')
         self.task = env.task
@@ -177,7 +177,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         from wayfield.envs.rendering import Renderer
 
         if not self._renderers:
-            self._renderers = [Renderer("rgb_array", self.metadata["render_fps"]) for _ in range(self.num_envs)]
+            fps = self.metadata["render_fps"]
+            self._renderers = [Renderer("rgb_array", fps, self.frame_size) for _ in range(self.num_envs)]
         nothing = np.empty((0, 2))
         return tuple(r.draw(self.batch.scene(i, nothing, {})) for i, r in enumerate(self._renderers))
 

@@ -168,7 +168,7 @@ class Game:
 
 def run(game: Game, renderer: Renderer) -> None:
     """Plays until the player has enough: one control period a frame, in real time."""
-    while not game.over:
+    while not (game.over or renderer.over):
         renderer.draw(game.scene())
         for event in pygame.event.get():
             game.hear(event)

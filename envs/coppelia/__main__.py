@@ -86,7 +86,11 @@ class Track(Finite):
     "--real-time", is_flag=True, help="Stepped passes follow the wall clock too, so that they can be watched."
 )
 @click.option(
-    "--render", type=Choice("--render", RENDER_MODES), default="none", show_default=True, help="human: a window."
+    "--render",
+    type=Choice("--render", RENDER_MODES),
+    default="none",
+    show_default=True,
+    help="human: a window; the server runs on when you close it.",
 )
 def main(
     scene: str,

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from wayfield.envs.robots import ROBOTS
+from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import OccupancyGrid
 
@@ -198,6 +199,48 @@ def test_the_first_frame_of_an_episode_shows_nothing_of_the_last():
     np.testing.assert_array_equal(env.render(), first)
 
 
+IDS = [env_id for spec in EVERY.values() for env_id in spec.ids.values()]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("size", [(640, 640), (101, 64)])
+def test_all_frames_of_an_id_have_the_size_that_is_asked_for_in_every_scenario(env_id, size):
+    kwargs = {"render_mode": "rgb_array"} | ({} if size == (640, 640) else {"frame_size": size})
+    single = gymnasium.make(env_id, **kwargs)
+    many = gymnasium.make_vec(env_id, 8, vectorization_mode="vector_entry_point", **kwargs)
+    many.reset(seed=0)
+    frames = [*many.render()]
+    for seed in range(3):
+        single.reset(seed=seed)
+        frames.append(single.render())
+    single.close()
+    many.close()
+    assert {frame.shape for frame in frames} == {(size[1], size[0], 3)}
+
+
+@pytest.mark.parametrize("size", [640, (640,), (640, 31), (640.0, 480), (640, 5000), "ab", None, (True, 640)])
+def test_a_wrong_frame_size_is_one_line_that_names_it(size):
+    with pytest.raises(ValueError, match=r"^frame_size.*whole number[^\n]*$"):
+        gymnasium.make(IDS[0], frame_size=size)
+
+
+@pytest.mark.parametrize("env_id", [env_id for spec in CROWDS.values() for env_id in spec.ids.values()])
+def test_the_caption_tells_the_distance_to_the_nearest_wall_or_body(env_id):
+    env = gymnasium.make(env_id, render_mode="rgb_array").unwrapped
+    _, info = env.reset(seed=1)
+    forward, hit = np.zeros(env.action_space.shape), False
+    forward[..., 0] = env.action_space.high[..., 0]
+    for _ in range(600):
+        _, _, terminated, _, info = env.step(forward)
+        nearest = min(np.ravel(info["clearance"])[0], np.ravel(info["gap"])[0])
+        told = env.scene().caption.partition("clearance")[2]
+        assert told.strip() == (f"{nearest:.2f} m" if nearest < np.inf else "")
+        hit = nearest < 0.0
+        if hit or terminated:
+            break
+    assert hit, "the robot that goes straight on must have run into something"
+
+
 def run_python(program: str, **environment: str) -> str:
     kept = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")}
     command = [sys.executable, "-c", program]
@@ -209,6 +252,7 @@ def test_arrays_need_no_display():
 import pygame
 from wayfield.envs.rendering import Renderer, Scene
 from wayfield.envs.robots import ROBOTS
+from wayfield.envs.tasks.specs import CROWDS, EVERY
 scene = Scene(robot=ROBOTS["omni3"], pose=(0.0, 0.0, 0.0), bounds=(-1.0, -1.0, 1.0, 1.0), caption="t = 0 s")
 print(Renderer("rgb_array", fps=20).draw(scene).shape, pygame.display.get_init())
 """
@@ -243,3 +287,51 @@ except RuntimeError as error:
     assert told.splitlines()[-1].startswith('render_mode="human" found no display')
     assert 'render_mode="rgb_array"' in told
     assert run_python(program, SDL_VIDEODRIVER="dummy").endswith("drawn 0\n")
+
+
+def test_every_window_is_drawn_and_closed_for_itself_beside_those_of_others():
+    program = """
+import gymnasium, pygame, wayfield
+ids = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniDocking-v0"
+pygame.display.init()
+own = pygame.display.set_mode((90, 70))
+
+def begin(k, size):
+    env = gymnasium.make(ids[k], render_mode="human", frame_size=size)
+    env.reset(seed=k)
+    return env
+
+def step(env):
+    env.step(0 * env.action_space.high)
+    window = env.unwrapped._renderer._window
+    return window and window.get_surface().get_size()
+
+a, b = begin(0, (320, 240)), begin(1, (400, 420))
+print(step(a), step(b), step(a))
+a.close()
+c = begin(0, (300, 300))
+print(step(b), step(c), step(b), own.get_size())
+pygame.event.post(pygame.event.Event(pygame.WINDOWCLOSE, window=b.unwrapped._renderer._window))
+print(step(c), step(b), step(c), step(b))
+pygame.event.post(pygame.event.Event(pygame.QUIT))
+print(step(c), step(c), c.render(), own.get_size(), pygame.event.peek(pygame.QUIT))
+b.close()
+b.reset(seed=0)
+pygame.display.quit()  # theirs, and all of pygame's
+d = begin(0, (300, 300))
+print(step(d))
+pygame.event.post(pygame.event.Event(pygame.QUIT))
+print(step(d), pygame.event.peek(pygame.QUIT))
+d.close()
+d.reset()
+print(step(d))
+"""
+    assert run_python(program, SDL_VIDEODRIVER="dummy").splitlines()[-7:] == [
+        "(320, 240) (400, 420) (320, 240)",
+        "(400, 420) (300, 300) (400, 420) (90, 70)",
+        "(300, 300) None (300, 300) None",
+        "None None None (90, 70) True",
+        "(300, 300)",
+        "None False",
+        "(300, 300)",
+    ]
