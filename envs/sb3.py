@@ -209,7 +209,7 @@ class NativeVecEnv(VecEnv):
 
     # ---- all that decides what comes next, as plain arrays and numbers
 
-    ARRAYS = ("states", "obstacles", "noise", "asked", "actions")
+    ARRAYS = ("states", "obstacles", "noise", "asked", "columns")
 
     def arrays(self) -> dict[str, NDArray[np.uint8]]:
         """Returns the bytes of all robots' states."""

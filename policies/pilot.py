@@ -1,6 +1,7 @@
 """The pilot that drives an environment with a policy."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,17 @@ class Pilot:
         actions = self._asked(observation)
         self._note(actions)
         return actions
+
+    def arrays(self) -> dict[str, NDArray[np.uint8]]:
+        """Returns the bytes of all that it remembers: the policy's memory, and what was sent to a base that is late."""
+        kept = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
+        return {name: np.frombuffer(each.tobytes(), np.uint8) for name, each in kept.items()}
+
+    def put_back(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Puts what `arrays` returned into a pilot of the same policy that was reset for the same episodes."""
+        kept = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
+        for name, each in kept.items():
+            each[...] = np.frombuffer(arrays[name].tobytes(), each.dtype).reshape(each.shape)
 
     def _asked(self, observation: NDArray[Any]) -> Array:
         if not self._started:

@@ -147,7 +147,7 @@ def on_cluster(function: _Command) -> _Command:
         "--cluster",
         metavar="ADDRESS",
         help="Share the work out by a scheduler of Dask distributed, such as tcp://host:8786; local: by one that is "
-        "started here, with --workers processes.",
+        "started here, with as many processes as would work without it.",
         expose_value=False,
         callback=kept,
     )(function)

@@ -105,6 +105,11 @@ class ForwardPrediction:
         self._scratch = np.zeros((1, self._sent.shape[1]))
         self.episodes = briefing
 
+    @property
+    def remembered(self) -> dict[str, NDArray[Any]]:
+        """Returns what decides the predictions beside what is observed, robot by robot."""
+        return {"states": self._states, "sent": self._sent}
+
     def reset(self, rows: Any = slice(None)) -> None:
         """Forgets what some robots were sent: they stand."""
         self._states[rows] = np.zeros((), STATE)

@@ -1,6 +1,7 @@
 """The command line of training; `train.py` at the root runs it."""
 
 import errno
+import math
 import os
 import re
 import shutil
@@ -20,7 +21,7 @@ from wayfield.envs.tasks.specs import EVERY, TaskSpec
 from wayfield.policies.training.checkpoints import BEST, CURVE, RUN
 from wayfield.policies.training.curves import draw_curves
 from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for, settable
-from wayfield.policies.training.run import Job, Report, check_folder, held
+from wayfield.policies.training.run import Job, Plan, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
 from wayfield.policies.training.slices import train_far
 from wayfield.system.checks import printable
@@ -139,12 +140,7 @@ def main(
             if job.folder.exists():
                 with held(job.folder):  # or say at once that another process does
                     pass
-        if scaled:
-            click.echo(
-                f"train: imitation is scaled with --steps, from {given} to {preset.imitation} frames; --set "
-                f"imitation={given} keeps it",
-                err=True,
-            )
+        click.echo(f"train: {_planned(jobs[0].plan, preset, given if scaled else 0)}", err=True)
         last = _trained(jobs, min(cores, seeds))
         drawn = [job.folder for job in jobs if (job.folder / CURVE).exists()]
         if drawn:
@@ -168,6 +164,15 @@ def _scaled(preset: Preset, settings: tuple[str, ...], steps: int | None) -> tup
     if any(each.startswith("imitation=") for each in settings):
         return ()
     return (f"imitation={round(preset.imitation * steps / preset.steps)}",)
+
+
+def _planned(plan: Plan, preset: Preset, given: int) -> str:
+    """Returns a line about the frames of a run; `given`: those of the imitation, if it was scaled."""
+    updates = f"{plan.updates} update{'' if plan.updates == 1 else 's'} of {plan.unit:,}"
+    kept = f" (scaled with --steps from {given:,}; --set imitation={given} keeps it)" if given else ""
+    parts = f"{plan.taught:,} of imitation{kept} and {updates}" if plan.taught else updates
+    rounded = "" if plan.frames == preset.steps else f", for {preset.steps:,} asked"
+    return f"{plan.frames:,} frames{rounded}: {parts}"
 
 
 def check_out(folder: Path) -> None:
@@ -204,7 +209,7 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         disable=not console.is_terminal,
         transient=True,  # what is left is what `_told` says, or one line about what went wrong
     ) as bar:
-        tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.preset.steps, score="") for job in jobs}
+        tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.plan.frames, score="") for job in jobs}
         task = EVERY[jobs[0].preset.task]
 
         noted = set()
@@ -227,7 +232,7 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
                 if reached > validated or time.monotonic() - at > _PAUSE:
                     told[report.seed] = time.monotonic(), reached
                     found = f"; {fields['score']}" if reached > validated else ""
-                    far = f"{report.frames:,} of {report.steps:,} frames, {time.monotonic() - began:.0f} s"
+                    far = f"{report.frames:,} of {report.of:,} frames, {time.monotonic() - began:.0f} s"
                     click.echo(f"seed {report.seed}: {far}{found}", err=True)
 
         if cluster_given():
@@ -238,8 +243,12 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
 
 def _scores(row: Any, task: TaskSpec) -> str:
     """Returns a validation in few words."""
-    cost = f"{task.cost.name} {row['error']:.{task.cost.decimals}f} {task.cost.unit}"
-    return f"success {row['success']:.0%}, {task.failed} {row['collision']:.0%}, {cost}, return {row['return']:.1f}"
+    cost = (
+        "" if math.isnan(row["error"]) else f", {task.cost.name} {row['error']:.{task.cost.decimals}f} {task.cost.unit}"
+    )
+    if task.on_path and row["success"] < 1.0:  # it is a mean over all
+        cost += f" (a failure counts as {task.cost.failure:g} {task.cost.unit})"
+    return f"success {row['success']:.0%}, {task.failed} {row['collision']:.0%}{cost}, return {row['return']:.1f}"
 
 
 def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
@@ -252,11 +261,16 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
             continue
         if report.stopped:
             status = 128 + report.stopped
+        if not (job.folder / RUN).exists():
+            say(f"seed {job.seed}: stopped before it began; nothing was saved")
+            continue
         total = sum(report.seconds.values())
         shares = ", ".join(f"{name} {value / total:.0%}" for name, value in report.seconds.items() if value)
         training = total - report.seconds.get("validation", 0.0)
-        speed = f"{report.frames / training:,.0f} frames/s" if training else "nothing"
-        found = _scores(report.row, EVERY[preset.task]) if report.row else "no validation yet"
-        end = "done" if report.done else "stopped, go on with --resume"
-        say(f"seed {job.seed}: {end}; {speed} ({shares}); last validation: {found}; {job.folder / BEST}")
+        speed = f"{report.frames / training:,.0f} frames/s ({shares})" if training else "not begun"
+        end = "done" if report.done else f"stopped at {report.frames:,} of {report.of:,} frames, go on with --resume"
+        found, there = "no validation yet", job.folder
+        if report.row:
+            found, there = f"last validation: {_scores(report.row, EVERY[preset.task])}", job.folder / BEST
+        say(f"seed {job.seed}: {end}; {speed}; {found}; {there}")
     return status

@@ -23,7 +23,7 @@ from wayfield.policies.learned.features_sheet import SheetFeatures
 from wayfield.policies.learned.perception import Features, Perception, features_for
 from wayfield.policies.learned.ppo import shipped_agent
 from wayfield.policies.training.drawn import further
-from wayfield.policies.training.imitation import appraise, teach
+from wayfield.policies.training.imitation import Teaching
 from wayfield.policies.training.presets import Ppo, Preset
 from wayfield.policies.training.shaping import Shaped
 
@@ -46,6 +46,7 @@ class Learner(abc.ABC):
     def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
         self.preset = preset
         self.seed = seed
+        self.teaching: Teaching | None = None  # while it is not over
         self.seconds = dict.fromkeys(("imitation", "environment", "rollout policy", "update", "validation"), 0.0)
         self.env = make_worlds(preset, env_id)
         frames, named = self._kept()
@@ -88,13 +89,13 @@ class Learner(abc.ABC):
         """Returns the optimizers by the name that they have in a state."""
 
     def teach(self) -> Iterator[int]:
-        """Runs the imitation of the preset, and yields the number of frames seen so far; nothing without one."""
+        """Runs the imitation of the preset from where it is, and yields the frames seen so far; nothing without one."""
         yield from ()
 
     @property
     def frames(self) -> int:
         """Returns how many frames were seen."""
-        return self.model.num_timesteps
+        return self.model.num_timesteps if self.teaching is None else self.teaching.frames
 
     def update(self) -> dict[str, float]:
         """Collects once and learns from it; returns what the algorithm logs, and the reward.
@@ -152,10 +153,14 @@ class Learner(abc.ABC):
             "random.numpy": [int(rest[0]), int(rest[1]), float(rest[2])],
             "generators": self.env.generators(),
         }
+        if self.teaching is not None:
+            arrays, numbers = arrays | self.teaching.arrays(), numbers | {"teaching": self.teaching.numbers()}
         return arrays | self.env.arrays(), numbers
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], numbers: Mapping[str, Any]) -> None:
         """Puts the run back to where `state` was taken."""
+        if "teaching" not in numbers:
+            self.teaching = None
         self.model.policy.load_state_dict(
             {
                 name.removeprefix("policy."): torch.from_numpy(array.copy())
@@ -178,6 +183,8 @@ class Learner(abc.ABC):
         torch.set_rng_state(torch.from_numpy(arrays["random.torch"].copy()))
         position, has_gauss, gauss = numbers["random.numpy"]
         np.random.set_state(("MT19937", arrays["random.numpy"], position, has_gauss, gauss))  # noqa: NPY002
+        if self.teaching is not None:
+            self.teaching.restore(arrays, numbers["teaching"])
 
 
 class PpoLearner(Learner):
@@ -226,26 +233,26 @@ class PpoLearner(Learner):
                 for module, (weight, bias) in zip(mean, self.begins_as.network.layers, strict=True):
                     module.weight.copy_(torch.from_numpy(weight.copy()))
                     module.bias.copy_(torch.from_numpy(bias.copy()))
+        if preset.imitation:
+            numbers = preset.imitation, preset.imitation_rate, self.seed, preset.lessons
+            self.teaching = Teaching(self.ppo, self.env, None if preset.begins else preset.controller_at, *numbers)
 
     def _kept(self) -> tuple[int, str]:
         return self.preset.num_envs * self.preset.horizon, "num_envs x horizon"
 
     def teach(self) -> Iterator[int]:
-        """Runs the imitation of the preset, and yields the number of frames seen so far."""
-        preset, seconds = self.preset, self._timed.seconds
+        """Runs the imitation of the preset from where it is, and yields the frames seen so far."""
+        if self.teaching is None:
+            return
+        seconds = self._timed.seconds
         self._timed.seconds = dict(seconds)  # the environment's part of the imitation counts as imitation
-        began = time.perf_counter()
-        frames = 0
-        if preset.begins:
-            taught = appraise(self.ppo, preset.imitation, preset.imitation_rate)
-        else:
-            numbers = preset.imitation, preset.imitation_rate, self.seed, preset.lessons
-            taught = teach(self.ppo, self.env, preset.controller_at, *numbers)
-        for frames in taught:
-            self.seconds["imitation"] = time.perf_counter() - began
+        before, began = self.seconds["imitation"], time.perf_counter()
+        for frames in self.teaching.run():
+            self.seconds["imitation"] = before + time.perf_counter() - began
             yield frames
         self._timed.seconds = seconds
-        _, self._callback = self.ppo._setup_learn(preset.steps, _Nothing())
+        frames, self.teaching = self.teaching.frames, None
+        _, self._callback = self.ppo._setup_learn(self.preset.steps, _Nothing())
         self.ppo.num_timesteps = frames
 
     def _collect(self) -> float:
@@ -260,8 +267,8 @@ class PpoLearner(Learner):
         return layers_of(mean_of(self.ppo.policy))
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """Returns the only one."""
-        return {"optimizer": self.ppo.policy.optimizer}
+        """Returns the only one, and those of a teaching that is not over."""
+        return {"optimizer": self.ppo.policy.optimizer} | ({} if self.teaching is None else self.teaching.optimizers)
 
 
 class Timed(VecEnv):

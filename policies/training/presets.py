@@ -154,7 +154,8 @@ class Preset(Gains):
                 "controller either teaches (imitation > 0) or is added to (reach > 0)"
             )
         if self.controller:
-            choose("controller", self.controller, POLICIES)
+            # the generators of one that drives at random are nothing that a saved run could hold
+            choose("controller", self.controller, [name for name in POLICIES if name != "random"])
         if self.robot is not None:
             self._check_robot(robot_of(self.robot))
         if isinstance(self.learner, Sac):

@@ -21,6 +21,7 @@ from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.agent import Agent, Network, rounded, save_agent, weights_digest
 from wayfield.policies.learned.features_sheet import SHEET, numbers_of
 from wayfield.policies.training import checkpoints
+from wayfield.policies.training.imitation import frames_taught, up_to
 from wayfield.policies.training.learner import Layers, Learner, PpoLearner
 from wayfield.policies.training.measured import cruises, measurement
 from wayfield.policies.training.presets import MOST_LESSONS, PRESETS, Preset
@@ -37,6 +38,37 @@ LESSONS = 2**19  # as the goal seekers' presets have
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
 
+_PLANNED = ("steps", "imitation", "num_envs", "horizon")
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a run comes to in whole chunks, rollouts and updates."""
+
+    taught: int  # frames of imitation
+    updates: int  # after it
+    unit: int  # frames of an update
+
+    @property
+    def frames(self) -> int:
+        """Returns the frames of the run."""
+        return self.taught + self.updates * self.unit
+
+
+def plan_of(preset: Preset) -> Plan:
+    """Returns the plan of a preset: so many updates that its `steps` are reached, and passed by less than one.
+
+    A preset with the number of steps that it is listed with keeps the updates that the agents which ship had: an update
+    more in some, for the frames that its imitation is longer by than asked were not counted.
+    """
+    unit, taught = preset.num_envs * preset.horizon, 0
+    if preset.imitation:
+        taught = frames_taught(preset.imitation, preset.num_envs, preset.horizon, not preset.begins)
+    listed = all(getattr(preset, each) == getattr(PRESETS.get(preset.name), each, None) for each in _PLANNED)
+    rest = preset.steps - (preset.imitation if listed else taught)
+    return Plan(taught, up_to(max(rest, 0), unit) // unit, unit)
+
+
 @dataclasses.dataclass(frozen=True)
 class Job:
     """The settings of one run."""
@@ -49,6 +81,11 @@ class Job:
     resume: bool = False
     threads: int = 1
     command: str = ""
+
+    @property
+    def plan(self) -> Plan:
+        """Returns what the run comes to."""
+        return plan_of(self.preset)
 
     def described(self) -> dict[str, Any]:
         """Returns the key of this run."""
@@ -68,7 +105,7 @@ class Report:
 
     seed: int
     frames: int
-    steps: int
+    of: int  # frames, that it has when it is done
     row: Mapping[str, float] | None = None  # of the curve, after a validation
     seconds: Mapping[str, float] = dataclasses.field(default_factory=dict)
     done: bool = False
@@ -163,7 +200,7 @@ class _Run:
         self.learner = learner
         state, self.note = checkpoints.last_state(job.folder) if job.resume else (None, "")
         self.updates = 0
-        self.total = math.ceil((preset.steps - preset.imitation) / (preset.num_envs * preset.horizon))
+        self.total = job.plan.updates
         self.interval = max(1, round(self.total / preset.validations))
         self.rows: list[dict[str, float]] = []
         self.seconds = 0.0
@@ -175,7 +212,6 @@ class _Run:
         self.kwargs = preset.env_kwargs(preset.validation)
         self.further = [(speed, preset.env_kwargs(kwargs)) for speed, kwargs in preset.conditions]
         self.clock = EVERY[preset.task].clock
-        self.taught = state is not None or not preset.imitation
         if state is not None:
             try:
                 self._restore(*state)
@@ -191,25 +227,17 @@ class _Run:
         self.writer = SummaryWriter(str(job.folder / "tensorboard"), purge_step=purged)
 
     def go(self, report: Callable[[Report], None], interrupted: Callable[[], bool]) -> Report:
-        if not self.taught:
-            began = time.perf_counter()
-            for frames in self.learner.teach():
-                report(dataclasses.replace(self._report(None), frames=frames))
-                if interrupted():  # imitation is short: it begins anew
-                    self.writer.close()
-                    return dataclasses.replace(self._report(None), frames=0)
-            self.learner.check_finite()
-            self.taught = True
-            self.seconds = time.perf_counter() - began
+        if self.learner.teaching is not None:
+            self._teach(report, interrupted)
+        if self.learner.teaching is None and self.preset.imitation and not self.rows:
             self._validate(dict.fromkeys(("reward", *self.learner.LOGGED), math.nan))  # what was taught may be the best
             self._save()
             last = dataclasses.replace(self._report(self.rows[-1]), error=self._useless_clone())
             report(last)
             if last.error:
-                self.writer.close()
-                self.learner.env.close()
+                self._close()
                 return last
-        while self.updates < self.total and not interrupted() and not self._given_up():
+        while not (self.learner.teaching or self.updates >= self.total or interrupted() or self._given_up()):
             began = time.perf_counter()
             logged = self.learner.update()
             self.updates += 1
@@ -220,12 +248,24 @@ class _Run:
                 report(self._report(self.rows[-1]))
             else:
                 report(self._report(None))
-        done = self.updates == self.total or self._given_up()
+        done = self.learner.teaching is None and (self.updates >= self.total or self._given_up())
         if not done:
             self._save()
+        self._close()
+        return dataclasses.replace(self._report(self.rows[-1] if self.rows else None), done=done)
+
+    def _teach(self, report: Callable[[Report], None], interrupted: Callable[[], bool]) -> None:
+        began = time.perf_counter()
+        for _ in self.learner.teach():
+            report(self._report(None))
+            if interrupted():
+                break
+        self.learner.check_finite()
+        self.seconds += time.perf_counter() - began
+
+    def _close(self) -> None:
         self.writer.close()
         self.learner.env.close()
-        return dataclasses.replace(self._report(self.rows[-1] if self.rows else None), done=done)
 
     def _useless_clone(self) -> str:
         """Returns a line that says that the clone hardly ever succeeds where its teacher does; "" if it is not so."""
@@ -257,9 +297,8 @@ class _Run:
         return bool(patience and self.rows and self.updates - self.best_row["updates"] >= patience * self.interval)
 
     def _report(self, row: Mapping[str, float] | None) -> Report:
-        return Report(
-            self.job.seed, self.learner.frames, self.preset.steps, row, dict(self.learner.seconds), note=self.note
-        )
+        seconds = dict(self.learner.seconds)
+        return Report(self.job.seed, self.learner.frames, self.job.plan.frames, row, seconds, note=self.note)
 
     def _validate(self, logged: Mapping[str, float]) -> None:
         began = time.perf_counter()

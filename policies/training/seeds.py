@@ -46,7 +46,7 @@ def train_all(jobs: Sequence[Job], at_once: int, report: Callable[[Report], None
                         if not process.is_alive() and reports.empty():
                             job = jobs[k]
                             problem = f"its process ended with status {process.exitcode}; {GO_ON}"
-                            last[k] = Report(job.seed, 0, job.preset.steps, error=problem)
+                            last[k] = Report(job.seed, 0, job.plan.frames, error=problem)
                             del running[k]
                     continue
                 last[k] = each
@@ -56,7 +56,7 @@ def train_all(jobs: Sequence[Job], at_once: int, report: Callable[[Report], None
     finally:
         for process in running.values():
             process.kill()
-    ends = [last.get(k, Report(job.seed, 0, job.preset.steps)) for k, job in enumerate(jobs)]
+    ends = [last.get(k, Report(job.seed, 0, job.plan.frames)) for k, job in enumerate(jobs)]
     return [each if each.done else dataclasses.replace(each, stopped=interrupted.number) for each in ends]
 
 
@@ -69,7 +69,7 @@ def _work(
 ) -> None:
     end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    last = Report(job.seed, 0, job.preset.steps)
+    last = Report(job.seed, 0, job.plan.frames)
     try:
         if not asked.is_set():
             last = train(job, lambda each: reports.put((k, each, False)), (signal.SIGTERM,), asked.is_set)

@@ -364,7 +364,7 @@ class Shaped(VecEnv):
         if self._asked is not None:
             arrays["shaped._asked"] = self._asked.copy()
         for k, pilot in enumerate(self.pilots):
-            arrays[f"pilot_{k}"] = np.frombuffer(pilot.memory.tobytes(), np.uint8)
+            arrays |= {f"pilot_{k}.{name}": each for name, each in pilot.arrays().items()}
         for k, shield in enumerate(self.shields):
             arrays[f"shield_{k}"] = np.frombuffer(shield.tobytes(), np.uint8)
         return arrays
@@ -388,8 +388,7 @@ class Shaped(VecEnv):
             self._asked = arrays["shaped._asked"].copy()
             self.pilots = self.make_pilots(self.base.policy)
             for k, pilot in enumerate(self.pilots):
-                memory = pilot.memory
-                pilot.memory = np.frombuffer(arrays[f"pilot_{k}"].tobytes(), memory.dtype).reshape(memory.shape).copy()
+                pilot.put_back({name: arrays[f"pilot_{k}.{name}"] for name in pilot.arrays()})
 
     @property
     def seen(self) -> NDArray[np.float32]:

@@ -88,7 +88,7 @@ def train_far(
     sheet = Path(robot).read_bytes() if robot is not None and robot not in ROBOTS else None
     waiting = collections.deque(Slice(job, files_of(job.folder) if job.resume else {}, seconds, sheet) for job in jobs)
     handed: list[Slice] = []
-    last = {job.seed: Report(job.seed, 0, job.preset.steps) for job in jobs}
+    last = {job.seed: Report(job.seed, 0, job.plan.frames) for job in jobs}
     try:
         for k, (reached, files) in executor.as_done(train_slice, _Pieces(waiting, handed)):
             job = handed[k].job

@@ -29,6 +29,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from wayfield.envs.scenarios import GOAL_SCENARIOS
 from wayfield.policies.learned.agent import Agent, Network, load_agent
+from wayfield.policies.learned.features_dock import DockFeatures
 from wayfield.policies.learned.features_team import TeamFeatures
 from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
@@ -38,11 +39,12 @@ from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
 from wayfield.policies.training.learner import PpoLearner
 from wayfield.policies.training.presets import PRESETS, Ppo, Preset, Sac, overridden
-from wayfield.policies.training.run import Job, Report, train
+from wayfield.policies.training.run import Job, Report, plan_of, train
 from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.shaping import GoalReward, TeamReward
 from wayfield.policies.training.validation import validate
 from wayfield.policies.training.ways import left_from, way_field
+from wayfield.system.readers import READERS
 
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 
@@ -235,6 +237,17 @@ def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None
     assert preset.imitation <= seen[-1] == learner.frames < 1.1 * preset.imitation
 
 
+@pytest.mark.parametrize("changes", [{}, {"lessons": 64}, {"imitation": 0, "controller": ""}])
+@pytest.mark.parametrize("steps", [128, 641, 1000, 1280])
+def test_a_run_is_whole_updates_and_passes_its_steps_by_less_than_one(changes: Any, steps: int, tmp_path: Path) -> None:
+    preset = dataclasses.replace(TAUGHT, steps=steps, **({"imitation": steps // 3} | changes))
+    plan = plan_of(preset)
+    assert steps <= plan.frames < steps + plan.unit
+    if not preset.imitation:
+        last = train(job(tmp_path, dataclasses.replace(preset, validations=1)), quiet)
+        assert (last.frames, last.of, last.done) == (plan.frames, plan.frames, True)
+
+
 def test_a_second_signal_cuts_a_run_off_and_later_ones_are_as_before() -> None:
     def before(number: int, frame: Any) -> None:
         came.append(number)
@@ -257,24 +270,61 @@ def test_a_second_signal_cuts_a_run_off_and_later_ones_are_as_before() -> None:
         signal.signal(signal.SIGTERM, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_and_sigterm_save_and_the_run_goes_on_from_there(tmp_path: Path, number: signal.Signals) -> None:
-    train(job(tmp_path / "whole"), quiet)
-    folder = tmp_path / "run"
+LATE = {"scenario": "circle", "actuators": "lagged"}
+LESSONS = dataclasses.replace(
+    TAUGHT, worlds=((1.0, LATE),), imitation=16 * 8 * 5, steps=16 * 8 * 7, lessons=300, controller_gains="default"
+)
+ADDING = dataclasses.replace(
+    SMALL,
+    worlds=((1.0, LATE),),
+    controller="regulated_pure_pursuit",
+    controller_gains="default",
+    reach=0.25,
+    time_limit=40,
+)
+PARKED = dataclasses.replace(
+    SMALL,
+    task="docking",
+    worlds=((1.0, {"scenario": "moving/train", "num_beams": 24, "max_range": 5.0, "actuators": "lagged"}),),
+    validation={"scenario": "open/validation", "num_beams": 24, "max_range": 5.0},
+    features=DockFeatures(num_beams=24, pool=4, hull_radius=0.26),
+    robot="p3dx",
+    reward=GoalReward(),
+    controller="reeds_shepp",
+    controller_gains="default",
+    imitation=16 * 8 * 4,
+)
 
-    def press(report: Report) -> None:
-        if report.frames == 16 * 8 * 3:
-            signal.raise_signal(number)
 
-    before = signal.getsignal(number)
-    stopped = train(job(folder), press)
-    assert signal.getsignal(number) is before
-    assert not stopped.done
-    assert stopped.stopped == number
-    assert stopped.frames == 16 * 8 * 3
-    assert train(job(folder, resume=True), quiet).done
+@pytest.mark.parametrize(
+    ("env_id", "preset"),
+    [
+        *((PATH, SMALL), (PATH, LESSONS), (PATH, ADDING)),
+        ("wayfield/DiffDriveDocking-v0", PARKED),
+    ],
+    ids=["plain", "lessons", "adding to one that is late", "taught by a planner"],
+)
+def test_a_run_that_is_stopped_wherever_it_can_be_goes_on_from_there(
+    tmp_path: Path, env_id: str, preset: Preset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training_run, "validate", lambda *asked: validate(*asked[:-1], clock=50))
+    if preset.controller and env_id == PATH:  # a pilot foresees where a base is that answers late
+        preset = dataclasses.replace(preset, robot=str(READERS["data sheet of a robot"].fill(tmp_path)))
+    train(job(tmp_path / "whole", preset, env_id=env_id), quiet)
+    folder, stopped, reached = tmp_path / "run", None, [0]
+    while stopped is None or not stopped.done:
+        number = (signal.SIGINT, signal.SIGTERM)[len(reached) % 2]
+        before = signal.getsignal(number)
+        mine = job(folder, preset, env_id=env_id, resume=stopped is not None)
+        stopped = train(mine, lambda report, number=number: signal.raise_signal(number))
+        assert signal.getsignal(number) is before
+        assert stopped.stopped == (0 if stopped.done else number)
+        reached.append(stopped.frames)
+    assert reached == sorted(reached), "every stop keeps what came before it"
     for mine, other in zip(weights(folder), weights(tmp_path / "whole"), strict=True):
         np.testing.assert_array_equal(mine, other)
+    assert counts(folder) == counts(tmp_path / "whole")
+    assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
