@@ -28,7 +28,7 @@ from wayfield.benchmarks.report.findings import Finding, found, front_chart, lad
 from wayfield.benchmarks.report.worlds import World, read_worlds
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.tasks.specs import CROWDS
-from wayfield.system.identity import source_digest
+from wayfield.system.identity import ROOMS, source_digest
 
 BUDGET = 2_000_000  # bytes of a report
 
@@ -195,15 +195,26 @@ def made(command: str, content: Content) -> list[list[str]]:
     ]
 
 
-def commit() -> str:
-    """Returns the commit of the code as git describes it, marked where the code differs; "" where there is no git."""
-    home = Path(wayfield.__file__).resolve().parents[1]
+def commit(module: str = wayfield.__file__) -> str:
+    """Returns the commit of the code as git describes it, marked where the code differs; "" outside of its repository.
+
+    An installation may lie within a repository of the user's own, whose commits are of something else.
+
+    Args:
+        module: the file of the package's own.
+    """
+    file = Path(module).resolve()
+    home = file.parents[1]
+
+    def told(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
+
+    own = f"{file.parent.name}/{file.name}"  # from the top of the repository
     try:
-        found = (
-            subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
-            for words in (["describe", "--always", "--tags", "--dirty"],)
-        )
-        return next(found)
+        if told("ls-files", "--full-name", "--", own) != own:
+            return ""
+        changed = told("status", "--porcelain", "--", file.parent.name, *ROOMS)
+        return told("describe", "--always", "--tags") + ("-dirty" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return ""
 

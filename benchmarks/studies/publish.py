@@ -29,6 +29,7 @@ from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.records.results import EPISODES, TABLE, read_rows
 from wayfield.benchmarks.records.run_folder import MANIFEST, file_digest, read_manifest
+from wayfield.benchmarks.report.page import commit
 from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
@@ -78,7 +79,7 @@ def main(
             if section.needs and section in left and only is None:
                 continue
             if (above / section.name / MANIFEST).is_file():
-                files |= gathered(section, above / section.name, home)
+                files |= gathered(section, above / section.name)
             elif only is not None:
                 raise ValueError(f"--only {section.name}: {above / section.name} holds no finished run")
         store = Kept(home, files)
@@ -129,7 +130,7 @@ def run(section: Section, above: Path, home: Path, count: int | None = None) -> 
     print(f"{section.name}: {time.monotonic() - start:.0f} s", file=sys.stderr)
 
 
-def gathered(section: Section, folder: Path, home: Path) -> dict[str, bytes]:
+def gathered(section: Section, folder: Path) -> dict[str, bytes]:
     """Returns the files that the repository keeps of a finished run, by their place.
 
     Raises:
@@ -157,9 +158,8 @@ def gathered(section: Section, folder: Path, home: Path) -> dict[str, bytes]:
     if not any(section.place(name) in found for name in section.tables):
         raise ValueError(f"{folder} has none of the tables {', '.join(section.tables)}")
     date = datetime.datetime.fromtimestamp((folder / MANIFEST).stat().st_mtime, datetime.UTC).date().isoformat()
-    commit = described(home) if code == source_digest() else ""
     command = re.sub(r" --(?:out|workers) \S+", "", command)  # where and how fast is not what
-    made = Made(command, version("wayfield"), commit, date, scenarios(rows))
+    made = Made(command, version("wayfield"), commit() if code == source_digest() else "", date, scenarios(rows))
     found[f"{KEPT}/{section.name}.json"] = made.content()
     return found
 
@@ -187,19 +187,6 @@ def scenarios(rows: Episodes) -> int:
     tested = rows.where(split=("test", "claims", PUBLIC_SPLIT, "")) if "split" in rows.names else rows
     names = [name for name in ("document", "contest", "scenario", "episode") if name in tested.names]
     return int(tested.numbered(*names).max()) + 1 if tested else 0
-
-
-def described(home: Path) -> str:
-    """Returns the commit of the code as git describes it, marked where the code differs from it; "" without git."""
-    try:
-        told = ["describe", "--always", "--tags"], ["status", "--porcelain", "--", "envs", "policies", "benchmarks"]
-        name, changed = (
-            subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
-            for words in told
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return ""
-    return name + ("-dirty" if changed else "")
 
 
 def moving_picture() -> bytes:

@@ -26,7 +26,7 @@ from wayfield.benchmarks.records.results import write_rows
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.__main__ import main
-from wayfield.benchmarks.report.page import Section, rendered, write_page
+from wayfield.benchmarks.report.page import Section, commit, rendered, write_page
 from wayfield.benchmarks.report.worlds import plain, read_worlds, worlds_of
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.crowds.people import WALK
@@ -199,3 +199,20 @@ def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: 
     refused = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "absent" / "demo.html")])
     assert refused.exit_code == 1
     assert len(refused.output.splitlines()) == 1
+
+
+@pytest.mark.parametrize("tracked", [False, True], ids=["beside", "committed"])
+def test_the_commit_of_somebody_elses_repository_is_none_of_ours(tmp_path: Path, tracked: bool) -> None:
+    package = tmp_path / ".venv" / "lib" / "site-packages" / "wayfield"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (tmp_path / "mine.py").touch()
+    who = ("-c", "user.name=me", "-c", "user.email=me")
+    for words in (
+        ("init", "-q"),
+        ("add", "." if tracked else "mine.py"),
+        (*who, "commit", "-qm", "mine"),
+        ("tag", "v9"),
+    ):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    assert commit(str(package / "__init__.py")) == ""
