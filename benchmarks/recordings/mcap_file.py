@@ -25,6 +25,7 @@ from wayfield.system.readers import reader
 from wayfield.system.storage import write_whole
 
 _LIBRARY = "wayfield"  # in the header of the files that are ours
+_INFINITE = "1e999"  # JSON has no infinity; every parser that reads a double makes one of this
 _HEIGHT, _THIN = 0.5, 0.01  # m, of what is drawn of obstacles
 _SHAPES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _GREY = {"r": 0.4, "g": 0.4, "b": 0.45, "a": 0.9}
@@ -68,7 +69,8 @@ class _File:
     def say(self, topic: str, seconds: float, message: Mapping[str, Any]) -> None:
         """Writes a message that holds at a time of the episode."""
         time = round(1e9 * seconds)
-        self._writer.add_message(self._channels[topic], time, json.dumps(message).encode(), time)
+        text = json.dumps(message).replace("Infinity", _INFINITE)
+        self._writer.add_message(self._channels[topic], time, text.encode(), time)
 
 
 def _shape(obstacle: NDArray[np.void]) -> dict[str, Any]:
@@ -212,6 +214,7 @@ def _say_scan(said: _File, base: Any, time: float, seen: NDArray[np.float32]) ->
     if not len(ranges):
         return
     angles = base.task.beam_angles
+    returned = ranges < np.float32(base.task.max_range)
     said.say(
         "/scan",
         time,
@@ -221,7 +224,8 @@ def _say_scan(said: _File, base: Any, time: float, seen: NDArray[np.float32]) ->
             "pose": _pose(0.0, 0.0, 0.0),
             "start_angle": float(angles[0]),
             "end_angle": float(angles[-1]),
-            "ranges": [float(each) for each in ranges],
+            # a beam without a return is infinite, as REP 117 has it
+            "ranges": np.where(returned, ranges, np.inf).tolist(),
             "intensities": [],
         },
     )
