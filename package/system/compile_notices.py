@@ -12,7 +12,7 @@ def tell_of_no_cache(problem: str) -> None:
     if "no cache" not in _told:
         _told.add("no cache")
         warnings.warn(
-            f"wayfield compiles anew in every process, some seconds: compiled code is not kept: {problem}",
+            f"wayfield compiles anew in every process, up to a minute: compiled code is not kept: {problem}",
             RuntimeWarning,
             stacklevel=5,
         )
@@ -26,14 +26,15 @@ def tell_of_damage(problem: str) -> None:
 
 
 def tell_of_compiling(takes: str) -> None:
-    """Says that kernels are compiled; no-op in a worker, and where Gymnasium's logger shows no warnings.
+    """Says that kernels are compiled; no-op in a worker, where that was said of every process, and where Gymnasium's
+    logger shows no warnings.
 
     Args:
         takes: how long.
     """
-    if "compiling" in _told or multiprocessing.parent_process() is not None:
+    if {"compiling", "no cache"} & _told or multiprocessing.parent_process() is not None:
         return
     _told.add("compiling")
     logger = sys.modules.get("gymnasium.logger")
     if logger is None or logger.min_level <= logger.WARN:
-        print(f"first run: the kernels are compiled, which takes {takes} and is kept", file=sys.stderr, flush=True)
+        print(f"first run: the kernels are compiled, which takes {takes}", file=sys.stderr, flush=True)
