@@ -12,7 +12,7 @@ import io
 import json
 import lzma
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,21 +33,55 @@ from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import EPISODES, read_table
 from wayfield.benchmarks.runs.shards import played
 from wayfield.benchmarks.runs.suite import Setting
+from wayfield.envs.robots import ACTUATORS, ROBOTS
+from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
-from wayfield.policies.learned.reading import parsed_object
-from wayfield.system.checks import MOST_BYTES
+from wayfield.policies.learned.reading import parsed_object, read_bytes
+from wayfield.system.checks import choose, shown
 from wayfield.system.identity import differences, identity, source_digest
 from wayfield.system.readers import of_folder, reader
+from wayfield.system.unpacking import xz_rows
 
 CARD, ROWS = "card.json", "rows.csv.xz"
 _ENTRY = ("contest", "robot", "policy", "gains_name", "split")
 _OF_A_CASE = ("scenario", "gains", "agent_seed", "dynamics", "actuators", "disturbance", "suite")
 _CONDITIONS = ("dynamics", "actuators", "disturbance")
-_NEEDED = (*_ENTRY, *_OF_A_CASE[:1], *_CONDITIONS, "suite", "family", "episode", "seed", "success")
+NEEDED = (*_ENTRY, *_OF_A_CASE[:1], *_CONDITIONS, "suite", "family", "episode", "seed", "success")
 _WORDS = ("trajectory", "learned_from", "parameters")  # which describe an entry, and are no behaviour
 FIRST = 2  # episodes of a case of the sample
+_MOST_CARD = 2**22  # bytes; the largest entry of a contest has 20,000 episodes, of some 500 bytes each
+_MOST_ROWS = 2**24  # bytes, packed
+_MOST_TEXT = 2**26  # bytes of all rows
+_LONGEST = 2**13  # bytes of one
 
 Row = Mapping[str, str]
+
+
+class PackedRows(Collection[Row]):
+    """Rows that stay packed, and are unpacked one by one each time that they are gone through.
+
+    Args:
+        content: of the file of rows.
+        count: how many there are.
+    """
+
+    def __init__(self, content: bytes, count: int) -> None:
+        self._content, self._count = content, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __contains__(self, row: object) -> bool:
+        return any(row == each for each in self)
+
+    def __iter__(self) -> Iterator[Row]:
+        """Yields the rows; csv.Error, ValueError, EOFError or lzma.LZMAError where the content is damaged."""
+        lines = xz_rows(self._content, _LONGEST, _MOST_TEXT)
+        names = next(lines, [])
+        if len(set(names)) < len(names):
+            raise ValueError("it holds a column twice")
+        for line in lines:
+            yield dict(zip(names, line, strict=True))
 
 
 class Refused(ValueError):
@@ -59,7 +93,12 @@ class Submission:
     """An entry of a contest: its card, and its episodes as text."""
 
     card: Mapping[str, Any]
-    rows: Sequence[Row]
+    rows: Collection[Row]
+
+    @property
+    def first(self) -> Row:
+        """Returns the first row."""
+        return next(iter(self.rows))
 
 
 def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
@@ -94,7 +133,9 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         "entry": {name: rows[0].get(name, "") for name in _ENTRY},
         "code": source_digest(),
         "policy": getattr(entrant, "digest", ""),
-        "scenarios": {case: _geometry(case, rows[0]) for case in dict.fromkeys(row["scenario"] for row in rows)},
+        "scenarios": {
+            case: splits.digest(_scenarios(case, rows[0])) for case in dict.fromkeys(row["scenario"] for row in rows)
+        },
         "versions": identity(),
         "episodes": [signed(row) for row in rows],
     }
@@ -105,7 +146,7 @@ def content(submission: Submission) -> dict[str, bytes]:
     """Returns the files of a submission by name."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(list(submission.rows[0]))
+    writer.writerow(list(submission.first))
     writer.writerows(row.values() for row in submission.rows)
     packed = lzma.compress(text.getvalue().encode(), preset=9 | lzma.PRESET_EXTREME)
     return {CARD: (json.dumps(submission.card, indent=1) + "\n").encode(), ROWS: packed}
@@ -117,7 +158,7 @@ _SAMPLE_ROWS = [
 
 
 def _write_sample(folder: Path) -> None:
-    rows = [row | dict.fromkeys(_NEEDED[len(_ENTRY) :], "0") for row in _SAMPLE_ROWS]
+    rows = [row | dict.fromkeys(NEEDED[len(_ENTRY) :], "0") for row in _SAMPLE_ROWS]
     card = {"entry": _SAMPLE_ROWS[0], "code": "", "policy": "", "scenarios": {}, "versions": {}}
     sample = Submission(card | {"episodes": [signed(row) for row in rows]}, rows)
     for name, data in content(sample).items():
@@ -136,51 +177,63 @@ def read_submission(folder: Path) -> Submission:
     if gone := next((name for name in (CARD, ROWS) if not (folder / name).is_file()), ""):
         raise Refused(f"{folder / gone} is missing: a submission is {CARD} and {ROWS}, as `wayfield submit` wrote them")
     try:
-        card = parsed_object((folder / CARD).read_bytes(), str(folder / CARD))
+        card = _checked(parsed_object(read_bytes(folder / CARD, _MOST_CARD), str(folder / CARD)), folder / CARD)
+        content = read_bytes(folder / ROWS, _MOST_ROWS)
     except ValueError as error:
         raise Refused(str(error)) from None
-    kinds = {"entry": dict, "code": str, "policy": str, "scenarios": dict, "versions": dict, "episodes": list}
-    for name, kind in kinds.items():
-        if not isinstance(card.get(name), kind):
-            raise Refused(f"{folder / CARD}: {name} is missing, or no {kind.__name__}")
-    rows = _unpacked((folder / ROWS).read_bytes(), folder / ROWS)
-    missing = [name for name in _NEEDED if name not in rows[0]]
-    if missing:
-        raise Refused(f"{folder / ROWS} has no column {', '.join(missing)}")
-    if len(rows) != len(card["episodes"]):
-        raise Refused(f"{folder / ROWS} has {len(rows)} episodes, its card {len(card['episodes'])}")
-    for row, digest in zip(rows, card["episodes"], strict=True):
-        if signed(row) != digest:
-            raise Refused(f"{folder / ROWS}: {place(row)} is not as the card has it")
-        if {name: row[name] for name in _ENTRY} != card["entry"]:
-            raise Refused(f"{folder / ROWS}: {place(row)} is of another entry than the card's")
-        if not re.fullmatch(r"0|[1-9]\d{0,8}", row["episode"], re.ASCII):
-            raise Refused(f"{folder / ROWS}: {row['episode']!r} is no number of an episode")
-        if other := next((name for name in _CONDITIONS if row[name] != rows[0][name]), None):
-            raise Refused(f"{folder / ROWS}: {place(row)} has other {other} than the first")
+    digests = card.pop("episodes")
+    rows = PackedRows(content, len(digests))
+    try:
+        _check_rows(rows, card["entry"], digests)
+    except Refused as error:
+        raise Refused(f"{folder / ROWS}{error}") from None
+    except (lzma.LZMAError, EOFError, csv.Error, ValueError) as error:
+        raise Refused(f"{folder / ROWS} holds no packed rows: {error}") from None
     return Submission(card, rows)
 
 
-def _unpacked(data: bytes, file: Path) -> list[Row]:
-    """Returns the rows of packed CSV; Refused, naming the file, if it is none, or more than any of ours."""
-    try:
-        unpacker = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=2**28)
-        text = unpacker.decompress(data, MOST_BYTES).decode()
-        if not unpacker.eof:
-            raise ValueError("it is cut off, or too large")
-        names, *lines = list(csv.reader(io.StringIO(text), strict=True))
-        rows: list[Row] = [dict(zip(names, line, strict=True)) for line in lines]
-    except (lzma.LZMAError, EOFError, UnicodeDecodeError, csv.Error, ValueError) as error:
-        raise Refused(f"{file} holds no packed rows: {error}") from None
-    if not rows or len(set(names)) < len(names):
-        raise Refused(f"{file} holds no rows, or a column twice")
-    return rows
+def _checked(card: Mapping[str, Any], file: Path) -> dict[str, Any]:
+    """Returns what a card must hold, and nothing else; Refused, naming file and field, if it does not."""
+    kinds = {"entry": dict, "code": str, "policy": str, "scenarios": dict, "versions": dict, "episodes": list}
+    for name, kind in kinds.items():
+        if not isinstance(card.get(name), kind):
+            raise Refused(f"{file}: {name} is missing, or no {kind.__name__}")
+        texts = [card[name]] if kind is str else card[name].values() if kind is dict else card[name]
+        if wrong := [each for each in texts if not isinstance(each, str) or len(each) > _LONGEST]:
+            raise Refused(f"{file}: {name} holds {shown(wrong[0])}, which is no short text")
+    if sorted(card["entry"]) != sorted(_ENTRY):
+        raise Refused(f"{file}: entry holds {shown(list(card['entry']))}; it must be {', '.join(_ENTRY)}")
+    if not card["episodes"]:
+        raise Refused(f"{file}: episodes is empty")
+    return {name: card[name] for name in kinds}
+
+
+def _check_rows(rows: PackedRows, entry: Mapping[str, str], digests: Sequence[str]) -> None:
+    """Raises Refused, naming the first row, unless the rows are as a card has them; the message lacks the file."""
+    first: Row = {}
+    k = -1
+    for k, row in enumerate(rows):
+        first = first or row
+        if missing := [name for name in NEEDED if name not in row]:
+            raise Refused(f" has no column {', '.join(missing)}")
+        if k >= len(digests):
+            raise Refused(f" has more episodes than the {len(digests)} of its card")
+        if signed(row) != digests[k]:
+            raise Refused(f": {place(row)} is not as the card has it")
+        if {name: row[name] for name in _ENTRY} != entry:
+            raise Refused(f": {place(row)} is of another entry than the card's")
+        if not re.fullmatch(r"0|[1-9]\d{0,8}", row["episode"], re.ASCII):
+            raise Refused(f": {shown(row['episode'])} is no number of an episode")
+        if other := next((name for name in _CONDITIONS if row[name] != first[name]), None):
+            raise Refused(f": {place(row)} has other {other} than the first")
+    if k + 1 < len(digests):
+        raise Refused(f" has {k + 1} episodes, its card {len(digests)}")
 
 
 def place(row: Row) -> str:
     """Returns which episode a row is, in words."""
-    seed = f", agent {row['agent_seed']}" if row.get("agent_seed") else ""
-    return f"episode {row['episode']} of {row['scenario']}{seed}"
+    seed = f", agent {row['agent_seed']:.20}" if row.get("agent_seed") else ""
+    return f"episode {row['episode']:.20} of {row['scenario']:.60}{seed}"
 
 
 def check(submission: Submission, entrant: Entrant | None) -> str:
@@ -193,17 +246,21 @@ def check(submission: Submission, entrant: Entrant | None) -> str:
         Refused: if its scenarios or seeds are others than those here, or its policy was not named.
     """
     card, rows = submission.card, submission.rows
-    if card["entry"]["contest"] not in ALL_CONTESTS:
-        raise Refused(f"there is no contest {card['entry']['contest']!r}")
-    for scenario in dict.fromkeys(row["scenario"] for row in rows):
-        if not (here := _geometry(scenario, rows[0])) or card["scenarios"].get(scenario) != here:
-            first = next(row for row in rows if row["scenario"] == scenario)
-            raise Refused(f"its scenarios {scenario!r} are not those of this version, from {place(first)} on")
+    _check_names(submission.first, entrant)
+    known: dict[str, int] = {}
+    for row in rows:
+        if (scenario := row["scenario"]) not in known:
+            here = _scenarios(scenario, row)
+            if not here or card["scenarios"].get(scenario) != splits.digest(here):
+                raise Refused(f"its scenarios {shown(scenario)} are not those of this version, from {place(row)} on")
+            known[scenario] = len(here)
+        if int(row["episode"]) >= known[scenario]:
+            raise Refused(f"{place(row)}: there are {known[scenario]} scenarios")
     _check_suite(rows)
     _check_seeds(rows)
     if _is_own(card["entry"]) != (entrant is not None):
         needs = "a policy of somebody's own: name it with --policy to run it"
-        raise Refused(f"{card['entry']['policy']!r} is {needs if entrant is None else 'no policy of your own'}")
+        raise Refused(f"{shown(card['entry']['policy'])} is {needs if entrant is None else 'no policy of your own'}")
     found = [each] if (each := left_out(submission)) else []
     if card["code"] != source_digest():
         found.append(f"it was driven by other code ({differences(dict(card['versions']), identity())})")
@@ -212,39 +269,57 @@ def check(submission: Submission, entrant: Entrant | None) -> str:
     return "; ".join(found)
 
 
+def _check_names(row: Row, entrant: Entrant | None) -> None:
+    """Raises Refused, naming the nearest of what there is, if an entry is named after anything else."""
+    try:
+        choose("contest", row["contest"], ALL_CONTESTS)
+        choose("robot", row["robot"], ROBOTS)
+        choose("dynamics", row["dynamics"], ("kinematic", "pymunk"))
+        choose("actuators", row["actuators"], ACTUATORS)
+        choose("disturbance", row["disturbance"], LEVELS)
+        if entrant is None and not _is_own(row):
+            choose(f"policy of {row['contest']}", row["policy"], ALL_CONTESTS[row["contest"]].policies)
+    except ValueError as error:
+        raise Refused(str(error)) from None
+
+
 def left_out(submission: Submission) -> str:
     """Returns what an entry of its contest has to drive and this one has not, in words; "" of a whole one.
 
     A whole one has as many scenarios of every family of the contest, and of agents that ship every one.
     """
-    rows = submission.rows
-    contest = ALL_CONTESTS[rows[0]["contest"]]
-    counts: dict[tuple[str, str], int] = {}
-    for row in rows:
-        key = row["family"], row.get("agent_seed", "")
-        counts[key] = counts.get(key, 0) + 1
-    ships = rows[0]["gains_name"] == "trained"
-    seeds = [f"{seed}" for seed in contest.agents_of(rows[0]["policy"], rows[0]["robot"])] if ships else [""]
-    wanted = [(family, seed) for family in contest.families(rows[0]["dynamics"]) for seed in seeds]
-    if gone := next((each for each in wanted if each not in counts), None):
+    first = submission.first
+    contest = ALL_CONTESTS[first["contest"]]
+    seeds = [""]
+    if first["gains_name"] == "trained":
+        seeds = [f"{seed}" for seed in contest.agents_of(first["policy"], first["robot"])]
+    counts = {(family, seed): 0 for family in contest.families(first["dynamics"]) for seed in seeds}
+    for row in submission.rows:
+        if (key := (row["family"], row.get("agent_seed", ""))) not in counts:
+            return f"{place(row)} is none of a whole entry"
+        counts[key] += 1
+    if gone := next((each for each, count in counts.items() if not count), None):
         return f"it leaves out {gone[0]}{f', agent {gone[1]}' if gone[1] else ''}"
     return "it has more scenarios of one family than of another" if len({*counts.values()}) > 1 else ""
 
 
-def _check_suite(rows: Sequence[Row]) -> None:
+def _check_suite(rows: Collection[Row]) -> None:
     """Raises Refused if an episode is labelled as of a suite that is not its contest's own."""
-    contest = rows[0]["contest"]
-    own = next((suite for suite, held in CROWD_SUITES.items() if contest in held), contest)
-    if wrong := next((row for row in rows if row["suite"] != own), None):
-        raise Refused(f"{place(wrong)}: its suite is {wrong['suite']!r}, that of the contest {own!r}: drive that suite")
+    for row in rows:
+        own = next((suite for suite, held in CROWD_SUITES.items() if row["contest"] in held), row["contest"])
+        if row["suite"] != own:
+            there = shown(row["suite"])
+            raise Refused(f"{place(row)}: its suite is {there}, that of the contest {own!r}: drive that suite")
 
 
-def _check_seeds(rows: Sequence[Row]) -> None:
+def _check_seeds(rows: Collection[Row]) -> None:
     """Raises Refused if an episode's seed is not the one that everybody else drives with."""
     for row in rows:
         family, _, split = row["scenario"].partition("/")
         if row["seed"] != (wanted := f"{seed_of(0, split, family) + int(row['episode'])}"):
-            raise Refused(f"{place(row)}: its seed is {row['seed']}, that of the contest {wanted}: drive with --seed 0")
+            raise Refused(
+                f"{place(row)}: its seed is {row['seed']:.40}, that of the contest {wanted}: drive with --seed 0"
+            )
 
 
 def _is_own(row: Row) -> bool:
@@ -260,11 +335,16 @@ def differing(submission: Submission, entrant: Entrant | None, most: int | None)
     Raises:
         Refused: if no entry of this version has such gains.
     """
-    cases = list(_cases(submission.rows))
+    keys = list(dict.fromkeys(_case_of(row) for row in submission.rows))
     if most is not None:
-        cases = [rows[:FIRST] for rows in cases[:: max(len(cases) // most, 1)][:most]]
+        keys = keys[:: max(len(keys) // most, 1)][:most]
     driven = 0
-    for rows in cases:
+    for key in keys:
+        found: dict[int, Row] = {}
+        for row in submission.rows:
+            if _case_of(row) == key and found.setdefault(int(row["episode"]), row) is not row:
+                raise Refused(f"{place(row)} comes twice")
+        rows = [found[episode] for episode in sorted(found)][: None if most is None else FIRST]
         setting = _setting(rows, entrant)
         today = _texts(setting)
         driven += len(rows)
@@ -284,13 +364,9 @@ def _first_difference(now: Row, row: Row) -> str:
     return next((name for name, cell in row.items() if name not in _WORDS and now.get(name, "") != cell), "")
 
 
-def _cases(rows: Sequence[Row]) -> Iterator[list[Row]]:
-    """Yields the rows of each case, whose episodes are the first ones of its scenarios."""
-    found: dict[tuple[str, ...], list[Row]] = {}
-    for row in rows:
-        found.setdefault(tuple(row.get(name, "") for name in _OF_A_CASE), []).append(row)
-    for case in found.values():
-        yield sorted(case, key=lambda row: int(row["episode"]) if row["episode"].isdigit() else 0)
+def _case_of(row: Row) -> bytes:
+    """Returns a digest of what the episodes of a case have in common."""
+    return hashlib.sha256(repr([row.get(name, "") for name in _OF_A_CASE]).encode()).digest()
 
 
 def _setting(rows: Sequence[Row], entrant: Entrant | None) -> Setting:
@@ -321,13 +397,13 @@ def _texts(setting: Setting) -> list[Row]:
     return [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
 
 
-def _geometry(scenario: str, row: Row) -> str:
-    """Returns the digest of the frozen scenarios of a name; "" where there are none."""
+def _scenarios(scenario: str, row: Row) -> tuple[Any, ...]:
+    """Returns the frozen scenarios of a name; none where there are none."""
     family, _, split = scenario.partition("/")
     try:
-        return splits.digest(splits.split(ALL_CONTESTS[row["contest"]].spec.name, family, split))
+        return splits.split(ALL_CONTESTS[row["contest"]].spec.name, family, split)
     except (KeyError, ValueError):
-        return ""
+        return ()
 
 
 def signed(row: Row) -> str:

@@ -33,10 +33,11 @@ import wayfield
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
-from wayfield.policies.learned.reading import MOST_TEXT, parsed_object
+from wayfield.policies.learned.reading import MOST_NUMBERS, MOST_TEXT, parsed_object
 from wayfield.policies.policy import Policy
 from wayfield.system.checks import shown, suggestion
 from wayfield.system.readers import reader
+from wayfield.system.unpacking import check_members
 
 OWN = "own"  # the name of the gains of all that the user brings
 ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")  # of stable-baselines3, with continuous actions
@@ -504,9 +505,12 @@ def _model(source: str) -> OwnModel:
         raise ValueError(f"{source!r}: {wanted!r} is no algorithm; choose from {', '.join(ALGORITHMS)}")
     try:
         with zipfile.ZipFile(file) as archive:
+            check_members(archive, MOST_NUMBERS)
             sizes = {each.filename: each.file_size for each in archive.infolist()}
-            read = {"data", "policy.pth"} <= set(sizes) and sizes["data"] <= MOST_TEXT
-            content = archive.read("data") if read else b""
+            content = b""
+            if read := {"data", "policy.pth"} <= set(sizes) and sizes["data"] <= MOST_TEXT:
+                with archive.open("data") as member:  # `ZipFile.read` unpacks whatever size is declared
+                    content = member.read(MOST_TEXT)
     except OSError as error:
         raise ValueError(f"{file!r} cannot be read: {error.strerror or error}") from None
     except (

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.system.checks import MOST_BYTES
+from wayfield.system.unpacking import Piecewise, check_members
 
+_SUFFIX = ".npy"
 _DENSEST = 100  # times; numbers of a robot that moves, or whose clock runs on, are packed less densely
 
 
@@ -30,11 +32,9 @@ class Archive:
     def __enter__(self) -> "Archive":
         self._stream = open(self._file, "rb")
         try:
-            self._arrays = np.load(self._stream, allow_pickle=False)
-            sizes = [(each.file_size, each.compress_size) for each in self._arrays.zip.infolist()]
-            unpacked, packed = (sum(size) for size in zip((0, 0), *sizes, strict=True))
-            if unpacked > max(MOST_BYTES, _DENSEST * packed):
-                raise ValueError(f"it would unpack to {unpacked} bytes")
+            self._members = zipfile.ZipFile(self._stream)
+            packed = sum(each.compress_size for each in self._members.infolist())
+            check_members(self._members, max(MOST_BYTES, _DENSEST * packed))
         except BaseException as error:
             self.__exit__(type(error), error)
             raise
@@ -43,11 +43,12 @@ class Archive:
     @property
     def names(self) -> list[str]:
         """Returns the names of the arrays."""
-        return list(self._arrays.files)
+        return [name.removesuffix(_SUFFIX) for name in self._members.namelist()]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         self._reading = name
-        array: NDArray[Any] = self._arrays[name]
+        with self._members.open(f"{name}{_SUFFIX}") as member:
+            array: NDArray[Any] = np.lib.format.read_array(Piecewise(member), allow_pickle=False)
         if array.dtype.kind not in "fbiuV" or array.dtype.hasobject:
             raise ValueError(f"it holds {array.dtype}, not numbers")
         self._reading = ""

@@ -31,8 +31,10 @@ from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.parts.shield import Shielded
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training.drawn import robot_like, scaled
+from wayfield.system.checks import MOST_BYTES
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
+from wayfield.system.unpacking import xz_rows
 
 FIRST_SEED = 4_000_000  # no split goes so far
 STILL = (
@@ -152,7 +154,8 @@ def drive(name: str, condition: Condition, bank: Sequence[GoalScenario]) -> list
 
 def read_rows(file: Path) -> list[dict[str, str]]:
     """Returns the rows of a packed file."""
-    return list(csv.DictReader(io.StringIO(lzma.decompress(file.read_bytes()).decode())))
+    names, *lines = xz_rows(file.read_bytes(), MOST_BYTES, MOST_BYTES)
+    return [dict(zip(names, line, strict=True)) for line in lines]
 
 
 def rows_of(count: int, file: Path, only: Sequence[str]) -> list[dict[str, str]]:

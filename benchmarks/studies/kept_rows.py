@@ -15,6 +15,7 @@ from wayfield.benchmarks.leaderboards.entries import COMPARED
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.system.checks import MOST_BYTES
 from wayfield.system.readers import of_path, reader
+from wayfield.system.unpacking import xz_rows
 
 SUFFIX = ".csv.xz"
 DIGITS = 6
@@ -69,26 +70,19 @@ def unpacked(content: bytes, source: str) -> list[dict[str, str]]:
     Raises:
         ValueError: if it is damaged, or no such table; the message names the source.
     """
+    found: dict[str, list[str]] = {}
     try:
-        text = _inflated(content).decode()
-        lines = list(csv.reader(io.StringIO(text), strict=True))
-    except (lzma.LZMAError, EOFError, UnicodeDecodeError, csv.Error, ValueError) as error:
+        for name, *cells in xz_rows(content, MOST_BYTES, MOST_BYTES):
+            if name in found:
+                raise ValueError(f"column {name:.60} comes twice")
+            if not cells or len(cells) != len(next(iter(found.values()), cells)):
+                raise ValueError("its columns differ in length")
+            found[name] = cells
+    except (lzma.LZMAError, EOFError, csv.Error, ValueError) as error:
         raise ValueError(f"{source} holds no packed rows: {error}") from None
-    if not lines or any(len(line) != len(lines[0]) or len(line) < 2 for line in lines):
-        raise ValueError(f"{source} holds no packed rows: its columns differ in length")
-    names = [line[0] for line in lines]
-    if len(set(names)) < len(names):
-        raise ValueError(f"{source} holds a column twice")
-    return [dict(zip(names, cells, strict=True)) for cells in zip(*(line[1:] for line in lines), strict=True)]
-
-
-def _inflated(content: bytes) -> bytes:
-    """Returns what was packed; ValueError if that would be more than any file of ours."""
-    unpacker = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=2**28)
-    found = unpacker.decompress(content, MOST_BYTES)
-    if not unpacker.eof:
-        raise ValueError(f"it is cut off, or would unpack to over {MOST_BYTES} bytes")
-    return found
+    if not found:
+        raise ValueError(f"{source} holds no packed rows: it is empty")
+    return [dict(zip(found, cells, strict=True)) for cells in zip(*found.values(), strict=True)]
 
 
 _SAMPLE = packed({"policy": ["lqr", "mpc"], "success": ["1", "0"]})

@@ -28,6 +28,7 @@ from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.system.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
 from wayfield.system.objects import check_ordinary, fault
 from wayfield.system.readers import reader
+from wayfield.system.unpacking import rows
 
 CYLINDERS = "cylinders.csv.gz"
 START = (-2.25, 3.0, math.pi / 2)  # x, y (m), heading (rad)
@@ -40,6 +41,7 @@ MOST_FILES = 100_000  # that a folder is searched for worlds in
 
 _WORLD, _PATH = re.compile(r"world_(\d{1,6})\.world"), re.compile(r"path_(\d{1,6})\.npy")
 _NUMBERS = ("x", "y", "radius")
+_LONGEST = 4096  # bytes of a line of the table
 _HARMLESS = ("model://sun", "model://ground_plane")  # what a world may include: a robot does not run into it
 # attributes of a pose, with the values that leave it what it is without them
 _PLAIN_POSE = {
@@ -160,8 +162,11 @@ def read_cylinders(file: Path) -> dict[int, list[np.void]]:
     place = 0  # the last line that was read whole
     check_ordinary(file, f"{file}:1:")
     try:
-        with gzip.open(file, "rt", newline="", encoding="utf-8") as lines:
-            for place, row in enumerate(csv.DictReader(lines, strict=True), 2):
+        with gzip.open(file, "rb") as stream:
+            lines = rows(stream, _LONGEST, MOST_BYTES)
+            names = next(lines, [])
+            for place, cells in enumerate(lines, 2):
+                row = dict(zip(names, cells, strict=False))
                 if place > MOST_POINTS:
                     raise ValueError(f"{file} has more than {MOST_POINTS} lines, which no set of worlds has")
                 try:
