@@ -13,7 +13,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import metadata as installed
 from pathlib import Path
 from typing import Any
@@ -114,11 +114,11 @@ def recorded(source: Source, conditions: Conditions) -> Iterator[tuple[int, Epis
     env.close()
 
 
-def single(case: Case, conditions: Conditions) -> gymnasium.Env[Any, Any]:
-    """Returns the single environment of a case: what Minari makes again from the set."""
+def single(case: Case, conditions: Conditions, scenarios: Sequence[str] = ()) -> gymnasium.Env[Any, Any]:
+    """Returns the single environment of a case, with the scenarios of one name or of several, one after the other."""
     return gymnasium.make(
         case.env_id,
-        scenario=case.scenario,
+        scenario=list(scenarios) if len(scenarios) > 1 else case.scenario,
         dynamics=conditions.dynamics,
         actuators=conditions.actuators,
         max_episode_steps=case.max_episode_steps,
@@ -332,7 +332,8 @@ def _write(
     """Writes the whole set into a folder; returns how many steps it has, and its digest."""
     from wayfield.benchmarks.recordings.minari_set import MinariSet
 
-    env = single(parts[0].case, conditions)
+    scenarios = list(dict.fromkeys(source.case.scenario for source in parts))
+    env = single(parts[0].case, conditions, scenarios)  # what Minari makes again from the set replays every episode
     layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
     written = MinariSet(staged, env)
     env.close()
@@ -350,6 +351,8 @@ def _write(
         for source, number, episode in tracked(driven(), total, "episodes"):
             steps += len(episode.actions)
             case = source.case
+            of_set = scenarios.index(case.scenario) * SPLITS[conditions.split] + episode.start.scenario
+            episode = dataclasses.replace(episode, start=Start(episode.start.seed, of_set))
             metadata: dict[str, Any] = {"policy": case.policy, "gains_name": case.gains_name, "family": case.experiment}
             metadata |= {"split": case.split, "success": bool(episode.infos["success"][-1])}
             waiting.append(disk.submit(written.write, number, episode, metadata))

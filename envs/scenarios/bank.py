@@ -34,7 +34,7 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
     Args:
         name: a name of PATH_SCENARIOS; a family of FAMILIES["path_following"] or "all", as it is for its training
             split or with "/train", "/validation" or "/test" behind it; or a .csv, .txt or .json file; see
-            `path_scenario_from_file`. Or a `PathScenario`, or a list of some.
+            `path_scenario_from_file`. Or a `PathScenario`, or a list of some, or of names of families.
         scale: multiplies the positions of paths and starts, not the corridor or the start offsets.
 
     Raises:
@@ -65,7 +65,7 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
             "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or for goals a
             .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or
-            a map of MRPB with its cases. Or a scenario, `spec.scenario`, or a list of some.
+            a map of MRPB with its cases. Or a scenario, `spec.scenario`, or a list of some, or of names of families.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -166,11 +166,14 @@ def _fitted(scenarios: tuple[Any, ...], shrinkage: float) -> tuple[Any, ...]:
 
 
 def _frozen_split(task: TaskSpec, name: str) -> tuple[Any, ...] | None:
-    """Returns the scenarios of a split's name, "family" or "family/split"; None when it names no family.
+    """Returns the scenarios of a split's name, "family" or "family/split", or of several; None when it names no family.
 
     Raises:
         ValueError: if the family has no such split, or the split is damaged.
     """
+    if isinstance(name, list | tuple):
+        parts = [_frozen_split(task, each) for each in name]
+        return None if None in parts else tuple(scenario for part in parts for scenario in part or ())
     family, slash, part = name.partition("/") if isinstance(name, str) else ("", "", "")
     if family not in families(task.name) or _has_suffix(part):
         return None

@@ -142,6 +142,18 @@ def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, caps
         assert {channel.topic for _, channel, _ in make_reader(file).iter_messages()} >= {"/tf", "/action", "/told"}
 
 
+def test_the_environment_of_a_set_of_several_families_replays_all_of_it(home):
+    words = ("pure_pursuit", "lqr", "--family", "splines", "--family", "circles", "--episodes", "5")
+    assert recorded(*words, "--dataset", "here/all-v0") == 0
+    read = minari.load_dataset("here/all-v0")
+    env = read.recover_environment()
+    for episode, about in zip(read, read.storage.get_episode_metadata(range(5)), strict=True):
+        seen, _ = env.reset(seed=int(about["seed"]), options=about["options"])
+        driven = [seen, *(env.step(action)[0] for action in episode.actions)]
+        np.testing.assert_array_equal(driven, episode.observations)
+    env.close()
+
+
 def test_columns_are_those_of_minaris_own_writer(home):
     assert recorded("lqr", "--family", "splines", "--episodes", "1", "--dataset", "ours-v0") == 0
     ours = minari.load_dataset("ours-v0")
