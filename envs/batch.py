@@ -14,6 +14,7 @@ from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grid
 from wayfield.system.checks import choose, memory, shown
 from wayfield.system.compiled import machine_code
+from wayfield.system.extras import installs
 from wayfield.system.sharing import PART
 from wayfield.system.threads import thread_pool
 
@@ -45,7 +46,7 @@ def _coppelia_plant(task: Task, num_envs: int) -> Any:
     try:
         from wayfield.envs.coppelia.plant import CoppeliaPlant
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f'dynamics="coppelia" needs {error.name}: pip install "wayfield[coppelia]"') from None
+        raise ModuleNotFoundError(f'dynamics="coppelia" needs {error.name}: {installs("coppelia")}') from None
     return CoppeliaPlant(task, num_envs)
 
 

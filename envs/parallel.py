@@ -14,11 +14,12 @@ from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.teams import TeamEnv, TeamRows, seed_worlds
 from wayfield.system.checks import choose, whole
 from wayfield.system.checks import seed as check_seed
+from wayfield.system.extras import installs
 
 try:
     from pettingzoo import ParallelEnv
 except ImportError as error:
-    raise DependencyNotInstalled('wayfield.parallel_env needs PettingZoo: pip install "wayfield[multi]"') from error
+    raise DependencyNotInstalled(f"wayfield.parallel_env needs PettingZoo: {installs('multi')}") from error
 
 
 class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):  # type: ignore[misc]

@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import Robot
 from wayfield.envs.world.geometry import Bounds
 from wayfield.envs.world.grids import OccupancyGrid
+from wayfield.system.extras import installs
 
 try:
     import pygame
 except ImportError as error:
     raise DependencyNotInstalled(
-        'rendering needs pygame-ce: pip install "wayfield[render]"; check_env does without, with skip_render_check=True'
+        f"rendering needs pygame-ce: {installs('render')}; check_env does without, with skip_render_check=True"
     ) from error
 if not getattr(pygame, "IS_CE", 0):
     raise DependencyNotInstalled(
         "rendering needs pygame-ce, but pygame is installed over it: pip uninstall -y pygame pygame-ce, then "
-        'pip install "wayfield[render]"'
+        f"{installs('render')}"
     )
 
 Colour = tuple[int, int, int]

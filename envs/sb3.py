@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.teams import TeamVectorEnv
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.system.extras import installs
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError as error:
-    raise DependencyNotInstalled('wayfield.envs.sb3 needs stable-baselines3: pip install "wayfield[train]"') from error
+    raise DependencyNotInstalled(f"wayfield.envs.sb3 needs stable-baselines3: {installs('train')}") from error
 
 Array = NDArray[np.float64]
 _NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; never written to

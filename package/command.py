@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from wayfield import __version__
 from wayfield.starting import started
+from wayfield.system.extras import installs
 
 
 class _Command(NamedTuple):
@@ -94,7 +95,7 @@ def _run(words: list[str]) -> None:
         missing = _missing(error)
         if missing is None:
             raise
-        print(f'wayfield {name}: {missing} is missing: pip install "wayfield[{command.extra}]"', file=sys.stderr)
+        print(f"wayfield {name}: {missing} is missing: {installs(command.extra)}", file=sys.stderr)
         sys.exit(1)
     run(args=rest, prog_name=f"wayfield {name}")
 

@@ -87,6 +87,7 @@ from wayfield.system.command_line import (
     shared_out,
 )
 from wayfield.system.executors import HERE, Executor
+from wayfield.system.extras import installs
 
 SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, *CROWD_SUITES, DISTURBANCES, *PUBLIC)
 MODES = tuple(mode for suite in PUBLIC.values() if len(suite.modes) > 1 for mode in suite.modes)
@@ -528,7 +529,7 @@ def _ended_by_signals() -> Iterator[None]:
 def _need(module: str, extra: str) -> None:
     """Refuses to start when an optional dependency is missing, rather than fail at the end."""
     if importlib.util.find_spec(module) is None:
-        raise click.ClickException(f'{module} is missing: pip install "wayfield[{extra}]"')
+        raise click.ClickException(f"{module} is missing: {installs(extra)}")
 
 
 def _cases_of_documents(policies: tuple[str, ...] | None) -> tuple[Case, ...]:

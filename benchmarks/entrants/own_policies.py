@@ -36,6 +36,7 @@ from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.policies.learned.reading import MOST_NUMBERS, MOST_TEXT, parsed_object
 from wayfield.policies.policy import Policy
 from wayfield.system.checks import shown, suggestion
+from wayfield.system.extras import installs
 from wayfield.system.readers import reader
 from wayfield.system.unpacking import check_members
 
@@ -557,7 +558,7 @@ def loaded(file: str, algorithm: str, digest: str) -> Any:
     try:
         import stable_baselines3
     except ImportError:
-        raise ValueError(f'{file!r} needs stable-baselines3: pip install "wayfield[train]"') from None
+        raise ValueError(f"{file!r} needs stable-baselines3: {installs('train')}") from None
     try:
         if file_digest(Path(file)) != digest:
             raise ValueError("it has changed since the command began")

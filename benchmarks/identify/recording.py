@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from wayfield.benchmarks.identify.response import Floats
 from wayfield.system.checks import choose, printable, shown
+from wayfield.system.extras import installs
 from wayfield.system.objects import fault, read_text
 from wayfield.system.readers import of_path, reader
 
@@ -195,7 +196,7 @@ def _read_sample(function: Any, file: Path) -> Any:
 def read_bag(file: Path, topics: Topics, stamps: str = "auto") -> Log:
     """Returns the recording of a bag; see `read_log`."""
     if importlib.util.find_spec("rosbags") is None:
-        raise ModuleNotFoundError(f'{file}: bags are read by rosbags: pip install "wayfield[bags]"', name="rosbags")
+        raise ModuleNotFoundError(f"{file}: bags are read by rosbags: {installs('bags')}", name="rosbags")
     with _opened(file) as (source, deserialize):
         there = {each.topic: each.msgtype for each in source.connections}
         wanted = {topics.cmd: COMMANDS, topics.odom: ODOMETRY}

@@ -35,9 +35,9 @@ from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios.splits import SPLITS
 from wayfield.policies.training.recorded import KEY
 from wayfield.system.command_line import SEED, Choice, OneLineErrors, say, words_given
+from wayfield.system.extras import installs
 from wayfield.system.storage import clear_stale, locked, replace_folder, restore_folder, temporary_folder
 
-EXTRA = 'pip install "wayfield[record]"'
 _IN_FLIGHT = 64  # episodes that wait for the disk
 
 # policies that act by the row they drive in, so that every episode of a row would be driven alike
@@ -181,7 +181,7 @@ def _folder(dataset: str) -> Path:
         from minari.dataset.minari_dataset import parse_dataset_id
         from minari.storage.datasets_root_dir import get_dataset_path
     except ImportError as error:
-        raise click.ClickException(f"{error.name or 'minari'} is missing: {EXTRA}") from None
+        raise click.ClickException(f"{error.name or 'minari'} is missing: {installs('record')}") from None
     try:
         parse_dataset_id(dataset)
     except ValueError as error:

@@ -16,6 +16,7 @@ import rich.console
 import rich.table
 
 from wayfield.system.command_line import Choice, Finite, OneLineErrors
+from wayfield.system.extras import installs
 from wayfield.system.processes import end_with_parent
 
 
@@ -79,7 +80,7 @@ def main(calls: int, seconds: float, dynamics: str) -> None:
     try:
         from coppeliasim_zmqremoteapi_client import RemoteAPIClient
     except ModuleNotFoundError as error:
-        raise click.ClickException(f'{error.name} is missing: pip install "wayfield[coppelia]"') from None
+        raise click.ClickException(f"{error.name} is missing: {installs('coppelia')}") from None
     table = rich.table.Table(title=f"CoppeliaSim server, {dynamics}, real client", title_justify="left")
     for header in ("measure", "value", "target"):
         table.add_column(header, justify="left" if header == "measure" else "right")

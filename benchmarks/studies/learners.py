@@ -34,6 +34,7 @@ from wayfield.policies.learned.agent import CARD, read_card
 from wayfield.policies.learned.ppo import trained
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.executors import cores, workers
+from wayfield.system.extras import installs
 
 SUITE = "learners"
 LEARNERS = "learners.csv"
@@ -264,7 +265,7 @@ def main(seeds: int, steps: int | None, home: Path, out: str | None, count: int 
                     (stage / LEARNERS).write_text(table.csv(), encoding="utf-8")
                     (stage / TABLE).write_text(table.markdown(), encoding="utf-8")
         except ModuleNotFoundError as error:
-            raise click.ClickException(f'{error.name} is missing; pip install "wayfield[train]"') from None
+            raise click.ClickException(f"{error.name} is missing; {installs('train')}") from None
         except (OSError, RuntimeError, ValueError, FloatingPointError) as error:
             raise click.ClickException(str(error)) from None
     # what a terminal has no room for stands in the files

@@ -22,6 +22,7 @@ from page_recipes import Leaf, exports, jobs, tables
 from wayfield.benchmarks import report
 from wayfield.benchmarks.report.page import MODULE, TABLES
 from wayfield.system.command_line import OneLineErrors
+from wayfield.system.extras import installs
 from wayfield.system.storage import write_whole
 
 TRIPLE = "wasm32-unknown-unknown"
@@ -162,7 +163,7 @@ def main(out: Path | None, kept: bool) -> None:
     try:
         import ziglang  # noqa: F401
     except ModuleNotFoundError:
-        raise click.ClickException('ziglang is missing: pip install "wayfield[wasm]"') from None
+        raise click.ClickException(f"ziglang is missing: {installs('wasm')}") from None
     with tempfile.TemporaryDirectory() as scratch:
         if "WAYFIELD_WASM" not in os.environ:  # numba's code is asked for, which its cache does not keep
             told = os.environ | {"WAYFIELD_WASM": "1", "NUMBA_CACHE_DIR": scratch}

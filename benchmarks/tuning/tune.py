@@ -54,6 +54,7 @@ from wayfield.policies.policy import check_robot
 from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, on_cluster, say, shared_out
 from wayfield.system.executors import Executor, cores
+from wayfield.system.extras import installs
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
 
@@ -638,7 +639,7 @@ def main(
     try:
         import optuna  # noqa: F401
     except ImportError:
-        raise click.ClickException('optuna is missing: pip install "wayfield[tune]"') from None
+        raise click.ClickException(f"optuna is missing: {installs('tune')}") from None
     from wayfield.benchmarks.tuning.shared_study import NoStudy
 
     contest = ALL_CONTESTS[suite]

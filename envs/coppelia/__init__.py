@@ -1,7 +1,7 @@
 """CoppeliaSim's ZeroMQ remote API: a server for its scripts, and a plant that drives a running CoppeliaSim.
 
 `python -m wayfield.envs.coppelia` serves a scene; `gymnasium.make(id, dynamics="coppelia")` drives a simulator. Both
-need the extra `wayfield[coppelia]`; `import wayfield` imports nothing of this package. Modules:
+need the extra `coppelia`; `import wayfield` imports nothing of this package. Modules:
 
 - server: `codec` (bytes to requests), `server` (sockets, clients, stepping), `signatures` (checks of arguments),
   `calls` and `calls_*` (the functions of `sim`);

@@ -8,12 +8,14 @@ import time
 from pathlib import Path
 from typing import Any
 
+from wayfield.system.extras import installs
+
 try:
     import cbor2  # noqa: F401
     import click
     import zmq  # noqa: F401
 except ModuleNotFoundError as missing:
-    sys.exit(f'coppelia: {missing.name} is missing: pip install "wayfield[coppelia]"')
+    sys.exit(f"coppelia: {missing.name} is missing: {installs('coppelia')}")
 
 from wayfield.envs.coppelia.models import MODELLED
 from wayfield.envs.coppelia.scene_files import run_setup

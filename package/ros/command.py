@@ -28,10 +28,11 @@ from wayfield.ros.guard import Driver, Limits
 from wayfield.ros.messages import Goal
 from wayfield.system.checks import printable
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors
+from wayfield.system.extras import installs
 
 NEEDS_ROS = (
     "rclpy is missing: on a robot, install ROS 2 by apt, source /opt/ros/DISTRO/setup.bash and use an environment made "
-    'with --system-site-packages; for tests on Linux x86_64, pip install "wayfield[ros]"'
+    f"with --system-site-packages; for tests on Linux x86_64, {installs('ros')}"
 )
 PERIODS = 20.0  # Hz, of the control periods of our worlds
 
@@ -49,7 +50,7 @@ def nodes() -> Any:
             raise
         name = (error.name or "").partition(".")[0]
         raise click.ClickException(
-            NEEDS_ROS if name == "rclpy" else f'{name} is missing: pip install "wayfield[ros]", or ros-DISTRO-*'
+            NEEDS_ROS if name == "rclpy" else f"{name} is missing: {installs('ros')}, or ros-DISTRO-*"
         ) from None
     except ImportError as error:  # compiled against another Python or NumPy
         raise click.ClickException(f"rclpy is there and does not load in this Python: {error}") from None
@@ -384,7 +385,7 @@ def recorder_of(file: str | None) -> Any:
     if file is None:
         return None
     if importlib.util.find_spec("mcap") is None:
-        raise click.ClickException('--record needs mcap: pip install "wayfield[ros]"')
+        raise click.ClickException(f"--record needs mcap: {installs('ros')}")
     from wayfield.ros.recording import Recorder
 
     try:

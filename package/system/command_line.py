@@ -21,6 +21,7 @@ from wayfield.starting import started
 from wayfield.system.checks import choose, printable
 from wayfield.system.cluster import NoScheduler, cluster
 from wayfield.system.executors import Executor, Failed, workers
+from wayfield.system.extras import installs
 
 SEED = click.IntRange(0, 2**31 - 1)  # what every generator that is seeded takes
 _INTERRUPTED = 128 + 2  # exit statuses as a shell reports them: 128 and the number of the signal
@@ -173,7 +174,7 @@ def shared_out(count: int) -> Iterator[Executor]:
             yield executor
         return
     if importlib.util.find_spec("distributed") is None:
-        raise click.ClickException('--cluster needs distributed: pip install "wayfield[cluster]"')
+        raise click.ClickException(f"--cluster needs distributed: {installs('cluster')}")
     try:
         with cluster(address, count) as executor:
             yield executor

@@ -14,6 +14,7 @@ import numpy as np
 
 from wayfield.policies.learned.agent import Agent, load_agent
 from wayfield.system.command_line import OneLineErrors
+from wayfield.system.extras import installs
 from wayfield.system.storage import write_whole
 
 
@@ -72,7 +73,7 @@ def main(folder: pathlib.Path, file: pathlib.Path, force: bool) -> None:
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     except ModuleNotFoundError as error:
-        raise click.ClickException(f'{error.name} is missing; pip install -c constraints.txt -e ".[onnx]"') from None
+        raise click.ClickException(f"{error.name} is missing: {installs('onnx')}") from None
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.policies.learned.reading import is_whole, read_object
 from wayfield.system.checks import LAST_OF_EPISODES, shown
+from wayfield.system.extras import installs
 
 KEY = "wayfield"  # of what we add to the metadata of a set and of an episode
 MOST_EPISODES = 10**7
@@ -26,7 +27,7 @@ def opened(source: str) -> Any:
         import minari
         from minari.storage.datasets_root_dir import get_dataset_path
     except ImportError:
-        raise ValueError('data sets need minari: pip install "wayfield[record]"') from None
+        raise ValueError(f"data sets need minari: {installs('record')}") from None
     folder = Path(source) / "data"
     try:
         if not folder.is_dir():

@@ -1,11 +1,14 @@
 """The `wayfield` command: what it hands over, what it says without an extra, its lists, films and the game."""
 
+import importlib.metadata
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+import types
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from wayfield.benchmarks.figures.one_drive import Place
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
 from wayfield.policies import ABOUT, POLICIES
+from wayfield.system.extras import installs
 
 NOT_THERE = """
 import builtins, sys
@@ -70,14 +74,32 @@ def test_a_reader_who_leaves_gets_no_traceback() -> None:
 def test_without_its_extra_a_command_says_one_line(name: str) -> None:
     told = said(name, "--help", missing=("click",))
     assert told.returncode == 1
-    assert told.stderr == (
-        f'wayfield {name}: click is missing: pip install "wayfield[{command.COMMANDS[name].extra}]"\n'
-    )
+    assert told.stderr == f"wayfield {name}: click is missing: {installs(command.COMMANDS[name].extra)}\n"
 
 
 def test_without_pygame_the_game_says_one_line() -> None:
     told = said("play", missing=("pygame",))
-    assert told.stderr == 'wayfield play: pygame is missing: pip install "wayfield[render]"\n'
+    assert told.stderr == f"wayfield play: pygame is missing: {installs('render')}\n"
+
+
+def test_an_extra_is_installed_from_where_wayfield_came(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "a clone"
+    place.mkdir()
+    git = {"url": "https://host/wayfield.git", "vcs_info": {"vcs": "git"}}
+    lines = {
+        json.dumps({"url": place.as_uri(), "dir_info": {"editable": True}}): f'pip install -e "{place}[train]"',
+        json.dumps({"url": place.as_uri(), "dir_info": {}}): f'pip install "{place}[train]"',
+        json.dumps(
+            {"url": (tmp_path / "gone").as_uri(), "dir_info": {}}
+        ): 'pip install ".[train]" in a clone of wayfield',
+        json.dumps(git): 'pip install "wayfield[train] @ git+https://host/wayfield.git"',
+        None: 'pip install "wayfield[train]"',
+        "{": 'pip install "wayfield[train]"',
+    }
+    for came, line in lines.items():
+        found = types.SimpleNamespace(read_text=lambda name, came=came: came)
+        monkeypatch.setattr(importlib.metadata, "distributions", lambda found=found, **_: [found])
+        assert installs("train") == line
 
 
 def test_films_and_games_need_no_more_than_their_extra() -> None:

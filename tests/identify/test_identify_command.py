@@ -21,6 +21,7 @@ from wayfield.benchmarks.identify.recording import Log, Topics, read_log
 from wayfield.benchmarks.identify.response import AXES, Drive
 from wayfield.envs.robots import ROBOTS, read_robot
 from wayfield.envs.robots.intervals import Interval
+from wayfield.system.extras import installs
 
 TURTLEBOT = np.array([0.12, 1.0, 0.7, 0.7, 0.18, 0.16, 1.0, 3.0, 3.0, 0.18, 0.2, 2.4])
 
@@ -333,7 +334,7 @@ def test_without_rosbags_a_line_says_how_to_get_it(tmp_path: Path) -> None:
     ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert len(ended.stderr.splitlines()) == 1
-    assert 'pip install "wayfield[bags]"' in ended.stderr
+    assert installs("bags") in ended.stderr
 
 
 def test_the_sheet_holds_no_value_of_what_was_not_seen(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from wayfield.ros.command import main
 from wayfield.ros.conventions import AHEAD, Outgoing, Sight, fault_of, read
 from wayfield.ros.guard import Decision, Driver, Limits
 from wayfield.ros.messages import STILL, Odometry, Scan, Twist, quaternion_of, yaw_of
+from wayfield.system.extras import installs
 
 BURGER = ROBOTS["turtlebot3"]
 
@@ -429,7 +430,7 @@ def test_without_ros_a_line_says_what_to_do(name, capsys):
     assert found.value.code
     [line] = capsys.readouterr().err.strip().splitlines()
     assert "rclpy is missing" in line
-    assert 'pip install "wayfield[ros]"' in line
+    assert installs("ros") in line
 
 
 # what no message may cause

@@ -14,6 +14,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import OccupancyGrid
+from wayfield.system.extras import installs
 
 pytest.importorskip("pygame")
 from wayfield.envs.rendering import Body, Ghost, Mark, Renderer, Scene, person
@@ -270,7 +271,7 @@ except Exception as error:
 """
     output = run_python(program)
     assert gymnasium.error.DependencyNotInstalled.__name__ in output
-    assert 'pip install "wayfield[render]"' in output
+    assert installs("render") in output
 
 
 def test_a_window_without_a_display_is_one_clear_error_and_the_dummy_driver_is_none():
