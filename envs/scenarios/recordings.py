@@ -1,18 +1,20 @@
 """Recorded people, from the user's own files: ETH's `obsmat.txt`, and the four columns of UCY and TrajNet.
 
 A row says where a person was in a frame: ETH frame, id, x, z, y and the velocities, which are not read; UCY and TrajNet
-frame, id, x, y; lengths in metres. Rows of a person follow each other by one step of frames, 0.4 s in all these sets.
-A recorded person does not react: tables of replayed people compare with no others.
+frame, id, x, y; lengths in metres. Rows of a person follow each other by one step of frames, 0.4 s in most of these
+sets. A recorded person does not react: tables of replayed people compare with no others.
 
 Source: Pellegrini et al., You'll never walk alone, ICCV 2009; Lerner et al., Crowds by example, 2007; Kothari et al.,
 Human trajectory forecasting in crowds, 2021 (TrajNet++).
 """
 
 import functools
-import itertools
+import hashlib
 import math
 import os
+import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +29,29 @@ from wayfield.system.objects import read_text
 from wayfield.system.readers import of_path, reader
 
 ETH, PLAIN = "obsmat.txt", ".txt"
-STEP = 0.4  # s, between the rows of a person
+RATE = 2.5  # rows of a person in a second
+LONGEST_GAP = 2.0  # s, in which a person is taken to walk straight on
 RADIUS = 0.25  # m, of a recorded person
 LONGEST = 60.0  # s, of a window
 SHORTEST, NEAREST_GOAL = 4.0, 3.0  # s and m, of the way that the robot takes over
 MOST_SCENARIOS = 64
 MOST_ROWS = 1_000_000
 FASTEST = 4.0  # m/s, in the median step of a person that walks
-_SLOW = 0.05  # m/s, of a set whose unit or frame rate is another
+_SLOW = 0.05  # m/s, of a set whose unit is another
+_USUAL = 0.5, 1.3, 2.0  # m/s, of people who walk: at least, in the mean, at most in the median of a set
 
 _ETH_SAMPLE = "".join(
     f"{780 + 6 * k} {i} {0.5 * k * (3 - 2 * i):.3e} 0 {2.0 * i:.3e} 1 0 0\n" for i in (1, 2) for k in range(16)
 )
 _PLAIN_SAMPLE = "".join(f"{10 * k}\t{i}\t{0.5 * k * (3 - 2 * i)}\t{2.0 * i}\n" for k in range(16) for i in (1, 2))
 
-Walked = dict[int, tuple[int, NDArray[np.float64]]]  # of each person the first step, and x, y (m) a step, (rows, 2)
+
+class Person(NamedTuple):
+    """The track of a person between two gaps."""
+
+    name: str
+    begins: int  # the step of the first row
+    places: NDArray[np.float64]  # x, y (m) a step, (rows, 2)
 
 
 def is_recording(name: object) -> bool:
@@ -55,21 +65,25 @@ def is_recording(name: object) -> bool:
     return "map.yaml" not in files and any(each.lower().endswith(PLAIN) for each in files)
 
 
-def recorded(name: str | os.PathLike[str]) -> tuple[TeamScenario, ...]:
+def recorded(name: str | os.PathLike[str], rate: float | None = None) -> tuple[TeamScenario, ...]:
     """Returns the scenarios of a recording, at most 64: in each the robot takes a person's start, goal and time.
 
-    A window begins when that person comes and lasts 60 s; all others walk as they did.
+    A window begins when that person comes and lasts 60 s; all others walk as they did. Rows that are missing for up to
+    2 s are filled in along a straight line; over a longer gap a person leaves and another comes. A line says so, and
+    where people are unusually quick or slow for the rate.
 
     Args:
         name: a .txt file, or a folder: its `obsmat.txt` or its one .txt file.
+        rate: rows of a person in a second, Hz; None: 2.5, and a line if people then walk as nobody does.
 
     Raises:
         ValueError: if a file is faulty, or no person in it walks far enough; one line that begins with the file.
         OSError: if it cannot be opened.
     """
     file = _file_of(os.path.abspath(os.fspath(name)))
-    stamp = os.stat(file)
-    return _scenarios(file, stamp.st_mtime_ns, stamp.st_size)
+    if rate is not None:
+        number("rate", rate, least=0.1, most=1000.0)
+    return _scenarios(file, hashlib.sha256(read_text(file).encode()).hexdigest(), rate)
 
 
 def _file_of(name: str) -> str:
@@ -84,78 +98,101 @@ def _file_of(name: str) -> str:
 
 
 @functools.lru_cache(maxsize=8)
-def _scenarios(file: str, modified: int, size: int) -> tuple[TeamScenario, ...]:
-    del modified, size
-    walked = (read_eth if os.path.basename(file) == ETH else read_plain)(Path(file))
-    found = []
-    for person in walked:
-        scenario = _taken_over(os.path.basename(os.path.dirname(file)) or "recording", walked, person)
-        if scenario is not None:
-            found.append(scenario)
+def _scenarios(file: str, digest: str, rate: float | None) -> tuple[TeamScenario, ...]:
+    """Returns the scenarios of a file with that digest."""
+    del digest
+    people = (read_eth if os.path.basename(file) == ETH else read_plain)(Path(file), rate)
+    crowd = _Crowd(os.path.basename(os.path.dirname(file)) or "recording", people, 1.0 / (rate or RATE))
+    found = [k for k in range(len(people)) if crowd.has_way(k)]
     if not found:
         raise ValueError(
             f"{file}: nobody walks {NEAREST_GOAL:g} m in {SHORTEST:g} s from a free place; a person must, whom the "
             "robot stands for"
         )
     every = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST_SCENARIOS)).round().astype(int))
-    return tuple(found[k] for k in every.tolist())
+    return tuple(crowd.without(found[k]) for k in every.tolist())
 
 
-def _taken_over(name: str, walked: Walked, person: int) -> TeamScenario | None:
-    """Returns the scenario in which the robot stands for a person; None where that has no way or no room."""
-    begins, places = walked[person]
-    start, goal = places[0].tolist(), places[min(len(places) - 1, round(LONGEST / STEP))].tolist()
-    if (len(places) - 1) * STEP < SHORTEST or math.dist(start, goal) < NEAREST_GOAL:
-        return None
-    walks, tracks, first = [], [], 0
-    for other, (begun, theirs) in walked.items():
-        late = begun - begins
-        if other == person or late * STEP > LONGEST or late + len(theirs) - 1 < 0:
-            continue
-        if late <= 0 and math.dist(theirs[-late], start) < LARGEST_HULL + RADIUS:
-            return None
-        walk = np.zeros(1, WALK)
-        here = theirs[max(-late, 0)]
-        walk["law"], walk["then"], walk["radius"] = REPLAY, STAYS, RADIUS
-        walk["x"], walk["y"] = here
-        walk["goal_x"], walk["goal_y"] = theirs[-1]
-        walk["speed"] = min(float(np.hypot(*np.diff(theirs, axis=0).T).mean()) / STEP, 3.0)
-        walk["frame_time"], walk["begins"], walk["first"], walk["rows"] = STEP, late * STEP, first, len(theirs)
-        rates = np.gradient(theirs, axis=0)  # central differences: Catmull and Rom's
-        walks.append(walk)
-        tracks.append(np.column_stack([theirs, rates]))
-        first += len(theirs)
-        if len(walks) == MOST_PEOPLE:
-            break
-    ahead = rounded(bearing.py_func(goal[1] - start[1], goal[0] - start[0]))
-    return TeamScenario.made(
-        f"{name}_{person}",
-        [(*start, ahead)],
-        [(*goal, ahead)],
-        walks=np.concatenate(walks) if walks else np.zeros(0, WALK),
-        tracks=np.concatenate(tracks) if tracks else np.zeros((0, 4)),
-        family="replay",
-    )
+class _Crowd:
+    """All people of a recording, whose windows are cut out one by one."""
+
+    def __init__(self, name: str, people: list[Person], step: float) -> None:
+        self.name, self.people, self.step = name, people, step
+        self.begins = np.array([each.begins for each in people])
+        self.rows = np.array([len(each.places) for each in people])
+        self.first = np.cumsum([0, *self.rows[:-1]])
+        self.places = np.concatenate([each.places for each in people])
+        # central differences: Catmull and Rom's
+        self.tracks = [np.column_stack([each.places, np.gradient(each.places, axis=0)]) for each in people]
+        walks = np.zeros(len(people), WALK)
+        walks["law"], walks["then"], walks["radius"], walks["frame_time"] = REPLAY, STAYS, RADIUS, step
+        walks["goal_x"], walks["goal_y"] = self.places[self.first + self.rows - 1].T
+        speeds = [float(np.hypot(*np.diff(each.places, axis=0).T).mean()) / step for each in people]
+        walks["speed"], walks["rows"] = np.minimum(speeds, 3.0), self.rows
+        self.walks = walks
+
+    def way(self, person: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Returns where the robot that stands for a person starts and shall go, x and y (m)."""
+        places = self.people[person].places
+        start, goal = places[[0, min(len(places) - 1, round(LONGEST / self.step))]].tolist()
+        return (start[0], start[1]), (goal[0], goal[1])
+
+    def others(self, person: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Returns who else is there in a person's window, how many steps later they come, and where they are then."""
+        late = self.begins - self.begins[person]
+        there = (late * self.step <= LONGEST) & (late + self.rows > 0)
+        there[person] = False
+        who = np.flatnonzero(there)[:MOST_PEOPLE]
+        late = late[who]
+        return who, late, self.places[self.first[who] + np.maximum(-late, 0)]
+
+    def has_way(self, person: int) -> bool:
+        """Returns whether a person has a way to go and the robot room to start."""
+        start, goal = self.way(person)
+        if (self.rows[person] - 1) * self.step < SHORTEST or math.dist(start, goal) < NEAREST_GOAL:
+            return False
+        _, late, places = self.others(person)
+        return not (np.hypot(*(places[late <= 0] - start).T) < LARGEST_HULL + RADIUS).any()
+
+    def without(self, person: int) -> TeamScenario:
+        """Returns the scenario in which the robot stands for a person."""
+        start, goal = self.way(person)
+        who, late, places = self.others(person)
+        walks = self.walks[who]
+        walks["x"], walks["y"] = places.T
+        walks["begins"], walks["first"] = late * self.step, np.cumsum(self.rows[who]) - self.rows[who]
+        ahead = rounded(bearing.py_func(goal[1] - start[1], goal[0] - start[0]))
+        return TeamScenario.made(
+            f"{self.name}_{self.people[person].name}",
+            [(*start, ahead)],
+            [(*goal, ahead)],
+            walks=walks,
+            tracks=np.concatenate([np.zeros((0, 4)), *(self.tracks[k] for k in who)]),
+            family="replay",
+        )
 
 
 @reader("recording of ETH", ETH, {ETH: _ETH_SAMPLE}, of_path)
-def read_eth(file: Path) -> Walked:
+def read_eth(file: Path, rate: float | None = None) -> list[Person]:
     """Returns the tracks of people, of a file with the columns frame, id, x, z, y, v_x, v_z, v_y.
+
+    Args:
+        rate: rows of a person in a second; None: 2.5.
 
     Raises:
         ValueError: if the file is no such table; one line that begins with file:line and names the column.
         OSError: if it cannot be opened.
     """
-    return _read(file, ("frame", "id", "x", "z", "y", "v_x", "v_z", "v_y"))
+    return _read(file, ("frame", "id", "x", "z", "y", "v_x", "v_z", "v_y"), rate)
 
 
 @reader("recording of UCY or TrajNet", "crowd.txt", {"crowd.txt": _PLAIN_SAMPLE}, of_path)
-def read_plain(file: Path) -> Walked:
+def read_plain(file: Path, rate: float | None = None) -> list[Person]:
     """Returns the tracks of people, of a file with the columns frame, id, x, y; see `read_eth`."""
-    return _read(file, ("frame", "id", "x", "y"))
+    return _read(file, ("frame", "id", "x", "y"), rate)
 
 
-def _read(file: Path, columns: tuple[str, ...]) -> Walked:
+def _read(file: Path, columns: tuple[str, ...], rate: float | None) -> list[Person]:
     rows: dict[int, dict[int, tuple[int, float, float]]] = {}  # by person and frame: the line, x, y
     x, y = columns.index("x"), columns.index("y")
     count = 0
@@ -181,45 +218,60 @@ def _read(file: Path, columns: tuple[str, ...]) -> Walked:
             raise ValueError(f"{file}:{line}: {error}") from None
     if not rows:
         raise ValueError(f"{file}:1: holds no rows; a row is {', '.join(columns)}")
-    return _walked(file, rows)
+    return _walked(file, rows, rate)
 
 
-def _walked(file: Path, rows: dict[int, dict[int, tuple[int, float, float]]]) -> Walked:
-    """Returns the rows a person, checked to follow each other at one rate at which people walk."""
-    steps: dict[int, int] = {}
-    for mine in rows.values():
-        frames = sorted(mine)
-        for a, b in itertools.pairwise(frames):
-            steps[b - a] = steps.get(b - a, 0) + 1
-    if not steps:
+def _walked(file: Path, rows: dict[int, dict[int, tuple[int, float, float]]], rate: float | None) -> list[Person]:
+    """Returns the tracks of the rows, at one rate at which people walk."""
+    frames = {person: np.array(sorted(mine)) for person, mine in rows.items()}
+    apart, often = np.unique(np.concatenate([np.diff(each) for each in frames.values()]), return_counts=True)
+    if not len(apart):
         raise ValueError(f"{file}:1: nobody has two rows; somebody must")
-    step = max(steps, key=lambda each: (steps[each], -each))
-    origin = min(min(mine) for mine in rows.values())
-    found: Walked = {}
-    speeds: list[float] = []
-    for person, mine in sorted(rows.items()):
-        frames = sorted(mine)
-        for a, b in itertools.pairwise(frames):
-            if b - a != step:
-                line = mine[b][0]
-                raise ValueError(
-                    f"{file}:{line}: id {person} has no row between the frames {a} and {b}; its rows must be {step} "
-                    "frames apart, as most are"
-                )
-        late, rest = divmod(frames[0] - origin, step)
-        if rest and len(frames) > 1 and 2 * rest > step:
-            late += 1  # a person annotated between the frames of others is moved to the next of theirs
-        if len(frames) > 1:
-            places = np.array([mine[frame][1:] for frame in frames])
-            speeds += (np.hypot(*np.diff(places, axis=0).T) / STEP).tolist()
-            found[person] = late, places
-    median = float(np.median(speeds))
+    step = int(apart[often.argmax()])
+    longest = max(math.floor(LONGEST_GAP * (rate or RATE)), 1) * step
+    origin = min(each[0] for each in frames.values())
+    found: list[Person] = []
+    filled = parted = size = 0
+    for person, mine in sorted(frames.items()):
+        places = np.array([rows[person][frame][1:] for frame in mine.tolist()])
+        parts = np.split(np.arange(len(mine)), np.flatnonzero(np.diff(mine) > longest) + 1)
+        parted += len(parts) - 1
+        size += sum(int(mine[part[-1]] - mine[part[0]]) // step + 1 for part in parts)
+        if size > MOST_ROWS:
+            raise ValueError(f"{file}:1: has more than {MOST_ROWS} rows when gaps are filled in; there must be fewer")
+        for k, part in enumerate(parts):
+            at = np.arange(mine[part[0]], mine[part[-1]] + 1, step)
+            if len(at) < 2:
+                continue
+            between = np.column_stack([np.interp(at, mine[part], axis) for axis in places[part].T])
+            filled += len(np.setdiff1d(at, mine[part], assume_unique=True))
+            late, rest = divmod(int(at[0] - origin), step)
+            # a person annotated between the frames of others is moved to the next of theirs
+            found.append(Person(f"{person}" if k == 0 else f"{person}.{k}", late + (2 * rest > step), between))
+    if filled or parted:
+        warnings.warn(
+            f"{file}: {filled} missing rows are filled in along straight lines, and over {parted} gaps of more than "
+            f"{LONGEST_GAP:g} s a person leaves and another comes; rows are {step} frames apart",
+            stacklevel=2,
+        )
+    _check_speed(file, found, rate)
+    return found
+
+
+def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
+    """Checks that people walk as people do; warns where they walk as few do and nobody said how far apart rows are."""
+    steps = [np.hypot(*np.diff(each.places, axis=0).T) for each in people]
+    median = float(np.median(np.concatenate([np.zeros(0), *steps]))) * (rate or RATE) if steps else 0.0
+    told = f"people walk at {median:.3g} m/s in the median, at {1.0 / (rate or RATE):g} s between rows"
+    other = "give another rate as scenario=wayfield.envs.scenarios.recordings.recorded(FILE, rate=ROWS_A_SECOND)"
     if not _SLOW <= median <= FASTEST:
         raise ValueError(
-            f"{file}:1: people walk at {median:.3g} m/s in the median, at {STEP:g} s between rows; it must be from "
-            f"{_SLOW:g} to {FASTEST:g} m/s: x and y in m, rows at 2.5 Hz"
+            f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m; {other}"
         )
-    return found
+    slow, usual, quick = _USUAL
+    if rate is None and not slow <= median <= quick:
+        near = (rate or RATE) * usual / median
+        warnings.warn(f"{file}: {told}; at {near:.2g} rows a second it would be {usual:g} m/s; {other}", stacklevel=2)
 
 
 def _whole(name: str, text: str) -> int:

@@ -1,5 +1,6 @@
 """Recorded people: they walk as the file says, and a faulty file is refused in a line."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,59 @@ def test_both_forms_say_the_same(tmp_path: Path) -> None:
         assert a.walks.tobytes() == b.walks.tobytes()
 
 
+def test_missing_rows_are_filled_in_and_long_gaps_part_a_person(tmp_path: Path) -> None:
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "gaps").mkdir()
+    rows = plain(PEOPLE).splitlines(keepends=True)
+    (tmp_path / "whole" / "a.txt").write_text("".join(rows))
+    held = {f"{10 * frame}\t{person}\t" for frame, person in ((5, 1), (6, 1), (9, 2), (20, 2))}
+    (tmp_path / "gaps" / "a.txt").write_text("".join(row for row in rows if not row.startswith(tuple(held))))
+    whole = recorded(tmp_path / "whole")
+    with pytest.warns(UserWarning, match=r"a\.txt: 4 missing rows are filled in .* over 0 gaps of more than 2 s"):
+        filled = recorded(tmp_path / "gaps")
+    for a, b in zip(whole, filled, strict=True):  # who walks straight on walks the same
+        np.testing.assert_allclose(b.tracks, a.tracks, atol=2e-4)
+        assert (a.starts.tobytes(), a.goals.tobytes()) == (b.starts.tobytes(), b.goals.tobytes())
+    late = "".join(f"{10 * (40 + k)}\t1\t{9.0 + 0.4 * k}\t3\n" for k in range(20))
+    (tmp_path / "gaps" / "a.txt").write_text("".join(rows) + late)
+    with pytest.warns(UserWarning, match=r"0 missing rows .* over 1 gaps"):
+        parted = recorded(tmp_path / "gaps")
+    assert [each.name for each in parted] == ["gaps_1", "gaps_1.1", "gaps_2"]
+    assert (len(parted[0].walks), len(whole[0].walks)) == (3, 2)
+
+
+@pytest.mark.parametrize("rate", [2.5, 10.0, 16.0, 25.0])
+def test_rows_of_another_rate_are_read_at_it_and_noticed_without(tmp_path: Path, rate: float) -> None:
+    ways = {1: ((0.0, 0.0), (1.3, 0.0)), 2: ((8.0, 3.0), (-1.2, 0.2))}
+    file = tmp_path / "crowd.txt"
+    seconds = np.arange(round(20.0 * rate) + 1)[:, None] / rate
+    file.write_text(plain({i: (0, np.array(at) + seconds * velocity) for i, (at, velocity) in ways.items()}, 1))
+    first, second = recorded(file, rate)
+    for scenario, other in ((first, 2), (second, 1)):
+        (person,) = scenario.walks
+        assert person["frame_time"] == 1.0 / rate
+        assert person["speed"] == pytest.approx(np.hypot(*ways[other][1]), abs=1e-3)
+        np.testing.assert_allclose(scenario.tracks[:, 2:] * rate, [ways[other][1]] * len(scenario.tracks), atol=4e-3)
+    usual = round(2.5 * 1.3 / (1.26 * 2.5 / rate), 0)
+    if rate == 2.5:
+        assert [each.name for each in recorded(file)] == [first.name, second.name]
+        return
+    with pytest.warns(UserWarning, match=rf"crowd\.txt: people walk at 0\.\d+ m/s .* at {usual:.2g} rows a second"):
+        recorded(file)
+    for wrong in (0.0, -1.0, float("nan"), 1e9):
+        with pytest.raises(ValueError, match="rate is"):
+            recorded(file, wrong)
+
+
+def test_a_recording_that_was_changed_is_read_again(tmp_path: Path) -> None:
+    file = tmp_path / "crowd.txt"
+    file.write_text(plain(PEOPLE))
+    stamp, before = file.stat().st_mtime_ns, recorded(file)
+    file.write_text(plain(PEOPLE).replace("5.0000", "5.1000"))  # of the same size, and at the same time
+    os.utime(file, ns=(stamp, stamp))
+    assert recorded(file)[0].tracks.tobytes() != before[0].tracks.tobytes()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -74,10 +128,6 @@ def test_both_forms_say_the_same(tmp_path: Path) -> None:
         ("0 1 0\n", "1: has 3 columns; a row has 4: frame, id, x, y"),
         ("0 1.5 0 0\n", "1: id is '1.5'; it must be a whole number"),
         ("0 1 0 0\n10 1 x 0\n", "2: x is 'x'; it must be a number from -10000 to 10000, in m"),
-        (
-            plain({1: (0, walk(0.0, 0.0, 1.0, 0.0, 12))}) + "200 1 9 9\n",
-            "13: id 1 has no row between the frames 110 and 200; its rows must be 10 frames apart, as most are",
-        ),
         (
             plain({1: (0, walk(0.0, 0.0, 25.0, 0.0, 12))}),
             "1: people walk at 25 m/s in the median, at 0.4 s between rows; it must be from 0.05 to 4 m/s",
