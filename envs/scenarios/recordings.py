@@ -37,6 +37,7 @@ SHORTEST, NEAREST_GOAL = 4.0, 3.0  # s and m, of the way that the robot takes ov
 MOST_SCENARIOS = 64
 MOST_ROWS = 1_000_000
 FASTEST = 4.0  # m/s, in the median step of a person that walks
+_FARTHEST = 10_000  # m, of a person from the origin
 _SLOW = 0.05  # m/s, of a set whose unit is another
 _USUAL = 0.5, 1.3, 2.0  # m/s, of people who walk: at least, in the mean, at most in the median of a set
 
@@ -286,6 +287,9 @@ def _whole(name: str, text: str) -> int:
 
 def _metres(name: str, text: str) -> float:
     try:
-        return number(name, float(text), most=1e4)
+        value = float(text)
     except ValueError:
-        raise ValueError(f"{name} is {shown(text)}; it must be a number from -10000 to 10000, in m") from None
+        value = math.nan
+    if not abs(value) <= _FARTHEST:
+        raise ValueError(f"{name} is {shown(text)}; it must be a number from -{_FARTHEST:g} to {_FARTHEST:g}, in m")
+    return value
