@@ -31,6 +31,7 @@ from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
 from wayfield.envs.world.movers import any_moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to
+from wayfield.system.checks import FARTHEST, shown
 from wayfield.system.compiled import allocating
 from wayfield.system.elementary import sin_cos
 
@@ -68,6 +69,13 @@ class DockingScenario(GoalScenario):
     # all stand where they are
     closing: NDArray[np.float64] = dataclasses.field(default_factory=_nothing_closes)
     quantity: float = math.nan  # what the tier is read from: the length of the shortest proven way, m
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        closing = self.closing
+        sized = isinstance(closing, np.ndarray) and closing.shape in ((0, 2), (len(self.obstacles), 2))
+        if not sized or closing.dtype != np.float64 or not (np.abs(closing) <= FARTHEST).all():
+            raise ValueError(f"closing is {shown(closing)}; it must be an array (obstacles, 2) of finite numbers, m")
 
     def fitted(self, shrinkage: float) -> "DockingScenario":
         """Returns the scenario for a hull that is smaller by `shrinkage` (m) than the one that it was made for.

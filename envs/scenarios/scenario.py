@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Collection, Iterable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,6 +27,7 @@ from wayfield.system.checks import (
     number,
     numbers_of,
     pose,
+    real,
     shown,
 )
 
@@ -52,6 +54,9 @@ class PathScenario:
     quantity: float = math.nan  # what the tier is read from: the sharpness of the path, 1/m
 
     def __post_init__(self) -> None:
+        check_labels(self)
+        if not isinstance(self.path, Path):
+            raise ValueError(f"path is {shown(self.path)}; it must be a Path")
         if not (np.abs(self.path.points) <= FARTHEST).all():
             raise ValueError(f"path has a point beyond {FARTHEST:g} m of the origin")
         if not self.path.length >= SHORTEST:
@@ -124,8 +129,11 @@ class GoalScenario:
     )
 
     def __post_init__(self) -> None:
+        check_labels(self)
         _settle(self, "goal", pose("goal", self.goal))
         _settle(self, "start", pose("start", self.start))
+        if not isinstance(self.waypoints, Collection):
+            raise ValueError(f"waypoints is {shown(self.waypoints)}; it must be a list of (x, y)")
         if len(self.waypoints) > MOST_OBSTACLES:
             raise ValueError(f"waypoints are {len(self.waypoints)}; there must be at most {MOST_OBSTACLES}")
         waypoints = [numbers_of(f"waypoints[{i}]", p, 2, "x, y") for i, p in enumerate(self.waypoints)]
@@ -212,6 +220,17 @@ def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
                 )
 
 
+def check_labels(scenario: Any) -> None:
+    """Raises ValueError, naming the field, unless a scenario's labels are text and its measures numbers, or NaN."""
+    for field in ("name", "family", "tier", "proof"):
+        if not isinstance(getattr(scenario, field, ""), str):
+            raise ValueError(f"{field} is {shown(getattr(scenario, field))}; it must be text")
+    for field in ("quantity", "bound"):
+        value = getattr(scenario, field, math.nan)
+        if not (abs(real(value)) <= FARTHEST or (isinstance(value, float) and math.isnan(value))):
+            raise ValueError(f"{field} is {shown(value)}; it must be a number of at most {FARTHEST:g} in size, or NaN")
+
+
 def _settle(scenario: PathScenario | GoalScenario, field: str, value: Any) -> None:
     """Sets a field of a frozen scenario to its checked value."""
     object.__setattr__(scenario, field, value)
@@ -220,6 +239,8 @@ def _settle(scenario: PathScenario | GoalScenario, field: str, value: Any) -> No
 def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
     """Returns a read-only copy of OBSTACLE records, shape (m,); ValueError names the record that is no
     obstacle."""
+    if not isinstance(obstacles, Iterable):
+        raise ValueError(f"obstacles is {shown(obstacles)}; it must be a list of OBSTACLE records")
     records = list(obstacles)
     if len(records) > MOST_OBSTACLES:
         raise ValueError(f"obstacles are {len(records)}; there must be at most {MOST_OBSTACLES}")

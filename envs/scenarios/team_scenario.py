@@ -13,20 +13,39 @@ from wayfield.envs.crowds.people import (
     GOES_ON,
     LAWS,
     OF_2009,
+    ORCA,
     REACTIONS,
     REPLAY,
     STANDING,
     WALK,
-    check_finite,
 )
-from wayfield.envs.scenarios.scenario import GoalScenario, check_clear
-from wayfield.system.checks import number, shown
+from wayfield.envs.scenarios.scenario import GoalScenario, check_clear, check_labels
+from wayfield.system.checks import FARTHEST, LONGEST, SHORTEST, WHOLE_TURN, number, shown
 
 MOST_ROBOTS = 4096
 MOST_PEOPLE = 4096
 SIGHT = 5.0  # m, within which bodies are neighbours
 
 _BY_2009 = ("group", "reaction")  # of a person, which the forces of 2009 alone heed
+# of a person the least and the most of each number
+_BOUNDS: dict[str, tuple[float, float]] = {
+    "law": (0, len(LAWS) - 1),
+    **dict.fromkeys(("x", "y", "goal_x", "goal_y"), (-FARTHEST, FARTHEST)),
+    **dict.fromkeys(("gate_x", "gate_y", "gate_to_x", "gate_to_y"), (-FARTHEST, FARTHEST)),
+    "speed": (0.0, 3.0),
+    "radius": (0.0, 0.5),
+    "then": (0, GOES_ON),
+    "blind": (0, 1),
+    **dict.fromkeys(("horizon", "wall_horizon", "frame_time"), (SHORTEST, LONGEST)),
+    "margin": (0.0, 1.0),
+    "share": (0.0, 1.0),
+    "turn": (-WHOLE_TURN, WHOLE_TURN),
+    "begins": (-LONGEST, LONGEST),
+    **dict.fromkeys(("first", "rows"), (0, 2**40)),  # their sum is an index
+    "group": (0, MOST_PEOPLE),
+    "reaction": (0, len(REACTIONS) - 1),
+}
+_NEEDED_BY = {"horizon": ORCA, "wall_horizon": ORCA, "frame_time": REPLAY}  # what others leave at 0
 
 Pose = tuple[float, float, float]
 
@@ -58,23 +77,22 @@ class TeamScenario:
     file_fields: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.robots) <= MOST_ROBOTS:
-            raise ValueError(f"robots are {len(self.robots)}; there must be from 1 to {MOST_ROBOTS}")
+        check_labels(self)
+        if not isinstance(self.robots, Sequence) or not 1 <= len(self.robots) <= MOST_ROBOTS:
+            told = len(self.robots) if isinstance(self.robots, Sequence) else shown(self.robots)
+            raise ValueError(f"robots are {told}; there must be from 1 to {MOST_ROBOTS}")
         for i, each in enumerate(self.robots):
             if not isinstance(each, GoalScenario):
                 raise ValueError(f"robots[{i}] is {shown(each)}; it must be a GoalScenario")
-        if self.walks.dtype != WALK or self.walks.ndim != 1 or len(self.walks) > MOST_PEOPLE:
-            raise ValueError(f"walks is {shown(self.walks)}; it must be an array of at most {MOST_PEOPLE} WALK records")
-        check_finite(self.walks)
-        for name, most in (("speed", 3.0), ("radius", 0.5)):
-            bad = np.flatnonzero((self.walks[name] < 0.0) | (self.walks[name] > most))
+        walks = self.walks
+        if not isinstance(walks, np.ndarray) or walks.dtype != WALK or walks.ndim != 1 or len(walks) > MOST_PEOPLE:
+            raise ValueError(f"walks is {shown(walks)}; it must be an array of at most {MOST_PEOPLE} WALK records")
+        for name, (least, most) in _BOUNDS.items():
+            unset = (walks["law"] != _NEEDED_BY.get(name, walks["law"])) & (walks[name] == 0.0)
+            bad = np.flatnonzero(~((walks[name] >= least) & (walks[name] <= most) | unset))
             if len(bad):
-                raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most:g}")
-        whole = (("law", len(LAWS) - 1), ("then", GOES_ON), ("blind", 1), ("reaction", len(REACTIONS) - 1))
-        for name, most in (*whole, ("group", MOST_PEOPLE)):
-            bad = np.flatnonzero((self.walks[name] < 0) | (self.walks[name] > most))
-            if len(bad):
-                raise ValueError(f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]}; it must be from 0 to {most}")
+                value = walks[name][bad[0]]
+                raise ValueError(f"walks[{bad[0]}].{name} is {value}; it must be from {least:g} to {most:g}")
         for name in _BY_2009:
             bad = np.flatnonzero((self.walks[name] > 0) & ~np.isin(self.walks["law"], OF_2009))
             if len(bad):
@@ -83,18 +101,22 @@ class TeamScenario:
                 raise ValueError(
                     f"walks[{bad[0]}].{name} is {self.walks[name][bad[0]]} with the law {law}; only {laws} have one"
                 )
-        if self.tracks.dtype != np.float64 or self.tracks.ndim != 2 or self.tracks.shape[1] != 4:
-            raise ValueError(f"tracks is {shown(self.tracks)}; it must be an array (rows, 4) of float64")
+        tracks = self.tracks
+        if not isinstance(tracks, np.ndarray) or tracks.dtype != np.float64 or tracks.ndim != 2 or tracks.shape[1] != 4:
+            raise ValueError(f"tracks is {shown(tracks)}; it must be an array (rows, 4) of float64")
+        for row, column in np.argwhere(~(np.abs(tracks) <= FARTHEST)).tolist():  # true for NaN as well
+            value = tracks[row, column]
+            raise ValueError(f"tracks[{row}, {column}] is {value}; it must be from -{FARTHEST:g} to {FARTHEST:g}")
         last = self.walks["first"] + self.walks["rows"]
-        least = np.where(self.walks["law"] == REPLAY, 2, np.where(self.walks["then"] == GOES_ON, 1, 0))
+        needed = np.where(self.walks["law"] == REPLAY, 2, np.where(self.walks["then"] == GOES_ON, 1, 0))
         bad = np.flatnonzero(
-            (self.walks["rows"] < least) | (least > 0) & ((self.walks["first"] < 0) | (last > len(self.tracks)))
+            (self.walks["rows"] < needed) | (needed > 0) & ((self.walks["first"] < 0) | (last > len(self.tracks)))
         )
         if len(bad):
             k = bad[0]
             raise ValueError(
                 f"walks[{k}] has rows {self.walks['first'][k]} to {last[k]} of tracks, which has {len(self.tracks)}; "
-                f"there must be at least {least[k]}"
+                f"there must be at least {needed[k]}"
             )
         number("reach", self.reach, above=0.0)
 

@@ -1,9 +1,11 @@
 """Scenarios: the documents' courses, the random families, and what is said about faulty files."""
 
+import dataclasses
 import json
 import math
 import re
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from oracles.surfaces import clearances
 from scipy import ndimage
 
+from wayfield.envs.crowds.people import ORCA, REPLAY, WALK
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import (
     GOAL_SCENARIOS,
@@ -26,6 +29,8 @@ from wayfield.envs.scenarios import (
     wall,
 )
 from wayfield.envs.scenarios.curves import CubicSpline
+from wayfield.envs.scenarios.docking_families import DockingScenario
+from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.paths import Path
 
@@ -372,6 +377,60 @@ def test_race_circuits_load_at_scale() -> None:
         assert scenario.path.points == pytest.approx(0.02 * rows)
         assert scenario.path.length == pytest.approx(0.02 * np.hypot(*np.diff(ring, axis=0).T).sum())
         assert 2200 < scenario.path.length / 0.02 < 7000
+
+
+# ---- Python
+
+
+def person(**fields: float) -> NDArray[np.void]:
+    walks = np.zeros(1, WALK)
+    usual = {"law": ORCA, "x": 3.0, "goal_x": 5.0, "speed": 1.0, "radius": 0.2, "horizon": 2.0, "wall_horizon": 1.0}
+    for name, value in (usual | fields).items():
+        walks[name] = value
+    return walks
+
+
+REPLAYED = {"law": REPLAY, "rows": 2, "frame_time": 0.4}
+GOOD: dict[Any, dict[str, Any]] = {
+    PathScenario: {"name": "a", "path": Path([[0, 0], [5, 0]])},
+    GoalScenario: {"name": "a", "goal": (3.0, 0.0, 0.0)},
+    DockingScenario: {"name": "a", "goal": (3.0, 0.0, 0.0)},
+    TeamScenario: {
+        "name": "a",
+        "robots": (GoalScenario("r", (3.0, 0.0, 0.0)),),
+        "walks": person(),
+        "tracks": np.zeros((2, 4)),
+    },
+}
+UNKNOWN = {"quantity", "bound", "published_length"}  # where nothing is known, NaN stands for it
+
+
+@pytest.mark.parametrize(("made", "field"), [(made, each.name) for made in GOOD for each in dataclasses.fields(made)])
+def test_a_scenario_made_in_python_refuses_what_is_no_value_by_the_fields_name(made: Any, field: str) -> None:
+    made(**GOOD[made])
+    for value in (math.nan, math.inf, -math.inf, 1e300, True, object(), np.full((1, 4), math.nan)):
+        if field in UNKNOWN and value is math.nan:
+            continue
+        with pytest.raises(ValueError, match=field) as refused:
+            made(**{**GOOD[made], field: value})
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("field", WALK.names or ())
+def test_a_person_refuses_what_is_no_number_by_the_fields_name(field: str) -> None:
+    good = GOOD[TeamScenario]
+    bad = (math.nan, math.inf, 1e300, -1e300) if WALK[field].kind == "f" else (-1, 10**9, 2**63 - 2)
+    for value in bad:
+        # whose rows are read
+        walks = person(**(REPLAYED if field in ("frame_time", "first", "rows") else {}) | {field: value})
+        with pytest.raises(ValueError, match=rf"walks\[0\](\.{field} is| has rows)"):
+            TeamScenario(**{**good, "walks": walks})
+    for law, needed in ((ORCA, "horizon"), (ORCA, "wall_horizon"), (REPLAY, "frame_time")):
+        with pytest.raises(ValueError, match=rf"walks\[0\].{needed} is 0.0; it must be from 0.001"):
+            TeamScenario(**{**good, "walks": person(**REPLAYED | {"law": law, needed: 0.0})})
+    for value in (math.nan, -math.inf, 1e300):
+        with pytest.raises(ValueError, match=r"tracks\[1, 2\] is"):
+            TeamScenario(**{**good, "tracks": np.array([[0.0] * 4, [0.0, 0.0, value, 0.0]])})
 
 
 # ---- JSON

@@ -349,7 +349,11 @@ def among(people: list[dict[str, float]]) -> TeamScenario:
     [
         ({"law": 9}, r"walks\[0\].law is 9; it must be from 0 to 8"),
         ({"speed": 30.0}, r"walks\[0\].speed is 30.0; it must be from 0 to 3"),
-        ({"law": REPLAY}, r"walks\[0\] has rows 0 to 0 of tracks, which has 0; there must be at least 2"),
+        ({"law": REPLAY}, r"walks\[0\].frame_time is 0.0; it must be from 0.001 to"),
+        (
+            {"law": REPLAY, "frame_time": 0.4},
+            r"walks\[0\] has rows 0 to 0 of tracks, which has 0; there must be at least 2",
+        ),
     ],
 )
 def test_people_who_cannot_be_are_refused_in_a_line(fields: dict[str, float], said: str) -> None:
