@@ -185,13 +185,24 @@ class Batch:
         if self.task.options.dynamics == "coppelia":
             self.plant.close()
 
-    def chosen_scenarios(self, options: dict[str, Any] | None) -> NDArray[np.int64] | None:
+    def chosen_scenarios(self, options: Any) -> NDArray[np.int64] | None:
         """Returns the scenario (num_envs,) that the options of a reset choose for each robot; None when they do not.
 
         Raises:
             TypeError: if the options are no dict.
-            ValueError: if a key is unknown, or the value is no index of the bank for every robot.
+            ValueError: if a key is unknown, or the value is no index of the bank for every robot or every world.
         """
+        chosen = self._chosen(options, self.num_envs)
+        return None if chosen is None else self._agreed(chosen)
+
+    def chosen_of_each(self, options: Sequence[Any]) -> NDArray[np.int64] | None:
+        """Returns the same of options a robot; -1 for a robot whose own choose none, errors as of those for all."""
+        each = [self._chosen(own, 1) for own in options]
+        if all(own is None for own in each):
+            return None
+        return self._agreed(np.array([-1 if own is None else own.item() for own in each]))
+
+    def _chosen(self, options: Any, robots: int) -> NDArray[np.int64] | None:
         if options is None:
             return None
         if not isinstance(options, Mapping):
@@ -200,17 +211,24 @@ class Batch:
             return None
         for key in options:
             choose("options key", key, ("scenario",))
-        last = len(self.task.scenarios) - 1
+        last, worlds = len(self.task.scenarios) - 1, -(-robots // self.task.team)
         value = options["scenario"]
         try:
             chosen = np.asarray(value)
         except (ValueError, OverflowError, RecursionError):
             chosen = np.empty(0)
-        indices = chosen.dtype.kind in "iu" and chosen.shape in ((), (self.num_envs,))
+        indices = chosen.dtype.kind in "iu" and chosen.shape in ((), (worlds,), (robots,))
         if not indices or chosen.min() < 0 or chosen.max() > last:
-            kinds = "an int" if self.num_envs == 1 else f"an int or {self.num_envs} ints"
+            kinds = "an int" if worlds == 1 else f"an int or {worlds} ints"
             raise ValueError(f"options['scenario'] must be {kinds} from 0 to {last}, got {shown(value)}")
-        return np.broadcast_to(chosen.astype(np.int64), (self.num_envs,))
+        return np.repeat(chosen.astype(np.int64), robots // chosen.size)
+
+    def _agreed(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Returns the scenarios (num_envs,) as they are; ValueError if robots of one world have different ones."""
+        worlds = chosen.reshape(-1, self.task.team)
+        if (worlds != worlds[:, :1]).any():
+            raise ValueError(f"options['scenario'] must be the same for all {self.task.team} robots of a world")
+        return chosen
 
     @property
     def told_obstacles(self) -> NDArray[np.void]:
@@ -228,7 +246,8 @@ class Batch:
     ) -> None:
         """Starts an episode for each robot in `rows`, drawn from its generator, and writes its results.
 
-        `scenarios` (num_envs,) takes the place of the draw of the scenario; all else is drawn as without it.
+        `scenarios` (num_envs,) takes the place of the draw of the scenario, where it is no -1; all else is drawn as
+        without it.
         """
         self.asked[:, rows] = 0.0
         self.columns[rows, self.actions.shape[1] :] = 0.0
@@ -238,7 +257,8 @@ class Batch:
             if self.noisy:
                 generators[i].standard_normal(out=self.noise[i])
         if scenarios is not None:
-            draws[:, 0] = (scenarios[rows] + 0.5) / len(self.task.scenarios)
+            chosen = scenarios[rows]
+            draws[:, 0] = np.where(chosen < 0, draws[:, 0], (chosen + 0.5) / len(self.task.scenarios))
         self._reset_rows(
             self.task.params,
             self.states,

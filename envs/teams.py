@@ -1,6 +1,6 @@
 """The environments of teams: single, native vector, and what both and PettingZoo's form are made of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
@@ -17,7 +17,7 @@ from wayfield.envs.single import FRAME_SIZE, SingleEnv
 from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ROBOTS, OMNI_ACTIONS, OMNI_ROBOTS, sheet_like
 from wayfield.envs.tasks.task import Options
 from wayfield.envs.team_worlds import Teams
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.vector import NativeVectorEnv, Seeds
 from wayfield.system.checks import seed as check_seed
 
 _MOST_TRAILS = 32  # robots whose ways are drawn
@@ -240,15 +240,12 @@ class TeamVectorEnv(NativeVectorEnv):
             self._waiting.generators = self._generators
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seeds = None, options: dict[str, Any] | Sequence[dict[str, Any] | None] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Starts an episode in every world; world w is seeded seed + w. See `NativeVectorEnv.reset`.
 
-        A list of seeds has one a world, or one a row, of which the first of each world counts.
+        A list of seeds, or of scenarios, has one a world, or one a row; of seeds the first of each world counts.
         """
-        worlds = self.num_envs // self._together
-        if isinstance(seed, list | tuple) and len(seed) == worlds:
-            seed = [each for each in seed for _ in range(self._together)]
         observations, info = super().reset(seed=seed, options=options)
         if self._waiting is not None:
             self._waiting.alive[:] = True

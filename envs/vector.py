@@ -1,6 +1,6 @@
 """The gymnasium.vector.VectorEnv shell: a batch of many robots, stepped by one compiled call."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,6 +18,7 @@ from wayfield.system.checks import MOST_ENVS, MOST_STEPS, MOST_THREADS, choose, 
 from wayfield.system.checks import seed as check_seed
 
 _BATCH_KEYWORDS = ("num_envs", "max_episode_steps", "autoreset_mode", "num_threads")
+Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
 
 
@@ -91,22 +92,29 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return tuple(self._seeds)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seeds = None, options: dict[str, Any] | Sequence[dict[str, Any] | None] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Starts an episode in every row; row i is seeded seed + i. See gymnasium.vector.VectorEnv.reset.
 
         `options={"scenario": k}` starts the scenario with index k of the bank, or k[i] in row i, instead of drawn ones;
-        later resets of ended episodes draw again.
+        later resets of ended episodes draw again. A list of such dicts has one a row.
         """
-        scenarios = self.batch.chosen_scenarios(options)
+        if isinstance(options, list | tuple) and len(options) == self.num_envs:
+            scenarios = self.batch.chosen_of_each(options)
+        else:
+            scenarios = self.batch.chosen_scenarios(options)
+        if isinstance(seed, np.ndarray):
+            seed = seed.tolist()
         if isinstance(seed, int | np.integer):
             check_seed("seed", seed)
             check_seed(f"seed (of the last of {self.num_envs} robots)", int(seed) + self.num_envs - 1)
             seeds: list[int | None] = [int(seed) + i // self._together for i in range(self.num_envs)]
-        elif seed is None or isinstance(seed, list | tuple):
+        elif seed is None or isinstance(seed, list | tuple | range):
             seeds = [None] * self.num_envs if seed is None else list(seed)
         else:
             raise ValueError(f"seed must be an int, a list of {self.num_envs} ints, or None, got {shown(seed)}")
+        if len(seeds) == self.num_envs // self._together:
+            seeds = [each for each in seeds for _ in range(self._together)]
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
         for i, each in enumerate(seeds):

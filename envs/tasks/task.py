@@ -182,6 +182,11 @@ class Task(abc.ABC):
         return self.layout.task
 
     @property
+    def team(self) -> int:
+        """Returns how many robots a world has."""
+        return 1
+
+    @property
     def num_beams(self) -> int:
         """Returns how many beams the range scan has."""
         return len(self.beam_angles)

@@ -180,6 +180,16 @@ def test_seeds_by_row(autoreset_mode: str) -> None:
     assert env.np_random_seed == (7, 5, 3)
     assert again[0].tobytes() == single.reset()[0].tobytes()
     assert again[1].tobytes() == single.reset(seed=5)[0].tobytes()
+    # in whatever form the numbers of a row come
+    for same in (
+        np.array([7, 8, 9]),
+        np.array([7, 8, 9], np.uint32),
+        (7, 8, 9),
+        range(7, 10),
+        np.int64(7),
+        np.array(7),
+    ):
+        assert env.reset(seed=same)[0].tobytes() == env.reset(seed=7)[0].tobytes()
 
 
 @every_id
@@ -192,6 +202,10 @@ def test_an_option_of_reset_chooses_the_scenario_of_each_row(env_id: str) -> Non
         assert env.batch.states["scenario"].tolist() == rows
         for i, k in enumerate(rows):
             assert first[i].tobytes() == single.reset(seed=3 + i, options={"scenario": k})[0].tobytes()
+    # of options a row, those that choose nothing leave the draw
+    first, _ = env.reset(seed=3, options=[{"scenario": 5}, {}, None])
+    for i, options in enumerate(({"scenario": 5}, None, None)):
+        assert first[i].tobytes() == single.reset(seed=3 + i, options=options)[0].tobytes()
     # what follows is drawn again, as without the option
     following = []
     for options in ({"scenario": 4}, None, {}):
