@@ -1,6 +1,7 @@
 """A world of a team as PettingZoo's ParallelEnv."""
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -12,7 +13,7 @@ from wayfield.envs.batch import Results
 from wayfield.envs.single import FPS
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.teams import TeamEnv, TeamRows, seed_worlds
-from wayfield.system.checks import choose, whole
+from wayfield.system.checks import MOST_STEPS, choose, shown, whole
 from wayfield.system.checks import seed as check_seed
 from wayfield.system.extras import installs
 
@@ -43,7 +44,7 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(f'ends={kwargs["ends"]!r}: agents of PettingZoo leave; ends must be "leave"')
         env: Any = gymnasium.make(env_id, **kwargs)
         limit = env.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
-        whole("max_episode_steps", limit, 1)
+        whole("max_episode_steps", limit, 1, MOST_STEPS)
         self._env: TeamEnv = env.unwrapped
         self._limit = int(limit)
         self.task = self._env.task
@@ -60,31 +61,35 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
         self.possible_agents = [f"robot_{r}" for r in range(self.task.team)]
         self.agents: list[str] = []
         most = self.task.options.max_action.astype(np.float32)
-        self._observed = dict.fromkeys(self.possible_agents, self.task.layout.space)
-        self._acted = {agent: gymnasium.spaces.Box(-most, most, dtype=np.float32) for agent in self.possible_agents}
+        self.observation_spaces: dict[str, gymnasium.spaces.Box] = dict.fromkeys(
+            self.possible_agents, self.task.layout.space
+        )
+        self.action_spaces = {
+            agent: gymnasium.spaces.Box(-most, most, dtype=np.float32) for agent in self.possible_agents
+        }
         self._names = (*self.task.info_names, *self.task.flag_names)
         places, *_ = self._rows.batch.own
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (7 * places.shape[2],), np.float32)
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Box:
         """Returns the space of an agent's observations: the same object each time."""
-        space: gymnasium.spaces.Box = self._observed[agent]
-        return space
+        return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gymnasium.spaces.Box:
         """Returns the space of an agent's actions: the same object each time."""
-        return self._acted[agent]
+        return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, dict[str, Any]]]:
         """Starts an episode of all agents; options["scenario"] chooses as in `wayfield.envs.single.SingleEnv.reset`.
 
-        Other options are of wrappers, as PettingZoo's own checks hand them on.
+        Raises:
+            TypeError, ValueError: as `SingleEnv.reset`.
         """
         check_seed("seed", seed)
-        own = {key: value for key, value in (options or {}).items() if key == "scenario"}
-        scenarios = self._rows.batch.chosen_scenarios(own)
+        # with which PettingZoo's own checks of an environment begin
+        scenarios = self._rows.batch.chosen_scenarios(None if options == {"options": 1} else options)
         seed_worlds(self._rows.generators, self._rows.seeds, [None if seed is None else int(seed)], self.task.team)
         self._env._generators = self._rows.generators
         self.agents = list(self.possible_agents)
@@ -93,9 +98,20 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
         return self._of_agents(results.observations), self._told(results)
 
     def step(self, actions: dict[str, NDArray[Any]]) -> tuple[dict[str, Any], ...]:
-        """Moves all agents by one control period; returns observations, rewards, ends, truncations and infos."""
+        """Moves all agents by one control period; returns observations, rewards, ends, truncations and infos.
+
+        Actions of robots that have ended are of no effect.
+
+        Raises:
+            TypeError, ValueError: if the actions are not those of all agents, or one is none of the action space's
+                shape and finite; nothing has moved then.
+        """
         if not self.agents:
             raise gymnasium.error.ResetNeeded("all agents have ended: call reset before step")
+        if not isinstance(actions, Mapping):
+            raise TypeError(f"actions must be a dict of one an agent, got {shown(actions)}")
+        for agent in actions:
+            choose("agent", agent, self.possible_agents)
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise ValueError(f"actions lack {missing[0]!r}; there must be one for each of {', '.join(self.agents)}")

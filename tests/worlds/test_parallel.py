@@ -40,17 +40,54 @@ def test_a_world_of_a_batch_is_the_parallel_world_of_its_seed() -> None:
                 break
 
 
-def test_names_and_state() -> None:
-    world = wayfield.parallel_env(DIFF, scenario="circle_4")
+def test_names_spaces_and_state() -> None:
+    world = wayfield.parallel_env(DIFF, scenario="circle_4", max_episode_steps=20_000)
     assert world.metadata["name"] == "wayfield_diff_drive_team_v0"
     assert world.possible_agents == [f"robot_{r}" for r in range(4)]
-    assert world.observation_space("robot_0") is world.observation_space("robot_0")
+    for agent in world.possible_agents:
+        assert world.observation_spaces[agent] is world.observation_space(agent)
+        assert world.action_spaces[agent] is world.action_space(agent)
     world.reset(seed=0)
     assert world.state().shape == (28,)
-    with pytest.raises(ValueError, match="actions lack 'robot_0'"):
-        world.step({})
     with pytest.raises(ValueError, match="env_id="):
         wayfield.parallel_env("wayfield/OmniDocking-v0")
+
+
+def test_actions_of_others_than_the_agents_and_wrong_options_are_refused_and_nothing_moves() -> None:
+    world, untouched = (wayfield.parallel_env(DIFF, scenario="circle_4") for _ in range(2))
+    for each in (world, untouched):
+        each.reset(seed=0)
+    good = {agent: np.array([0.5, 0.1]) for agent in world.agents}
+    refused = [
+        ({}, "actions lack 'robot_0'"),
+        (good | {"robot_4": good["robot_0"]}, "agent='robot_4' is unknown"),
+        (good | {"robot_2": [0.1]}, "shape"),
+        (good | {"robot_2": [np.nan, 0.0]}, "finite"),
+        (list(good.values()), "actions must be a dict"),
+    ]
+    for actions, says in refused:
+        with pytest.raises((TypeError, ValueError), match=says):
+            world.step(actions)
+    for options in ({"scenari": 0}, {"scenario": 64}, {"scenario": [0, 1, 1, 1]}, 5, []):
+        with pytest.raises((TypeError, ValueError), match="options"):
+            world.reset(options=options)
+    assert all((world.step(good)[0][agent] == untouched.step(good)[0][agent]).all() for agent in good)
+
+
+def test_actions_of_robots_that_have_ended_are_of_no_effect() -> None:
+    """Learners act for all of `possible_agents`, or for those that are left."""
+    world, other = (wayfield.parallel_env(DIFF, scenario="crossing_4") for _ in range(2))
+    for each in (world, other):
+        each.reset(seed=1)
+    everyone = {agent: np.array([0.6, 0.0]) for agent in world.agents}
+    while len(world.agents) == 4:
+        world.step(everyone), other.step(everyone)
+    assert world.agents
+    seen, *_ = world.step(everyone)
+    alone, *_ = other.step({agent: everyone[agent] for agent in other.agents})
+    assert {agent: each.tobytes() for agent, each in seen.items()} == {
+        agent: each.tobytes() for agent, each in alone.items()
+    }
 
 
 def test_stable_baselines_has_rows_that_never_wait() -> None:
