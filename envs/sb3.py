@@ -12,15 +12,20 @@ from numpy.typing import NDArray
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.teams import TeamVectorEnv
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.system.checks import shown
 from wayfield.system.extras import installs
 
 try:
+    from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError as error:
     raise DependencyNotInstalled(f"wayfield.envs.sb3 needs stable-baselines3: {installs('train')}") from error
 
 Array = NDArray[np.float64]
-_NOTHING: dict[str, Any] = {}  # the info of a robot whose episode goes on; never written to
+_OWN = ("np_random", "np_random_seed")  # of a vector environment: one a row
+_ALTERNATIVE = (
+    "robots of a batch are no objects; make them with stable_baselines3.common.env_util.make_vec_env(env_id, num_envs)"
+)
 
 
 def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
@@ -36,6 +41,12 @@ def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate([np.pad(piece, ((0, 0), (0, width - piece.shape[-1]))) for piece in pieces])
 
 
+def _dicts(told: Mapping[str, NDArray[Any]], rows: Any = slice(None)) -> list[dict[str, Any]]:
+    """Returns the info of each of some rows as a dict of its own, from an array a name."""
+    columns = [values[rows].tolist() for values in told.values()]
+    return [dict(zip(told, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
 def _taken(name: str, arrays: Mapping[str, NDArray[Any]], there: NDArray[Any]) -> NDArray[Any]:
     """Returns an array of a name like one that is there, from its bytes; ValueError if they are too many or too few."""
     content = arrays[name].tobytes()
@@ -47,17 +58,19 @@ def _taken(name: str, arrays: Mapping[str, NDArray[Any]], there: NDArray[Any]) -
 class NativeVecEnv(VecEnv):
     """Robots of one environment id for stable-baselines3, all stepped by one compiled call: `PPO("MlpPolicy", env)`.
 
-    Row i, seeded seed + i, is the single environment of that seed: observations, rewards, ends, `terminal_observation`
-    and `TimeLimit.truncated` are those of DummyVecEnv. The info of a row whose episode ends holds all that the task
-    tells (`success`, `collision`, ...), `is_success` and, as Monitor writes it, `episode`; so `rollout/ep_rew_mean` and
-    `rollout/success_rate` are logged, and VecMonitor may take its `info_keywords` from there. Infos of other rows are
-    empty, for speed; the info of the last step of all rows stands in `told`, an array a name.
+    Row i, seeded seed + i, is the single environment of that seed: observations, rewards, ends, `reset_infos`,
+    `set_options`, `terminal_observation` and `TimeLimit.truncated` are those of DummyVecEnv. The info of a row whose
+    episode ends holds all that the task tells (`success`, `collision`, ...), `is_success` and, as Monitor writes it,
+    `episode`; so `rollout/ep_rew_mean` and `rollout/success_rate` are logged, `evaluate_policy` reports true rewards
+    behind VecNormalize, and VecMonitor may take its `info_keywords` from there. Infos of other rows are empty, for
+    speed, unless `full_infos` is set; what all rows were told in the last step stands in `told`, an array a name.
 
     Args:
         worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
             rows stand one after the other. Observation spaces must agree. The action space has room for what the
             fastest robot can do; what is too fast for another is slowed down to what that can, in the same direction.
         ragged: whether scans may have different numbers of beams; shorter observations are filled up with zeros.
+        full_infos: whether the infos of all rows hold all that the task tells, in every step.
         kwargs: keyword arguments of the environment, and max_episode_steps.
 
     Raises:
@@ -69,6 +82,7 @@ class NativeVecEnv(VecEnv):
         env_id: str,
         worlds: int | Sequence[tuple[int, Mapping[str, Any]]] = 1,
         ragged: bool = False,
+        full_infos: bool = False,
         **kwargs: Any,
     ) -> None:
         if not isinstance(worlds, Sequence):
@@ -101,45 +115,60 @@ class NativeVecEnv(VecEnv):
         ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
         self.rows = [slice(end - part.num_envs, end) for end, part in zip(ends, self.parts, strict=True)]
         self.told: dict[str, NDArray[Any]] = {}
+        self.full_infos = full_infos
         self._actions: NDArray[Any] = np.empty(0)
         self._returns = np.zeros(ends[-1])
         self._since = time.time()
         super().__init__(ends[-1], first.single_observation_space, gymnasium.spaces.Box(-fastest, fastest))
+        self.metadata = self.parts[0].metadata
 
     def reset(self) -> NDArray[np.float32]:
-        """Starts an episode in every row, seeded if `seed` was called before."""
+        """Starts an episode in every row, with the seeds and options that `seed` and `set_options` were given before.
+
+        Raises:
+            TypeError, ValueError: if the options are not a dict for all rows or a list of one a row, or one is wrong.
+        """
+        options: Any = self._options
+        if not isinstance(options, list | tuple) or len(options) != self.num_envs:
+            raise ValueError(f"options must be a dict, or a list of {self.num_envs}, got {shown(options)}")
         pieces = []
         for part, rows in zip(self.parts, self.rows, strict=True):
             seeds = self._seeds[rows] if self._seeds[rows.start] is not None else None
-            observations, info = part.reset(seed=seeds)
-            pieces.append((observations, info))
+            pieces.append(part.reset(seed=seeds, options=options[rows]))
         self._reset_seeds()
         self._reset_options()
-        self._tell([info for _, info in pieces])
+        self.told = self._joined_infos([info for _, info in pieces])
+        self.reset_infos = _dicts(self.told)
         self._returns[:] = 0.0
         return _joined([observations for observations, _ in pieces])
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Takes the actions of the next step."""
+        """Takes the actions (num_envs, ...) of the next step; ValueError if there are more or fewer."""
+        if len(actions) != self.num_envs:
+            raise ValueError(f"actions must have {self.num_envs} rows, one a robot, got {len(actions)}")
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Moves every robot by one control period; one whose episode ends starts the next at once."""
-        observations, rewards, terminated, truncated, _ = self.advance(self._actions)
+        observations, rewards, terminated, truncated, told = self.advance(self._actions)
         ended = terminated | truncated
         self._returns += rewards
-        infos = [_NOTHING] * self.num_envs
-        rows = np.flatnonzero(ended).tolist()
-        if rows:
+        infos: list[dict[str, Any]]
+        if self.full_infos:
+            infos = _dicts(told | {"TimeLimit.truncated": np.zeros(self.num_envs, np.bool_)})
+        else:
+            infos = [{} for _ in range(self.num_envs)]
+        rows = np.flatnonzero(ended)
+        if len(rows):
             seconds = round(time.time() - self._since, 6)
-            for i in rows:
-                info = {name: values.item(i) for name, values in self.told.items()}
+            begun = self._joined_infos([step[4] for step in self._steps], last=False)
+            lasts = _dicts(told | {"TimeLimit.truncated": ~terminated}, rows)
+            for i, info, first in zip(rows.tolist(), lasts, _dicts(begun, rows), strict=True):
                 info["terminal_observation"] = self.final_observation(i)
-                info["TimeLimit.truncated"] = not terminated.item(i)
                 info["is_success"] = info["success"]
                 steps = round(info["time"] / self.task.options.dt)
                 info["episode"] = {"r": round(self._returns.item(i), 6), "l": steps, "t": seconds}
-                infos[i] = info
+                infos[i], self.reset_infos[i] = info, first
             self._returns[rows] = 0.0
         return observations, rewards.astype(np.float32), ended, infos
 
@@ -154,7 +183,7 @@ class NativeVecEnv(VecEnv):
             part.step(actions[rows]) for part, rows in zip(self.parts, self.rows, strict=True)
         ]
         observations, rewards, terminated, truncated = (_joined([step[k] for step in self._steps]) for k in range(4))
-        self._tell([step[4] for step in self._steps])
+        self.told = self._joined_infos([step[4] for step in self._steps])
         return observations, rewards, terminated, truncated, self.told
 
     def final_observation(self, i: int) -> NDArray[np.float32]:
@@ -167,17 +196,18 @@ class NativeVecEnv(VecEnv):
         """Returns the last observations (n, size) of the rows that the last step ended."""
         return np.stack([self.final_observation(i) for i in ended.tolist()])
 
-    def _tell(self, infos: list[dict[str, Any]]) -> None:
-        """Joins the infos of the parts; the values of an episode that ended are its last ones."""
-        self.told = {}
+    def _joined_infos(self, infos: list[dict[str, Any]], last: bool = True) -> dict[str, NDArray[Any]]:
+        """Returns an array a name: where an episode has ended, what was told last, or what the next one begins with."""
+        told = {}
         for name in (*self.task.info_names, *self.task.flag_names):
             pieces = []
             for info in infos:
                 values = info[name]
-                if "_final_info" in info:
+                if last and "_final_info" in info:
                     values = np.where(info["_final_info"], info["final_info"][name], values)
                 pieces.append(values)
-            self.told[name] = _joined(pieces)
+            told[name] = _joined(pieces)
+        return told
 
     def close(self) -> None:
         """Closes the parts."""
@@ -189,20 +219,30 @@ class NativeVecEnv(VecEnv):
         return [frame for part in self.parts for frame in part.render() or [None] * part.num_envs]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Returns False for each row: nothing wraps a robot."""
-        return [False for _ in self._get_indices(indices)]
+        """Returns True for each row if it is Monitor that is asked for, whose `episode` the infos have."""
+        return [issubclass(Monitor, wrapper_class) for _ in self._each(indices)]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Returns an attribute of each row's part."""
-        return [getattr(self.parts[self._part(i)], attr_name) for i in self._get_indices(indices)]
+        """Returns an attribute of each row: its own space or generator, all else of the vector that it is a row of."""
+        found = []
+        for k, i in self._each(indices):
+            part = self.parts[k]
+            value = getattr(part, f"single_{attr_name}" if hasattr(part, f"single_{attr_name}") else attr_name)
+            found.append(value[i] if attr_name in _OWN else value)
+        return found
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuses: robots of a batch have no attributes of their own."""
-        raise NotImplementedError("robots of a batch share their attributes")
+        raise NotImplementedError(f"set_attr({attr_name!r}): {_ALTERNATIVE}")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Refuses: robots of a batch have no methods of their own."""
-        raise NotImplementedError("robots of a batch share their methods")
+        raise NotImplementedError(f"env_method({method_name!r}): {_ALTERNATIVE}")
+
+    def _each(self, indices: Any) -> list[tuple[int, int]]:
+        """Returns the part of each of the rows asked for, and its row there; IndexError if there is no such row."""
+        rows = [range(self.num_envs)[i] for i in self._get_indices(indices)]
+        return [(k := self._part(i), i - self.rows[k].start) for i in rows]
 
     def _part(self, i: int) -> int:
         """Returns which world row i belongs to."""

@@ -249,7 +249,7 @@ class Shaped(VecEnv):
             self.left = left
         rewards = self.scale * self.reward(told, self.speeds, changes, self.dt, self.share)
         perception.remember(self._inputs, actions, self.memory)
-        infos: list[dict[str, Any]] = [{}] * self.num_envs
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if len(rows):
             # the base's command there is not known: it has the briefing of the next episode
             last = self._last(rows)
@@ -340,8 +340,8 @@ class Shaped(VecEnv):
         self.worlds.close()
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Returns False for each row."""
-        return self.worlds.env_is_wrapped(wrapper_class, indices)
+        """Returns False for each row: the infos of shaped worlds tell no episodes."""
+        return [False for _ in self._get_indices(indices)]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Returns an attribute of each row's world."""
