@@ -20,6 +20,8 @@ _STANDS_BELOW = 0.01  # m/s
 _ON_A_BODY = 0.1  # m, about a body's hull, within which a beam ends at it
 _TURNED = 2.0  # s, for which the wanted velocity of who is stuck stays turned
 _AWAY = 4.0  # s, for which who gives way stays away, times how often
+_ALIKE = 1e-5  # m, between distances that count as equal: what is seen has single precision
+_SLOWER = 0.03
 _BLOCKS = 0.6  # m between hulls, within which a robot ahead is in the way
 
 MEMORY = np.dtype(
@@ -30,6 +32,7 @@ MEMORY = np.dtype(
         ("turned", np.float64),  # s, for which the wanted velocity stays turned
         ("times", np.int64),  # in a row that it was stuck
         ("begun", np.int64),
+        ("pace", np.float64),  # share of the speed that it drives, of `pace`; 0: not known yet
         ("yields", np.int64),  # 1: it gives way while turned; -1: another does, and it goes straight on
     ],
     align=True,
@@ -58,11 +61,12 @@ class OrcaTeam(Gains):
     `most_turn`: so a robot jammed in a ring goes round it. Two who meet in a door would turn aside for ever: with
     `back_off`, one who is stuck behind a tracked robot gives way if it comes before that in the order of (x, y), which
     needs no word between them: it goes back by `back_off` and stays away for 4 s, the next time for twice both, and so
-    on, while the other does not turn.
+    on, while the other does not turn. Where the nearest two are equally far when they are first seen, as on a circle, a
+    robot drives slower by 3 % for each of them that comes before it in that order: who all do the same, jam or touch.
 
     It has access to bodies, not to a map: it stops in dead ends. Velocities are taken to last. The point's guarantee is
-    lost while |w| saturates: of circles in which all are exactly symmetric, differential drives solve those of up to
-    16, and touch each other in one of 32; moved by up to 0.5 m, circles of 32 are solved.
+    lost while |w| saturates: of exactly symmetric circles of 4 m, differential drives solve those of up
+    to 16, and touch each other in denser ones; moved by up to 0.5 m, circles of 32 are solved.
 
     Source: van den Berg, Guy, Lin and Manocha, ISRR 2009 (STAR 70, 2011); the effective centre: Snape, van den Berg,
     Guy and Manocha, IROS 2010.
@@ -160,13 +164,36 @@ def want(params, poses, goals, bodies, memory, out):
         aside = min(p.stuck_turn * m.times, p.most_turn)
         sine, cosine = sin_cos(-(aside if m.turned > 0.0 and m.yields == 0 else p.turn))
         distance = math.sqrt(goals[i, 0] * goals[i, 0] + goals[i, 1] * goals[i, 1])
-        speed = min(p.k * distance, p.max_speed) / max(distance, 1e-12)
+        if m.pace == 0.0:
+            m.pace = pace(poses[i], bodies[i])
+        speed = (m.pace if m.pace > 0.0 else 1.0) * min(p.k * distance, p.max_speed) / max(distance, 1e-12)
         if m.turned > 0.0 and m.yields == 1:
             # backwards as far as it shall, then it stands
             going = _AWAY * m.times - m.turned < p.back_off * m.times / p.max_speed
             speed = -p.max_speed / max(distance, 1e-12) if going else 0.0
         out[i, 0] = speed * (cosine * goals[i, 0] - sine * goals[i, 1])
         out[i, 1] = speed * (sine * goals[i, 0] + cosine * goals[i, 1])
+
+
+@compiled
+def pace(pose, bodies):
+    """Returns the share of its speed at which a robot drives that sees the first two others; 0 while it does not.
+
+    It is 1 unless the two are equally far, as on a circle: then less by `_SLOWER` for each that comes before the robot
+    in the order of (x, y), so that they do not all do the same.
+    """
+    if bodies.shape[0] < 2 or bodies[1, 6] < 0.5:
+        return 0.0
+    sine, cosine = sin_cos(pose[2])
+    found = 1.0
+    for j in range(2):
+        x = bodies[j, 0]
+        y = bodies[j, 1]
+        dx = cosine * x - sine * y
+        dy = sine * x + cosine * y
+        found -= _SLOWER if dx < 0.0 or (dx == 0.0 and dy < 0.0) else 0.0
+    apart = math.sqrt(bodies[0, 0] ** 2 + bodies[0, 1] ** 2) - math.sqrt(bodies[1, 0] ** 2 + bodies[1, 1] ** 2)
+    return found if abs(apart) < _ALIKE else 1.0
 
 
 @compiled

@@ -16,7 +16,6 @@ from wayfield.envs.world.paths import Path
 from wayfield.system.checks import (
     FARTHEST,
     FASTEST,
-    FINEST,
     HEAVIEST,
     LIGHTEST,
     LONGEST,
@@ -24,6 +23,7 @@ from wayfield.system.checks import (
     MOST_OBSTACLES,
     MOST_TURN,
     SHORTEST,
+    THINNEST,
     number,
     numbers_of,
     pose,
@@ -266,9 +266,13 @@ def _checked_obstacles(obstacles: Any) -> NDArray[np.void]:
             bad = np.flatnonzero(np.abs(field[name]) > (1.0 + 1e-9 if name in ("cos", "sin") else 2.0 * FARTHEST))
         if len(bad):
             raise ValueError(f"obstacles[{bad[0]}].{name} is {field[name][bad[0]]}; it is out of bounds")
-    loose = np.flatnonzero((field["mass"] > 0.0) & (np.max([field[name] for name in sizes[:3]], axis=0) < 0.5 * FINEST))
-    if len(loose):
-        raise ValueError(f"obstacles[{loose[0]}] has a mass and no size; it must be at least {FINEST:g} m across")
+    thickness = 2.0 * (np.minimum(field["half_length"], field["half_width"]) + field["radius"])
+    thin = np.flatnonzero((field["mass"] > 0.0) & (thickness < THINNEST))
+    if len(thin):
+        raise ValueError(
+            f"obstacles[{thin[0]}] ({described(field[thin[0]])}) has a mass and is {thickness[thin[0]]:g} m thick; "
+            f"what can be pushed must be at least {THINNEST:g} m thick"
+        )
     _check_patrols(field)
     return field
 

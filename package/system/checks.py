@@ -17,6 +17,7 @@ from wayfield.system.elementary import wrap_angle
 
 FARTHEST = 1e6  # m, of any position from the origin, and of any length
 FINEST = 1e-9  # m, the least size of what has one
+THINNEST = 5e-3  # m, of what can be pushed
 SHORTEST = 1e-3  # m and s: the least path, range and time between two turns of a patrol
 FARTHEST_SHOVE = 100.0  # m; a sweep goes in strides of 0.2 mm where it runs along a wall
 LONGEST = 1e6  # s, of any time

@@ -437,6 +437,30 @@ def test_orca_team_turns_all_circles_and_lets_nobody_touch() -> None:
         assert arrived.all()
 
 
+@pytest.mark.parametrize(
+    "n", [3, 10, pytest.param(12, marks=pytest.mark.slow), pytest.param(16, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("digits", [6, 17])
+def test_orca_team_turns_a_circle_that_is_exact_to_the_last_digit_too(n: int, digits: int) -> None:
+    angles = 2.0 * np.pi * np.arange(n) / n
+    places = np.column_stack([4.0 * np.cos(angles), 4.0 * np.sin(angles)]).round(digits)
+    scenario = TeamScenario.made("ring", [(*each, 0.0) for each in places], [(*-each, 0.0) for each in places])
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveTeam-v0", num_envs=n, scenario=(scenario,), sees="bodies", max_episode_steps=2400
+    )
+    pilot = Pilot(policies.make("orca_team"), env)
+    seen, _ = env.reset(seed=0)
+    pilot.reset()
+    arrived = np.zeros(n, np.bool_)
+    for _ in range(2400):
+        seen, _, terminated, _, info = env.step(pilot.act(seen))
+        assert not info["collision"].any()
+        arrived |= terminated & info["success"]
+        if arrived.all():
+            break
+    assert arrived.all()
+
+
 def test_who_has_no_access_to_bodies_is_not_shown_them() -> None:
     options = {"scenario": "circle_4", "max_episode_steps": 60}
     drives = []

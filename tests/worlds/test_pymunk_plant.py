@@ -398,6 +398,38 @@ def test_no_tunnelling_through_a_thin_wall(tmp_path: Path, robot: str, angle: fl
     assert touched
 
 
+# in the fast part the worst of each thickness
+SQUEEZED = [
+    pytest.param(width, mass, heading, speed, actuators,
+                 marks=[] if (mass, heading, speed) in ((0.1, 1.2, 1.5), (0.5, 1.2, 1.5)) else pytest.mark.slow)
+    for width in (0.005, 0.01, 0.03, 0.05, 0.08)
+    for mass in (0.1, 0.5, 2.0)
+    for heading in (0.0, 0.3, 1.2, None)  # None: a disc
+    for speed in (0.4, 1.0, 1.5)
+    for actuators in ("lagged", "ideal")
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("width", "mass", "heading", "speed", "actuators"), SQUEEZED)
+def test_nothing_thin_is_pushed_through_a_wall(
+    tmp_path: Path, width: float, mass: float, heading: float | None, speed: float, actuators: str
+) -> None:
+    thing = circle_at(0.7, 0.03, 0.5 * width, mass)
+    if heading is not None:
+        thing = {**box_at(0.7, 0.03, 0.4, mass, heading), "length": width}
+    arena = Arena(tmp_path, "omni3", wall_at(1.2, -3.0, 1.2, 3.0), thing, actuators=actuators)
+    for _ in range(80):
+        arena.drive(speed, 0.0, 0.0)
+        assert arena.obstacles[1]["x"] <= 1.2
+
+
+def test_what_is_too_thin_to_be_pushed_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ValueError, match=r"obstacles\[0\] \(box of 0.004 x 0.4 m .* is 0.004 m thick; .* at least 0.005 m"
+    ):
+        Arena(tmp_path, "omni3", {**box_at(1.0, 0.0, 0.4, 1.0), "length": 0.004})
+
+
 @pytest.mark.parametrize("speed", [0.1, 1.0, 1.5])
 def test_stays_out_of_what_is_fixed(tmp_path: Path, speed: float) -> None:
     corner = [
