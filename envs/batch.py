@@ -1,5 +1,6 @@
 """The step order, written once: a batch of robots of one task, whether it holds one robot or thousands."""
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
 from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing, Surroundings
 from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
-from wayfield.envs.tasks.task import Task
+from wayfield.envs.tasks.task import PLANTS, Task
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grid
 from wayfield.system.checks import choose, memory, shown
@@ -41,13 +42,22 @@ class Results:
         self.flags = np.empty((len(task.flag_names) + 1, num_envs), np.bool_)
 
 
-def _coppelia_plant(task: Task, num_envs: int) -> Any:
-    """Returns the plant that drives a simulator, if the extra is there that it needs."""
+def _plant(task: Task, num_envs: int) -> Any:
+    """Returns the plant that drives beside the compiled step; None where that has its own.
+
+    Raises:
+        ModuleNotFoundError: without the extra that it needs.
+    """
+    dynamics = task.options.dynamics
+    if dynamics not in PLANTS:
+        return None
+    module, name, extra = PLANTS[dynamics]
     try:
-        from wayfield.envs.coppelia.plant import CoppeliaPlant
+        return getattr(importlib.import_module(module), name)(task, num_envs)
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f'dynamics="coppelia" needs {error.name}: {installs("coppelia")}') from None
-    return CoppeliaPlant(task, num_envs)
+        if extra is None:
+            raise
+        raise ModuleNotFoundError(f'dynamics="{dynamics}" needs {error.name}: {installs(extra)}') from None
 
 
 class Batch:
@@ -106,16 +116,8 @@ class Batch:
             task.reset_rows,
             *(task.params, self.states, self.obstacles, _FIRST, draws, self.noise, *task.world, *self.own, *outputs),
         )
-        self._phases = COMMAND | DRIVE | JUDGE
-        self.plant: Any = None
-        if task.options.dynamics == "pymunk":
-            from wayfield.envs.pymunk_plant import PymunkPlant
-
-            self._phases = COMMAND
-            self.plant = PymunkPlant(task, num_envs)
-        elif task.options.dynamics == "coppelia":
-            self._phases = COMMAND
-            self.plant = _coppelia_plant(task, num_envs)
+        self.plant = _plant(task, num_envs)
+        self._phases = COMMAND | DRIVE | JUDGE if self.plant is None else COMMAND
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns what pickle and copy make a batch in the same state from: machine code is looked up anew.

@@ -38,7 +38,7 @@ COMMANDS = {
     "scenarios": _Command(
         "wayfield.benchmarks.commands.lists", "evaluate", "list families, tiers, splits, banks", "scenarios"
     ),
-    "ros": _Command("wayfield.ros.command", "ros", "a simulated robot and a driver as ROS 2 nodes"),
+    "ros": _Command("wayfield.bridges.ros.command", "ros", "a simulated robot and a driver as ROS 2 nodes"),
     "compile": _Command(
         "wayfield.benchmarks.commands.compile",
         "",

@@ -51,8 +51,8 @@ def serve():
     """Returns what serves a scene on a free port, in a thread, until the test's end."""
     pytest.importorskip("zmq", reason='needs pip install "wayfield[coppelia]"')
     pytest.importorskip("cbor2", reason='needs pip install "wayfield[coppelia]"')
-    from wayfield.envs.coppelia.scenes import Conditions, make_world
-    from wayfield.envs.coppelia.server import Server
+    from wayfield.bridges.coppelia.scenes import Conditions, make_world
+    from wayfield.bridges.coppelia.server import Server
 
     with contextlib.ExitStack() as stack:
 

@@ -4,7 +4,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,8 +121,21 @@ class Options:
         return np.full(len(self.robot.wheel_matrix), self.robot.rated_wheel_speed)
 
 
+class Plant(NamedTuple):
+    """Where a plant is found that drives beside the compiled step, and which extra brings what it imports."""
+
+    module: str
+    name: str
+    extra: str | None = None
+
+
+# The kinematic plant is part of the step. A plant is loaded where it is chosen, and then alone.
+PLANTS: Mapping[str, Plant] = {
+    "pymunk": Plant("wayfield.envs.pymunk_plant", "PymunkPlant"),
+    "coppelia": Plant("wayfield.bridges.coppelia.plant", "CoppeliaPlant", "coppelia"),
+}
 _CHOICES: Mapping[str, Collection[str]] = {
-    "dynamics": ("kinematic", "pymunk", "coppelia"),
+    "dynamics": ("kinematic", *PLANTS),
     "actuators": ACTUATORS,
     "action_mode": ("twist", "wheel_speeds"),
     "pose_source": records.POSE_SOURCES,

@@ -20,7 +20,7 @@ from wayfield.policies import POLICIES
 MOST_LINES = 80  # of a function, without its docstring
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("system", "envs", "policies", "ros", "benchmarks")
+PACKAGES = ("system", "envs", "policies", "benchmarks", "bridges")
 # Of policies, what is no law.
 NO_LAWS = {"gain", "__init__", "pilot", "policy", "registry", "tuned"}
 # Where a class of one task is asked for, and why that is no second notion of a task.
@@ -84,12 +84,6 @@ def test_no_function_is_longer_than_a_page() -> None:
     assert not long
 
 
-# Where a room imports from one that stands below it, and why.
-UPWARD = {
-    ("envs/batch.py", "envs/coppelia"): "a plant that is loaded where it is chosen, and then alone",
-}
-
-
 def rooms() -> list[str]:
     """Returns the rooms of the table in docs/architecture.md, lowest floor first."""
     table = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").partition("## Rooms")[2]
@@ -99,7 +93,7 @@ def rooms() -> list[str]:
 def room_of(module: str, known: Sequence[str]) -> str | None:
     """Returns the room of a module, the innermost one, by its dotted name without the package's."""
     parts = module.split(".")
-    parts = ["package", *parts] if parts[0] in ("system", "ros") else parts
+    parts = ["package", *parts] if parts[0] == "system" else parts
     names = ("/".join(parts[:count]) for count in range(len(parts), 0, -1))
     return next((name for name in names if name in known), None)
 
@@ -124,7 +118,7 @@ def test_a_room_imports_from_rooms_above_it_in_the_table_of_the_architecture() -
     assert len(known) > 15
     upward = set()
     for name, found in nodes().items():
-        if name == "benchmarks/__init__.py":  # what a user imports from there
+        if name in ("benchmarks/__init__.py", "bridges/__init__.py"):  # of no room
             continue
         own = room_of(name.removesuffix(".py").replace("/", "."), known)
         assert own is not None, f"{name} is in no room of docs/architecture.md"
@@ -132,7 +126,7 @@ def test_a_room_imports_from_rooms_above_it_in_the_table_of_the_architecture() -
             room = room_of(module, known)
             if room is not None and known.index(room) > known.index(own):
                 upward.add((name, room))
-    assert upward <= set(UPWARD)
+    assert upward == set()
 
 
 def test_every_law_is_a_policy_by_name() -> None:
@@ -220,9 +214,9 @@ PATCHED = {
     "wayfield.benchmarks.records.archive.MOST_BYTES": "a limit of gigabytes",
     "wayfield.benchmarks.runs.shards.episodes": "what becomes of the files of a part, whoever drove it",
     "wayfield.benchmarks.runs.shards.keep": "workers are killed in the moment in which a part is kept",
-    "wayfield.envs.coppelia.calls_data.MAX_STORED": "a limit of megabytes",
-    "wayfield.envs.coppelia.server.MAX_CLIENTS": "a limit of many connections",
-    "wayfield.envs.coppelia.server.MAX_MESSAGE": "a limit of megabytes",
+    "wayfield.bridges.coppelia.calls_data.MAX_STORED": "a limit of megabytes",
+    "wayfield.bridges.coppelia.server.MAX_CLIENTS": "a limit of many connections",
+    "wayfield.bridges.coppelia.server.MAX_MESSAGE": "a limit of megabytes",
     "wayfield.envs.robots.disturbances.DISTURBANCES.made": "single causes, which no level has",
     "wayfield.envs.goal_reaching.field_scenarios": "a thousand starts that no split holds",
     "wayfield.envs.scenarios.splits.FOLDER": "damaged splits, in place of those that ship",

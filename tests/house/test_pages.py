@@ -49,7 +49,7 @@ LONG = {
     "compare([": 45,
 }
 WHOLE = ("--episodes 1", "results/short", "results/mine", "offline")  # which later lines need, however long
-SERVER = "python -m wayfield.envs.coppelia"  # runs beside the lines below it
+SERVER = "python -m wayfield.bridges.coppelia"  # runs beside the lines below it
 LIMIT = 1200  # s, of a line
 
 

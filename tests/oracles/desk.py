@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from wayfield.envs.coppelia.scenes import Conditions, make_world
-from wayfield.envs.coppelia.server import Caller, Client, Server
-from wayfield.envs.coppelia.signatures import FUNCTIONS, NULL, CallError
+from wayfield.bridges.coppelia.scenes import Conditions, make_world
+from wayfield.bridges.coppelia.server import Caller, Client, Server
+from wayfield.bridges.coppelia.signatures import FUNCTIONS, NULL, CallError
 
 
 class Desk:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wayfield.envs.coppelia.sandbox import Sandbox
+from wayfield.bridges.coppelia.sandbox import Sandbox
 from wayfield.envs.robots import (
     ACTUATORS,
     ROBOTS,

@@ -1,0 +1,1 @@
+"""What connects wayfield with other systems: CoppeliaSim and ROS 2. The rooms below import nothing of it."""

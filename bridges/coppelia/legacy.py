@@ -1,0 +1,562 @@
+"""The core of CoppeliaSim's legacy remote API for Python (`simx...`), over the ZeroMQ remote API.
+
+`python -m wayfield.bridges.coppelia --legacy FOLDER` copies this file there as sim.py and vrep.py, in place of those
+that load CoppeliaSim's library. It needs only `coppeliasim-zmqremoteapi-client`, and speaks to wayfield's server or to
+a CoppeliaSim. $WAYFIELD_COPPELIA=host:port, by default port 23000 of the host of `simxStart`, is where it connects:
+ports of the legacy API (19997, 19999, ...) mean nothing here.
+
+Every call returns a code first. As in the legacy library, blocking calls wait for the answer; a streaming or oneshot
+call that asks for a value has none the first time (`simx_return_novalue_flag`); buffer calls read what was streamed.
+The answer is then that of the moment of the call, which is never older than the library's.
+"""
+
+import os
+import socket
+import struct
+import sys
+import threading
+import time
+
+from coppeliasim_zmqremoteapi_client import RemoteAPIClient
+
+simx_return_ok = 0
+simx_return_novalue_flag = 1
+simx_return_timeout_flag = 2
+simx_return_illegal_opmode_flag = 4
+simx_return_remote_error_flag = 8
+simx_return_split_progress_flag = 16
+simx_return_local_error_flag = 32
+simx_return_initialize_error_flag = 64
+
+simx_opmode_oneshot = 0x000000
+simx_opmode_blocking = simx_opmode_oneshot_wait = 0x010000
+simx_opmode_streaming = simx_opmode_continuous = 0x020000
+simx_opmode_oneshot_split = 0x030000
+simx_opmode_streaming_split = simx_opmode_continuous_split = 0x040000
+simx_opmode_discontinue = 0x050000
+simx_opmode_buffer = 0x060000
+simx_opmode_remove = 0x070000
+
+simx_headeroffset_crc = 0
+simx_headeroffset_version = 2
+simx_headeroffset_message_id = 3
+simx_headeroffset_client_time = 7
+simx_headeroffset_server_time = 11
+simx_headeroffset_scene_id = 15
+simx_headeroffset_server_state = 17
+
+sim_handle_all, sim_handle_parent, sim_handle_world = -2, -11, -1
+sim_object_shape_type, sim_object_joint_type, sim_object_dummy_type = 0, 1, 4
+sim_object_proximitysensor_type, sim_object_visionsensor_type = 5, 9
+sim_appobj_object_type = 109
+sim_jointfloatparam_velocity = 2012
+sim_floatparam_simulation_time_step = 1
+sim_intparam_program_version = 1
+sim_boolparam_realtime_simulation = 25
+sim_simulation_stopped, sim_simulation_paused, sim_simulation_advancing = 0, 8, 16
+sim_simulation_advancing_running = 17
+
+_PORT = 23000
+_PATIENCE = 30.0  # s, for an answer
+_NONE3 = (0.0, 0.0, 0.0)
+_REFUSED = {
+    "simxGetVisionSensorImage": "images",
+    "simxSetVisionSensorImage": "images",
+    "simxGetVisionSensorDepthBuffer": "depth images",
+    "simxCallScriptFunction": "scripts inside the simulator",
+    "simxLoadModel": "models from files",
+    "simxLoadUI": "user interfaces",
+    "simxCopyPasteObjects": "copies of objects",
+    "simxGetCollisionHandle": "collision objects",
+    "simxReadCollision": "collision objects",
+    "simxGetDistanceHandle": "distance objects",
+    "simxReadDistance": "distance objects",
+}
+
+
+def __getattr__(name):
+    if name in _REFUSED:
+        raise AttributeError(f"{name}: {_REFUSED[name]} are not offered by this stand-in for the legacy remote API")
+    raise AttributeError(f"{name} is not offered by this stand-in for the legacy remote API")
+
+
+class _Link:
+    """A connection; after a call that failed in the middle the next one connects anew."""
+
+    def __init__(self, host, port, timeout):
+        self.host, self.port, self.timeout = host, port, timeout
+        self.lock = threading.RLock()
+        self.begun = set()  # what is streamed
+        self.synchronous = False
+        self.notes = set()
+        self.sim = None
+        self.connect()
+
+    def connect(self):
+        # the client of ZeroMQ waits for ever without a server
+        socket.create_connection((self.host, self.port), self.timeout).close()
+        self.client = RemoteAPIClient(self.host, self.port)
+        self.client.socket.RCVTIMEO = int(1000 * _PATIENCE)
+        self.client.socket.LINGER = 0
+        self.sim = self.client.require("sim")
+
+    def close(self):
+        if self.sim is not None:
+            self.client.socket.close()
+            self.sim = None
+
+    def ask(self, function):
+        """Returns the code and the result of a function of `sim`."""
+        with self.lock:
+            try:
+                if self.sim is None:
+                    self.connect()
+                return simx_return_ok, function(self.sim)
+            except OSError as error:  # no answer; zmq's errors among them
+                self.close()
+                self.note(error)
+                return simx_return_timeout_flag, None
+            except Exception as error:
+                if type(error).__module__.startswith("zmq"):
+                    self.close()
+                    self.note(error)
+                    return simx_return_timeout_flag, None
+                self.note(error)
+                return simx_return_remote_error_flag, None
+            except BaseException:  # Ctrl-C within a call: its answer may still come
+                self.close()
+                raise
+
+    def note(self, error):
+        """Writes what the simulator said to stderr, once: codes alone do not tell."""
+        if str(error) not in self.notes:
+            self.notes.add(str(error))
+            print(f"remote API: {error}", file=sys.stderr)
+
+
+_links: dict[int, _Link] = {}
+_next = 0
+
+
+def _told(clientID, mode, key, ask):
+    """Returns the code and the value of a call that asks for one; None without one."""
+    link = _links.get(clientID)
+    if link is None:
+        return simx_return_initialize_error_flag, None
+    kind = int(mode) & ~0xFFFF  # below it are milliseconds
+    if kind in (simx_opmode_discontinue, simx_opmode_remove):
+        link.begun.discard(key)
+        return simx_return_ok, None
+    if kind == simx_opmode_buffer:
+        if key not in link.begun:
+            return simx_return_novalue_flag, None
+    elif kind != simx_opmode_blocking:
+        if kind not in (simx_opmode_oneshot, simx_opmode_streaming, 0x030000, 0x040000):
+            return simx_return_illegal_opmode_flag, None
+        if key not in link.begun:
+            link.begun.add(key)
+            return simx_return_novalue_flag, None
+    return link.ask(ask)
+
+
+def _done(clientID, mode, key, act):
+    """Returns the code of a call that acts; one that does not wait has no answer the first time."""
+    link = _links.get(clientID)
+    if link is None:
+        return simx_return_initialize_error_flag
+    kind = int(mode) & ~0xFFFF
+    if kind in (simx_opmode_discontinue, simx_opmode_remove):
+        link.begun.discard(key)
+        return simx_return_ok
+    code, _ = link.ask(act)
+    if kind != simx_opmode_blocking and code == simx_return_ok and key not in link.begun:
+        link.begun.add(key)
+        return simx_return_novalue_flag
+    return code
+
+
+def _one(told, nothing):
+    code, value = told
+    return code, nothing if value is None else value
+
+
+def _list(told, count=3):
+    code, value = told
+    return code, [0.0] * count if value is None else [float(each) for each in value]
+
+
+# Connection.
+
+
+def simxStart(
+    connectionAddress,
+    connectionPort,
+    waitUntilConnected,
+    doNotReconnectOnceDisconnected,
+    timeOutInMs,
+    commThreadCycleInMs,
+):
+    """Returns the id of a new connection, or -1."""
+    global _next
+    host, _, port = os.environ.get("WAYFIELD_COPPELIA", f"{connectionAddress}:{_PORT}").rpartition(":")
+    try:
+        link = _Link(host, int(port), max(abs(timeOutInMs) / 1000.0, 0.1))
+    except Exception as error:
+        print(f"remote API: no answer from {host}:{port}: {error}", file=sys.stderr)
+        return -1
+    _links[_next] = link
+    _next += 1
+    return _next - 1
+
+
+def simxFinish(clientID):
+    """Ends a connection; -1 ends all."""
+    for each in list(_links) if clientID == -1 else [clientID]:
+        link = _links.pop(each, None)
+        if link is not None:
+            link.close()
+
+
+def simxGetConnectionId(clientID):
+    """Returns the id of a connection that is up, else -1."""
+    link = _links.get(clientID)
+    return clientID if link is not None and link.sim is not None else -1
+
+
+def simxGetPingTime(clientID):
+    """Returns the code and the time of a round trip, ms."""
+    began = time.monotonic()
+    code, _ = _told(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationState())
+    return code, int(1000.0 * (time.monotonic() - began))
+
+
+def simxGetLastCmdTime(clientID):
+    """Returns the time of the simulation, ms."""
+    return int(1000.0 * _one(_told(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationTime()), 0.0)[1])
+
+
+def simxGetInMessageInfo(clientID, infoType):
+    """Returns the code and a field of the last message; the server's state has bit 0 unless it is stopped."""
+    if infoType == simx_headeroffset_server_state:
+        code, state = _one(_told(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationState()), 0)
+        return code, (1 if state else 0) | (2 if state == sim_simulation_paused else 0)
+    if infoType == simx_headeroffset_server_time:
+        return simx_return_ok, simxGetLastCmdTime(clientID)
+    return simx_return_ok, 0
+
+
+def simxPauseCommunication(clientID, pause):
+    """Returns 0: commands are never held back, and arrive one after the other."""
+    return simx_return_ok
+
+
+# Simulation.
+
+
+def _start(link):
+    def start(sim):
+        if link.synchronous and sim.setStepping(True) > 0:
+            sim.setStepping(False)
+        sim.startSimulation()
+
+    return start
+
+
+def simxStartSimulation(clientID, operationMode):
+    """Returns the code."""
+    link = _links.get(clientID)
+    return _done(clientID, operationMode, "start", _start(link))
+
+
+def simxStopSimulation(clientID, operationMode):
+    """Returns the code."""
+    return _done(clientID, operationMode, "stop", lambda sim: sim.stopSimulation())
+
+
+def simxPauseSimulation(clientID, operationMode):
+    """Returns the code."""
+    return _done(clientID, operationMode, "pause", lambda sim: sim.pauseSimulation())
+
+
+def simxSynchronous(clientID, enable):
+    """Returns the code."""
+    link = _links.get(clientID)
+    if link is None:
+        return simx_return_initialize_error_flag
+
+    def switch(sim):
+        if sim.setStepping(bool(enable)) > 0 and enable:
+            sim.setStepping(False)
+
+    link.synchronous = bool(enable)
+    return link.ask(switch)[0]
+
+
+def simxSynchronousTrigger(clientID):
+    """Returns the code, once the step has been made."""
+    return _done(clientID, simx_opmode_blocking, (), lambda sim: sim.step())
+
+
+def simxAddStatusbarMessage(clientID, message, operationMode):
+    """Returns the code."""
+    return _done(clientID, operationMode, "message", lambda sim: sim.addLog(450, str(message)))
+
+
+def simxLoadScene(clientID, scenePathAndName, options, operationMode):
+    """Returns the code: a server of wayfield's takes names of its scenes, no files."""
+    return _done(clientID, operationMode, "scene", lambda sim: sim.loadScene(str(scenePathAndName)))
+
+
+def simxGetFloatingParameter(clientID, paramIdentifier, operationMode):
+    """Returns the code and the time step, s."""
+    return _one(
+        _told(clientID, operationMode, ("float", paramIdentifier), lambda sim: sim.getSimulationTimeStep()), 0.0
+    )
+
+
+def simxGetIntegerParameter(clientID, paramIdentifier, operationMode):
+    """Returns the code and a parameter of the program."""
+    return _one(_told(clientID, operationMode, ("int", paramIdentifier), lambda s: s.getInt32Param(paramIdentifier)), 0)
+
+
+def simxGetBooleanParameter(clientID, paramIdentifier, operationMode):
+    """Returns the code and a parameter of the program."""
+    return _one(_told(clientID, operationMode, ("bool", paramIdentifier), lambda s: s.getBoolParam(paramIdentifier)), 0)
+
+
+def simxSetIntegerParameter(clientID, paramIdentifier, paramValue, operationMode):
+    """Returns the code."""
+    return _done(
+        clientID, operationMode, ("int", paramIdentifier), lambda s: s.setInt32Param(paramIdentifier, paramValue)
+    )
+
+
+def simxSetBooleanParameter(clientID, paramIdentifier, paramValue, operationMode):
+    """Returns the code."""
+    return _done(
+        clientID, operationMode, ("bool", paramIdentifier), lambda s: s.setBoolParam(paramIdentifier, bool(paramValue))
+    )
+
+
+# Objects.
+
+
+def simxGetObjectHandle(clientID, objectName, operationMode):
+    """Returns the code and the handle of an object, by its path or its old name."""
+    name = objectName.decode() if isinstance(objectName, bytes) else str(objectName)
+
+    def find(sim):
+        return sim.getObject(name) if name[:1] in "/.:" else sim.getObjectHandle(name)
+
+    return _one(_told(clientID, operationMode, ("handle", name), find), 0)
+
+
+def simxGetObjects(clientID, objectType, operationMode):
+    """Returns the code and the handles of all objects of a type."""
+    return _one(
+        _told(clientID, operationMode, ("objects", objectType), lambda s: s.getObjectsInTree(-12, objectType)), []
+    )
+
+
+def simxGetObjectGroupData(clientID, objectType, dataType, operationMode):
+    """Returns the code, handles, integers, floats and texts: 0 names, 3 positions, 5 orientations, 9 both."""
+
+    def read(sim):
+        handles = sim.getObjectsInTree(-12, -2 if objectType == sim_appobj_object_type else objectType)
+        floats, texts = [], []
+        for handle in handles:
+            if dataType == 0:
+                texts.append(sim.getObjectAlias(handle))
+            if dataType in (3, 9):
+                floats += sim.getObjectPosition(handle, -1)
+            if dataType in (5, 9):
+                floats += sim.getObjectOrientation(handle, -1)
+        return handles, [], floats, texts
+
+    if dataType not in (0, 3, 5, 9):
+        raise NotImplementedError(f"simxGetObjectGroupData: data type {dataType} is not offered; 0, 3, 5 and 9 are")
+    code, found = _told(clientID, operationMode, ("group", objectType, dataType), read)
+    return (code, *(found or ([], [], [], [])))
+
+
+def simxGetObjectParent(clientID, childObjectHandle, operationMode):
+    """Returns the code and a handle."""
+    return _one(
+        _told(clientID, operationMode, ("parent", childObjectHandle), lambda s: s.getObjectParent(childObjectHandle)),
+        -1,
+    )
+
+
+def simxGetObjectChild(clientID, parentObjectHandle, childIndex, operationMode):
+    """Returns the code and a handle, or -1."""
+    key = ("child", parentObjectHandle, childIndex)
+    return _one(_told(clientID, operationMode, key, lambda s: s.getObjectChild(parentObjectHandle, childIndex)), -1)
+
+
+def simxCreateDummy(clientID, size, color, operationMode):
+    """Returns the code and the handle of a new dummy."""
+    return _one(_told(clientID, operationMode, "dummy", lambda sim: sim.createDummy(float(size))), 0)
+
+
+def simxRemoveObject(clientID, objectHandle, operationMode):
+    """Returns the code."""
+    return _done(clientID, operationMode, "remove", lambda sim: sim.removeObjects([int(objectHandle)]))
+
+
+def _getter(name, key):
+    def get(clientID, objectHandle, relativeToObjectHandle, operationMode):
+        ask = (key, objectHandle, relativeToObjectHandle)
+        get_it = lambda sim: getattr(sim, name)(int(objectHandle), int(relativeToObjectHandle))  # noqa: E731
+        return _list(_told(clientID, operationMode, ask, get_it), 4 if key == "quaternion" else 3)
+
+    return get
+
+
+def _setter(name, key):
+    def put(clientID, objectHandle, relativeToObjectHandle, values, operationMode):
+        numbers = [float(each) for each in values]
+        act = lambda sim: getattr(sim, name)(int(objectHandle), numbers, int(relativeToObjectHandle))  # noqa: E731
+        return _done(clientID, operationMode, (key, objectHandle), act)
+
+    return put
+
+
+simxGetObjectPosition = _getter("getObjectPosition", "position")
+simxGetObjectOrientation = _getter("getObjectOrientation", "orientation")
+simxGetObjectQuaternion = _getter("getObjectQuaternion", "quaternion")
+simxSetObjectPosition = _setter("setObjectPosition", "set position")
+simxSetObjectOrientation = _setter("setObjectOrientation", "set orientation")
+simxSetObjectQuaternion = _setter("setObjectQuaternion", "set quaternion")
+
+
+def simxGetObjectVelocity(clientID, objectHandle, operationMode):
+    """Returns the code, the linear (m/s) and the angular velocity (rad/s)."""
+    key = ("velocity", objectHandle)
+    code, found = _told(clientID, operationMode, key, lambda sim: sim.getObjectVelocity(int(objectHandle)))
+    return (code, *([list(each) for each in found] if found else ([0.0] * 3, [0.0] * 3)))
+
+
+# Joints.
+
+
+def simxGetJointPosition(clientID, jointHandle, operationMode):
+    """Returns the code and the angle of a joint, rad."""
+    return _one(
+        _told(clientID, operationMode, ("joint", jointHandle), lambda s: s.getJointPosition(int(jointHandle))), 0.0
+    )
+
+
+def simxSetJointTargetVelocity(clientID, jointHandle, targetVelocity, operationMode):
+    """Returns the code; the speed is in rad/s."""
+    speed = float(targetVelocity)
+    return _done(
+        clientID, operationMode, ("speed", jointHandle), lambda s: s.setJointTargetVelocity(int(jointHandle), speed)
+    )
+
+
+def simxSetJointForce(clientID, jointHandle, force, operationMode):
+    """Returns the code; wayfield's server takes the force without effect."""
+    return _done(
+        clientID, operationMode, ("force", jointHandle), lambda s: s.setJointTargetForce(int(jointHandle), float(force))
+    )
+
+
+simxSetJointMaxForce = simxSetJointForce
+
+
+def simxGetObjectFloatParameter(clientID, objectHandle, parameterID, operationMode):
+    """Returns the code and a parameter of an object: the speed of a joint (2012), rad/s."""
+
+    def read(sim):
+        if parameterID == sim_jointfloatparam_velocity:
+            return sim.getJointVelocity(int(objectHandle))
+        return sim.getObjectFloatParam(int(objectHandle), parameterID)
+
+    return _one(_told(clientID, operationMode, ("parameter", objectHandle, parameterID), read), 0.0)
+
+
+# Sensors.
+
+
+def simxReadProximitySensor(clientID, sensorHandle, operationMode):
+    """Returns the code, whether there is an echo, its point (m, sensor frame), the object's handle and the normal."""
+    key = ("proximity", sensorHandle)
+    code, found = _told(clientID, operationMode, key, lambda sim: sim.readProximitySensor(int(sensorHandle)))
+    if not found:
+        return code, False, list(_NONE3), 0, list(_NONE3)
+    hit, _, point, handle, normal = found
+    return code, hit > 0, list(point), handle, list(normal)
+
+
+def simxReadVisionSensor(clientID, sensorHandle, operationMode):
+    """Returns the code, whether something was found, and the packets: of a lidar's half, the second has its points."""
+    key = ("vision", sensorHandle)
+    code, found = _told(clientID, operationMode, key, lambda sim: sim.readVisionSensor(int(sensorHandle)))
+    return code, bool(found and found[0] > 0), [list(each) for each in found[1:]] if found else []
+
+
+# Signals.
+
+
+def _signals(kind, nothing, given):
+    def get(clientID, signalName, operationMode):
+        key = (kind, signalName)
+        code, value = _told(clientID, operationMode, key, lambda sim: getattr(sim, f"get{kind}Signal")(signalName))
+        if value is None:
+            # the signal is missing: an error of the server, as there
+            return (code or simx_return_remote_error_flag), nothing()
+        return code, given(value)
+
+    def put(clientID, signalName, signalValue, operationMode):
+        value = signalValue if kind != "Float" else float(signalValue)
+        value = bytes(value) if isinstance(value, bytearray) else value
+        key = ("set", kind, signalName)
+        return _done(clientID, operationMode, key, lambda sim: getattr(sim, f"set{kind}Signal")(signalName, value))
+
+    def clear(clientID, signalName, operationMode):
+        key = ("clear", kind, signalName)
+        return _done(clientID, operationMode, key, lambda sim: getattr(sim, f"clear{kind}Signal")(signalName))
+
+    return get, put, clear
+
+
+def _bytes(value):
+    return bytearray(value.encode("utf-8") if isinstance(value, str) else value)
+
+
+simxGetIntegerSignal, simxSetIntegerSignal, simxClearIntegerSignal = _signals("Int32", int, int)
+simxGetFloatSignal, simxSetFloatSignal, simxClearFloatSignal = _signals("Float", float, float)
+simxGetStringSignal, simxSetStringSignal, simxClearStringSignal = _signals("String", bytearray, _bytes)
+
+
+def simxGetAndClearStringSignal(clientID, signalName, operationMode):
+    """Returns the code and the signal, which is gone then."""
+    code, value = simxGetStringSignal(clientID, signalName, operationMode)
+    if code == simx_return_ok:
+        simxClearStringSignal(clientID, signalName, simx_opmode_blocking)
+    return code, value
+
+
+simxReadStringStream = simxGetAndClearStringSignal
+
+
+def simxPackInts(intList):
+    """Returns numbers as bytes."""
+    return struct.pack(f"<{len(intList)}i", *intList)
+
+
+def simxUnpackInts(intsPackedInString):
+    """Returns the numbers in bytes."""
+    data = bytes(intsPackedInString)
+    return list(struct.unpack(f"<{len(data) // 4}i", data[: len(data) // 4 * 4]))
+
+
+def simxPackFloats(floatList):
+    """Returns numbers as bytes."""
+    return struct.pack(f"<{len(floatList)}f", *floatList)
+
+
+def simxUnpackFloats(floatsPackedInString):
+    """Returns the numbers in bytes."""
+    data = bytes(floatsPackedInString)
+    return list(struct.unpack(f"<{len(data) // 4}f", data[: len(data) // 4 * 4]))

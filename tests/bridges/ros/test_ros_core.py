@@ -1,0 +1,518 @@
+"""What a driven robot is asked for, without ROS: conventions of scans, states, limits, what no message may cause."""
+
+import dataclasses
+import importlib.util
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wayfield.bridges.ros.command import main
+from wayfield.bridges.ros.conventions import AHEAD, Outgoing, Sight, fault_of, read
+from wayfield.bridges.ros.guard import Decision, Driver, Limits
+from wayfield.bridges.ros.messages import STILL, Odometry, Scan, Twist, quaternion_of, yaw_of
+from wayfield.envs.robots import ROBOTS
+from wayfield.system.extras import installs
+
+BURGER = ROBOTS["turtlebot3"]
+
+
+def scan_of(ranges, stamp=0.0, first=-math.pi, turn=1, range_min=0.1, range_max=3.5):
+    """Returns a scan of a full circle from an angle on, one way round or the other."""
+    ranges = np.asarray(ranges, float)
+    step = turn * 2.0 * math.pi / len(ranges)
+    return Scan(stamp, first, first + (len(ranges) - 1) * step, step, range_min, range_max, ranges)
+
+
+def sight(beams=360, max_range=3.5, **kwargs):
+    return Sight(np.linspace(-math.pi, math.pi, beams, endpoint=False), max_range, **kwargs)
+
+
+def seen(scan, eye=None, pose=(0.0, 0.0, 0.0)):
+    """Returns the ranges that a policy reads of one scan, by whole degrees from -180 on."""
+    eye = eye or sight()
+    eye.enter(scan, pose)
+    return eye.view(pose, scan.stamp).ranges
+
+
+# conventions
+
+
+@given(
+    st.floats(-math.pi, math.pi),
+    st.sampled_from([1, -1]),
+    st.integers(60, 1000),
+    st.integers(1, 5),
+    st.sampled_from([36, 360]),
+)
+def test_a_hit_is_seen_where_it_is_whatever_the_scan_begins_with(first, turn, count, at, beams):
+    """A wall's distance as a function of the angle is the same for every start, sign and number of beams."""
+    angles = first + turn * 2.0 * math.pi / count * np.arange(count)
+    ranges = 1.0 + 0.3 * np.cos(angles - at)
+    found = seen(scan_of(ranges, first=first, turn=turn), sight(beams))
+    true = 1.0 + 0.3 * np.cos(np.linspace(-math.pi, math.pi, beams, endpoint=False) - at)
+    width = math.pi / beams + 2.0 * math.pi / count
+    assert np.abs(found - true).max() <= 0.3 * width + 1e-9
+
+
+def test_the_nearest_hit_of_a_sector_wins():
+    ranges = np.full(720, np.inf)
+    ranges[360], ranges[361] = 2.0, 1.0  # both nearest to beam 0 of 36
+    assert seen(scan_of(ranges), sight(36))[18] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("told", "read_as", "is_hit"),
+    [
+        (np.inf, 3.5, False),
+        (7.0, 3.5, False),
+        (3.4, 3.4, True),
+        (-np.inf, 0.1, True),
+        (0.05, 0.1, True),
+        (0.0, None, False),
+        (np.nan, None, False),
+        (-1.0, None, False),
+    ],
+)
+def test_what_drivers_write_for_nothing_too_near_and_not_measured(told, read_as, is_hit):
+    beams = read(scan_of([told]), 3.5)
+    assert beams.distances.tolist() == ([] if read_as is None else [read_as])
+    assert beams.is_hit.tolist() == ([] if read_as is None else [is_hit])
+
+
+def test_a_scan_counts_as_none_where_its_sizes_do_not_agree_or_it_says_nothing_of_what_is_ahead():
+    good = scan_of(np.full(360, 2.0))
+    assert sight().fault(good) == ""
+    assert "360 ranges" in fault_of(dataclasses.replace(good, angle_max=good.angle_max - 3.0 * good.angle_increment))
+    assert sight().fault(dataclasses.replace(good, angle_max=good.angle_max + good.angle_increment)) == ""
+    assert fault_of(dataclasses.replace(good, ranges=np.empty(0)))
+    assert fault_of(dataclasses.replace(good, angle_increment=math.nan))
+    assert fault_of(dataclasses.replace(good, range_max=0.0))
+    for n in (1, 2, 4):  # a ring of sonars sees too little of what is ahead
+        turn = 2.0 * math.pi / n
+        assert "rad apart" in sight().fault(Scan(1.0, 0.0, (n - 1) * turn, turn, 0.0, 3.5, np.full(n, math.inf)))
+    angles = good.angle_min + good.angle_increment * np.arange(360)
+    ahead = np.flatnonzero(np.abs(angles) <= AHEAD)
+    for share, counts in ((0.4, True), (0.6, False)):
+        ranges = good.ranges.copy()
+        ranges[ahead[: int(share * len(ahead))]] = np.nan
+        assert (sight().fault(dataclasses.replace(good, ranges=ranges)) == "") == counts
+
+
+def test_a_scanner_that_is_mounted_elsewhere_sees_the_same_point():
+    """A hit one metre ahead of a scanner that stands backward, 0.1 m behind the middle, is 1.1 m behind it."""
+    ranges = np.full(360, np.inf)
+    ranges[180] = 1.0
+    found = seen(scan_of(ranges), sight(mount=(-0.1, 0.0, math.pi)))
+    assert found[0] == pytest.approx(1.1)
+    assert (found[1:] == 3.5).all()
+
+
+def test_hits_move_with_odometry_and_stay_for_half_a_second_where_nothing_more_is_known():
+    ranges = np.full(360, np.inf)
+    ranges[180] = 2.0
+    eye = sight()
+    eye.enter(scan_of(ranges), (0.0, 0.0, 0.0))
+    moved = eye.view((0.5, 0.0, math.pi / 2), 0.1)
+    assert moved.ranges[90] == pytest.approx(1.5)  # to the right of the robot, which has turned left
+    ranges[150:210] = np.nan
+    eye.enter(scan_of(ranges, stamp=0.2), (0.5, 0.0, 0.0))
+    kept = eye.view((0.5, 0.0, 0.0), 0.4)
+    assert kept.ranges[180] == pytest.approx(1.5)
+    assert np.abs(kept.hits - [1.5, 0.0]).max() < 1e-9
+    assert kept.blind
+    gone = eye.view((0.5, 0.0, 0.0), 0.6)
+    assert gone.ranges[180] == 3.5
+    assert gone.blind
+    behind = np.full(360, 2.0)
+    behind[:20] = np.nan
+    eye.enter(scan_of(behind, stamp=9.0), (0.5, 0.0, 0.0))
+    free = eye.view((0.5, 0.0, 0.0), 9.0)
+    assert free.ranges[5] == 3.5
+    assert not free.blind
+
+
+@pytest.mark.parametrize("beams", [8, 9, 360, 361])
+@pytest.mark.parametrize("first", [0.0, -math.pi])
+def test_what_is_published_reads_back_as_it_was(beams, first):
+    angles = np.linspace(-math.pi, math.pi, beams, endpoint=False)
+    out = Outgoing(angles, 3.5, first)
+    assert first <= out.angle_min + 1e-6 < first + out.increment
+    assert out.angle_max == pytest.approx(out.angle_min + (beams - 1) * out.increment)
+    # what many nodes pair with the ranges, of a message whose numbers are float32
+    numbers = np.float32([out.angle_min, out.angle_max, out.increment])
+    assert numbers.tolist() == [out.angle_min, out.angle_max, out.increment]
+    assert len(np.arange(*numbers.tolist())) == beams
+    ours = np.linspace(0.5, 3.5, beams).astype(np.float32)
+    scan = Scan(0.0, out.angle_min, out.angle_max, out.increment, 0.0, 3.5, out.ranges(ours).astype(float))
+    assert np.isinf(scan.ranges).sum() == 1  # the one that reads max_range
+    assert np.allclose(seen(scan, sight(beams)), ours)
+
+
+@given(st.floats(-math.pi, math.pi))
+def test_a_yaw_comes_back_from_its_quaternion(yaw):
+    z, w = quaternion_of(yaw)
+    assert math.isclose(math.cos(yaw_of(0.0, 0.0, z, w) - yaw), 1.0, abs_tol=1e-12)
+    assert math.isnan(yaw_of(0.0, 0.0, 0.0, 0.0))
+
+
+# limits
+
+
+@given(st.floats(allow_nan=False), st.floats(allow_nan=False), st.sampled_from([0.1, math.inf]))
+def test_a_twist_is_scaled_by_one_factor_to_what_the_base_can_do(v, w, most):
+    limits = Limits(BURGER, max_speed=most)
+    if not (math.isfinite(v) and math.isfinite(w)):
+        return
+    found = limits.within(Twist(v, 0.0, w))
+    assert math.hypot(found.vx, found.vy) <= min(most, 0.22) + 1e-12
+    wheels = BURGER.wheel_matrix @ np.array([found.vx, 0.0, found.yaw_rate])
+    assert np.abs(wheels).max() <= BURGER.rated_wheel_speed * (1.0 + 1e-12)
+    assert found.vx * w == pytest.approx(found.yaw_rate * v, rel=1e-9, abs=1e-9 * abs(v * w) + 1e-12)
+
+
+@settings(max_examples=40)
+@given(
+    st.sampled_from(["turtlebot3", "p3dx", "jackal"]),
+    st.floats(0.3, 3.0),
+    st.floats(-math.pi, math.pi),
+    st.floats(-1.0, 1.0),
+    st.floats(-1.0, 1.0),
+)
+def test_a_robot_under_the_guard_stops_before_a_wall(name, distance, bearing, forward, turn):
+    """Whatever is asked for, a base that brakes as its sheet says never comes as near to a wall as its hull."""
+    robot = ROBOTS[name]
+    limits = Limits(robot)
+    across = np.linspace(-4.0, 4.0, 161)
+    normal = np.array([math.cos(bearing), math.sin(bearing)])
+    wall = (robot.hull_radius + distance) * normal + across[:, None] * np.array([-normal[1], normal[0]])
+    x = y = heading = v = w = 0.0
+    dt, age = 0.02, 0.1
+    asked = limits.within(Twist(forward * robot.max_twist[0], 0.0, turn * robot.max_twist[1]))
+    behind = [(x, y, heading)] * 6  # where it was when the scan was made
+    for _ in range(400):
+        c, s = math.cos(behind[0][2]), math.sin(behind[0][2])
+        rel = wall - behind[0][:2]
+        hits = np.column_stack([c * rel[:, 0] + s * rel[:, 1], c * rel[:, 1] - s * rel[:, 0]])
+        eye = sight()
+        view = eye.view((0.0, 0.0, 0.0), 0.0)._replace(hits=hits, blind=False)
+        command = limits.kept_away(asked, view, age + dt)
+        a, b = limits.acceleration * dt, limits.yaw_acceleration * dt
+        v += min(max(command.vx - v, -a), a)
+        w += min(max(command.yaw_rate - w, -b), b)
+        heading += w * dt
+        x, y = x + v * dt * math.cos(heading), y + v * dt * math.sin(heading)
+        behind = [*behind[1:], (x, y, heading)]
+        rel = wall - (x, y)
+        c, s = math.cos(heading), math.sin(heading)
+        body = np.column_stack([c * rel[:, 0] + s * rel[:, 1], c * rel[:, 1] - s * rel[:, 0]])
+        if robot.hull_box is None:
+            clear = np.hypot(*body.T).min() - robot.hull_radius
+        else:
+            clear = np.hypot(*np.maximum(np.abs(body) - 0.5 * np.array(robot.hull_box), 0.0).T).min()
+        assert clear > 0.0
+
+
+# states
+
+
+class Drives:
+    """A mission that asks for what is put into it."""
+
+    def __init__(self):
+        self.asked = Twist(0.2, 0.0, 0.5)
+        self.lacks = ""
+        self.resets = 0
+        self.arrived = False
+
+    def reset(self):
+        self.resets += 1
+
+    def sent(self, twist):
+        """Needs no note of it."""
+
+    def decide(self, odometry, view):
+        return Decision(self.asked, self.arrived)
+
+
+class Bench:
+    """A driver with a clock that stands still until it is moved, and a robot that sends good messages."""
+
+    def __init__(self, armed=True, **kwargs):
+        self.now = 100.0
+        self.mission = Drives()
+        self.said = []
+        self.driver = Driver(
+            self.mission,
+            sight(8),
+            Limits(BURGER),
+            armed=armed,
+            clock=lambda: self.now,
+            say=self.said.append,
+            **kwargs,
+        )
+
+    def odom(self, x=0.0, stamp=None, **other):
+        return self.driver.odometry(
+            Odometry(self.now if stamp is None else stamp, "odom", x, 0.0, 0.0, **other), self.now
+        )
+
+    def scan(self, ranges=(3.0,) * 8, stamp=None):
+        return self.driver.scan(scan_of(ranges, self.now if stamp is None else stamp), self.now)
+
+    def pair(self, **kwargs):
+        self.now += 0.05
+        first = self.odom(**kwargs)
+        second = self.scan()
+        return second if second is not None else first
+
+    def driving(self):
+        for _ in range(5):
+            found = self.pair()
+        assert self.driver.state[0] == "driving"
+        assert found.vx > 0.0
+        return self
+
+
+def test_nothing_moves_before_it_is_armed():
+    bench = Bench(armed=False)
+    assert [bench.pair() or STILL for _ in range(10)] == [STILL] * 10
+    assert bench.driver.state[0] == "disarmed"
+    assert bench.driver.tick() == STILL
+    bench.driver.arm(True)
+    assert bench.pair().vx > 0.0
+
+
+def test_three_good_messages_of_both_come_before_the_first_command():
+    bench = Bench()
+    assert [(bench.pair() or STILL).vx > 0.0 for _ in range(4)] == [False, False, True, True]
+
+
+@pytest.mark.parametrize("lost", ["scan", "odom"])
+def test_a_source_that_stays_away_stops_the_robot_which_drives_on_by_itself_after_three(lost):
+    bench = Bench().driving()
+    for _ in range(10):
+        bench.now += 0.05
+        bench.odom() if lost == "scan" else bench.scan()
+    bench.now += 0.01
+    assert bench.driver.tick() == STILL
+    assert bench.driver.state == ("waiting", f"no {lost} for 0.5 s")
+    assert [(bench.pair() or STILL).vx > 0.0 for _ in range(4)] == [False, False, True, True]
+
+
+def test_stamps_that_are_old_or_run_backward_count_as_not_received():
+    bench = Bench().driving()
+    assert bench.odom(stamp=bench.now - 0.4) is None
+    assert bench.scan(stamp=bench.now - 0.02) is None
+    assert any("run backward" in line for line in bench.said)
+    for _ in range(12):
+        bench.now += 0.05
+        bench.odom()
+        bench.scan(stamp=bench.now - 0.4)
+    assert bench.driver.state[0] == "waiting"
+    assert "old" in bench.driver.state[1] or "no scan" in bench.driver.state[1]
+
+
+def test_clocks_that_are_constantly_apart_are_said_once_and_driven_by():
+    bench = Bench()
+    for _ in range(20):
+        bench.now += 0.05
+        bench.odom(stamp=bench.now + 40.0)
+        found = bench.scan(stamp=bench.now + 40.0)
+    assert found.vx > 0.0
+    assert sum("clock is constantly -40.00 s off" in line for line in bench.said) == 2  # odom and scan
+
+
+@pytest.mark.parametrize("by", [-10.0, 10.0])
+def test_a_jump_of_the_clock_resets_memory_and_gives_zero_for_a_period(by):
+    bench = Bench().driving()
+    resets = bench.mission.resets
+    assert bench.driver.clock_jumped(by) == STILL
+    assert bench.mission.resets == resets + 1
+    assert bench.driver.tick() == STILL
+    assert bench.pair().vx > 0.0
+    assert bench.driver.clock_jumped(0.5) is None
+
+
+def test_a_jump_of_the_pose_resets_memory_and_three_stop_the_robot_until_it_is_armed():
+    bench = Bench().driving()
+    for k in range(1, 4):
+        resets = bench.mission.resets
+        bench.now += 0.05
+        assert bench.odom(x=float(k)) == STILL
+        assert bench.mission.resets == resets + 1
+        for _ in range(4):
+            bench.pair(x=float(k))
+        assert bench.driver.state[0] == ("stopped" if k == 3 else "driving")
+    bench.driver.arm(True)
+    for _ in range(4):
+        bench.pair(x=3.0)
+    assert bench.driver.state[0] == "driving"
+
+
+def test_the_emergency_stop_wants_false_and_then_arm():
+    bench = Bench().driving()
+    assert bench.driver.estop(True) == STILL
+    assert (bench.pair() or STILL) == STILL
+    bench.driver.arm(True)
+    assert bench.driver.state == ("stopped", "estop")
+    bench.driver.estop(False)
+    assert bench.driver.state == ("stopped", "estop")
+    bench.driver.arm(True)
+    assert bench.pair().vx > 0.0
+
+
+def test_what_is_not_finite_is_zero_and_three_in_a_row_stop_the_robot():
+    bench = Bench().driving()
+    bench.mission.asked = Twist(math.nan, 0.0, 0.0)
+    assert bench.pair() == STILL
+    bench.mission.asked = Twist(0.2, 0.0, 0.0)
+    assert bench.pair().vx > 0.0
+    bench.mission.asked = Twist(0.0, 0.0, math.inf)
+    assert [bench.pair() for _ in range(3)] == [STILL] * 3
+    assert bench.driver.state[0] == "stopped"
+
+
+def test_a_decision_that_fails_stops_the_robot_and_is_told():
+    bench = Bench().driving()
+    bench.mission.decide = lambda odometry, view: 1 // 0
+    with pytest.raises(ZeroDivisionError):
+        bench.pair()
+    assert bench.driver.state[0] == "stopped"
+    assert bench.driver.tick() == STILL
+
+
+@pytest.mark.parametrize(("seconds", "moves", "late"), [(0.03, True, False), (0.09, True, True), (0.15, False, True)])
+def test_a_decision_that_comes_late_is_told_and_one_that_comes_too_late_is_zero(seconds, moves, late):
+    bench = Bench().driving()
+    asked = bench.mission.asked
+
+    def slow(odometry, view):
+        bench.now += seconds
+        return Decision(asked)
+
+    bench.mission.decide = slow
+    assert (bench.pair().vx > 0.0) == moves
+    assert ("late" in bench.driver.state[1]) == late
+
+
+def test_what_has_arrived_stands_until_it_has_a_new_goal():
+    bench = Bench().driving()
+    bench.mission.arrived = True
+    assert bench.pair() == STILL
+    assert bench.driver.state[0] == "arrived"
+    bench.mission.arrived = False
+    assert (bench.pair() or STILL) == STILL
+    bench.driver.began()
+    assert bench.pair().vx > 0.0
+
+
+def test_slow_scans_are_driven_by_at_the_rate_of_odometry():
+    bench = Bench()
+    commands = 0
+    for k in range(40):
+        bench.now += 0.05
+        commands += bench.odom(x=0.005 * k) is not None
+        if k % 4 == 0:
+            commands += bench.scan() is not None
+    assert 25 <= commands <= 40
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rclpy") is not None, reason="rclpy is installed")
+@pytest.mark.parametrize("name", ["sim", "drive", "excite"])
+def test_without_ros_a_line_says_what_to_do(name, capsys):
+    with pytest.raises(SystemExit) as found:
+        main([name])
+    assert found.value.code
+    [line] = capsys.readouterr().err.strip().splitlines()
+    assert "rclpy is missing" in line
+    assert installs("ros") in line
+
+
+# what no message may cause
+
+MESSAGES = ("pair", "pair", "pair", "pair", "odom", "scan", "late", "early", "nan", "short", "unknown", "inside",
+            "far", "back", "ahead", "estop", "free", "arm", "disarm", "new", "wild", "wait")  # fmt: skip
+
+
+def random_messages(draw, count):
+    """Drives a bench by random messages; fails where a command is beyond the limits or too long after a good pair."""
+    bench = Bench(armed=draw.random() < 0.5)
+    driver, x = bench.driver, 0.0
+    last, before, good, armed_once = STILL, STILL, {"scan": -math.inf, "odom": -math.inf}, driver.armed
+
+    def check(command):
+        nonlocal last, before
+        if command is not None:
+            assert math.hypot(command.vx, command.vy) <= 0.22 + 1e-12
+            assert abs(command.yaw_rate) <= 2.84
+            wheels = BURGER.wheel_matrix @ np.array([command.vx, command.vy, command.yaw_rate])
+            assert np.abs(wheels).max() <= BURGER.rated_wheel_speed * (1.0 + 1e-9)
+            assert abs(command.vx) <= max(0.0, math.copysign(before.vx, before.vx * command.vx)) + 0.1 + 1e-12
+            before = last = command
+        if last != STILL:
+            assert armed_once
+            assert bench.now - min(good.values()) <= driver.timeout + 0.05 + 1e-9
+
+    for kind in draw.choices(MESSAGES, k=count):
+        wait = draw.uniform(0.05, 1.5) if kind == "wait" else draw.choice((0.001, 0.05, 0.05, 0.05, 0.2))
+        while wait > 0.0:  # the watchdog ticks meanwhile
+            bench.now += min(wait, 0.05)
+            wait -= 0.05
+            check(driver.tick())
+        bench.mission.asked = Twist(draw.uniform(-1e3, 1e3), draw.uniform(-1, 1), draw.uniform(-9, 9))
+        if kind == "wild":
+            bench.mission.asked = Twist(*(draw.choice((math.nan, math.inf, 1e300, -1e300, 0.0)) for _ in range(3)))
+        if kind in ("pair", "odom", "wild", "inside"):
+            x += draw.uniform(0.0, 0.01)
+            good["odom"] = bench.now
+            check(bench.odom(x=x))
+        if kind in ("pair", "scan", "wild"):
+            good["scan"] = bench.now
+            check(bench.scan())
+        ranges = {"nan": (math.nan,) * 8, "short": (), "unknown": (0.0,) * 8, "inside": (0.01,) * 8}.get(kind)
+        if ranges is not None:
+            if kind == "inside":
+                good["scan"] = bench.now
+            scan = scan_of(ranges or [1.0] * 8, bench.now)
+            check(driver.scan(scan if ranges else dataclasses.replace(scan, ranges=np.empty(0)), bench.now))
+        if kind == "late":
+            check(bench.scan(stamp=bench.now - 0.5))
+            check(bench.odom(x=x, stamp=bench.now - 0.5))
+        if kind == "early":
+            check(bench.odom(x=x, stamp=bench.now + 5.0))
+        if kind == "far":
+            good["odom"] = bench.now
+            x += draw.choice((-5.0, 5.0))
+            check(bench.odom(x=x))
+        if kind in ("back", "ahead"):
+            check(driver.clock_jumped(-3.0 if kind == "back" else 3.0))
+        if kind in ("estop", "free"):
+            check(driver.estop(kind == "estop"))
+            if kind == "estop":
+                assert last == STILL
+        if kind in ("arm", "disarm"):
+            armed_once |= kind == "arm"
+            check(driver.arm(kind == "arm"))
+            if kind == "disarm":
+                assert last == STILL
+        if kind == "new":
+            driver.began()
+        if draw.random() < 0.1:
+            bench.mission.arrived = not bench.mission.arrived
+
+
+def test_no_sequence_of_messages_yields_a_command_beyond_the_limits_or_after_the_last_good_pair():
+    for seed in range(700):
+        random_messages(random.Random(seed), 25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+def test_no_sequence_of_very_many_does(part):
+    for seed in itertools.islice(itertools.count(10_000 * (part + 1)), 10_000):
+        random_messages(random.Random(seed), 25)
