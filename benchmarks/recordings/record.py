@@ -8,6 +8,7 @@ training split by default. Needs the extra [record].
 
 import collections
 import concurrent.futures
+import contextlib
 import dataclasses
 import os
 import shutil
@@ -253,8 +254,7 @@ def main(
         raise click.ClickException(str(error)) from None
     if not parts:
         raise click.UsageError(f"--gains {conditions.gains!r}: none of the policies has them")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with locked(folder.parent / f".{folder.name}.lock", f"{dataset} is being recorded by another process"):
+    with _held(folder, f"{dataset} is being recorded by another process"):
         restore_folder(folder)
         _check_free(folder, dataset, force)
         if mcap is not None:
@@ -278,6 +278,29 @@ def main(
     rate = steps / (time.perf_counter() - began)
     say(f"{dataset}: {episodes} episodes, {steps:,} steps, {rate:,.0f} steps/s, SHA-256 {digest[:16]}...")
     say(f'minari.load_dataset("{dataset}"); files in {folder}')
+
+
+@contextlib.contextmanager
+def _held(folder: Path, busy: str) -> Iterator[None]:
+    """Holds the lock of a set, in the folder above it, which is made; of both nothing empty is left afterwards.
+
+    Raises:
+        BlockingIOError: at once, if another process holds it.
+        OSError: if it cannot be made.
+    """
+    made = [above for above in folder.parents if not above.exists()]
+    lock = folder.parent / f".{folder.name}.lock"
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with locked(lock, busy):
+            try:
+                yield
+            finally:
+                lock.unlink(missing_ok=True)
+    finally:
+        with contextlib.suppress(OSError):  # the first that holds something keeps those above it
+            for above in made:
+                above.rmdir()
 
 
 def _write_mcap(file: Path, dataset: str, source: Source, conditions: Conditions) -> None:

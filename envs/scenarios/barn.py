@@ -26,7 +26,7 @@ from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.system.checks import FARTHEST, MOST_BYTES, MOST_OBSTACLES, MOST_POINTS, real, shown
-from wayfield.system.objects import check_ordinary, fault
+from wayfield.system.objects import check_ordinary, fault, state_of
 from wayfield.system.readers import reader
 from wayfield.system.unpacking import rows
 
@@ -66,14 +66,13 @@ def barn_scenarios(folder: str | os.PathLike[str]) -> tuple[GoalScenario, ...]:
     worlds, paths = _listed(folder, _WORLD), _listed(folder, _PATH)
     table = folder / CYLINDERS
     files = (*worlds.values(), *paths.values(), *([table] if table.is_file() else []))
-    stamps = tuple((str(file), os.stat(file).st_mtime_ns, os.stat(file).st_size) for file in files)
-    return _scenarios(str(folder), stamps)
+    return _scenarios(str(folder), tuple(map(state_of, files)))
 
 
 @functools.lru_cache(maxsize=8)
-def _scenarios(folder: str, stamps: tuple[tuple[str, int, int], ...]) -> tuple[GoalScenario, ...]:
-    """Returns the scenarios of a folder whose files have these names, times and sizes."""
-    files = [Path(name) for name, *_ in stamps]
+def _scenarios(folder: str, states: tuple[tuple[str, int, int, int, int], ...]) -> tuple[GoalScenario, ...]:
+    """Returns the scenarios of a folder whose files are in these states."""
+    files = [Path(name) for name, *_ in states]
     paths = {int(found[1]): file for file in files if (found := _PATH.fullmatch(file.name))}
     obstacles: dict[int, list[np.void]] = {}
     sources: dict[int, Path] = {}

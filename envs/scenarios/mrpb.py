@@ -17,7 +17,7 @@ from pathlib import Path
 from wayfield.envs.scenarios.maps import grid_from_file, map_files
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.system.checks import MOST_WHOLE, number, shown
-from wayfield.system.objects import fault, read_text
+from wayfield.system.objects import fault, read_text, state_of
 from wayfield.system.readers import of_path, reader
 
 MAP, CASES, CONFIG = "map.yaml", "cases.csv", "config.txt"
@@ -54,14 +54,13 @@ def mrpb_scenarios(folder: str | os.PathLike[str]) -> tuple[GoalScenario, ...]:
     files = [str(cases)]
     with contextlib.suppress(ValueError):  # what is wrong with the map is said where it is read
         files += map_files(str(there / MAP), MAP)
-    stamps = tuple((file, os.stat(file).st_mtime_ns, os.stat(file).st_size) for file in files if os.path.exists(file))
-    return _scenarios(str(there), str(cases), stamps)
+    return _scenarios(str(there), str(cases), tuple(state_of(file) for file in files if os.path.exists(file)))
 
 
 @functools.lru_cache(maxsize=32)
-def _scenarios(folder: str, cases: str, stamps: tuple[tuple[str, int, int], ...]) -> tuple[GoalScenario, ...]:
-    """Returns the scenarios of a folder whose files have these names, times and sizes."""
-    del stamps
+def _scenarios(folder: str, cases: str, states: tuple[tuple[str, int, int, int, int], ...]) -> tuple[GoalScenario, ...]:
+    """Returns the scenarios of a folder whose files are in these states."""
+    del states
     grid = grid_from_file(str(Path(folder) / MAP))
     found = (read_cases if cases.endswith(CASES) else read_config)(Path(cases))
     name = os.path.basename(folder)

@@ -29,6 +29,18 @@ def read_text(file: str) -> str:
     return text
 
 
+def state_of(file: str | os.PathLike[str]) -> tuple[str, int, int, int, int]:
+    """Returns what is another once a file has been changed: its name, inode, size, and times to the nanosecond.
+
+    The time of the last change of any kind is among them, which a program cannot set back as it can the other one.
+
+    Raises:
+        OSError: if there is no such file.
+    """
+    found = os.stat(file)
+    return str(file), found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
 def check_ordinary(file: str | os.PathLike[str], named: str) -> None:
     """Raises ValueError, which begins with the name, for a folder, and for a pipe or a device, which may never end."""
     if os.path.exists(file) and not os.path.isfile(file):
