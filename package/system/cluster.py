@@ -44,18 +44,21 @@ def cluster(address: str, count: int) -> Iterator[Executor]:
     for name in list(logging.root.manager.loggerDict):
         if name.split(".")[0] in _TALKATIVE:  # what concerns the user is a line
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    security = None  # that of Dask's configuration
     with contextlib.ExitStack() as stack:
         if address == LOCAL:
+            security = _of_this_process()
             with interrupts_held():
                 here = distributed.LocalCluster(
                     n_workers=count,
                     threads_per_worker=1,
                     dashboard_address="127.0.0.1:0",
                     silence_logs=logging.CRITICAL,
+                    security=security,
                 )
             stack.callback(_quietly, here.close)
             address = here.scheduler_address
-        client = _client(address)
+        client = _client(address, security)
         stack.callback(_quietly, client.close)
         executor = _Cluster(client, address)
         told = client.scheduler_info(n_workers=-1)["workers"]
@@ -77,12 +80,20 @@ def _quietly(close: Callable[[], Any]) -> None:
         close()
 
 
-def _client(address: str) -> Any:
+def _of_this_process() -> Any:
+    """Returns credentials that nobody else on this machine has: whoever reaches a worker can run code on it."""
+    try:
+        return _dask().Security.temporary()
+    except ImportError:
+        raise NoScheduler('needs cryptography: pip install -c constraints.txt ".[cluster]"') from None
+
+
+def _client(address: str, security: Any) -> Any:
     """Returns the client of a scheduler; NoScheduler if there is none that it can work with."""
     if not _ADDRESS.fullmatch(address):
         raise NoScheduler("is no address; it must be like tcp://host:8786 or tls://host:8786, or local")
     try:
-        found = asyncio.run(_asked_for_versions(address))
+        found = asyncio.run(_asked_for_versions(address, security))
     except Exception as error:  # whatever answers there, of whatever version
         why = " ".join(str(error).split()) or type(error).__name__
         raise NoScheduler(f"is no scheduler that can be reached within {_CONNECT:g} s: {why[:300]}") from None
@@ -92,13 +103,13 @@ def _client(address: str) -> Any:
     )
     if other := differences(theirs, {name: str(ours[name]) for name in ("python", *_MUST_AGREE)}):
         raise NoScheduler(f"is a scheduler of another version: {other}")
-    return _dask().Client(address, timeout=_CONNECT, set_as_default=False)
+    return _dask().Client(address, timeout=_CONNECT, set_as_default=False, security=security)
 
 
-async def _asked_for_versions(address: str) -> Any:
+async def _asked_for_versions(address: str, security: Any) -> Any:
     """Returns what a scheduler says of its versions, before anything else is made of it."""
     distributed = _dask()
-    security = distributed.Security()
+    security = security or distributed.Security()
     speaking = distributed.rpc(address, connection_args=security.get_connection_args("client"), timeout=_CONNECT)
     try:
         return await asyncio.wait_for(speaking.versions(packages=[]), _CONNECT)

@@ -186,10 +186,16 @@ def workers(count: int) -> Iterator[Executor]:
 
     Raises:
         ChildProcessError: if a process is killed from outside.
+        ValueError: if this process may start no others.
     """
     if count == 1:
         yield HERE
         return
+    if multiprocessing.current_process().daemon:
+        raise ValueError(
+            f"workers is {count}; within a worker of Dask or of a multiprocessing.Pool, which may start no processes, "
+            "it must be 1"
+        )
     # spawned, not forked: compiled code and figures hold threads, which a fork would cut off
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
 

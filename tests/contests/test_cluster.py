@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import multiprocessing
 import os
 import random
 import re
@@ -27,7 +28,7 @@ from wayfield.benchmarks.runs.payloads import payload, sent
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.tuning import random_scenes
 from wayfield.envs.robots import ROBOTS
-from wayfield.system.executors import HERE, TRIES, Executor, Failed
+from wayfield.system.executors import HERE, TRIES, Executor, Failed, workers
 
 ROOT = Path(__file__).parents[2]
 CONTEST = ("--suite", "path-following", "--policies", "pure_pursuit,stanley", "--gains", "default")
@@ -95,6 +96,21 @@ def test_a_part_that_fails_once_is_done_and_one_that_fails_twice_is_told_while_t
 # Payloads: what travels.
 
 
+def _of_two(_: int) -> str:
+    try:
+        with workers(2) as executor:
+            return str(list(executor(abs, [1])))
+    except ValueError as error:
+        return str(error)
+
+
+def test_a_process_that_may_start_no_others_says_so_in_a_line() -> None:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        (told,) = pool.map(_of_two, [0])
+    assert told.startswith("workers is 2; ")
+    assert told.endswith("it must be 1")
+
+
 def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Executor) -> None:
     """A drawn room, whose case names a folder with a map and its image; what lies deeper comes along."""
     (room,) = random_scenes.write_rooms(tmp_path / "rooms", 1, 3)
@@ -136,6 +152,7 @@ def test_agents_travel(tmp_path: Path, threads: Executor) -> None:
 # Dask distributed.
 
 distributed = pytest.importorskip("distributed")
+pytest.importorskip("cryptography", reason='needs pip install "wayfield[cluster]"')
 
 
 @pytest.mark.slow
@@ -168,6 +185,18 @@ def test_a_cluster_whose_workers_are_killed_makes_the_same_rows_and_none_twice(t
         key: each.poses.tobytes() for key, each in alone.items()
     }
     assert len({(row["policy"], row["scenario"], row["seed"]) for row in rows}) == len(rows) == len(settings)
+
+
+def test_nobody_else_of_this_machine_reaches_the_workers_that_are_started_here() -> None:
+    from wayfield.system.cluster import cluster
+
+    with cluster("local", 1) as executor:
+        address = executor._client.scheduler.address  # type: ignore[attr-defined]
+        assert list(executor(abs, [-3])) == [3]
+        others = distributed.Security(), distributed.Security.temporary()
+        for reached, security in ((address.replace("tls", "tcp"), others[0]), (address, others[1])):
+            with pytest.raises(OSError, match=r"certificate|closed|connect"):
+                distributed.Client(reached, timeout=5, security=security, set_as_default=False)
 
 
 class Place:
