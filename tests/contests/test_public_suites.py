@@ -6,6 +6,7 @@ import io
 import itertools
 import json
 import math
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -28,6 +29,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import goal_scenarios
 from wayfield.envs.scenarios.barn import CYLINDERS, barn_scenarios, read_cylinders, read_path, read_world, way_length
 from wayfield.policies import Pilot, make
+from wayfield.system.readers import READERS
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 BARN = SHARED / "barn"
@@ -522,3 +524,15 @@ def test_a_goal_that_no_way_leads_to_is_told_of(tmp_path: Path) -> None:
         assert bool(said) == bool(told)
     file.write_text('{"path": [[0, 0], [2, 0]]}', encoding="utf-8")
     assert without_way(str(file)) == ""
+
+
+def test_a_folder_whose_file_was_changed_is_read_anew_whatever_its_time_says(tmp_path: Path) -> None:
+    READERS["BARN worlds of a table"].fill(tmp_path)
+    file = tmp_path / CYLINDERS
+    table = gzip.decompress(file.read_bytes())
+    file.write_bytes(gzip.compress(table, 0))
+    before, first = file.stat(), barn_scenarios(tmp_path)[0]
+    file.write_bytes(gzip.compress(table.replace(b"0,-2,8,0.1", b"0,-1,8,0.1"), 0))
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (file.stat().st_size, file.stat().st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+    assert barn_scenarios(tmp_path)[0].obstacles.tobytes() != first.obstacles.tobytes()

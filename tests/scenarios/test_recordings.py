@@ -144,17 +144,6 @@ def test_a_faulty_recording_is_refused_in_a_line(text: str, said: str, tmp_path:
         assert "\n" not in str(caught.value)
 
 
-def test_a_recording_that_was_changed_is_read_anew_whatever_its_time_says(tmp_path: Path) -> None:
-    file = tmp_path / "crowds.txt"
-    file.write_text(plain(PEOPLE))
-    before, found = file.stat(), recorded(tmp_path)
-    file.write_text(plain({i: (first, 0.5 * places) for i, (first, places) in PEOPLE.items()}))
-    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
-    after = file.stat()
-    assert (after.st_size, after.st_mtime_ns) == (before.st_size, before.st_mtime_ns)
-    assert not np.array_equal(recorded(tmp_path)[0].goals, found[0].goals)
-
-
 def test_a_folder_of_several_recordings_asks_for_one(tmp_path: Path) -> None:
     for name in ("a.txt", "b.txt"):
         (tmp_path / name).write_text(plain(PEOPLE))
