@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
@@ -18,8 +19,8 @@ from wayfield.benchmarks.figures.drawing import (
     goal_mark,
     look,
     obstacle_patches,
-    plt,
     saved,
+    subplots,
     surroundings,
     wall_lines,
 )
@@ -82,7 +83,7 @@ def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     split = next(iter(entries.values()))[0]["split"]
     title = f"{contest.title}: {heat.title} by family, {split} scenarios"
     width = max(1.0 + 0.085 * max(map(len, labels)) + 0.62 * len(names), 0.1 * len(title))  # in, room for each letter
-    figure, axis = plt.subplots(figsize=(width, 1.9 + 0.33 * len(entries)), layout="constrained")
+    figure, axis = subplots(figsize=(width, 1.9 + 0.33 * len(entries)), layout="constrained")
     low, high = np.log10(heat.ends) if by_cost else heat.ends
     shown = np.log10(np.maximum(cost, heat.ends[0])) if by_cost else success
     image = axis.imshow(shown, cmap=heat.map_name, aspect="auto", vmin=low, vmax=high)
@@ -95,7 +96,7 @@ def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:
             axis.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
     axis.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=45, ha="right")
     axis.set_yticks(range(len(entries)), labels)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=plt.rcParams["axes.titlesize"])
+    figure.suptitle(title, x=0.01, ha="left", fontsize=matplotlib.rcParams["axes.titlesize"])
     return figure
 
 
@@ -123,7 +124,7 @@ def front(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     names = list(dict.fromkeys(policy for policy, _ in entries))
     across = min(len(names), PANELS)
     down = -(-len(names) // across)
-    figure, panels = plt.subplots(
+    figure, panels = subplots(
         down, across, figsize=(2.9 * across, 2.6 * down + 0.4), layout="constrained", sharex=True, sharey=True,
         squeeze=False,
     )  # fmt: skip
@@ -169,7 +170,7 @@ def ladder(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     del folder
     there = rows.unique("disturbance")
     levels = [level for level in LEVELS if level in there]
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.6, 8.0), layout="constrained", sharex=True)
+    figure, (top, bottom) = subplots(2, 1, figsize=(8.6, 8.0), layout="constrained", sharex=True)
     for k, (entry, mine) in enumerate(by_entry(rows).items()):
         style = look(k) | {"markersize": 4.5}
         groups = [mine.where(disturbance=level) for level in levels]
@@ -201,7 +202,7 @@ def worst(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     }
     trajectories = read_trajectories(folder, {row["trajectory"] for mine in entries.values() for row in mine})
     columns = max(len(mine) for mine in entries.values())
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(entries), columns, figsize=(3.4 * columns, 2.9 * len(entries)), layout="constrained", squeeze=False
     )
     for line, (entry, mine) in zip(axes, entries.items(), strict=True):

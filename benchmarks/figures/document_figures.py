@@ -19,8 +19,8 @@ from wayfield.benchmarks.figures.drawing import (
     floor_plan,
     goal_mark,
     obstacle_patches,
-    plt,
     saved,
+    subplots,
     surroundings,
     wall_lines,
 )
@@ -87,7 +87,7 @@ def driven_paths(experiments: Experiments) -> Figure:
     columns = min(len(experiments), 4)
     lines = -(-len(experiments) // columns)
     width, height = (3.6, 2.6) if len(experiments) > 1 else (8.0, 6.0)
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         lines, columns, figsize=(width * columns, height * lines + 0.6), layout="constrained", squeeze=False
     )
     for axis in axes.flat[len(experiments) :]:
@@ -104,7 +104,7 @@ def driven_paths(experiments: Experiments) -> Figure:
 def reference_errors(experiments: Experiments) -> Figure:
     """Returns document A's errors e_d and e_h of the reference point over time."""
     of_run = looks(experiments)
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(experiments),
         2,
         figsize=(11.0, 1.55 * len(experiments) + 1.5),
@@ -132,7 +132,7 @@ def reference_errors(experiments: Experiments) -> Figure:
 def waypoints(experiments: Experiments) -> Figure:
     """Returns document B's figure: for each experiment the driven paths, the error norm, and its parts over time."""
     of_run = looks(experiments)
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(experiments), 3, figsize=(13.0, 3.9 * len(experiments)), layout="constrained", squeeze=False
     )
     for (plan, norm, parts), (experiment, group) in zip(axes, experiments.items(), strict=True):
@@ -171,7 +171,7 @@ def waypoints(experiments: Experiments) -> Figure:
 def goal_seekers(experiments: Experiments) -> Figure:
     """Returns document C's figure: for each scenario the driven paths and the distance to the goal over time."""
     of_run = looks(experiments)
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(experiments), 2, figsize=(12.0, 4.4 * len(experiments) + 0.9), layout="constrained", squeeze=False
     )
     for (plan, distance), (experiment, group) in zip(axes, experiments.items(), strict=True):

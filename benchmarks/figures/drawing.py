@@ -6,9 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -29,8 +26,8 @@ __all__ = [
     "goal_mark",
     "look",
     "obstacle_patches",
-    "plt",
     "saved",
+    "subplots",
     "surroundings",
     "wall_lines",
 ]
@@ -76,12 +73,17 @@ def look(k: int) -> dict[str, Any]:
 
 def saved(make: Callable[[], Figure], stem: Path) -> None:
     """Makes a figure in the style of the house and writes it as STEM.svg and STEM.png."""
-    with plt.rc_context(RC):
+    with matplotlib.rc_context(RC):
         figure = make()
         figure.savefig(f"{stem}.svg", metadata={"Date": None})
         figure.set_layout_engine("none")  # things are where they belong: finding that takes as long as drawing
         figure.savefig(f"{stem}.png", dpi=130)
-        plt.close(figure)
+
+
+def subplots(rows: int = 1, columns: int = 1, layout: Any = None, **kwargs: Any) -> tuple[Figure, Any]:
+    """Returns what pyplot's do, of a figure for files alone: pyplot's backend and figures stay the user's."""
+    figure = Figure(figsize=kwargs.pop("figsize"), layout=layout)
+    return figure, figure.subplots(rows, columns, **kwargs)
 
 
 def goal_mark(axis: Any, goal: np.ndarray) -> None:

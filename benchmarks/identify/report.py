@@ -9,17 +9,14 @@ import math
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 
+from wayfield.benchmarks.figures.drawing import subplots
 from wayfield.benchmarks.identify.estimate import Estimate, Fit
 from wayfield.benchmarks.identify.noise import Noise, Rate
 from wayfield.benchmarks.identify.recording import Log
 from wayfield.benchmarks.identify.response import SATURATIONS, Drive, Floats, held
 from wayfield.system.storage import write_whole
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 
 AXES_NAMES = (("v", "forward speed", "m/s"), ("w", "yaw rate", "rad/s"))
 ZOOM = 12.0  # s, of the plot in which steps can be seen
@@ -76,7 +73,7 @@ def write_report(file: Path, findings: Findings) -> list[Path]:
 def _response(found: Findings) -> bytes:
     """Returns measured and fitted speeds: the whole drive, and the seconds with the largest commands."""
     drive, fit = found.drive, found.fit
-    figure, panels = plt.subplots(2, 2, figsize=(12, 6), width_ratios=(2, 1), layout="constrained")
+    figure, panels = subplots(2, 2, figsize=(12, 6), width_ratios=(2, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         start = _busiest(drive, axis)
         for panel, whole in zip(panels[axis], (True, False), strict=True):
@@ -104,7 +101,7 @@ def _response(found: Findings) -> bytes:
 def _residuals(found: Findings) -> bytes:
     """Returns what the fit leaves: over time, as a histogram beside a normal one, and its correlation over time."""
     drive, fit = found.drive, found.fit
-    figure, panels = plt.subplots(2, 3, figsize=(12, 5), width_ratios=(2, 1, 1), layout="constrained")
+    figure, panels = subplots(2, 3, figsize=(12, 5), width_ratios=(2, 1, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         left = fit.residuals(drive)[axis]
         over, spread, again = panels[axis]
@@ -147,7 +144,6 @@ def _parts(drive: Drive) -> list[slice]:
 def _png(figure: Any) -> bytes:
     with io.BytesIO() as stream:
         figure.savefig(stream, format="png", dpi=110)
-        plt.close(figure)
         return stream.getvalue()
 
 

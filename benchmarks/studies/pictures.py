@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import click
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image, PngImagePlugin
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, TEAMS, Film
-from wayfield.benchmarks.figures.drawing import PATH_COLOUR, RC, SOLID, colour, goal_mark, obstacle_patches, plt
+from wayfield.benchmarks.figures.drawing import PATH_COLOUR, RC, SOLID, colour, goal_mark, obstacle_patches, subplots
 from wayfield.benchmarks.figures.one_drive import Drive, Place
 from wayfield.benchmarks.figures.video import filmed, gif, picture
 from wayfield.envs.rendering import Renderer
@@ -98,7 +99,7 @@ def digest(spec: TaskSpec) -> str:
 def sheet(spec: TaskSpec) -> Figure:
     """Returns a figure with a scenario of each family of a task."""
     rows = math.ceil(len(spec.families) / _COLUMNS)
-    figure, axes = plt.subplots(rows, _COLUMNS, figsize=(2.0 * _COLUMNS, 2.2 * rows), squeeze=False)
+    figure, axes = subplots(rows, _COLUMNS, figsize=(2.0 * _COLUMNS, 2.2 * rows), squeeze=False)
     for axis in axes.flat:
         axis.axis("off")
     for axis, family in zip(axes.flat, spec.families, strict=False):
@@ -191,11 +192,10 @@ def _png(image: Any, told: str = "") -> bytes:
 
 def sheet_png(spec: TaskSpec) -> bytes:
     """Returns the sheet of a task as a PNG."""
-    with plt.rc_context(RC):
+    with matplotlib.rc_context(RC):
         figure = sheet(spec)
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=100)
-        plt.close(figure)
     return _png(Image.open(content), digest(spec))
 
 

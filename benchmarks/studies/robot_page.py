@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import click
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.commands.lists import hull_words
-from wayfield.benchmarks.figures.drawing import RC, colour, plt
+from wayfield.benchmarks.figures.drawing import RC, colour, subplots
 from wayfield.benchmarks.records.table import Table
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors, Wheel
 from wayfield.system.command_line import OneLineErrors
@@ -83,7 +84,7 @@ def drawing() -> Figure:
     """Returns all robots, each to the same scale."""
     most = 1.08 * max(robot.hull_radius for robot in ROBOTS.values()) + 0.02
     rows = math.ceil(len(ROBOTS) / _COLUMNS)
-    figure, axes = plt.subplots(rows, _COLUMNS, figsize=(2.5 * _COLUMNS, 2.75 * rows + 0.3), squeeze=False)
+    figure, axes = subplots(rows, _COLUMNS, figsize=(2.5 * _COLUMNS, 2.75 * rows + 0.3), squeeze=False)
     for axis, robot in zip(axes.flat, ROBOTS.values(), strict=False):
         _robot(axis, robot, most)
     for axis in axes.flat[len(ROBOTS) :]:
@@ -158,7 +159,7 @@ def main(docs: Path) -> None:
     head, mark, _ = text.partition(MARK)
     if not mark:
         raise click.ClickException(f"{page} has no line {MARK.strip()}")
-    with plt.rc_context(RC):
+    with matplotlib.rc_context(RC):
         drawing().savefig(docs / DRAWING, dpi=110)
     write_whole(page, (head + MARK + "\n" + generated()).encode())
     click.echo(f"{len(ROBOTS)} robots in {page}")

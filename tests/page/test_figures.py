@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +15,11 @@ from oracles.drawn_tables import rows_of
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.figures import contest_figures, document_figures
-from wayfield.benchmarks.figures.drawing import colour, look, plt
+from wayfield.benchmarks.figures.drawing import colour, look
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import write_trajectories
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
-
-
-@pytest.fixture(autouse=True)
-def _closed() -> Any:
-    yield
-    plt.close("all")
 
 
 def driven(seed: int, path: bool) -> Trajectory:
@@ -128,3 +124,26 @@ def test_of_a_large_world_what_lies_around_the_drives_is_shown(tmp_path: Path) -
         assert len(axis.patches) == 2
         (lines,) = (each for each in axis.collections if isinstance(each, LineCollection))
         assert len(lines.get_segments()) == len(drive.walls)
+
+
+def test_figures_leave_the_backend_the_style_and_the_figures_of_the_process_alone(tmp_path: Path) -> None:
+    program = f"""
+import importlib, pathlib, pkgutil
+import matplotlib
+matplotlib.use("svg")
+import matplotlib.pyplot as plt
+own = plt.figure()
+before = dict(matplotlib.rcParams)
+import wayfield.benchmarks
+for package in ("figures", "identify", "commands", "report"):
+    home = importlib.import_module("wayfield.benchmarks." + package)
+    for module in pkgutil.iter_modules(home.__path__, home.__name__ + "."):
+        importlib.import_module(module.name)
+from wayfield.benchmarks.figures import drawing
+stem = pathlib.Path({str(tmp_path / "a")!r})
+drawing.saved(lambda: drawing.subplots(2, figsize=(3, 2), layout="constrained")[0], stem)
+print(matplotlib.get_backend(), plt.get_fignums(), dict(matplotlib.rcParams) == before)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "svg [1] True"
+    assert {each.name for each in tmp_path.iterdir()} == {"a.svg", "a.png"}
