@@ -52,6 +52,7 @@ _YELLOW: Colour = (240, 228, 66)
 
 OF_TEAM = (_BLUE, _VERMILLION, _GREEN, _ORANGE, _SKY, _YELLOW, _INK)  # robots by their number, round and round
 _PEOPLE = _PURPLE
+_GHOSTS = (_PURPLE, _ORANGE, _GREEN, _VERMILLION, _INK)  # other robots by their number, round and round
 
 _SUPERSAMPLING = 2  # shapes are drawn this much larger and smoothed down
 _MARGIN = 0.07  # of the view, on each side of the bounds
@@ -63,7 +64,7 @@ _FONT_PX = 19
 _ROBOT_RADIUS_PX = 10.0  # the least: smaller robots are drawn larger than they are
 _WALL_PX = 3.0  # the least width of a wall
 _DRAWN_POINTS = 20_000  # of a polyline, at most
-_GHOST_ALPHA = 90  # of 255
+_PAST_ALPHA, _GHOST_ALPHA = 90, 190  # of 255: of the robot at another time, of another robot
 _MANY_BODIES = 100  # from which on they are drawn as small as they are
 _FAR_PX = 20_000.0  # pixel coordinates are clipped here, because pygame counts in 32-bit integers
 
@@ -87,6 +88,7 @@ class Ghost:
     robot: Robot
     pose: tuple[float, float, float]  # x, y, heading
     trail: NDArray[np.float64] | None = None  # (t, 2) past positions
+    name: str = ""  # in the legend, of another robot; "": the same one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,6 +127,7 @@ class Scene:
     marks: tuple[Mark, ...] = ()  # drawn over the obstacles, below the robot
     bodies: tuple[Body, ...] = ()  # the others, and of a team with `robot` of the first colour
     ghosts: tuple[Ghost, ...] = ()  # drawn below the robot
+    name: str = ""  # of the robot, in the legend
     caption: str = ""  # one line
     notes: tuple[str, ...] = ()  # lines in the upper left corner of the world
 
@@ -455,7 +458,11 @@ def _wheel_outline(position: tuple[float, float], direction: float, radius: floa
     return _placed(corners, (*position, direction))
 
 
-def _draw_robot(canvas: Canvas, view: View, robot: Robot, pose: tuple[float, float, float]) -> None:
+def _draw_robot(
+    canvas: Canvas, view: View, robot: Robot, pose: tuple[float, float, float], colour: Colour = _BLUE
+) -> None:
+    red, green, blue = (round(each + 0.7 * (255 - each)) for each in colour)
+    hull = _HULL if colour == _BLUE else (red, green, blue)
     magnification = max(1.0, _ROBOT_RADIUS_PX / (robot.hull_radius * view.scale))
     radius_px = robot.hull_radius * magnification * view.scale
 
@@ -465,25 +472,32 @@ def _draw_robot(canvas: Canvas, view: View, robot: Robot, pose: tuple[float, flo
     centre = view.pixels_from_world(pose[:2])
     if robot.hull_box is None:
         canvas.disc(_WHITE, centre, radius_px + 1.5)
-        canvas.disc(_HULL, centre, radius_px)
-        canvas.disc(_BLUE, centre, radius_px, 1.5)
+        canvas.disc(hull, centre, radius_px)
+        canvas.disc(colour, centre, radius_px, 1.5)
     else:
         corners = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * robot.hull_box
-        canvas.polygon(_BLUE, pixels(corners))
-        canvas.polygon(_HULL, pixels(0.94 * corners))
-    canvas.polygon(_BLUE, pixels(_body_outline(robot)))
+        canvas.polygon(colour, pixels(corners))
+        canvas.polygon(hull, pixels(0.94 * corners))
+    canvas.polygon(colour, pixels(_body_outline(robot)))
     for wheel in robot.built:
         canvas.polygon(_INK, pixels(_wheel_outline((wheel.x, wheel.y), wheel.direction, wheel.radius)))
     chevron = np.array([[0.55, 0.0], [-0.3, 0.38], [-0.1, 0.0], [-0.3, -0.38]]) * robot.hull_radius
     canvas.polygon(_WHITE, pixels(chevron))
 
 
-def _draw_ghost(canvas: Canvas, view: View, ghost: Ghost) -> None:
+def _draw_ghost(canvas: Canvas, view: View, ghost: Ghost, colour: Colour) -> None:
     if ghost.trail is not None:
-        canvas.line(_PURPLE, _thinned(view.pixels_from_world(ghost.trail), 1.0), 1.5)
+        canvas.line(colour, _thinned(view.pixels_from_world(ghost.trail), 1.0), 1.5)
     reach = max(ghost.robot.hull_radius * view.scale, _ROBOT_RADIUS_PX) + 3.0
     centre = view.pixels_from_world(ghost.pose[:2])
-    canvas.translucent(_GHOST_ALPHA, centre, reach, lambda it: _draw_robot(it, view, ghost.robot, ghost.pose))
+    alpha = _GHOST_ALPHA if ghost.name else _PAST_ALPHA
+    canvas.translucent(alpha, centre, reach, lambda it: _draw_robot(it, view, ghost.robot, ghost.pose, colour))
+
+
+def _ghosts(scene: Scene) -> list[tuple[Ghost, Colour]]:
+    """Returns the ghosts with their colours: the robot's own at another time, others one each."""
+    named = itertools.cycle(_GHOSTS)
+    return [(ghost, next(named) if ghost.name else _BLUE) for ghost in scene.ghosts]
 
 
 def _draw_bodies(canvas: Canvas, view: View, bodies: tuple[Body, ...]) -> None:
@@ -542,8 +556,8 @@ def _draw_moment(canvas: Canvas, view: View, scene: Scene) -> None:
     if scene.trail is not None:
         canvas.line(_BLUE, _thinned(view.pixels_from_world(scene.trail), 1.0), 1.5)
     _draw_bodies(canvas, view, scene.bodies)
-    for ghost in scene.ghosts:
-        _draw_ghost(canvas, view, ghost)
+    for ghost, colour in _ghosts(scene):
+        _draw_ghost(canvas, view, ghost, colour)
     _draw_chase_line(canvas, view, scene)
     _draw_robot(canvas, view, scene.robot, scene.pose)
     if scene.lookahead is not None:
@@ -591,8 +605,8 @@ def _legend(scene: Scene) -> list[tuple[str, Symbol]]:
     )
     entries: list[tuple[bool, str, Symbol]] = [
         (paths > 0, "path", _stroke_symbol(_PATH, 2.0)),
-        (trails > 0, "trail", _stroke_symbol(_BLUE, 1.5)),
-        (any(ghost.trail is not None for ghost in scene.ghosts), "ghost", _stroke_symbol(_PURPLE, 1.5)),
+        (trails > 0, scene.name or "trail", _stroke_symbol(_BLUE, 1.5)),
+        *((bool(ghost.name), ghost.name, _stroke_symbol(colour, 1.5)) for ghost, colour in _ghosts(scene)),
         (rays > 0, "rays", _stroke_symbol(_SKY, 1.0)),
         (bool(np.any(masses <= 0.0)) or scene.grid is not None, "fixed", _block_symbol(_FIXED)),
         (bool(np.any(masses > 0.0)), "movable", _block_symbol(_ORANGE)),

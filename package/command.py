@@ -91,22 +91,22 @@ def _run(words: list[str]) -> None:
     command = COMMANDS[name]
     try:
         run = getattr(importlib.import_module(command.module), command.function)
-    except ImportError as error:
+        run(args=rest, prog_name=f"wayfield {name}")  # some import what they need when they need it
+    except Exception as error:
         missing = _missing(error)
         if missing is None:
             raise
         print(f"wayfield {name}: {missing} is missing: {installs(command.extra)}", file=sys.stderr)
         sys.exit(1)
-    run(args=rest, prog_name=f"wayfield {name}")
 
 
-def _missing(error: ImportError) -> str | None:
-    """Returns the package that an import did not find; None where one of ours is broken."""
+def _missing(error: BaseException | None) -> str | None:
+    """Returns the package that an import did not find; None of other errors, and where a package of ours is broken."""
     if isinstance(error, ModuleNotFoundError) and error.name is not None:
         package = error.name.partition(".")[0]
         return None if package == "wayfield" else package
-    cause = error.__cause__  # gymnasium's DependencyNotInstalled, which rendering raises
-    return _missing(cause) if isinstance(cause, ImportError) else None
+    # gymnasium's DependencyNotInstalled, which rendering raises, is no ImportError
+    return None if error is None else _missing(error.__cause__)
 
 
 def _refused(name: str) -> int:

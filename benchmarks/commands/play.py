@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import click
@@ -68,18 +69,17 @@ class Hands:
 
 
 class Game:
-    """The player's robot, and the ghost in the same scenario from the same start, with the same disturbances."""
+    """The player's robot, and ghosts in the same scenario from the same start, with the same disturbances."""
 
-    def __init__(self, place: Place, ghost: str | None, speed: float, yaw_rate: float) -> None:
-        """Raises click.UsageError if there is no such place, or the ghost cannot drive there."""
-        env = place.make(ghost)
+    def __init__(self, place: Place, ghosts: Sequence[str], speed: float, yaw_rate: float) -> None:
+        """Raises click.UsageError if there is no such place, or a ghost cannot drive there."""
+        env = place.make(ghosts[0] if ghosts else None)
         if env.action_space.shape and len(env.action_space.shape) > 1:
             raise click.UsageError(f"ENV_ID {env.spec.id!r} has a team of {len(env.action_space.low)}; --set team=1")
         kind = env.unwrapped.task.layout.kind
         self.hands = Hands((kind,), speed, yaw_rate)
-        self.mine = Drive(env, self.hands)
-        self.ghost_name = ghost
-        self.ghost = None if ghost is None else Drive(place.make(ghost), place.policy(ghost, env))
+        self.mine = Drive(env, self.hands, "you")
+        self.ghosts = [Drive(place.make(ghosts[0]), place.policy(text, env), text) for text in ghosts]
         self.seed, self.index = place.seed, place.index
         self.shown = True  # whether the keys are explained
         self.over = False
@@ -87,8 +87,8 @@ class Game:
 
     @property
     def drives(self) -> list[Drive]:
-        """Returns the player's and the ghost's."""
-        return [self.mine] if self.ghost is None else [self.mine, self.ghost]
+        """Returns the player's and the ghosts'."""
+        return [self.mine, *self.ghosts]
 
     def begin(self) -> None:
         """Starts the episode; nothing moves before a key is pressed."""
@@ -131,7 +131,7 @@ class Game:
             self.shown = not self.shown
 
     def step(self) -> str:
-        """Drives both for a control period; returns what there is to tell once the player's episode has ended."""
+        """Drives all for a control period; returns what there is to tell once the player's episode has ended."""
         if self.waits or self.mine.ended:
             return ""
         for drive in self.drives:
@@ -139,9 +139,8 @@ class Game:
         return self.told() if self.mine.ended else ""
 
     def told(self) -> str:
-        """Returns how both stand."""
-        words = f"seed {self.seed}: you: {self.mine.told}"
-        return words if self.ghost is None else f"{words}; {self.ghost_name}: {self.ghost.told}"
+        """Returns how all stand."""
+        return f"seed {self.seed}: " + "; ".join(f"{each.name}: {each.told}" for each in self.drives)
 
     def scene(self) -> Scene:
         """Returns what the window shows."""
@@ -155,7 +154,7 @@ class Game:
         notes = (_TO_DRIVE[robot.holonomic], _TO_RULE) if self.shown and standing else ()
         return dataclasses.replace(
             scene,
-            ghosts=() if self.ghost is None else (self.ghost.ghost(),),
+            ghosts=tuple(each.ghost() for each in self.ghosts),
             caption=f"{scene.caption}   {state}",
             notes=notes,
         )
@@ -183,21 +182,27 @@ class _Play(OneLineErrors):
 
 @click.command("play", cls=_Play)
 @place_options
-@click.option("--ghost", metavar="POLICY", help="A policy that drives beside you: a name, or as `wayfield render`'s.")
+@click.option(
+    "--ghost",
+    "ghosts",
+    metavar="POLICY",
+    multiple=True,
+    help="A policy that drives beside you: a name, or as `wayfield render`'s; may be repeated.",
+)
 @click.option("--speed", type=Finite(0.0, min_open=True), default=0.6, show_default=True, help="m/s, asked.")
 @click.option("--yaw-rate", type=Finite(0.0, min_open=True), default=1.5, show_default=True, help="rad/s.")
 @click.option("--size", type=click.IntRange(300, 4000), default=800, show_default=True, help="Pixels of the window.")
-def main(place: Place, ghost: str | None, speed: float, yaw_rate: float, size: int) -> None:
+def main(place: Place, ghosts: tuple[str, ...], speed: float, yaw_rate: float, size: int) -> None:
     """Drives a robot by the keyboard in a window.
 
-    ENV_ID is an environment's, such as wayfield/DiffDriveGoalObstacles-v0; by default a path to follow, or the ghost's
-    task. The keys are shown: arrows or W A S D; bases that can go sideways do with A and D. The clock starts with
-    the first key. Ghost and robot do not touch each other.
+    ENV_ID is an environment's, such as wayfield/DiffDriveGoalObstacles-v0; by default a path to follow, or the first
+    ghost's task. The keys are shown: arrows or W A S D; bases that can go sideways do with A and D. The clock starts
+    with the first key. Ghosts and robot do not touch each other.
     """
     shown = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER")))
     if sys.platform == "linux" and not shown:
         raise click.ClickException(_NO_DISPLAY)  # at once, not after the kernels have been compiled
-    game = Game(place, ghost, speed, yaw_rate)
+    game = Game(place, ghosts, speed, yaw_rate)
     renderer = Renderer("human", FPS, size)
     try:
         run(game, renderer)

@@ -145,8 +145,13 @@ def place_options(command: Callable[..., Any]) -> Callable[..., Any]:
 class Drive:
     """A robot on its way: the environment, the policy at the wheel, and how it ended."""
 
-    def __init__(self, env: Any, policy: Policy) -> None:
-        """Raises click.UsageError if the policy cannot drive there."""
+    def __init__(self, env: Any, policy: Policy, name: str = "") -> None:
+        """Raises click.UsageError if the policy cannot drive there.
+
+        Args:
+            name: of the policy, where it is shown beside others.
+        """
+        self.name = name
         self.env = env
         self.single = env.unwrapped
         try:
@@ -199,12 +204,12 @@ class Drive:
         """Returns what is seen now, with the look-ahead point where the policy has one."""
         policy = self.pilot.policy
         self.single.marks = chased(self.pilot, self.single) if isinstance(policy, Lookahead) else {}
-        found: Scene = self.single.scene()
+        found: Scene = dataclasses.replace(self.single.scene(), name=self.name)
         return found
 
     def ghost(self) -> Ghost:
         """Returns the robot and its trail as a ghost in the scene of another."""
-        return Ghost(self.single.task.robot, self.pose, self.single.scene().trail)
+        return Ghost(self.single.task.robot, self.pose, self.single.scene().trail, self.name)
 
 
 def chased(pilot: Pilot, single: Any) -> dict[str, tuple[float, float]]:

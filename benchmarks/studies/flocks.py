@@ -313,7 +313,7 @@ def film() -> bytes:
         for place, image in enumerate(both):
             sheet.paste(image, (place * FILM_PX, 0))
         sheets.append(sheet)
-    return gif(sheets, 0.05 * FILM_SKIP / FILM_PACE)
+    return b"".join(gif(map(np.asarray, sheets), 0.05 * FILM_SKIP / FILM_PACE))
 
 
 # ---- the tables

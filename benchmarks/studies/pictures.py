@@ -23,7 +23,7 @@ from PIL import Image, PngImagePlugin
 from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, TEAMS, Film
 from wayfield.benchmarks.figures.drawing import PATH_COLOUR, RC, SOLID, colour, goal_mark, obstacle_patches, subplots
 from wayfield.benchmarks.figures.one_drive import Drive, Place
-from wayfield.benchmarks.figures.video import filmed, gif, picture
+from wayfield.benchmarks.figures.video import Way, gif, moments
 from wayfield.envs.rendering import Renderer
 from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import TaskSpec, splits
@@ -205,14 +205,17 @@ def driven(env_id: str, shown: Film) -> tuple[bytes, bytes]:
     env = place.make(shown.policy)
     drive = Drive(env, place.policy(shown.policy, env))
     drive.begin(0, shown.index)
-    film = filmed(drive, None, shown.seconds)
+    renderer, way, frames = Renderer("rgb_array", FPS, _FILM_PX), Way(drive.single.task.options.dt), []
+    for k, moment in enumerate(moments([drive], shown.seconds)):
+        way.note(moment.scene)
+        if moment.last or k % _SKIP == 0:
+            # rays change everywhere in every frame: without them a film is a quarter as large
+            frame = renderer.draw(dataclasses.replace(moment.scene, ranges=None))
+            frames += [frame] * (4 if moment.last else 1)
     env.close()
-    click.echo(f"{env_id}: {shown.policy} in {shown.scenario} {shown.index}: {film.told}")
-    renderer = Renderer("rgb_array", FPS, _FILM_PX)
-    # rays change everywhere in every frame: without them a film is a quarter as large
-    scenes = [dataclasses.replace(each, ranges=None) for each in [*film.scenes[:-1:_SKIP], *[film.scenes[-1]] * 4]]
-    frames = [Image.fromarray(frame) for scene in scenes if (frame := renderer.draw(scene)) is not None]
-    return _png(Image.fromarray(picture(film, _PICTURE_PX))), gif(frames, _SKIP * film.dt / _PACE)
+    click.echo(f"{env_id}: {shown.policy} in {shown.scenario} {shown.index}: {drive.told}")
+    film = b"".join(gif(frames, _SKIP * drive.single.task.options.dt / _PACE))
+    return _png(Image.fromarray(way.picture(_PICTURE_PX))), film
 
 
 def files() -> dict[str, bytes]:

@@ -192,6 +192,7 @@ def scenarios(rows: Episodes) -> int:
 def moving_picture() -> bytes:
     """Returns a GIF of VFH+ that drives through clutter by its scan."""
     import gymnasium
+    import numpy as np
     from PIL import Image
 
     import wayfield.policies
@@ -220,7 +221,7 @@ def moving_picture() -> bytes:
         observation, _, terminated, truncated, _ = env.step(pilot.act(observation))
         ended = terminated or truncated
     env.close()
-    return gif(frames, 0.025 * FRAME_SKIP)  # twice the robot's pace
+    return b"".join(gif(map(np.asarray, frames), 0.025 * FRAME_SKIP))  # twice the robot's pace
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import shutil
 import socket
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,10 @@ import filelock
 _PREFIX = ".wayfield-"  # of everything temporary: .wayfield-HOST-PROCESS-RANDOM
 
 
-def write_whole(file: Path, content: bytes) -> None:
+def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
     """Writes a file so that at any moment, a crash and a loss of power included, the old or the new content is there.
 
-    What writers that are gone have left half-written beside it is deleted.
+    What writers that are gone have left half-written beside it is deleted. Content may come piece by piece.
 
     Raises:
         OSError: if it cannot be written; what was there before still is.
@@ -31,7 +31,7 @@ def write_whole(file: Path, content: bytes) -> None:
     handle, name = tempfile.mkstemp(prefix=_own_prefix(), dir=file.parent)
     try:
         with open(handle, "wb") as stream:
-            stream.write(content)
+            stream.writelines([content] if isinstance(content, bytes) else content)
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(name, 0o666 & ~_umask())  # mkstemp's files are for their owner alone

@@ -1,6 +1,7 @@
 """The `wayfield` command: what it hands over, what it says without an extra, its lists, films and the game."""
 
 import importlib.metadata
+import io
 import json
 import os
 import re
@@ -77,9 +78,20 @@ def test_without_its_extra_a_command_says_one_line(name: str) -> None:
     assert told.stderr == f"wayfield {name}: click is missing: {installs(command.COMMANDS[name].extra)}\n"
 
 
-def test_without_pygame_the_game_says_one_line() -> None:
-    told = said("play", missing=("pygame",))
-    assert told.stderr == f"wayfield play: pygame is missing: {installs('render')}\n"
+@pytest.mark.parametrize(
+    ("words", "missing"),
+    [
+        ("play", "pygame"),
+        ("render --help", "pygame"),
+        ("render --policy zero --seconds 0.1 --out a.gif", "pygame"),
+        ("render --policy zero --seconds 0.1 --out a.mp4", "moviepy"),
+    ],
+)
+def test_without_a_package_of_the_extra_games_and_films_say_one_line(words: str, missing: str, tmp_path: Path) -> None:
+    told = said(*words.split(), missing=(missing,), folder=tmp_path)
+    name = words.split()[0]
+    assert told.stderr == f"wayfield {name}: {missing} is missing: {installs('render')}\n"
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_extra_is_installed_from_where_wayfield_came(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,9 +156,12 @@ PATH = ("DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_
 @pytest.mark.parametrize("suffix", [".png", ".gif", ".mp4"])
 def test_a_policy_is_filmed(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"film{suffix}"
-    shown = CliRunner().invoke(video.main, [*PATH, "--ghost", "stanley", "--size", "300", "--out", str(file)])
+    shown = CliRunner().invoke(
+        video.main, [*PATH, "--ghost", "stanley", "--ghost", "lqr", "--size", "300", "--out", str(file)]
+    )
     assert shown.exit_code == 0, shown.output
-    assert "pure_pursuit: under way for 1.00 s; stanley: under way for 1.00 s; written to" in shown.output
+    told = "; ".join(f"{name}: under way for 1.00 s" for name in ("pure_pursuit", "stanley", "lqr"))
+    assert f"{told}; written to" in shown.output
     if suffix == ".mp4":
         from moviepy import VideoFileClip
 
@@ -158,6 +173,42 @@ def test_a_policy_is_filmed(suffix: str, tmp_path: Path) -> None:
     assert file.stat().st_size > 1000
     again = CliRunner().invoke(video.main, [*PATH, "--out", str(file)])
     assert "is there already; --force replaces it" in again.stderr
+
+
+def test_a_gif_shows_the_frames_it_is_given_each_for_its_time() -> None:
+    frames = [np.full((40, 60, 3), 255, np.uint8) for _ in range(6)]
+    for k, frame in enumerate(frames[:4]):  # the last two are alike
+        frame[5 * k : 5 * k + 9, 7 * k : 7 * k + 5] = (0, 114, 178) if k % 2 else (213, 94, 0)
+    frames[0][-1, :2] = (0, 114, 178), (213, 94, 0)  # colours are those of the first
+    with Image.open(io.BytesIO(b"".join(video.gif(iter(frames), 0.033)))) as film:
+        shown, times = [], []
+        for k in range(film.n_frames):  # type: ignore[attr-defined]
+            film.seek(k)
+            shown.append(np.asarray(film.convert("RGB")).astype(int))
+            times.append(film.info["duration"])
+    assert len(shown) == 5
+    assert sum(times) == pytest.approx(6 * 33, abs=10)
+    for mine, theirs in zip(shown, frames, strict=False):
+        np.testing.assert_allclose(mine, theirs, atol=3)
+
+
+def test_a_film_of_many_steps_takes_little_more_memory_than_one_of_few(tmp_path: Path) -> None:
+    """In a process of its own: frames of 300 steps alone would be 350 MB."""
+    program = """
+import resource, sys
+from click.testing import CliRunner
+from wayfield.benchmarks.figures import video
+most = []
+for seconds in ("1", "15"):
+    words = ["DiffDrivePathFollowing-v0", "--policy", "zero", "--seconds", seconds, "--force", "--out", sys.argv[1]]
+    assert CliRunner().invoke(video.main, words).exit_code == 0
+    most.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(most[1] - most[0])
+"""
+    for suffix in ("gif", "mp4"):
+        command = [sys.executable, "-c", program, str(tmp_path / f"film.{suffix}")]
+        more = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        assert more < 50.0, suffix
 
 
 @pytest.mark.parametrize(
@@ -215,7 +266,7 @@ def moved(game: play.Game, keys: list[int], steps: int = 10) -> np.ndarray[Any, 
 
 def test_keys_drive_where_they_say() -> None:
     """Half a second at 0.6 m/s and 1.5 rad/s, without lag."""
-    game = play.Game(place("OmniPathFollowing-v0"), None, 0.6, 1.5)
+    game = play.Game(place("OmniPathFollowing-v0"), (), 0.6, 1.5)
     for keys, way in (
         ([pygame.K_UP], (0.3, 0.0, 0.0)),
         ([pygame.K_s], (-0.3, 0.0, 0.0)),
@@ -227,32 +278,32 @@ def test_keys_drive_where_they_say() -> None:
         ([pygame.K_w, pygame.K_d], (0.3 / 2**0.5, -0.3 / 2**0.5, 0.0)),
     ):
         np.testing.assert_allclose(moved(game, keys), way, atol=1e-6)
-    game = play.Game(place("DiffDrivePathFollowing-v0"), None, 0.6, 1.5)
+    game = play.Game(place("DiffDrivePathFollowing-v0"), (), 0.6, 1.5)
     np.testing.assert_allclose(moved(game, [pygame.K_a]), (0.0, 0.0, 0.75), atol=1e-6)
     np.testing.assert_allclose(moved(game, [pygame.K_RIGHT]), (0.0, 0.0, -0.75), atol=1e-6)
     game.close()
 
 
 def test_the_ghost_meets_what_the_player_meets() -> None:
-    game = play.Game(place("DiffDrivePathFollowing-v0", disturbance="moderate"), "pure_pursuit", 0.6, 1.5)
-    assert game.ghost is not None
+    game = play.Game(place("DiffDrivePathFollowing-v0", disturbance="moderate"), ("pure_pursuit",), 0.6, 1.5)
+    (beside,) = game.ghosts
     for _ in range(2):
-        assert game.mine.single.batch.states.tobytes() == game.ghost.single.batch.states.tobytes()
+        assert game.mine.single.batch.states.tobytes() == beside.single.batch.states.tobytes()
         for _ in range(3):
             game.step()  # before the first key nothing moves
-        assert game.mine.steps == game.ghost.steps == 0
+        assert game.mine.steps == beside.steps == 0
         game.hear(press(pygame.K_UP))
         for _ in range(20):
             game.step()
-        assert game.mine.steps == game.ghost.steps == 20
+        assert game.mine.steps == beside.steps == 20
         (ghost,) = game.scene().ghosts
-        assert ghost.pose == game.ghost.pose != game.mine.pose
+        assert ghost.pose == beside.pose != game.mine.pose
         game.hear(press(pygame.K_n))
     game.close()
 
 
 def test_an_episode_ends_and_is_told_and_begins_again() -> None:
-    game = play.Game(place("DiffDrivePathFollowing-v0", scenario="s_curve"), None, 1.2, 3.0)
+    game = play.Game(place("DiffDrivePathFollowing-v0", scenario="s_curve"), (), 1.2, 3.0)
     game.hear(press(pygame.K_DOWN))
     told = [line for line in (game.step() for _ in range(200)) if line]
     assert len(told) == 1

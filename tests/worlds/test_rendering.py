@@ -166,7 +166,8 @@ def other_layers() -> dict[str, object]:
         "beam_angles": 0.5 * full.beam_angles, "trail": np.array([[1.0, 1.0], [1.0, 3.0]]), "reference": (2.5, 1.0),
         "lookahead": (2.4, 2.6), "start": (1.5, 1.0), "marks": (Mark(np.array([[4.0, 2.0]]), (9, 9, 9), pixels=6.0),),
         "bodies": (Body((7.0, 5.0, 0.3), 0.3, (9, 9, 9), goal=(3.0, 5.0)), person(4.0, 5.0, 1.0, 0.3)),
-        "ghosts": (Ghost(ROBOTS["p3dx"], (6.0, 3.0, 1.0)),), "caption": "t = 2.0 s", "notes": ("a note",),
+        "ghosts": (Ghost(ROBOTS["p3dx"], (6.0, 3.0, 1.0), name="a"),), "name": "you",
+        "caption": "t = 2.0 s", "notes": ("a note",),
     }  # fmt: skip
 
 
@@ -180,7 +181,7 @@ def test_whatever_changes_from_a_frame_to_the_next_is_drawn_as_in_a_first_one():
         changes.append((dataclasses.replace(first, grid=changes[-1][1].get("grid")), {"grid": grid}))
     used = {size_px: Renderer("rgb_array", 20, size_px) for size_px in (160, 320)}
     for last, change in changes:
-        size_px = 320 if change.keys() & {"caption", "notes"} else 160  # small ones have no words
+        size_px = 320 if change.keys() & {"caption", "name", "notes"} else 160  # small ones have no words
         before = frame_of(last, used[size_px])
         scene = dataclasses.replace(last, **change)
         after = frame_of(scene, used[size_px])
