@@ -18,6 +18,7 @@ from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.mrpb import CASES, CONFIG, MAP, is_mrpb
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.tuned import PACE
+from wayfield.system.objects import FileNote
 
 GROUP = 50  # worlds of BARN, by their numbers: a family, and what an interrupted run has as a whole
 PROBLEMS = 12  # of each list of MovingAI's
@@ -111,7 +112,9 @@ def mrpb_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
         if not lengths:
             raise ValueError(problems[0])
         for problem in problems:
-            warnings.warn(f"{problem}; it is left out, {len(lengths)} of {len(bank)} cases are driven", stacklevel=2)
+            warnings.warn(
+                f"{problem}; it is left out, {len(lengths)} of {len(bank)} cases are driven", FileNote, stacklevel=2
+            )
         clock = _clock(max(lengths.values()), MRPB_SPEED)
         return Course(place.name, PUBLIC_SPLIT, str(place), clock, members=tuple(lengths))
 
@@ -158,7 +161,9 @@ def _those_that_can(course: Callable[[Path], Course], places: list[Path], what: 
     if not found:
         raise ValueError(problems[0])
     for problem in problems:
-        warnings.warn(f"{problem}; it is left out, {len(found)} of {len(places)} {what} are driven", stacklevel=3)
+        warnings.warn(
+            f"{problem}; it is left out, {len(found)} of {len(places)} {what} are driven", FileNote, stacklevel=3
+        )
     return tuple(found)
 
 

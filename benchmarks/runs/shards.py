@@ -36,6 +36,7 @@ from wayfield.policies.learned.ppo import trained
 from wayfield.policies.tuned import tuned_set
 from wayfield.system.executors import Executor, say
 from wayfield.system.identity import source_digest
+from wayfield.system.objects import FileNote
 from wayfield.system.readers import of_folder, reader
 from wayfield.system.storage import clear_stale, temporary_folder
 
@@ -196,7 +197,7 @@ def played(setting: Setting) -> list[Episode]:
     found = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
-        warnings.filterwarnings("ignore", ".* it is left out, ")  # said where the courses were made
+        warnings.simplefilter("ignore", FileNote)  # said where the courses were made
         for i, (row, trajectory) in enumerate(episodes(setting)):
             member = members[i % len(members)]
             if setting.members:

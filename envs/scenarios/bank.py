@@ -15,6 +15,7 @@ from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.tasks.specs import EVERY, TASKS, TaskSpec
 from wayfield.system.checks import number, shown, suggestion
+from wayfield.system.objects import FileNote
 
 _PROBLEMS = ".scen"
 _FILE_SUFFIXES = (*TABLE_SUFFIXES, ".json", _PROBLEMS)
@@ -100,7 +101,9 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     if problems and not (kept and os.path.isdir(name) and is_mrpb(name)):
         raise ValueError(problems[0])
     for problem in problems:
-        warnings.warn(f"{problem}; it is left out, {len(kept)} of {len(found)} cases are driven", stacklevel=2)
+        warnings.warn(
+            f"{problem}; it is left out, {len(kept)} of {len(found)} cases are driven", FileNote, stacklevel=2
+        )
     return tuple(kept)
 
 

@@ -18,7 +18,7 @@ from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, closing, origin_to_su
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.world.paths import Path
 from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
-from wayfield.system.objects import check_keys, fault, json_object, read_text
+from wayfield.system.objects import FileNote, check_keys, fault, json_object, read_text
 from wayfield.system.readers import reader
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
@@ -184,7 +184,7 @@ def _listed_path(file: str, points: Any, closed: bool | None, scale: float) -> P
             raise ValueError(f"path[{i}] is {(x, y)}; it must lie within {FARTHEST:g} m of the origin")
     found, closed, said = closing(np.reshape([(x * scale, y * scale) for x, y in pairs], (-1, 2)), closed)
     if said:
-        warnings.warn(f"{file}: path {said}", stacklevel=2)
+        warnings.warn(f"{file}: path {said}", FileNote, stacklevel=2)
     return Path(found, closed)
 
 

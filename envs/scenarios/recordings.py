@@ -25,7 +25,7 @@ from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.team_scenario import MOST_PEOPLE, TeamScenario
 from wayfield.system.checks import number, shown
 from wayfield.system.elementary import bearing
-from wayfield.system.objects import read_text
+from wayfield.system.objects import FileNote, read_text
 from wayfield.system.readers import of_path, reader
 
 ETH, PLAIN = "obsmat.txt", ".txt"
@@ -253,6 +253,7 @@ def _walked(file: Path, rows: dict[int, dict[int, tuple[int, float, float]]], ra
         warnings.warn(
             f"{file}: {filled} missing rows are filled in along straight lines, and over {parted} gaps of more than "
             f"{LONGEST_GAP:g} s a person leaves and another comes; rows are {step} frames apart",
+            FileNote,
             stacklevel=2,
         )
     _check_speed(file, found, rate)
@@ -272,7 +273,9 @@ def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
     slow, usual, quick = _USUAL
     if rate is None and not slow <= median <= quick:
         near = (rate or RATE) * usual / median
-        warnings.warn(f"{file}: {told}; at {near:.2g} rows a second it would be {usual:g} m/s; {other}", stacklevel=2)
+        warnings.warn(
+            f"{file}: {told}; at {near:.2g} rows a second it would be {usual:g} m/s; {other}", FileNote, stacklevel=2
+        )
 
 
 def _whole(name: str, text: str) -> int:

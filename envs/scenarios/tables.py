@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayfield.envs.world.geometry import lengths
 from wayfield.envs.world.paths import Path
 from wayfield.system.checks import FARTHEST, MOST_POINTS, real, shown
-from wayfield.system.objects import read_text
+from wayfield.system.objects import FileNote, read_text
 from wayfield.system.readers import reader
 
 TABLE_SUFFIXES = (".csv", ".txt")
@@ -106,7 +106,7 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
         where = (
             f' in a .json file beside it, with "path_file": "{os.path.basename(file)}"' if '"closed"' in said else ""
         )
-        warnings.warn(f"{file}: {said}{where}", stacklevel=2)
+        warnings.warn(f"{file}: {said}{where}", FileNote, stacklevel=2)
     least = 3 if closed else 2
     if len(points) < least:
         kind = "a closed path" if closed else "a path"

@@ -40,6 +40,7 @@ class OneLineErrors(click.Command):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        self._warnings_said: set[str] = set()
         self.context_settings.setdefault("help_option_names", ["-h", "--help"])
 
     def main(self, *args: Any, **kwargs: Any) -> NoReturn:
@@ -89,7 +90,10 @@ class OneLineErrors(click.Command):
     def _warned(self, otherwise: Callable[..., None], message: Any, category: Any, *where: Any, **kwargs: Any) -> None:
         """Prints warnings for the user as a line, and others as Python does."""
         if issubclass(category, UserWarning):
-            click.echo(f"{self.name}: {printable(str(message))}", err=True)
+            line = f"{self.name}: {printable(str(message))}"
+            if line not in self._warnings_said:  # a file is read anew by each part of a run
+                self._warnings_said.add(line)
+                click.echo(line, err=True)
         else:
             otherwise(message, category, *where, **kwargs)
 

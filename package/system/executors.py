@@ -9,6 +9,7 @@ import queue
 import signal
 import socket
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +17,7 @@ from typing import Any
 
 from wayfield.system.checks import printable
 from wayfield.system.identity import differences, identity
+from wayfield.system.objects import FileNote
 from wayfield.system.processes import end_with_parent, interrupts_held
 
 MOST = 4  # processes, by default: with each comes what it imports and compiles
@@ -220,6 +222,7 @@ def workers(count: int) -> Iterator[Executor]:
 def _begin(parent: int) -> None:
     """Leaves Ctrl-C to the parent process, which then stops the pool, and its own end too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("ignore", FileNote)  # the parent has read the files, and said so
     end_with_parent(parent)
 
 

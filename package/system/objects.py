@@ -8,6 +8,10 @@ from typing import Any, NoReturn
 from wayfield.system.checks import MOST_BYTES, repeated, shown, suggestion
 
 
+class FileNote(UserWarning):
+    """What a reader took for granted in a user's file; workers, which read it again, leave it unsaid."""
+
+
 def read_text(file: str) -> str:
     """Returns the text of a UTF-8 file, without its byte order mark.
 

@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +154,18 @@ def test_a_path_that_comes_back_is_closed_or_a_line_says_that_it_is_not(
             file.write_text(json.dumps(content | {"closed": wanted}))
             assert path_scenario_from_file(str(file)).path.closed is wanted
         assert len(recwarn) == bool(said)
+
+
+@pytest.mark.slow
+def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("".join(f"{x},{y}\n" for x, y in ring(1.0, 60)))
+    words = ["--path", str(tmp_path / "a.csv"), "--policies", "pure_pursuit,lqr", "--workers", "2"]
+    run = subprocess.run(
+        [sys.executable, "-m", "wayfield", "evaluate", *words, "--out", str(tmp_path / "out")],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert run.stderr.count("taken as closed") == 1
+    assert "UserWarning" not in run.stderr
 
 
 @pytest.mark.parametrize(
