@@ -22,6 +22,7 @@ ALLOWED = {
     ("bridges/coppelia/__main__.py", "_write_legacy"): "copies the package's own file over what is in its place",
     ("bridges/ros/command.py", "_mission"): "reads bytes for read_gains",
     ("benchmarks/commands/demo.py", "main"): "opens a browser",
+    ("system/extras.py", "installs"): "the packaging tools' own word about this installation",
     ("system/storage.py", "_alive"): "the system's word about a process",
     ("system/objects.py", "read_text"): "called by the readers of tables, scenarios and data sheets",
     ("system/objects.py", "json_object"): "called by the readers of scenarios and data sheets",
