@@ -27,6 +27,8 @@ FIELDS: list[Any] = [
     ("length", np.float64),  # m
     ("along", np.float64),  # m, of it that is done
     ("off", np.float64),  # 1 once the robot has set off on it
+    ("settling", np.float64),  # m, of the tracker
+    ("begun", np.float64),  # m, of it, where the robot set off last
     ("arrived", np.float64),
     ("stay", np.float64),  # m, of `stay_radius`
     ("steps", np.float64),  # since the episode began
@@ -37,14 +39,15 @@ MEMORY = np.dtype(FIELDS)
 _STRAIGHTS = 6  # lengths of the last piece that are tried, in either direction
 _STRAIGHT_STEP = 0.3  # m, between them
 _WINDOW = 0.15  # m, how far ahead of the last place on the plan the next one is looked for
+PAUSE = 0.25  # s, between searches for a way where there is none
 GRAIN = 0.005  # m, between the places that are looked at
 _LEAST_SPEED = 0.02  # m/s, at which a piece is ended
 _OVER = 0.005  # m, by which a lag carries the robot past its end at most: the deceleration times the lag squared
 _STEADY = 0.3  # of `settling`: the way driven within the lag, up to which errors decay
 STRAY = 0.15  # m, from the plan, beyond which another is made
-_PATIENCE = 40.0  # s, that the robot waits for what moves before it sets off all the same
 _ROOM = 0.05  # m, that it wants to spare beside what moves
 _EARLY, _LATE = 0.2, 0.5  # s, by which it may be at a place before its time and after it
+_STOOD = 7  # times `_LATE`, for which nothing may come to where the robot stops on its way
 _STRIDE = 0.04  # m, between the places at which it looks for what moves
 
 
@@ -53,9 +56,10 @@ class ReedsShepp(Gains):
     """Drives along the shortest way to the goal of a car that can only turn on circles of `radius`, either way.
 
     Of the ways that end with a straight piece of -1.5 to 1.5 m it takes the shortest on which the hull has `margin` to
-    spare from all that stands; where there is none, one of half the radius, then without the margin, then the shortest
-    of all, which the memory's field `no_path` counts. Where something moves, it sets off once that leaves every place
-    of the way free when the robot will be there.
+    spare from all that stands; where there is none, one of half the radius, then without the margin. Where there is
+    none either, which the memory's field `no_path` counts, it stands. Where something moves, it sets off once that
+    leaves every place of the way free when the robot will be there, and stops again where it no longer does, unless
+    something comes to where it would stop. A late base then takes up to twice `settling`, and so drives faster.
 
     Along the way, with e the robot's place left of it, th its heading off it, kappa the curvature a little ahead, by
     what the actuators lag, and d = 1 or -1 the direction,
@@ -104,6 +108,7 @@ class ReedsShepp(Gains):
             deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
             yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
             preview=briefing.actuators.reaction + briefing.dt,
+            pause_steps=max(round(PAUSE / briefing.dt), 1),
         )
         twists = np.empty((len(observation.pose), 2))
         told = Map.of(briefing)
@@ -139,11 +144,15 @@ def drive(params, told, poses, goals, turns, memory, twists):
             continue
         twists[i, 1] = 0.0
         if m.radius == 0.0 or ended or not advance(m, poses, i):
-            make_plan(p, told, poses, (gx, gy, turns[i]), m, i)
-        if m.off == 0.0:
-            if not may_set_off(p, told, m, i, now):
+            if m.no_path > 0 and m.steps % p.pause_steps != 0.0:
                 continue
-            m.off = 1.0
+            without = m.no_path
+            make_plan(p, told, poses, (gx, gy, turns[i]), m, i)
+            if m.no_path > without:
+                m.radius = 0.0  # it stands, rather than drive into what it knows of
+                continue
+        if not goes_on(p, told, m, i, now, poses):
+            continue
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
 
 
@@ -275,20 +284,45 @@ def make_plan(p, told, poses, goal, m, i):
 
 
 @compiled
-def may_set_off(p, told, m, i, now):
-    """Returns whether what moves leaves the robot its way, if it sets off now; in the end it does not ask.
+def goes_on(p, told, m, i, now, poses):
+    """Returns whether robot i sets off, or drives on: where what moves leaves it its way, or comes to where it is."""
+    m.settling = p.settling
+    if not any_moves(told.obstacles, i, told.counts[i]):
+        return True
+    # on a late base at twice the pace, for what leaves a gap does not for long
+    late = max(p.preview - p.plant.dt, 1e-9)
+    m.settling = max(p.settling, min(2.0 * p.settling, p.speed * late / _STEADY))
+    if m.off == 0.0:
+        m.begun = m.along
+    if is_passable(p, told, m, i, now):
+        m.off = 1.0
+    elif m.off == 1.0:
+        # to stop takes it a little on
+        for k in range(_STOOD):
+            for j in range(told.counts[i]):
+                if moves(told.obstacles[i, j]):
+                    ox, oy, _, _ = motion_at(told.obstacles[i, j], now + _LATE * k)
+                    apart = math.sqrt((ox - poses[i, 0]) ** 2 + (oy - poses[i, 1]) ** 2)
+                    if apart - told.obstacles[i, j].radius < p.plant.hull_radius + 2.0 * _ROOM:
+                        return True
+        m.off = 0.0
+    return m.off == 1.0
+
+
+@compiled
+def is_passable(p, told, m, i, now):
+    """Returns whether what moves leaves the robot the rest of its way, if it drives on now.
 
     The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
-    speeds of `tracked` and the same acceleration.
+    speeds of `tracked` and the same acceleration from where it set off.
     """
     obstacles, counts = told[:2]
-    if now > _PATIENCE or not any_moves(obstacles, i, counts[i]):
-        return True
     needed = p.plant.hull_radius + _ROOM
     time = now + p.preview
-    begun = 0.0
-    last_end = 0.0
-    s = 0.0
+    begun = m.begun
+    s = m.along
+    here = s
+    last_end = leg_end(m)
     while s < m.length:
         m.along = s
         end = leg_end(m)
@@ -303,12 +337,12 @@ def may_set_off(p, told, m, i, now):
                     dx = ox - x
                     dy = oy - y
                     if math.sqrt(dx * dx + dy * dy) - obstacles[i, j].radius < needed:
-                        m.along = 0.0
+                        m.along = here
                         return False
         v = min(wanted_speed(p, m, end), math.sqrt(2.0 * p.deceleration * (s - begun + _STRIDE)))
         time += _STRIDE / max(v, _LEAST_SPEED)
         s += _STRIDE
-    m.along = 0.0
+    m.along = here
     return True
 
 
@@ -317,7 +351,7 @@ def wanted_speed(p, m, end):
     """Returns the speed (m/s) at the robot's place on a leg that ends at arc length `end`."""
     bend = abs(curvature(m, m.along))
     late = max(p.preview - p.plant.dt, 1e-9)
-    steady = _STEADY * p.settling / late
+    steady = _STEADY * m.settling / late
     braking = min(p.deceleration, min(_OVER, 0.5 * m.stay) / (late * late))
     v = min(p.speed, steady, p.max_yaw_rate / max(bend, 1e-9), math.sqrt(2.0 * braking * (end - m.along)))
     return max(v, min(_LEAST_SPEED, 0.5 * m.stay / late))
@@ -336,6 +370,6 @@ def tracked(p, poses, m, i):
     end = leg_end(m)
     v = wanted_speed(p, m, end)
     ahead = min(m.along + v * p.preview, end - 1e-6)
-    w = way * v * curvature(m, ahead) - v * (2.0 * off / p.settling + way * aside / (p.settling * p.settling))
+    w = way * v * curvature(m, ahead) - v * (2.0 * off / m.settling + way * aside / (m.settling * m.settling))
     share = min(1.0, p.max_yaw_rate / max(abs(w), 1e-12))
     return share * way * v, share * w

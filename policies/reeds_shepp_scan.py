@@ -25,7 +25,17 @@ from wayfield.policies.parts.stopping import (
     remembering,
     sees_all_round,
 )
-from wayfield.policies.reeds_shepp import FIELDS, GRAIN, STRAY, ReedsShepp, advance, make_plan, note_arrival, tracked
+from wayfield.policies.reeds_shepp import (
+    FIELDS,
+    GRAIN,
+    PAUSE,
+    STRAY,
+    ReedsShepp,
+    advance,
+    make_plan,
+    note_arrival,
+    tracked,
+)
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import sin_cos
 
@@ -38,7 +48,6 @@ STATE = [
 
 _CUT = 0.005  # m, by which chords between hits cut corners
 _PLACES = 0.04  # m, between the places of a way that are looked at
-_PAUSE = 0.25  # s, between searches for a way where there is none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +58,7 @@ class ReedsSheppScan(ReedsShepp):
     0.4 m, single hits, and where a surface that comes nearer by itself will be in `foresight` (`find_approaching`). The
     way is planned around it once. It is planned anew, from where the robot is, where its next `lookahead` leads nearer
     to what is shown than `spare` beside the hull, or than the goal where that leaves less, and where the goal moves by
-    0.15 m. While there is no free way the robot stands, and tries again every quarter of a second; `ReedsShepp` would
-    drive the shortest.
+    0.15 m. While there is no free way the robot stands, and tries again every quarter of a second.
 
     It reaches poses beside and behind the robot, from which the agents for docks were not trained to begin, docks with
     gaps of two centimetres, at which those stand still and which laws that see nothing run into, and past what moves
@@ -93,7 +101,7 @@ class ReedsSheppScan(ReedsShepp):
             deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
             yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
             preview=briefing.actuators.reaction + briefing.dt,
-            pause_steps=max(round(_PAUSE / briefing.dt), 1),
+            pause_steps=max(round(PAUSE / briefing.dt), 1),
             closed=sees_all_round(briefing),
         )
         count, state = len(observation.pose), memory["state"]
@@ -182,6 +190,7 @@ def drive(params, told, poses, goals, turns, memory, twists):
             if m.waits == 1.0:
                 m.radius = 0.0
                 continue
+        m.settling = p.settling
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
 
 

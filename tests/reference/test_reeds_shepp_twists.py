@@ -188,11 +188,11 @@ def free_way(policy: ReedsShepp, start: Any, goal: Any, clear: Any) -> tuple[int
                 lengths.append(ways[0][0])
         if lengths:
             return search, radius, min(lengths)
-    return 4, policy.radius, plans(start, goal, policy.radius)[0][0]
+    return 4, 0.0, plans(start, goal, policy.radius)[0][0]
 
 
 def test_of_the_ways_that_spare_the_margin_the_shortest_is_taken(tmp_path: Path) -> None:
-    """Or of those with half the radius, then without the margin, then the shortest of all, which is counted."""
+    """Or of those with half the radius, then without the margin; or none, which is counted."""
     policy, hull, rng = ReedsShepp(margin=0.15), ROBOTS["p3dx"].hull_radius, np.random.default_rng(31)
     file, searches = tmp_path / "scene.json", []
     for _ in range(25):

@@ -22,6 +22,7 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios import FAMILIES, TASKS, split
 from wayfield.envs.scenarios.docking_families import FARTHEST_START, DockingScenario, manoeuvre
+from wayfield.envs.scenarios.obstacles import obstacle_field, wall
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.reeds_shepp import MOST_PIECES, pose_along, shortest_word
@@ -367,13 +368,13 @@ def reached(
     """Returns which of many scenarios of a family, of seeds of no split, end in success."""
     hull = ROBOTS[robot].hull_radius
     bank = tuple(FAMILIES["docking"][family](5_000_000 + k).fitted(0.3 - hull) for k in range(count))
-    return docked(name, robot, actuators, bank, monkeypatch, num_beams)
+    return docked(name, robot, actuators, bank, monkeypatch, num_beams)[0]
 
 
 def docked(
     name: str, robot: str, actuators: str, bank: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch, num_beams: int = 8
-) -> NDArray[np.bool_]:
-    """Returns which scenarios of a bank end in success."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Returns which scenarios of a bank end in success, and which in a collision."""
     count = len(bank)
     monkeypatch.setattr(goal_reaching, "field_scenarios", lambda *_: bank)
     env: Any = gymnasium.make_vec(
@@ -383,14 +384,15 @@ def docked(
     observations, _ = env.reset(seed=0, options={"scenario": list(range(count))})
     pilot = Pilot(policies.make(name), env)
     pilot.reset()
-    done, won = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+    done, won, touched = (np.zeros(count, np.bool_) for _ in range(3))
     for _ in range(1200):
         observations, _, terminated, truncated, info = env.step(pilot.act(observations))
         won |= ~done & info["success"]
+        touched |= ~done & info["collision"]
         done |= terminated | truncated
         if done.all():
             break
-    return won
+    return won, touched
 
 
 # each law from both families and with both kinds of actuators; all four together in the slow part
@@ -432,7 +434,7 @@ TO_A_POSE = ("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_
 @pytest.mark.parametrize("name", [*TO_A_POSE, "waypoint"])
 def test_every_law_docks_from_all_around_as_near_as_the_task_asks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     bank = around_a_pose(4, (0.05, 0.005, 0.1))
-    won = docked(name, "omni3" if name == "waypoint" else "p3dx", "lagged", bank, monkeypatch)
+    won, _ = docked(name, "omni3" if name == "waypoint" else "p3dx", "lagged", bank, monkeypatch)
     assert won.all(), [bank[k] for k in np.flatnonzero(~won)]
 
 
@@ -446,7 +448,7 @@ def test_every_robot_docks_from_all_around(
     if name != "waypoint" or ROBOTS[robot].holonomic:
         for tolerances in ((0.05, 0.1, 0.02), (0.01, 0.005, 0.02)):
             bank = around_a_pose(8, tolerances)
-            won = docked(name, robot, actuators, bank, monkeypatch)
+            won, _ = docked(name, robot, actuators, bank, monkeypatch)
             assert won.all(), [bank[k] for k in np.flatnonzero(~won)]
 
 
@@ -466,6 +468,25 @@ def test_the_planner_docks_where_laws_without_a_map_touch(
     planned = reached("reeds_shepp", "p3dx", family, "lagged", 100, monkeypatch).mean()
     assert planned >= least
     assert reached("polar", "p3dx", family, "lagged", 100, monkeypatch).mean() < planned
+
+
+@pytest.mark.parametrize(("actuators", "least"), [("lagged", 0.98), ("slow", 0.9)])
+def test_with_the_map_it_docks_past_what_moves_and_touches_nothing(
+    actuators: str, least: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bank = tuple(FAMILIES["docking"]["moving"](5_000_000 + k).fitted(0.05) for k in range(100))
+    won, touched = docked("reeds_shepp", "p3dx", actuators, bank, monkeypatch)
+    assert won.mean() >= least
+    assert not touched.any()
+
+
+def test_with_the_map_it_stands_where_no_way_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = [(0.6, 0.6), (-0.6, 0.6), (-0.6, -0.6), (0.6, -0.6), (0.6, 0.6)]
+    walls = obstacle_field(*(wall(*a, *b) for a, b in itertools.pairwise(corners)))
+    bank = (DockingScenario("shut", goal=(0.0, 0.0, 0.0), start=(1.5, 0.5, 0.0), obstacles=walls),)
+    won, touched = docked("reeds_shepp", "p3dx", "lagged", bank, monkeypatch)
+    assert not won.any()
+    assert not touched.any()
 
 
 @pytest.mark.parametrize("robot", ["p3dx", "omni4"])
