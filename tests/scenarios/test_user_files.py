@@ -161,7 +161,7 @@ def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_
     (tmp_path / "a.csv").write_text("".join(f"{x},{y}\n" for x, y in ring(1.0, 60)))
     words = ["--path", str(tmp_path / "a.csv"), "--policies", "pure_pursuit,lqr", "--workers", "2"]
     run = subprocess.run(
-        [sys.executable, "-m", "wayfield", "evaluate", *words, "--out", str(tmp_path / "out")],
+        [sys.executable, "-m", "wayfield.command", "evaluate", *words, "--out", str(tmp_path / "out")],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert run.stderr.count("taken as closed") == 1
