@@ -18,10 +18,13 @@ import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.robots import ACTUATORS, ROBOTS, robots_with
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.records import pose_sources
-from wayfield.envs.scenarios import FAMILIES, GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
+from wayfield.envs.scenarios import SPLITS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.tasks.specs import CROWDS, EVERY
+from wayfield.envs.team_worlds import ENDS, SEES
 
-IDS = sorted(each for spec in TASKS.values() for each in spec.ids.values())
+_SPECS = {env_id: spec for spec in EVERY.values() for env_id in spec.ids.values()}
+IDS = sorted(_SPECS)
 _REFUSALS = (ValueError, TypeError, gymnasium.error.Error)
 _CHECKED = 40  # steps in which rows are compared with the single environment
 _MANY = 16_384  # robots
@@ -41,9 +44,10 @@ _PATH_ONLY, _GOAL_ONLY = ("preview_spacing", "num_preview", "scale"), ("num_beam
 def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
     """Yields what once crashed, then random settings and changed arguments in turn, without end."""
     for env_id in IDS:
-        foreign = _GOAL_ONLY if "Path" in env_id else _PATH_ONLY
+        on_path = _SPECS[env_id].on_path
+        foreign = _GOAL_ONLY if on_path else _PATH_ONLY
         for kwargs in _LISTED:
-            if not any(name in foreign for name in kwargs) and ("Path" in env_id or "scenario" not in kwargs):
+            if not any(name in foreign for name in kwargs) and (on_path or "scenario" not in kwargs):
                 yield {"env": env_id, "kwargs": kwargs, "num_envs": 0, "actions": "random", "steps": 60, "seed": 1}
         # driven straight back along the path: rounding must not take progress below its bound
         yield {"env": env_id, "kwargs": {}, "num_envs": 256, "actions": "corner", "steps": 300, "seed": 2}
@@ -60,19 +64,21 @@ def _setting(rng: random.Random) -> dict[str, Any]:
     step, actions that are refused) is drawn for fewer at a time, who run the same code.
     """
     env_id = rng.choice(IDS)
-    path = "Path" in env_id
-    (task,) = (spec.name for spec in TASKS.values() if env_id in spec.ids.values())
-    family = f"{rng.choice((*FAMILIES[task], 'all'))}/{rng.choice(tuple(SPLITS))}"
-    named = {"path_following": tuple(PATH_SCENARIOS), "goal_reaching": tuple(GOAL_SCENARIOS)}.get(task, (family,))
+    task = _SPECS[env_id]
+    path, crowd = task.on_path, task.name in CROWDS
+    family = f"{rng.choice((*task.families, *(() if crowd else ('all',))))}/{rng.choice(tuple(SPLITS))}"
+    named = tuple(task.presets) or (family,)
     names = robots_with(holonomic="DiffDrive" not in env_id)
     robot = rng.choice([name for name in names if ROBOTS[name].hull_radius <= LARGEST_HULL])
-    dynamics = rng.choice(("kinematic", "kinematic", "kinematic", "pymunk"))
-    robots = rng.choice((0, 1, 3, 64) if dynamics == "pymunk" else (0, 1, 64, 1024, 4096, _MANY, _MANY))
+    dynamics = rng.choice(("kinematic", "kinematic", "kinematic", *(() if crowd else ("pymunk",))))
+    counts = (0, 1, 64, 1024, 4096, _MANY, _MANY)
+    if crowd or dynamics == "pymunk":
+        counts = (0, 1, 3, 64)
+    robots = rng.choice(counts)
     many = robots >= _MANY
     kwargs: dict[str, Any] = {
         "scenario": rng.choice((rng.choice(named), family)),
         "robot": robot,
-        "dynamics": dynamics,
         "actuators": rng.choice(tuple(ACTUATORS)),
         "action_mode": rng.choice(("twist", "wheel_speeds")),
         "noise": rng.choice((0.0, 1.0, rng.uniform(0.0, 10.0))),
@@ -89,13 +95,20 @@ def _setting(rng: random.Random) -> dict[str, Any]:
         kwargs |= {"preview_spacing": rng.choice((1e-3, 0.1, 5.0)), "scale": rng.choice((1.0, 1.0, 0.1, 10.0))}
     else:
         kwargs |= {"num_beams": rng.choice((0, 1, 8) if many else (0, 1, 32, 72))}
-        kwargs |= {"max_range": rng.choice((0.1, 5.0, 100.0))}
-        kwargs |= {"field_of_view": rng.uniform(0.1, 6.28), "end_on_success": rng.random() < 0.5}
-        kwargs["end_on_contact"] = kwargs["dynamics"] == "kinematic" or rng.random() < 0.5
+        kwargs |= {"max_range": rng.choice((0.1, 5.0, 100.0)), "field_of_view": rng.uniform(0.1, 6.28)}
+    if crowd:
+        kwargs |= {"sees": rng.choice(SEES), "sight": rng.choice((0.1, 5.0, 100.0)), "visible": rng.random() < 0.5}
+        if task.name == "teams":
+            kwargs |= {"ends": rng.choice(ENDS), "parks": rng.random() < 0.5}
+    else:
+        kwargs["dynamics"] = dynamics
+    if not (path or crowd):
+        kwargs["end_on_success"] = rng.random() < 0.5
+        kwargs["end_on_contact"] = dynamics == "kinematic" or rng.random() < 0.5
     return {
         "env": env_id,
         "kwargs": kwargs,
-        "num_envs": robots,  # 0: the single environment
+        "num_envs": robots,  # 0: the single environment; of teams the number of worlds
         "autoreset_mode": rng.choice(("NextStep", "SameStep")),
         "clock": rng.choice((None, 37, 1200) if robots > 1024 else (None, 1, 37, 1200)),
         "actions": rng.choice(("random", "random", "corner", "extreme", *(() if robots > 1024 else ("wrong",)))),
@@ -140,9 +153,12 @@ def inside(spec: dict[str, Any]) -> dict[str, Any]:
         else:
             more = {"autoreset_mode": _value(spec["autoreset_mode"])} if "autoreset_mode" in spec else {}
             clock = {"max_episode_steps": _value(spec["clock"])} if "clock" in spec else {}
+            count = _value(spec["num_envs"])
+            if _SPECS[spec["env"]].name == "teams" and spec.get("mutated") != "num_envs":
+                count *= gymnasium.make(spec["env"], disable_env_checker=True, **kwargs).action_space.shape[0]
             env = gymnasium.make_vec(
                 spec["env"],
-                _value(spec["num_envs"]),
+                count,
                 vectorization_mode="vector_entry_point",
                 **clock,
                 **more,
@@ -166,7 +182,8 @@ def _driven(env: Any, observation: Any, info: Any, spec: dict[str, Any], kwargs:
     single = spec["num_envs"] == 0
     rng = np.random.default_rng(spec["seed"])
     twin = None
-    if not single and "autoreset_mode" in spec and "mutated" not in spec:
+    crowd = _SPECS[spec["env"]].name in CROWDS  # whose rows share worlds, and whose bodies press on each other
+    if not (single or crowd) and "autoreset_mode" in spec and "mutated" not in spec:
         twin = gymnasium.make(spec["env"], disable_env_checker=True, **kwargs).unwrapped
         row = int(rng.integers(spec["num_envs"]))
         mine, _ = twin.reset(seed=spec["seed"] + row)
@@ -177,7 +194,7 @@ def _driven(env: Any, observation: Any, info: Any, spec: dict[str, Any], kwargs:
     # what a shove or something that moves pushes into a hull is no fault of the kinematic plant
     moves = bool(base.task.params["moving"][0])
     shoved = kwargs.get("shove") is not None or base.task.options.disturbance.shove > 0.0
-    solid = base.task.options.dynamics == "kinematic" and not moves and not shoved
+    solid = base.task.options.dynamics == "kinematic" and not (moves or shoved or crowd)
     for k in range(spec["steps"]):
         action = _actions(base, spec["actions"], rng, k)
         alive()

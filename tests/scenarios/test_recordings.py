@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.crowds.people import track_place
 from wayfield.envs.scenarios.recordings import recorded
 
 
@@ -150,3 +151,10 @@ def test_a_folder_of_several_recordings_asks_for_one(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"has 2 \.txt files and no obsmat\.txt; name one"):
         recorded(tmp_path)
     assert recorded(tmp_path / "a.txt")
+
+
+def test_a_track_is_followed_to_its_own_last_row_and_no_farther() -> None:
+    tracks = np.full((5, 4), np.nan)  # of others, before and behind
+    tracks[1:4] = [[0.0, 1.0, 0.5, 0.0], [0.2, 1.1, 0.4, 0.1], [0.4, 1.3, 0.3, 0.2]]
+    for row in range(3):
+        np.testing.assert_allclose(track_place(tracks, 1, 3, float(row)), tracks[1 + row], atol=1e-12)
