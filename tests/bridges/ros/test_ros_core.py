@@ -377,6 +377,17 @@ def test_what_is_not_finite_is_zero_and_three_in_a_row_stop_the_robot():
     assert bench.driver.state[0] == "stopped"
 
 
+@pytest.mark.parametrize("wrong", [{"x": math.nan}, {"x": -math.inf}, {"twist": Twist(0.1, 0.0, math.nan)}])
+def test_odometry_that_is_not_finite_reaches_no_decision_and_stops_the_robot(wrong):
+    bench = Bench().driving()
+    seen, decide = [], bench.mission.decide
+    bench.mission.decide = lambda odometry, view: (seen.append(odometry), decide(odometry, view))[1]
+    found = [bench.pair(**wrong) for _ in range(20)]
+    assert all(odometry.is_finite for odometry in seen)
+    assert found[-1] in (None, STILL)
+    assert bench.driver.state[0] != "driving"
+
+
 def test_a_decision_that_fails_stops_the_robot_and_is_told():
     bench = Bench().driving()
     bench.mission.decide = lambda odometry, view: 1 // 0
