@@ -49,7 +49,7 @@ def unable() -> dict[str, list[str]]:
     able = {(key.split()[0], key.split()[3]) for key in told} | {(spec, name) for spec in EVERY for name in FLOOR}
     entered = {
         contest.spec.kind: dict.fromkeys(contest.policies, contest.spec.name)
-        for contest in reversed(ALL_CONTESTS.values())  # the task's own contest comes first
+        for contest in reversed(list(ALL_CONTESTS.values()))  # the task's own contest comes first
     }
     return {kind: [name for name, task in who.items() if (task, name) not in able] for kind, who in entered.items()}
 
