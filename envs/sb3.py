@@ -85,6 +85,8 @@ class NativeVecEnv(VecEnv):
         full_infos: bool = False,
         **kwargs: Any,
     ) -> None:
+        for word in {"num_envs", "n_envs"} & kwargs.keys():
+            raise TypeError(f"{word} is called worlds here: NativeVecEnv(env_id, {shown(kwargs[word])})")
         if not isinstance(worlds, Sequence):
             worlds = [(worlds, {})]
         if not worlds:

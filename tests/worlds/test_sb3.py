@@ -202,5 +202,7 @@ def test_the_usual_wrapper_and_learner_find_what_they_ask_for() -> None:
 def test_worlds_that_differ_in_what_is_seen_and_no_worlds_are_refused() -> None:
     with pytest.raises(ValueError, match="observation space"):
         NativeVecEnv(OMNI, [(1, {}), (1, {"num_beams": 4})])
+    with pytest.raises(TypeError, match=r"n_envs is called worlds here: NativeVecEnv\(env_id, 4\)"):
+        NativeVecEnv(PATH, n_envs=4)
     with pytest.raises(ValueError, match="at least one"):
         NativeVecEnv(PATH, [])
