@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks.commands.evaluate import main
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, OF_KIND
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.entrants.own_scenario import POLICIES
 from wayfield.benchmarks.episodes.metrics import METRICS, measure
@@ -162,9 +162,24 @@ def test_a_path_of_ones_own(bend, tmp_path):
         *("path_errors.svg", "path_errors.png", *OF_EVERY_RUN),
     }
     by_policy = {(row["policy"], row["dynamics"]): row for row in read_rows(out)}
-    assert len(by_policy) == 2 * len(POLICIES["path"])
+    assert len(by_policy) == len(POLICIES["path"])
+    assert {row["actuators"] for row in by_policy.values()} == {"lagged"}  # as in contests
     assert by_policy["lookahead_retuned", "kinematic"]["success"] == 1.0
     assert by_policy["zero", "kinematic"]["timeout"] == 1.0
+
+
+@pytest.mark.parametrize("option", ["--path", "--scenarios"])
+def test_a_short_table_shows_all_policies_that_are_named(option, bend, tmp_path):
+    names = ("pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "mpc", "lookahead_retuned", "polar")
+    names = tuple(name for name in names if name in POLICIES["path"] and name in OF_KIND["path"].policies)
+    words = [option, bend if option == "--path" else bend.parent, "--policies", ",".join(names), "--workers", 1]
+    result = CliRunner().invoke(main, [*map(str, words), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    printed = " ".join(line.partition("  ")[0] for line in result.output.splitlines())
+    assert all(name in printed for name in names)
+    if option == "--path":
+        assert "one scenario, lagged actuators" in " ".join(result.output.split())
+        assert "kinematic" in result.output
 
 
 @pytest.fixture

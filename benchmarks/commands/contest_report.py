@@ -94,7 +94,7 @@ def contest_section(
             rows = read_rows(stage)
             tables = write_tables(stage, rows, options.command, options.ladder)
             with drawing(here, draw_contest, wanted_figures(stage, rows, options.ladder)):
-                yield Section(stage, tables)
+                yield Section(stage, tables, named=options.names or ())
         clear_parts(parts)
 
 

@@ -56,7 +56,7 @@ from wayfield.benchmarks.entrants.own_policies import own_policy
 from wayfield.benchmarks.entrants.own_scenario import own_cases, own_courses, own_scenario, without_way
 from wayfield.benchmarks.entrants.public_suites import PUBLIC, racetrack_courses
 from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
-from wayfield.benchmarks.leaderboards.terminal import print_short
+from wayfield.benchmarks.leaderboards.terminal import MOST_LINES, print_short
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.replays import drive_of, write_drives
@@ -121,12 +121,12 @@ class _Policies(Names):
 @click.option(
     "--dynamics",
     type=Choice("--dynamics", DYNAMICS),
-    help="The plants.  [default: both; kinematic in contests and overview]",
+    help="The plants.  [default: kinematic; both in suite documents]",
 )
 @click.option(
     "--actuators",
     type=Choice("--actuators", ACTUATORS),
-    help="The actuator tier.  [default: ideal; lagged in contests]",
+    help="The actuator tier.  [default: lagged; ideal in suite documents]",
 )
 @click.option(
     "--robot",
@@ -322,7 +322,7 @@ def run_path(options: Options) -> None:
         hopeless = without_way(options.path, options.robot or "p3dx") if options.scale is None else ""
     if hopeless:  # before hours of driving
         say(f"evaluate: {hopeless}", err=True)
-    differing = options.differing("both", "ideal")
+    differing = options.differing("kinematic", "lagged")
     folder = options.folder(cases[0].document, {"file": Path(options.path).stem} | differing)
     shown, [(sentence, table)] = _run_cases(options, cases[0].document, cases, folder)
     _tell(options, shown, [(f"{hopeless}. {sentence}" if hopeless else sentence, table)], folder)
@@ -420,7 +420,8 @@ def _tell(
     if options.full:
         _print(tables)
     else:
-        print_short(findings)
+        # who is named stays in sight
+        print_short(findings, lines=None if options.names or options.own or options.homes else MOST_LINES)
         say(f"Tables, figures, episodes: {folder}{os.sep}; --full prints the tables.")
     say(f"Report: {folder / REPORT}")
 
@@ -438,9 +439,10 @@ def _run_cases(options: Options, name: str, cases: Sequence[Case], folder: Path)
 
 def _settings_of(options: Options, name: str, cases: Sequence[Case]) -> list[Setting]:
     """Returns the settings of cases of the documents or of a path."""
-    # the overview is awaited: the plant of its contests is enough there
-    plants = DYNAMICS[options.dynamics or ("kinematic" if options.wanted == OVERVIEW else "both")]
-    actuators = options.actuators or "ideal"
+    # the overview is awaited: the plant of its contests is enough there; one's own scenario is driven as in contests
+    own = options.kind == "path"
+    plants = DYNAMICS[options.dynamics or ("kinematic" if own or options.wanted == OVERVIEW else "both")]
+    actuators = options.actuators or ("lagged" if own else "ideal")
     return [
         Setting(name, case, plant, actuators, options.seed, options.episodes or case.episodes)
         for case in cases

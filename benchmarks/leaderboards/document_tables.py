@@ -19,6 +19,7 @@ from wayfield.benchmarks.records.cases import Case, Figure
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.statistics.crossed import exact_interval
+from wayfield.policies import make
 
 _OUTCOMES = ("success", "collision", "left_corridor", "timeout")
 
@@ -202,6 +203,7 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
             _ending(row),
             f"{cost(row):.{decimals}f}",
             f"{row['mean_speed']:.2f}",
+            make(row["policy"]).knows,
         ]
         for row in order
     ]
@@ -209,9 +211,9 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
     won = f"{first['policy']} does best: {name.split(' (')[0]} {cost(first):.{decimals}f} {name.split('(')[1][:-1]}"
     if first["success"] != 1.0:
         won = "No policy succeeds"
-    met = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario."
+    met = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario, {rows[0]['actuators']} actuators."
     sentence = f"{met} {won}; one run each, so without an interval."
-    header = ["policy", "plant", "outcome", name, "speed (m/s)"]
+    header = ["policy", "plant", "outcome", name, "speed (m/s)", "has access to"]
     return sentence, Table(str(rows[0]["experiment"]), header, lines, "")
 
 

@@ -2,7 +2,7 @@
 
 import shutil
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from tabulate import tabulate
 
@@ -15,22 +15,28 @@ _NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
 _SHORT = {"speed (m/s)": "m/s", "has access to": "access", "tracking error (mm)": "tracking (mm)"}
 
 
-def print_short(findings: Iterable[tuple[str, Table | None]], most: int = WIDTH) -> None:
-    """Prints for each task its result, a sentence and a small table if it has one, at most `most` characters wide."""
+def print_short(
+    findings: Iterable[tuple[str, Table | None]], most: int = WIDTH, lines: int | None = MOST_LINES
+) -> None:
+    """Prints for each task its result, a sentence and a small table if it has one, at most `most` characters wide.
+
+    Args:
+        lines: of a table, at most; None: all.
+    """
     width = min(most, shutil.get_terminal_size((most, 24)).columns)
     for sentence, table in findings:
         say(textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False))
         if table is not None:
-            say(_small(table, width))
-            if len(table.rows) > MOST_LINES:
-                print(f"{len(table.rows) - MOST_LINES} more in table.md")
+            rows = table.rows[:lines]
+            say(_small(table.header, rows, width))
+            if len(rows) < len(table.rows):
+                print(f"{len(table.rows) - len(rows)} more in table.md")
         print()
 
 
-def _small(table: Table, width: int) -> str:
-    """Returns the first lines of a table; where they are too wide, intervals, units, names go on in a second line."""
-    rows = table.rows[:MOST_LINES]
-    header = [_SHORT.get(name, name) for name in table.header]
+def _small(names: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> str:
+    """Returns lines of a table; where they are too wide, intervals, units, names go on in a second line."""
+    header = [_SHORT.get(name, name) for name in names]
     text = tabulate(rows, header, tablefmt="plain", disable_numparse=True)
     if max(map(len, text.splitlines())) > width:
         rows = [[cell.replace(" [", "\n[") for cell in row] for row in rows]

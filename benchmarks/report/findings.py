@@ -76,10 +76,13 @@ class _Standing:
     score: tuple[float, ...]  # the mean of what it is ranked by, where that is neither success nor cost; else nothing
 
 
-def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
+def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] = ()) -> Finding:
     """Returns the finding of the episodes of one contest and robot: the first entry, on the splits that are ranked.
 
     The verdicts are those of the table of pairs of the same rows, corrected for all of its lines.
+
+    Args:
+        named: policies that the small table shows wherever they come.
     """
     table = pairs_table(rows, "")
     lines = [dict(zip(table.header, line, strict=True)) for line in table.rows]
@@ -94,7 +97,7 @@ def found(contest: Contest, robot: str, rows: Episodes) -> Finding:
         sentences.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
     ranked = _standings(contest, rows)
     rivals = _rivals(ranked)
-    small = _small(contest, robot, rivals, ranked)
+    small = _small(contest, robot, rivals, ranked, named)
     of, on = _count(len(entries), "entry", "entries"), _count(scenarios(rows), "scenario", "scenarios")
     shown = f" ({len(small.rows)} shown)" if len(small.rows) < len(entries) else ""
     families = _count(len(rows.unique("family")), "family", "families")
@@ -201,13 +204,20 @@ def _is(names: Sequence[str]) -> str:
     return "is" if len(names) == 1 else "are"
 
 
-def _small(contest: Contest, robot: str, rivals: Sequence[_Standing], ranked: Sequence[_Standing]) -> Table:
-    """Returns the small table: the first few, then the user's own, the trained agents and the best upper reference."""
+def _small(
+    contest: Contest,
+    robot: str,
+    rivals: Sequence[_Standing],
+    ranked: Sequence[_Standing],
+    named: tuple[str, ...],
+) -> Table:
+    """Returns the small table: the first few and those named, the user's own, trained agents, the best with a map."""
     shown = list(rivals[:MOST_SMALL])
+    asked = [each for each in ranked if each.entry[0] in named]
     own = [each for each in ranked if each.entry[1] == OWN or each.entry[1] not in GAINS_NAMES]
     trained = [each for each in ranked if each.entry[1] == "trained"]
     with_map = [each for each in ranked if MAP in each.access]
-    shown += [each for more in (own, trained, with_map[:1]) for each in more if each not in shown]
+    shown += [each for more in (asked, own, trained, with_map[:1]) for each in more if each not in shown]
     column = _scored(contest)
     lines = []
     for each in shown:

@@ -52,6 +52,7 @@ class Section:
     folder: Path
     tables: Sequence[Table]
     small: tuple[str, Table] | None = None  # the result, as a sentence and a small table; a contest says so by itself
+    named: tuple[str, ...] = ()  # policies that a contest's small table shows wherever they come
 
 
 @dataclasses.dataclass
@@ -94,20 +95,20 @@ def _gather(section: Section, content: Content) -> None:
         content.sentences.append(section.small[0])
         content.small.append(section.small[1])
     if rows and "contest" in rows[0] and rows[0]["contest"] in ALL_CONTESTS:
-        _gather_contests(rows, content)
+        _gather_contests(rows, content, section.named)
     _gather_episodes(section.folder, rows, content)
 
 
-def _gather_contests(rows: Episodes, content: Content) -> None:
+def _gather_contests(rows: Episodes, content: Content, named: tuple[str, ...]) -> None:
     for contest in ALL_CONTESTS.values():
         for robot, mine in rows.where(contest=contest.name).groups("robot").items():
             if len(mine.unique("disturbance")) > 1:
                 content.charts.append(ladder_chart(contest, robot, mine))
                 calm = mine.where(disturbance="none") or mine
-                finding = found(contest, f"{robot}, undisturbed", calm)
+                finding = found(contest, f"{robot}, undisturbed", calm, named)
             else:
                 swept = mine.where(split="front")
-                finding = found(contest, robot, mine)
+                finding = found(contest, robot, mine, named)
                 front = front_chart(contest, robot, swept)
                 if front["series"]:
                     content.charts.append(front)
