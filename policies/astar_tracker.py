@@ -55,13 +55,13 @@ class AstarTracker(PolylineTracker):
     A grid of 256 x 256 cells holds the exact clearance of each cell's centre (to 5 mm, rounded down). Its cells are
     `cell` wide, or as wide as it takes to hold start, goals and the obstacles up to `surroundings` around them, and all
     of a map; it has 1,024, 2,048 or 4,096 on a side where the cells would be too wide. Cells with less than hull radius
-    + margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with a way from goal to goal is
-    taken, never the narrower and shorter one. Where cells are wider than 0.1 m, ways that keep so much along all of
-    their lines, not only at the middles of cells, come first, and none is taken that is more than a tenth longer than
-    the shortest of all. The polyline is then let go like an elastic band towards
-    `wanted_clearance`, and driven by the law of `PolylineTracker`. Moved more than `astray` off it, the robot plans
-    anew, and so it does near the end of what the polyline holds of a way of many hundred metres, or turns. A robot
-    without a way stands still, and memory["no_path"] is 1.
+    + margin are blocked; the margins are `margin` times 1, 3/4, 1/2, 1/4, 0, the first with a way to the next waypoint
+    or goal is taken, never the narrower and shorter one. Where cells are wider than 0.1 m, ways that keep so much along
+    all of their lines, not only at the middles of cells, come first, and none is taken that is more than a tenth longer
+    than the shortest of all. The polyline is then let go like an elastic band towards `wanted_clearance`, and driven by
+    the law of `PolylineTracker`. Moved more than `astray` off it, the robot plans anew, and so it does near the end of
+    what the polyline holds of a way of many hundred metres, or turns, and at each waypoint. A robot without a way
+    stands still, and memory["no_path"] is 1.
 
     Obstacles on patrol are left out of the map. Their scripts are known: the greatest of the speeds max_speed, half
     of it, 0 and -half that stays `patrol_clearance` clear of them for `patrol_horizon` is driven. A robot so held up
@@ -161,7 +161,8 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
         y = poses[i, 1]
         pose = x, y, poses[i, 2]
         first = min(max(told.num_goals[i] - 1 - int(waypoints_left[i]), 0), told.num_goals[i] - 1)
-        stops = told.goals[i, first : told.num_goals[i], :2]
+        # a leg at a time: a way that turns back at a waypoint has places that lie under each other
+        stops = told.goals[i, first : first + 1, :2]
         due = m.plans == 0
         s = 0.0
         if m.num_points > 0:
@@ -192,7 +193,8 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
         if speed_limit <= 0.0 and m.arrived == 1:
             speed_limit = np.inf
         # between its cells the grid can say half a cell less than there is
-        track(p, m, pose, heading_errors[i], True, False, speed_limit, -0.5 * m.cell)
+        is_goal = first == told.num_goals[i] - 1
+        track(p, m, pose, heading_errors[i], is_goal, False, speed_limit, -0.5 * m.cell)
         m.steps += 1
 
 

@@ -18,7 +18,7 @@ from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
-from wayfield.system.elementary import sin_cos, wrap_angle
+from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 FIELDS: list[Any] = [
     ("plan", np.float64, (PLAN, 2)),  # turn and length in radii of each piece
@@ -71,7 +71,7 @@ class ReedsShepp(Gains):
     does so on a base that lags by tau as long as it drives but a share of L within tau; faster it would swing. Past its
     end a lag carries the robot by no more than 5 mm: it brakes with at most 0.005 m / tau^2. At the goal (see
     `arrival_radius` of `SmoothPose`) it turns on the spot by what is left. Off the way by 0.15 m, or at its end but not
-    at the goal, it plans anew. Waypoints are passed on the way to the goal only by chance.
+    at the goal, it plans anew. It plans to the next waypoint, with the heading towards that, and then to the goal.
 
     Source: Reeds and Shepp, Optimal Paths for a Car That Goes Both Forwards and Backwards, Pacific J. Math. 145(2),
     1990. The straight end, the waiting and the tracking law are ours.
@@ -112,48 +112,53 @@ class ReedsShepp(Gains):
         )
         twists = np.empty((len(observation.pose), 2))
         told = Map.of(briefing)
-        drive(p, told, observation.pose, observation.goal, observation.goal_heading_error, memory, twists)
+        target = observation.goal, observation.goal_heading_error, observation.waypoints_left
+        drive(p, told, observation.pose, *target, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
 @any_layout
 @compiled
-def drive(params, told, poses, goals, turns, memory, twists):
+def drive(params, told, poses, goals, turns, waypoints_left, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""
     p = params[0]
-    targets = told.goals
-    num_goals = told.num_goals
     for i in range(poses.shape[0]):
         m = memory[i]
         now = m.steps * p.plant.dt
         m.steps += 1.0
-        # to the last goal; where there are no waypoints, the observed one is that of the same measurement
         gx = goals[i, 0]
         gy = goals[i, 1]
-        sine, cosine = sin_cos(poses[i, 2])
-        if num_goals[i] > 1:
-            dx = targets[i, num_goals[i] - 1, 0] - poses[i, 0]
-            dy = targets[i, num_goals[i] - 1, 1] - poses[i, 1]
-            gx = cosine * dx + sine * dy
-            gy = cosine * dy - sine * dx
+        turn = bearing(gy, gx) if waypoints_left[i] > 0.0 else turns[i]
+        if m.radius > 0.0 and is_elsewhere(m, poses, i, gx, gy):
+            m.radius = 0.0
         ended = m.radius > 0.0 and m.length - m.along < GRAIN
         note_arrival(p, m, gx, gy)
         twists[i, 0] = 0.0
-        if m.arrived == 1.0:
-            twists[i, 1] = turn_rate(p, turns[i])
+        if m.arrived == 1.0 and waypoints_left[i] == 0.0:
+            twists[i, 1] = turn_rate(p, turn)
             continue
         twists[i, 1] = 0.0
         if m.radius == 0.0 or ended or not advance(m, poses, i):
             if m.no_path > 0 and m.steps % p.pause_steps != 0.0:
                 continue
             without = m.no_path
-            make_plan(p, told, poses, (gx, gy, turns[i]), m, i)
+            make_plan(p, told, poses, (gx, gy, turn), m, i)
             if m.no_path > without:
                 m.radius = 0.0  # it stands, rather than drive into what it knows of
                 continue
         if not goes_on(p, told, m, i, now, poses):
             continue
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
+
+
+@inlined
+def is_elsewhere(m, poses, i, gx, gy):
+    """Returns whether the plan ends at another goal than (gx, gy) in the robot's frame, m: a waypoint was passed."""
+    x, y, _ = pose_along(m.plan, m.radius, m.start, m.length)
+    sine, cosine = sin_cos(poses[i, 2])
+    dx = poses[i, 0] + cosine * gx - sine * gy - x
+    dy = poses[i, 1] + sine * gx + cosine * gy - y
+    return dx * dx + dy * dy > STRAY * STRAY
 
 
 @inlined

@@ -16,7 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import wayfield  # noqa: F401  registers the environments
-from wayfield.policies import astar_tracker
+from wayfield.envs.scenarios.scenario import GoalScenario
+from wayfield.policies import astar_tracker, make
 from wayfield.policies.astar_tracker import AstarTracker
 from wayfield.policies.parts.grid_search import a_star, sees, theta_star
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT
@@ -393,3 +394,25 @@ def test_a_scan_map_holds_the_clearance_of_the_spots_it_has(entries: list[tuple[
         elif away < reach - 1e-9:
             clearance = away - 0.5 / SUB * cell
             assert clearance - UNIT - 1e-6 <= FARTHEST - UNIT * level <= clearance + 1e-6
+
+
+@pytest.mark.parametrize("name", ["astar_tracker", "reeds_shepp", "reeds_shepp_scan", "mpc_pose", "smooth_pose"])
+@pytest.mark.parametrize(
+    ("waypoints", "goal"),
+    [
+        ([(3.0, 0.0), (3.0, 3.0), (0.0, 3.0)], (0.0, 0.0, 0.0)),
+        ([(6.0, 0.0)], (3.0, 0.0, 0.0)),
+        ([(3.0, 0.0), (0.0, 0.0), (3.0, 0.0)], (0.0, 0.0, 0.0)),
+    ],
+    ids=["loop", "goal on the way", "back and forth"],
+)
+def test_a_goal_that_is_passed_on_the_way_to_a_waypoint_is_not_reached(name: str, waypoints: Any, goal: Any) -> None:
+    scenario = GoalScenario("route", (0.0, 0.0, 0.0), goal, waypoints, heading_tolerance=3.14, waypoint_radius=0.2)
+    env: Any = gymnasium.make(ID_OF["p3dx"], scenario=scenario, max_episode_steps=1200)
+    observation, _ = env.reset(seed=0)
+    pilot = Pilot(make(name), env)
+    pilot.reset()
+    terminated = truncated = False
+    while not (terminated or truncated):
+        observation, _, terminated, truncated, info = env.step(pilot.command(observation))
+    assert info["success"], info
