@@ -14,6 +14,7 @@ from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_c
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.tasks.specs import EVERY, TASKS, TaskSpec
+from wayfield.envs.world.paths import doubt
 from wayfield.system.checks import number, shown, suggestion
 from wayfield.system.objects import FileNote
 
@@ -32,6 +33,8 @@ def scenarios_of(spec: TaskSpec, name: str, hull_radius: float, scale: float = 1
 def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
     """Returns the path-following scenarios of a name: one, or the many of a random family.
 
+    A path of the user's that robots may not follow to its end is warned of.
+
     Args:
         name: a name of PATH_SCENARIOS; a family of FAMILIES["path_following"] or "all", as it is for its training
             split or with "/train", "/validation" or "/test" behind it; or a .csv, .txt or .json file; see
@@ -44,14 +47,21 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
     """
     scale = number("scale", scale, above=0.0)
     if (own := _own(_PATHS, name)) is not None:
-        return _scaled(own, scale)
+        return _warned_of(_scaled(own, scale))
     if isinstance(name, str) and name in _PATHS.presets:
         return _named_path_scenarios(name, scale)
     if (frozen := _frozen_split(_PATHS, name)) is not None:
         return _scaled(frozen, scale)
     if not _means_file(name):
         raise _unknown(_PATHS, name)
-    return (path_scenario_from_file(os.fspath(name), scale),)
+    return _warned_of((path_scenario_from_file(os.fspath(name), scale),))
+
+
+def _warned_of(scenarios: tuple[PathScenario, ...]) -> tuple[PathScenario, ...]:
+    for each in scenarios:
+        if said := doubt(each.path):
+            warnings.warn(f"{each.name}: the path {said}", stacklevel=4)
+    return scenarios
 
 
 def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wayfield.envs.world.geometry import lengths as lengths_of
-from wayfield.system.checks import MOST_POINTS, shown
+from wayfield.system.checks import FINEST, MOST_POINTS, shown
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import bearing, bearings
 
@@ -106,6 +106,44 @@ class Path:
         """Returns (x, y, heading) of the first point, looking along the path."""
         (x0, y0), (x1, y1) = self.points[:2].tolist()
         return x0, y0, bearing(y1 - y0, x1 - x0)
+
+
+SPAN = 0.5  # m, before and behind a place, between which the path leads somewhere
+MOST_BACK = 0.02  # of a path's length, that leads the other way before it counts as a track with noise
+FORGIVEN = 0.05  # m, of a path's end, that need not be driven
+
+
+def doubt(path: Path) -> str:
+    """Returns what makes a path one that robots may not follow to its end, and what to do; "" where nothing does."""
+    points = np.vstack([path.points, path.points[:1]]) if path.closed else path.points
+    steps = np.diff(points, axis=0)
+    lengths = lengths_of(steps)
+    s = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def at(where: NDArray[np.float64]) -> NDArray[np.float64]:
+        where = np.clip(where, 0.0, s[-1])
+        return np.column_stack([np.interp(where, s, points[:, 0]), np.interp(where, s, points[:, 1])])
+
+    middle = 0.5 * (s[1:] + s[:-1])
+    leads = at(middle + SPAN) - at(middle - SPAN)
+    away = ((steps * leads).sum(axis=1) < 0.0) & (path.closed or middle < s[-1] - 0.5 * SPAN)
+    back = float(lengths[away].sum() / s[-1])
+    if back > MOST_BACK:
+        return (
+            f"goes back and forth over {back:.0%} of its length, as a track recorded with noise does; "
+            "smooth it, or keep one point every 0.1 m"
+        )
+    if not path.closed:
+        before, start = at(s[-1] - SPAN * np.array([1.0, 0.5]))
+        last = s >= s[-1] - 0.5 * SPAN
+        along = (points[last] - start) @ (start - before) / max(float(lengths_of(start - before)), FINEST)
+        after = float(s[-1] - s[last][along.argmax()])
+        if after > FORGIVEN and along.max() - along[-1] > 0.3 * after:
+            return (
+                f"turns back {after:.2g} m before its end; robots that do not reverse may not get there: "
+                "leave the last points out"
+            )
+    return ""
 
 
 @dataclasses.dataclass(frozen=True)
