@@ -12,6 +12,7 @@ from wayfield.envs.robots.kinematics import sinc
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
 from wayfield.policies.parts.shooting import sinc_slope
 from wayfield.policies.parts.steering import Motion, unicycle_twists, widest_turn
@@ -119,9 +120,10 @@ class Ilqr(Gains):
         periods = max(round(max(self.horizon, FORESIGHT * stopping) / briefing.dt), self.steps)
         reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * periods * briefing.dt
         twists = np.empty((2, len(memory)))
+        course, motion = smoothed(briefing.path, Motion.of(observation))
         plan_rows(
             params(self, briefing, periods=periods, rows=math.ceil(reach / SPACING) + 4),
-            briefing.path, Motion.of(observation), memory["plan"], memory["command"], memory["damping"], twists,
+            course, motion, memory["plan"], memory["command"], memory["damping"], twists,
         )  # fmt: skip
         return unicycle_twists(briefing.robot, twists[0], twists[1])
 

@@ -14,7 +14,8 @@ from wayfield.envs.world.paths import along_lap, nearest_ahead, segment_at, vert
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.steering import unicycle_twists
+from wayfield.policies.parts.path_smoothing import smoothed
+from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
@@ -77,7 +78,9 @@ class Lookahead(Gains):
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t): v in m/s, w in rad/s."""
         del memory
-        x, y, e_h, e_o, _ = self.errors(observation.pose, observation.arc_length, briefing).T
+        course, motion = smoothed(briefing.path, Motion.of(observation))
+        driven = dataclasses.replace(briefing, path=course)
+        x, y, e_h, e_o, _ = self.errors(motion.poses, motion.arc_lengths, driven).T
         mode = np.exp(-np.hypot(x, y) / self.mode_distance)
         yaw_rate = self.k_ang * (1.0 - mode) * e_h + self.k_ori * mode * e_o
         return unicycle_twists(briefing.robot, self.k_lin * x, yaw_rate)

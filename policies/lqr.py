@@ -13,6 +13,7 @@ from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.speed_profile import curvature_at, heading_at, limits, reference_at, speed_at
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import any_layout, compiled, inlined
@@ -87,7 +88,8 @@ class Lqr(Gains):
             **limits(briefing, self.acceleration, self.lateral_acceleration, self.share),
         )
         command = np.empty((2, len(observation.pose)))
-        steer_rows(p, *self.gains(briefing), briefing.path, Motion.of(observation), memory, command)
+        driven = smoothed(briefing.path, Motion.of(observation), ends_only=True)
+        steer_rows(p, *self.gains(briefing), *driven, memory, command)
         return unicycle_twists(briefing.robot, command[0], command[1])
 
 

@@ -12,10 +12,11 @@ from wayfield.envs.robots.kinematics import limit_acceleration, saturation_facto
 from wayfield.envs.robots.records import aligned, lag_factors, record
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
 from wayfield.policies.parts.quadratic import solution
 from wayfield.policies.parts.shooting import Slopes, drive_on
-from wayfield.policies.parts.steering import unicycle_twists
+from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.threads import one_a_thread
 
@@ -128,6 +129,7 @@ class Mpc(Gains):
             self.horizon, tuple(map(tuple, wheels[:, [0, 2]].tolist())), self.units(model[0]), self.solver_iterations
         )
         reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * self.horizon * self.step_of(briefing)
+        course, motion = smoothed(briefing.path, Motion.of(observation))
         path = np.empty((math.ceil(reach / SPACING) + 4, 3))
         start = np.empty(5)
         commands, progress, multipliers = memory["commands"], memory["progress"], memory["multipliers"]
@@ -135,10 +137,10 @@ class Mpc(Gains):
         for i in range(len(memory)):
             shift_plan(model, commands, progress, multipliers, i)
             locate(
-                *briefing.path,
+                *course,
                 model,
-                observation.pose,
-                observation.arc_length,
+                motion.poses,
+                motion.arc_lengths,
                 i,
                 path,
                 start,
@@ -146,7 +148,7 @@ class Mpc(Gains):
             memory["age"][i] += 1
             for _ in range(self.iterations):
                 slope = linearise(
-                    model, path, start, observation.twist, memory["command"], commands, progress, i, program.arrays
+                    model, path, start, motion.twists, memory["command"], commands, progress, i, program.arrays
                 )
                 if not program.solve(slope, multipliers[i]):
                     memory["qp_failures"][i] += 1

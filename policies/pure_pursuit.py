@@ -17,6 +17,7 @@ from wayfield.policies.parts.carrot import (
     stopping_speed,
 )
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
@@ -64,7 +65,7 @@ class PurePursuit(Gains):
         del memory
         p = params(self, briefing, deceleration=min(self.deceleration, briefing.actuators.acceleration))
         twists = np.empty((len(observation.pose), 2))
-        pursue(p, briefing.path, Motion.of(observation), twists)
+        pursue(p, *smoothed(briefing.path, Motion.of(observation)), twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 

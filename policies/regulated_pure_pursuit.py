@@ -13,6 +13,7 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists, widest_turn
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
@@ -83,7 +84,7 @@ class RegulatedPurePursuit(Gains):
             deceleration=min(self.deceleration, briefing.actuators.acceleration),
             yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
         )
-        pursue(p, briefing.path, Motion.of(observation), memory)
+        pursue(p, *smoothed(briefing.path, Motion.of(observation)), memory)
         return unicycle_twists(briefing.robot, memory[:, 0], memory[:, 1])
 
 

@@ -14,6 +14,7 @@ from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, stopping_speed
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import bearing, power, sin_cos, wrap_angle
@@ -112,7 +113,7 @@ class SmoothPose(Gains):
         twists = np.empty((len(observation.pose), 2))
         seen: Any = observation
         if briefing.path is not None:
-            chase(p, briefing.path, Motion.of(seen), twists)
+            chase(p, *smoothed(briefing.path, Motion.of(seen)), twists)
         else:
             approach(p, seen.goal, seen.goal_heading_error, seen.waypoints_left, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])

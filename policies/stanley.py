@@ -13,6 +13,7 @@ from wayfield.envs.world.paths import nearest_ahead, segment_at, vertex
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.parts.carrot import leg_that_leaves
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
@@ -71,7 +72,7 @@ class Stanley(Gains):
             yaw_acceleration=self.share * briefing.actuators.yaw_acceleration,
         )
         command = np.empty((2, len(observation.pose)))
-        steer_rows(p, briefing.path, Motion.of(observation), memory, command)
+        steer_rows(p, *smoothed(briefing.path, Motion.of(observation)), memory, command)
         return unicycle_twists(briefing.robot, command[0], command[1])
 
 
