@@ -178,7 +178,7 @@ def _fitted(scenarios: tuple[Any, ...], shrinkage: float) -> tuple[Any, ...]:
     return tuple(scenario.fitted(shrinkage) for scenario in scenarios) if shrinkage else scenarios
 
 
-def _frozen_split(task: TaskSpec, name: str) -> tuple[Any, ...] | None:
+def _frozen_split(task: TaskSpec, name: Any) -> tuple[Any, ...] | None:
     """Returns the scenarios of a split's name, "family" or "family/split", or of several; None when it names no family.
 
     Raises:

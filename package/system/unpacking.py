@@ -40,7 +40,7 @@ def xz_rows(content: bytes, longest: int, most: int) -> Iterator[list[str]]:
     return rows(io.BufferedReader(_Xz(content)), longest, most)
 
 
-def rows(stream: IO[bytes], longest: int, most: int) -> Iterator[list[str]]:
+def rows(stream: io.BufferedIOBase, longest: int, most: int) -> Iterator[list[str]]:
     """Yields the rows of CSV, each of a line of its own; no more than one is held.
 
     Args:
@@ -67,7 +67,7 @@ class Piecewise:
     def __init__(self, member: IO[bytes]) -> None:
         self._member = member
 
-    def read(self, size: int) -> bytes:
+    def read(self, size: int = _PIECE, /) -> bytes:
         """Returns at most so many of the next bytes, none at the end."""
         return self._member.read(min(size, _PIECE))
 
