@@ -181,5 +181,9 @@ def check_keywords(env: Callable[..., SingleEnv], keywords: Iterable[str], furth
     known = (*taken, *further)
     for word in keywords:
         if word not in known:
-            near, name = suggestion(word, known), getattr(env, "__name__", "the environment")
+            # what gymnasium.make takes itself is no keyword of the class, but what some mean
+            near, name = (
+                suggestion(word, (*known, "max_episode_steps", "num_envs")),
+                getattr(env, "__name__", "the environment"),
+            )
             raise TypeError(f"{name} has no keyword argument {shown(word)}.{near} Choose from {', '.join(known)}.")

@@ -15,11 +15,11 @@ import math
 import operator
 import typing
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from wayfield.system.checks import MOST_GAIN, MOST_WHOLE, choose, real, refuse, truth, whole
+from wayfield.system.checks import MOST_GAIN, MOST_WHOLE, choose, real, refuse, shown, suggestion, truth, whole
 
 _SIGNS = (
     *(("above", ">", operator.gt), ("least", ">=", operator.ge)),
@@ -140,13 +140,24 @@ def _declared(kind: Any) -> Mapping[str, Gain]:
 
 def gains_of(policy: Any) -> dict[str, Gain]:
     """Returns the declared gains of a policy, with its own values as the defaults, or of a policy's class."""
+    if not dataclasses.is_dataclass(policy):
+        raise TypeError(f"gains_of takes a policy or its class, such as make('pure_pursuit'), not {shown(policy)}")
     if isinstance(policy, type):
         return dict(_declared(policy))
-    return {name: each._replace(default=getattr(policy, name)) for name, each in _declared(type(policy)).items()}  # type: ignore[arg-type]
+    return {name: each._replace(default=getattr(policy, name)) for name, each in _declared(type(policy)).items()}
 
 
 class Gains:
     """A dataclass whose gains are checked as it is made; ValueError names the gain, its value and its range."""
+
+    def __new__(cls, *values: Any, **named: Any) -> Self:
+        """Returns one to be filled; TypeError names the gain that is nearest to one that there is not."""
+        known = [each.name for each in dataclasses.fields(cls)]  # type: ignore[arg-type]
+        for name in named:
+            if name not in known:
+                there = f"Choose from {', '.join(known)}." if known else "It has none."
+                raise TypeError(f"{cls.__name__} has no gain {name!r}.{suggestion(name, known)} {there}")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for name, each in _declared(type(self)).items():  # type: ignore[arg-type]

@@ -56,7 +56,11 @@ class Pilot:
             name = getattr(policy, "name", type(policy).__name__)
             if policy.knows == "bodies" and layout.task in CROWDS.values():
                 raise TypeError(f'{name} needs bodies; make the environment with sees="bodies", it has sees="scan"')
-            raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}")
+            from wayfield.policies.registry import POLICIES, drives  # which imports the policies, and they this
+
+            assert layout.task is not None
+            fit = ", ".join(each for each in POLICIES if drives(each, layout.task))
+            raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}; policies that fit: {fit}")
         check_robot(policy, robot)
         self.policy = policy
         self._env: SingleEnv | NativeVectorEnv | Briefing = given
@@ -154,6 +158,11 @@ class Pilot:
     def _asked(self, observation: NDArray[Any]) -> Array:
         if not self._started:
             raise RuntimeError("call the pilot's reset after the environment's, before it acts")
+        if isinstance(observation, tuple | dict):
+            raise TypeError(
+                f"observation is a {type(observation).__name__}; it must be an array: "
+                "observation, info = env.reset(); after that the first that env.step(action) returns"
+            )
         observation = np.atleast_2d(observation)
         if self._ahead is not None:
             observation = self._ahead.observed(observation)

@@ -59,6 +59,9 @@ def check_scan(policy: Policy, ranges: Array, briefing: Briefing) -> None:
     """Raises ValueError, naming the policy and both numbers, unless a scan (b, n) has a range for each beam."""
     beams = len(briefing.beam_angles)
     if not beams:
-        raise ValueError(f"{type(policy).__name__} needs a range scan; num_beams is 0 and must be at least 1")
+        raise ValueError(
+            f"{type(policy).__name__} needs a range scan; num_beams is 0 and must be at least 1: make the environment "
+            "with num_beams=72"
+        )
     if ranges.shape[-1] != beams:
         raise ValueError(f"{type(policy).__name__}: ranges has {ranges.shape[-1]} values, the scan has {beams} beams")

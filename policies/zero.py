@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.gain import Gains
 
 
 @dataclasses.dataclass(frozen=True)
-class Zero:
+class Zero(Gains):
     """Commands no motion, whatever it observes."""
 
     knows: ClassVar[str] = "sensors"

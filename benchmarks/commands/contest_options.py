@@ -300,7 +300,8 @@ class Options:
     def _check_names(self, contests: list[Contest]) -> None:
         for name in self.policies or ():
             if all(name not in contest.policies for contest in contests):
-                raise WrongOption(f"policies {name!r} takes no part in suite {self.suite!r}")
+                fit = ", ".join(dict.fromkeys(each for contest in contests for each in contest.policies))
+                raise WrongOption(f"policies {name!r} takes no part in suite {self.suite!r}; choose from {fit}")
         met: dict[tuple[str, str], Entrant] = {}
         for own in self.entering:
             if met.setdefault((own.name, own.gains_name), own) is not own:

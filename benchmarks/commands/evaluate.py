@@ -75,6 +75,7 @@ from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies import make
 from wayfield.policies.policy import lacks
 from wayfield.policies.registry import RENAMED
+from wayfield.system.checks import unread
 from wayfield.system.command_line import (
     SEED,
     Choice,
@@ -345,7 +346,10 @@ def run_public(options: Options) -> None:
     folder = os.path.abspath(options.data)
     with _one_line("--data", options.data):
         if not os.path.isdir(folder):
-            raise ValueError(f"{options.data!r} is no folder; it must be the one of the official files")
+            raise ValueError(
+                f"{options.data!r} is no folder; it must be the one of the official files; there is none at "
+                f"{os.path.abspath(options.data)}"
+            )
         if options.scale is None:
             courses = suite.courses(folder, robot)
         else:
@@ -511,8 +515,7 @@ def _one_line(option: str, value: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        where = f" ({error.filename})" if error.filename and str(error.filename) != value else ""
-        raise click.UsageError(f"{option} {value!r} cannot be read: {error.strerror or error}{where}") from None
+        raise click.UsageError(f"{option} {value!r} cannot be read: {unread(error.filename or value, error)}") from None
     except ValueError as error:
         text = str(error)
         raise click.UsageError(text if text.startswith("--") else f"{option} {text}") from None

@@ -1,7 +1,7 @@
 """What there is: `wayfield policies`, `wayfield scenarios`, `wayfield robots`."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import click
 import rich.box
@@ -11,16 +11,30 @@ import rich.table
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TIERS
 from wayfield.envs.tasks.specs import EVERY
+from wayfield.system.checks import choose
 from wayfield.system.command_line import OneLineErrors
 
 
+def _chosen(what: str, names: Sequence[str], known: Iterable[str]) -> list[str]:
+    """Returns the names that were given, in the order of the list, or all; a wrong one ends in a line."""
+    known = list(known)
+    for name in names:
+        try:
+            choose(what, name, known)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from None
+    return [name for name in known if not names or name in names]
+
+
 @click.command("policies", cls=OneLineErrors)
-def policies() -> None:
-    """Lists the policies: the task, privileged information, what they need, the law and its source."""
+@click.argument("names", nargs=-1)
+def policies(names: tuple[str, ...]) -> None:
+    """Lists the policies, or those of NAMES: the task, privileged information, what they need, the law, its source."""
     from wayfield.policies import ABOUT, drives
 
     rows = []
-    for name, about in ABOUT.items():
+    for name in _chosen("policy", names, ABOUT):
+        about = ABOUT[name]
         policy = about.make()
         kinds = [spec.kind for spec in EVERY.values() if drives(name, spec)]
         needs = ", ".join(getattr(policy, "needs", ())) or "-"
@@ -37,17 +51,20 @@ def policies() -> None:
 
 
 @click.command("scenarios", cls=OneLineErrors)
-def scenarios() -> None:
-    """Lists the families of scenarios of each task with their tiers and splits, and the banks of other names."""
+@click.argument("names", metavar="[FAMILIES]...", nargs=-1)
+def scenarios(names: tuple[str, ...]) -> None:
+    """Lists the families of scenarios of each task, or those named, with tiers and splits, and the other banks."""
     from wayfield.envs.scenarios import splits
 
+    chosen = _chosen("family", names, dict.fromkeys(each for spec in EVERY.values() for each in spec.families))
     for spec in EVERY.values():
         rows = []
-        for family in spec.families:
+        for family in (each for each in spec.families if each in chosen):
             tiers = [tier for name in SPLITS for tier in splits.tiers(spec.name, family, name)]
             there = ", ".join(tier for tier in TIERS if tier in tiers)
             rows.append([family, there, spec.repertoire.about[family]])
-        _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
+        if rows:
+            _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
     sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())
     _say(
         f"Splits, frozen, scenarios a family: {sizes}. scenario=NAME draws from the training split, NAME/test from the "
@@ -58,10 +75,12 @@ def scenarios() -> None:
 
 
 @click.command("robots", cls=OneLineErrors)
-def robots() -> None:
-    """Lists the robots: drive, size, mass and limits, and the environments that take them."""
+@click.argument("names", nargs=-1)
+def robots(names: tuple[str, ...]) -> None:
+    """Lists the robots, or those of NAMES: drive, size, mass and limits, and the environments that take them."""
     rows = []
-    for name, robot in ROBOTS.items():
+    for name in _chosen("robot", names, ROBOTS):
+        robot = ROBOTS[name]
         ids = "\n".join(spec.env_id(robot).removeprefix("wayfield/") for spec in EVERY.values())
         rows.append([name, _drive(robot), f"{hull_words(robot)}\n{robot.mass:g} kg", _limits(robot), ids])
     _show("Robots", ("name", "drive", "hull, mass", "at most", "wayfield/"), rows)

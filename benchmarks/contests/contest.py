@@ -396,7 +396,7 @@ class Contest:
         """
         runs, robot = trained(home), robot_of(robot)
         if not runs:
-            raise ValueError(f"{home!r} holds no trained agents: no seed_N{os.sep}best")
+            raise ValueError(f"{home!r} holds no trained agents: no seed_N{os.sep}best in {os.path.abspath(home)}")
         for seed, folder in runs.items():
             card = read_card(folder / CARD)
             if card["task"] == self.spec.name and drives(card, robot):

@@ -35,7 +35,7 @@ from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.policies.learned.reading import MOST_NUMBERS, MOST_TEXT, parsed_object
 from wayfield.policies.policy import Policy
-from wayfield.system.checks import shown, suggestion
+from wayfield.system.checks import shown, suggestion, unread
 from wayfield.system.extras import installs
 from wayfield.system.readers import reader
 from wayfield.system.unpacking import check_members
@@ -513,7 +513,7 @@ def _model(source: str) -> OwnModel:
                 with archive.open("data") as member:  # `ZipFile.read` unpacks whatever size is declared
                     content = member.read(MOST_TEXT)
     except OSError as error:
-        raise ValueError(f"{file!r} cannot be read: {error.strerror or error}") from None
+        raise ValueError(f"{file!r} cannot be read: {unread(file, error)}") from None
     except (
         zipfile.BadZipFile,
         zlib.error,

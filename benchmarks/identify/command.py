@@ -18,6 +18,7 @@ from wayfield.benchmarks.identify.response import SATURATIONS, Drive, Floats, he
 from wayfield.benchmarks.identify.sheet import identified
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.system.checks import unread
 from wayfield.system.command_line import Choice, Finite, OneLineErrors, command_given, say
 from wayfield.system.storage import write_whole
 
@@ -70,7 +71,7 @@ def main(
     except ModuleNotFoundError as error:
         raise click.UsageError(str(error)) from None
     except (ValueError, OSError) as error:
-        message = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
+        message = unread(error.filename, error) if isinstance(error, OSError) and error.filename else str(error)
         raise click.UsageError(message) from None
     try:
         checked = check(recorded, cut)

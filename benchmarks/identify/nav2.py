@@ -18,7 +18,7 @@ from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.policies.gain import gains_of
 from wayfield.policies.registry import POLICIES, make
 from wayfield.policies.tuned import read_gains
-from wayfield.system.checks import choose, printable, shown
+from wayfield.system.checks import choose, printable, shown, unread
 from wayfield.system.command_line import Choice, OneLineErrors, command_given, say
 from wayfield.system.objects import json_object, read_text
 from wayfield.system.readers import reader
@@ -490,7 +490,7 @@ def main(gains: tuple[str, ...], robot: Robot, distro: str, tolerances: bool, ou
         ]
         text = yaml_text(block, header)
     except OSError as error:
-        raise click.UsageError(f"{error.filename}: {error.strerror}") from None
+        raise click.UsageError(unread(error.filename, error) if error.filename else str(error)) from None
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     if out is None:

@@ -12,6 +12,7 @@ from wayfield.benchmarks.records.results import EPISODES, read_rows
 from wayfield.benchmarks.records.run_folder import REPORT, read_manifest
 from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.runs.decisions import DECISIONS, read_decisions
+from wayfield.system.checks import unread
 from wayfield.system.command_line import OneLineErrors
 
 
@@ -58,7 +59,7 @@ def main(folder: Path, out: Path | None) -> None:
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     except OSError as error:
-        raise click.UsageError(f"{error.filename}: {error.strerror}") from None
+        raise click.UsageError(unread(error.filename, error) if error.filename else str(error)) from None
     print(f"Report: {target}")
 
 

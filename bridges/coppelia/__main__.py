@@ -23,6 +23,7 @@ from wayfield.bridges.coppelia.scenes import DOCUMENT_A, SCENES, Conditions, mak
 from wayfield.bridges.coppelia.server import LOCAL, LOG, PORT, Server
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.system.checks import unread
 from wayfield.system.command_line import Choice, Finite, OneLineErrors
 
 RENDER_MODES = ("none", "human")
@@ -123,7 +124,7 @@ def main(
     try:
         world = make_world(scene, conditions)
     except OSError as error:
-        raise click.UsageError(f"--scene {scene!r} cannot be read: {error.strerror or error}") from None
+        raise click.UsageError(f"--scene {scene!r} cannot be read: {unread(scene, error)}") from None
     except ValueError as error:
         raise click.UsageError(f"--scene: {error}") from None
     window = None

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from wayfield.envs.robots.robot import ROBOTS, Robot, robot_of
+from wayfield.system.checks import unread
 
 
 class RobotChoice(click.ParamType):  # type: ignore[type-arg]
@@ -29,7 +30,7 @@ class RobotChoice(click.ParamType):  # type: ignore[type-arg]
         try:
             return robot_of(value, self.field)
         except OSError as error:
-            raise click.UsageError(f"{self.field} {value!r} cannot be read: {error.strerror or error}") from None
+            raise click.UsageError(f"{self.field} {value!r} cannot be read: {unread(value, error)}") from None
         except ValueError as error:
             text = str(error)
             raise click.UsageError(text if text.startswith("--") else f"{self.field} {text}") from None

@@ -220,6 +220,9 @@ def _unknown(task: TaskSpec, name: str) -> ValueError:
     known = (*task.presets, *families(task.name))
     family, _, part = os.fspath(name).partition("/")
     near = suggestion(family, known).replace("'?", f"/{part}'?") if part in SPLITS else suggestion(name, known)
+    if others := [spec for spec in EVERY.values() if family in spec.families or name in spec.presets]:
+        ids = dict.fromkeys(env_id for spec in others for env_id in spec.ids.values())
+        near = f" It belongs to {', '.join(ids)}."
     return ValueError(
         f"unknown {task.kind} scenario {shown(name)}.{near} The names are {', '.join(known)}; families end in /train, "
         f"/validation or /test if wanted; a file is named by its path and ends in {', '.join(_FILE_SUFFIXES)}."

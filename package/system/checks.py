@@ -8,6 +8,7 @@ import difflib
 import math
 import numbers
 import os
+import re
 from collections.abc import Hashable, Iterable, Iterator
 from typing import Any, NoReturn
 
@@ -176,9 +177,17 @@ def refuse(field: str, value: Any, wanted: str) -> NoReturn:
 
 
 def suggestion(value: Any, known: Iterable[str]) -> str:
-    """Returns " Did you mean 'x'?" for the known word nearest to the value, or nothing when none is near."""
+    """Returns " Did you mean 'x'?" for the known word nearest to the value, or nothing when none is near.
+
+    Near is what is spelt alike, has the value's words among its own, or is abbreviated by it: learning_rate by lr.
+    """
     word = str(value)[:100].lower() if value is None or isinstance(value, str) else ""
-    near = difflib.get_close_matches(word, list(known), n=1)
+    names = [each for each in known if word and isinstance(each, str) and each]
+    alike = {name.lower(): name for name in reversed(names)}  # the first of those that differ in case
+    parts = set(re.findall(r"[^\W_]+", word))
+    near = [alike[each] for each in difflib.get_close_matches(word, alike, n=1)]
+    near += [name for name in names if parts and parts <= set(re.findall(r"[^\W_]+", name.lower()))]
+    near += [name for name in names if len(word) > 1 and word == "".join(re.findall(r"(?:\b|_)([^\W_])", name.lower()))]
     return f" Did you mean {near[0]!r}?" if near else ""
 
 
@@ -218,6 +227,12 @@ def _printed(value: Any) -> Iterator[str]:
             yield ": "
             yield from _printed(value[each])
     yield f",{brackets[1]}" if type(value) is tuple and len(value) == 1 else brackets[1]
+
+
+def unread(file: str | os.PathLike[str], error: OSError) -> str:
+    """Returns why a file could not be read, with its whole path."""
+    path = os.path.abspath(file)
+    return f"there is no file {path}" if isinstance(error, FileNotFoundError) else f"{error.strerror or error} ({path})"
 
 
 def repeated(names: Iterable[Hashable]) -> Any:

@@ -80,8 +80,9 @@ class OneLineErrors(click.Command):
         except OSError as error:
             if error.errno == errno.EPIPE:
                 self._exit(_UNREAD)
-            where = f": {error.filename}" if error.filename else ""
-            self._exit(1, f"the disk is full{where}" if error.errno == errno.ENOSPC else str(error))
+            where = f": {os.path.abspath(error.filename)}" if isinstance(error.filename, str | os.PathLike) else ""
+            told = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
+            self._exit(1, f"{told}{where}" if told else str(error))
         except SystemExit as ended:
             if isinstance(ended.__context__, BrokenPipeError):  # rich makes an exit of its own of it
                 self._exit(_UNREAD)

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterable
 from typing import Any, NoReturn
 
-from wayfield.system.checks import MOST_BYTES, repeated, shown, suggestion
+from wayfield.system.checks import MOST_BYTES, repeated, shown, suggestion, unread
 
 
 class FileNote(UserWarning):
@@ -46,7 +46,12 @@ def state_of(file: str | os.PathLike[str]) -> tuple[str, int, int, int, int]:
 
 
 def check_ordinary(file: str | os.PathLike[str], named: str) -> None:
-    """Raises ValueError, which begins with the name, for a folder, and for a pipe or a device, which may never end."""
+    """Raises ValueError, which begins with the name, for a folder, and for a pipe or a device, which may never end.
+
+    Raises FileNotFoundError, with the whole path, where there is nothing.
+    """
+    if not os.path.exists(file):
+        raise FileNotFoundError(unread(file, FileNotFoundError()))
     if os.path.exists(file) and not os.path.isfile(file):
         raise ValueError(f"{named} is a folder or a device; it must be a file")
 

@@ -48,7 +48,7 @@ from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.parts.shield import Shield
 from wayfield.policies.policy import Policy
-from wayfield.system.checks import LONGEST, MOST_GAIN, shown
+from wayfield.system.checks import LONGEST, MOST_GAIN, shown, unread
 from wayfield.system.compiled import allocating
 from wayfield.system.elementary import hyperbolic_tangent
 from wayfield.system.readers import of_folder, reader
@@ -604,7 +604,9 @@ def read_card(file: pathlib.Path) -> dict[str, Any]:
         ValueError: naming the file and what is wrong with it.
     """
     if not file.exists():
-        raise ValueError(f"{file} cannot be read: No such file; an agent is a folder with {CARD}")
+        raise ValueError(
+            f"{file} cannot be read: {unread(file, FileNotFoundError())}; an agent is a folder with {CARD}"
+        )
     card = read_object(file)
     if "format" not in card:
         raise ValueError(f"{file} is not the card of an agent: it has no format")

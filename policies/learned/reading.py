@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.system.checks import shown
+from wayfield.system.checks import shown, unread
 
 MOST_TEXT = 2**24  # bytes of a file of text; those that are written here have a few thousand
 MOST_NUMBERS = 2**31  # bytes of a file of arrays
@@ -28,7 +28,7 @@ def read_bytes(file: pathlib.Path, most: int) -> bytes:
             raise ValueError(f"{file} has {found.st_size} bytes; at most {most} can be right")
         return file.read_bytes()
     except OSError as error:
-        raise ValueError(f"{file} cannot be read: {error.strerror}") from None
+        raise ValueError(f"{file} cannot be read: {unread(file, error)}") from None
 
 
 def read_object(file: pathlib.Path) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from rich.table import Table
 from wayfield.envs.tasks.specs import EVERY, TaskSpec
 from wayfield.policies.training.checkpoints import BEST, CURVE, RUN
 from wayfield.policies.training.curves import draw_curves
-from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for, settable
+from wayfield.policies.training.presets import PRESETS, Preset, overridden, preset_for, preset_ids, settable
 from wayfield.policies.training.run import Job, Plan, Report, check_folder, held
 from wayfield.policies.training.seeds import train_all
 from wayfield.policies.training.slices import train_far
@@ -103,6 +103,8 @@ def main(
     last.safetensors and previous.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds.
     Ctrl-C and SIGTERM save.
     """
+    if f"wayfield/{env_id}" in preset_ids():
+        env_id = f"wayfield/{env_id}"
     if listing:
         _listed(env_id, name)
         return

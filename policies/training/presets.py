@@ -26,7 +26,7 @@ from wayfield.policies.policy import Policy
 from wayfield.policies.training.drawn import draw_robots
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward, TeamReward
 from wayfield.policies.tuned import NotTuned, tuned_gains
-from wayfield.system.checks import choose, shown, suggestion
+from wayfield.system.checks import choose, shown, suggestion, unread
 
 World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword arguments of the environment
 
@@ -673,13 +673,18 @@ PRESETS = {
 }
 
 
+def preset_ids() -> list[str]:
+    """Returns the ids of the environments that have presets."""
+    return sorted({each for preset in PRESETS.values() for each in preset.env_ids})
+
+
 def preset_for(env_id: str, name: str | None) -> Preset:
     """Returns the preset of that name, or the first for the environment.
 
     Raises:
         ValueError: if the environment has none, or the name is unknown or for another environment.
     """
-    ids = sorted({each for preset in PRESETS.values() for each in preset.env_ids})
+    ids = preset_ids()
     if env_id not in ids:
         near = suggestion(env_id, ids)
         raise ValueError(f"environment {shown(env_id)} has no preset.{near} Choose from {', '.join(ids)}.")
@@ -719,7 +724,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
         # all at once: one may be right only beside another
         return dataclasses.replace(preset, **changes)
     except OSError as error:
-        raise ValueError(f"robot {changes['robot']!r} cannot be read: {error.strerror or error}") from None
+        raise ValueError(f"robot {changes['robot']!r} cannot be read: {unread(changes['robot'], error)}") from None
     except ValueError as error:
         raise ValueError(f"--set {' '.join(settings)[:200]}: {error}") from None
 

@@ -148,6 +148,12 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
             assert max(map(len, lines)) <= width
             told = " ".join(shown.output.split())
             assert all(each in told for each in below[listed])
+        mine, other = names if isinstance(names, list) else list(names), CliRunner().invoke(listed, ["nothing"])
+        some = CliRunner().invoke(listed, [mine[1], mine[0]])
+        firsts = [line.split()[0] for line in some.output.splitlines() if line.strip()]
+        assert [each for each in firsts if each in mine] == mine[:2]
+        assert other.exit_code == 2
+        assert "'nothing' is unknown." in str(other.stderr)
 
 
 PATH = ("DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--seconds", "1")

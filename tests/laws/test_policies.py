@@ -4,6 +4,8 @@ import dataclasses
 import itertools
 import json
 import math
+import re
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, ClassVar
@@ -396,3 +398,29 @@ def finished(env: Any, name: str) -> int:
         if ended.all():
             break
     return succeeded
+
+
+def test_what_newcomers_write_is_answered_by_what_to_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path, goal = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
+    env = gymnasium.make(path)
+    pilot = Pilot(policies.make("pure_pursuit"), env)
+    begun = env.reset(seed=0)
+    pilot.reset()
+    said: list[tuple[Callable[[], Any], str]] = [
+        (lambda: policies.make("pure_pursuit", lookahead=0.4), "Did you mean 'lookahead_distance'"),
+        (lambda: dataclasses.replace(policies.make("mpc"), top_speed=1.0), "Mpc has no gain 'top_speed'. .*speed"),
+        (lambda: policies.make("zero", speed=1.0), "It has none"),
+        (lambda: gains_of("pure_pursuit"), r"make\('pure_pursuit'\)"),
+        (lambda: Pilot(policies.make("dwa"), env), "policies that fit: .*pure_pursuit, .*mpc"),
+        (lambda: pilot.act(begun), r"observation, info = env\.reset\(\)"),
+        (lambda: gymnasium.make(path, scenario="doors_wide/test"), f"belongs to {goal}, "),
+        (lambda: gymnasium.make(goal, scenario="circles"), f"belongs to {path}, "),
+        (lambda: gymnasium.make(path, scenario="no.csv"), f"there is no file {re.escape(str(tmp_path / 'no.csv'))}$"),
+        (lambda: gymnasium.make(path, robot="no.json"), f"there is no file {re.escape(str(tmp_path / 'no.json'))}$"),
+        (lambda: policies.load_agent("no"), re.escape(str(tmp_path / "no"))),
+    ]
+    for call, line in said:
+        with pytest.raises((TypeError, ValueError, OSError), match=line) as caught:
+            call()
+        assert "\n" not in str(caught.value)

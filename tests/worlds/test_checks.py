@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path as FilePath
@@ -268,3 +269,26 @@ def test_arc_length_never_falls() -> None:
     for _ in range(150):
         *_, info = env.step(rng.uniform(-1.0, 0.3, (64, 2)) * env.single_action_space.high)
         assert (info["progress"] >= 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("typed", "known", "meant"),
+    [
+        ("lr", ["clip", "learning_rate"], "learning_rate"),
+        ("lookahead", ["speed", "lookahead_distance"], "lookahead_distance"),
+        ("Pure-Pursuit", ["mpc", "pure_pursuit"], "pure_pursuit"),
+        ("DiffDrivePathFollowing-v0", ["wayfield/OmniTeam-v0", "wayfield/DiffDrivePathFollowing-v0"], None),
+        ("max_steps", ["scenario", "max_episode_steps"], "max_episode_steps"),
+        ("circle", ["P3DX", "circles"], "circles"),
+        ("p3dx", ["omni3", "P3DX"], "P3DX"),
+    ],
+)
+def test_the_nearest_name_is_the_one_that_was_meant(typed: str, known: list[str], meant: str | None) -> None:
+    assert checks.suggestion(typed, known) == f" Did you mean {meant or known[-1]!r}?"
+    with pytest.raises(ValueError, match=re.escape(repr(meant or known[-1]))):
+        checks.choose("name", typed, known)
+
+
+@pytest.mark.parametrize("word", ["", "x", "zzzzzz", None, 5, "\0", "__", "-"])
+def test_what_is_near_nothing_has_no_suggestion(word: object) -> None:
+    assert checks.suggestion(word, ["learning_rate", "pure_pursuit", ""]) == ""
