@@ -391,7 +391,7 @@ def test_a_training_takes_a_sheet(tmp_path: Path) -> None:
     assert preset.features.hull_radius == 0.176  # type: ignore[union-attr]
     assert preset.sheet == {"sheet": read_robot(file).digest}
     assert preset_for(GOAL_ID, None).sheet == {}
-    with pytest.raises(ValueError, match=r"robot 'nowhere\.json' cannot be read: No such file"):
+    with pytest.raises(ValueError, match=r"robot 'nowhere\.json' cannot be read: there is no file"):
         overridden(preset, ("robot=nowhere.json",))
     with pytest.raises(ValueError, match=r"robot='kobuky' is unknown\. Did you mean 'kobuki'"):
         overridden(preset, ("robot=kobuky",))
@@ -401,7 +401,7 @@ def test_a_training_takes_a_sheet(tmp_path: Path) -> None:
     ("value", "told"),
     [
         ("p3d", "Did you mean 'p3dx'?"),
-        ("nowhere.json", "--robot 'nowhere.json' cannot be read: No such file"),
+        ("nowhere.json", "--robot 'nowhere.json' cannot be read: there is no file"),
         ("bad.json", "--robot bad.json: field 'mas' is not known"),
     ],
 )
