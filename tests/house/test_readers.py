@@ -25,7 +25,6 @@ ALLOWED = {
     ("system/extras.py", "installs"): "the packaging tools' own word about this installation",
     ("system/storage.py", "_alive"): "the system's word about a process",
     ("system/objects.py", "read_text"): "called by the readers of tables, scenarios and data sheets",
-    ("system/extras.py", "installs"): "what pip wrote of the installation; damaged, it counts as not there",
     ("system/objects.py", "json_object"): "called by the readers of scenarios and data sheets",
     ("envs/scenarios/tables.py", "_points"): "parses lines that were read already",
     ("envs/scenarios/splits.py", "_read"): "called by the reader of splits",
