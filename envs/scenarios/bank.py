@@ -60,7 +60,7 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
 def _warned_of(scenarios: tuple[PathScenario, ...]) -> tuple[PathScenario, ...]:
     for each in scenarios:
         if said := doubt(each.path):
-            warnings.warn(f"{each.name}: the path {said}", stacklevel=4)
+            warnings.warn(f"{each.name}: the path {said}", FileNote, stacklevel=4)
     return scenarios
 
 
