@@ -215,7 +215,7 @@ def train_missing(home: Path, seeds: Sequence[int], steps: int | None, at_once: 
 
     def show(report: Report) -> None:
         if report.row is not None:
-            click.echo(f"seed {report.seed}: {report.frames:,} of {report.steps:,} frames", err=True)
+            click.echo(f"seed {report.seed}: {report.frames:,} of {report.of:,} frames", err=True)
 
     for job, last in zip(jobs, train_all(jobs, at_once, show) if jobs else [], strict=True):
         if not last.done:

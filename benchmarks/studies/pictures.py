@@ -211,6 +211,7 @@ def driven(env_id: str, shown: Film) -> tuple[bytes, bytes]:
         if moment.last or k % _SKIP == 0:
             # rays change everywhere in every frame: without them a film is a quarter as large
             frame = renderer.draw(dataclasses.replace(moment.scene, ranges=None))
+            assert frame is not None
             frames += [frame] * (4 if moment.last else 1)
     env.close()
     click.echo(f"{env_id}: {shown.policy} in {shown.scenario} {shown.index}: {drive.told}")

@@ -200,7 +200,7 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         if gone := left_out(each):
             raise ValueError(f"{LEADERBOARD}/{name}: {gone}")
         rows = Episodes.of([{"agent_seed": "", **row} for row in each.rows])
-        first = each.rows[0]
+        first = each.first
         names = ("contest", "robot", "split", "actuators", "dynamics", "disturbance")
         key = (*(first[name] for name in names), f"{scenarios(rows) // len(rows.unique('family'))}")
         kinds.setdefault(key, []).append((name, each, rows))
@@ -213,7 +213,7 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         found.sort(key=lambda each: (-each[2]["success"].mean(), typical(each[2], cost.metric, contest)))
         for name, each, rows in found:
             told = each.card["entry"]
-            cells = [success_cell(rows), typical_cell(rows, cost.metric, contest), each.rows[0]["knows"]]
+            cells = [success_cell(rows), typical_cell(rows, cost.metric, contest), each.first["knows"]]
             lines.append([f"{_named((told['policy'], told['gains_name']))}: [{name}]({name}/card.json)", *cells])
         unit = "mm" if cost.unit == "m" else cost.unit
         header = ["entry", "success (%)", f"{cost.name} ({unit})", "has access to"]
