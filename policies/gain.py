@@ -64,6 +64,10 @@ class Gain(NamedTuple):
             return " and ".join(words for words, _, _ in self._ends({})) or "any number"
         return self.words
 
+    def fits(self, value: float) -> bool:
+        """Returns whether a number is in the range, as far as that does not depend on other gains."""
+        return all(holds(value, end) for _, holds, end in self._ends({}) if end is not None)
+
     def check(self, owner: object, name: str) -> None:
         """Raises ValueError, naming the gain, its value and its range, unless the owner's value is in the range."""
         field, value = f"{type(owner).__name__}: {name}", getattr(owner, name)

@@ -72,15 +72,17 @@ class OrcaTeam(Gains):
     Guy and Manocha, IROS 2010.
     """
 
-    horizon: float = gain(3.0, "s", "in which no body is met", above=0.0, search=(1.0, 6.0))
+    horizon: float = gain(3.0, "s", "in which no body is met", above=0.0, search=(0.5, 16.0))
     wall_horizon: float = gain(0.5, "s", "in which nothing that stands is met", above=0.0, search=(0.2, 2.0))
-    margin: float = gain(0.05, "m", "kept between hulls", least=0.0, search=(0.0, 0.1))
+    margin: float = gain(0.05, "m", "kept between hulls", least=0.0, search=(0.0, 0.3))
     wall_margin: float = gain(0.02, "m", "kept between hull and walls", least=0.0)
     max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
-    k: float = gain(1.0, "1/s", "speed per metre from the goal", above=0.0)
+    k: float = gain(1.0, "1/s", "speed per metre from the goal", above=0.0, search=(0.5, 4.0))
     ahead: float = gain(0.15, "m", "of the axle, of the point that a differential drive is driven by", above=0.0)
     share: float = gain(0.5, "1", "of the change of velocity, among robots", above=0.0, most=1.0)
-    people_share: float = gain(1.0, "1", "of the change of velocity, among people", above=0.0, most=1.0)
+    people_share: float = gain(
+        1.0, "1", "of the change of velocity, among people", above=0.0, most=1.0, search=(0.3, 1.0)
+    )
     turn: float = gain(0.05, "rad", "to the right, of the wanted velocity", least=0.0, search=(0.0, 0.2))
     stuck_turn: float = gain(0.6, "rad", "to the right, of the wanted velocity of who is stuck", least=0.0)
     most_turn: float = gain(1.8, "rad", "at most, of who is stuck time and again", least=0.0)

@@ -30,9 +30,9 @@ class OrcaTeamMap(OrcaTeam):
     Source: as of `OrcaTeam`; the roadmap example of RVO2.
     """
 
-    wall_horizon: float = gain(1.0, "s", "in which nothing that stands is met", above=0.0)
+    wall_horizon: float = gain(1.0, "s", "in which nothing that stands is met", above=0.0, search=(0.2, 2.0))
     wall_margin: float = gain(0.05, "m", "kept between hull and walls", least=0.0)
-    patience: float = gain(1.5, "s", "after which who does not get on is stuck", above=0.0)
+    patience: float = gain(1.5, "s", "after which who does not get on is stuck", above=0.0, search=(0.5, 6.0))
     back_off: float = gain(
         0.5, "m", "back, of who gives way to a robot that it is stuck behind; 0: nobody", least=0.0, search=(0.0, 1.0)
     )

@@ -37,11 +37,11 @@ class SocialForce(Gains):
     Source: Moussaïd, Helbing, Garnier, Johansson, Combe and Theraulaz, Proc. R. Soc. B 276, 2009.
     """
 
-    tau: float = gain(0.54, "s", "in which the wanted velocity is taken up", above=0.0)
-    wall: float = gain(3.0, "m/s^2", "away from what stands, at the hull", least=0.0)
-    wall_range: float = gain(0.1, "m", "in which that falls to 1/e", above=0.0)
+    tau: float = gain(0.54, "s", "in which the wanted velocity is taken up", above=0.0, search=(0.1, 1.5))
+    wall: float = gain(3.0, "m/s^2", "away from what stands, at the hull", least=0.0, search=(0.5, 12.0))
+    wall_range: float = gain(0.1, "m", "in which that falls to 1/e", above=0.0, search=(0.03, 0.4))
     max_speed: float = gain(0.6, "m/s", "wanted", above=0.0)
-    k: float = gain(1.0, "1/s", "speed per metre from the goal", above=0.0)
+    k: float = gain(1.0, "1/s", "speed per metre from the goal", above=0.0, search=(0.5, 4.0))
     ahead: float = gain(0.15, "m", "of the axle, of the point that a differential drive is driven by", above=0.0)
 
     knows: ClassVar[str] = "bodies"

@@ -29,7 +29,7 @@ from wayfield.benchmarks.contests.contest import (
     Published,
     Score,
 )
-from wayfield.benchmarks.contests.crowds import CROSS, CROWDNAV, PEOPLE, TEAMS
+from wayfield.benchmarks.contests.crowds import ATTNGRAPH, CROSS, CROWDNAV, PEOPLE, TEAMS, TUNED_CROWDS
 from wayfield.benchmarks.contests.docking import DOCKING
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
 from wayfield.benchmarks.contests.movingai import MOVINGAI
@@ -64,6 +64,7 @@ __all__ = [
     "TRAINED",
     "TRANSFER_SCENARIOS",
     "TRANSFER_SPLIT",
+    "TUNED_CROWDS",
     "Bar",
     "Column",
     "Contest",
@@ -79,7 +80,7 @@ OF_KIND: Mapping[str, Contest] = {contest.spec.kind: contest for contest in CONT
 ALL_CONTESTS: Mapping[str, Contest] = {  # and those of public benchmarks
     **CONTESTS,
     **{contest.name: contest for contest in (CHALLENGE, OWN_SPEED, MRPB, MOVINGAI, RACETRACKS)},
-    **{contest.name: contest for contest in (TEAMS, CROSS, *PEOPLE.values(), *CROWDNAV.values())},
+    **{contest.name: contest for contest in (TEAMS, CROSS, *PEOPLE.values(), *CROWDNAV.values(), ATTNGRAPH)},
 }
 # Of several bodies: what may be run, and the contests that it stands for.
 CROWD_SUITES: Mapping[str, tuple[str, ...]] = {

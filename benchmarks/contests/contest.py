@@ -204,12 +204,19 @@ class Contest:
     rules: Rules | None = None
     on_request: tuple[str, ...] = ()  # of the policies, those that drive only where they are named
     published: tuple[Published, ...] = ()
+    tuned_in: str = ""  # the suite whose tuned gains are driven; "": the task's
+    tuned_on: tuple[str, ...] = ()  # families that gains are searched and chosen in; none: all
     cross: bool = False  # whether every entry shares its teams, half and half, with every other policy
 
     @property
     def name(self) -> str:
         """Returns the name of the suite."""
         return self.label or self.spec.suite
+
+    @property
+    def gains_suite(self) -> str:
+        """Returns the name of the suite whose tuned gains are driven."""
+        return self.tuned_in or self.spec.suite
 
     @property
     def title(self) -> str:
@@ -350,7 +357,7 @@ class Contest:
         found = {}
         for gains_name, level in (("tuned", "none"), ("robust", ROBUST_LEVEL)):
             if gains_name in gains_names or (gains_name == "tuned" and "best" in gains_names):
-                found[gains_name] = tuned_set(name, self.spec.suite, robot.name, pace, level) if ships else None
+                found[gains_name] = tuned_set(name, self.gains_suite, robot.name, pace, level) if ships else None
         better = {gains_name: each for gains_name, each in found.items() if each and each.chosen != "default"}
         if "default" in gains_names or ("tuned" in found and "tuned" not in better):
             yield "default", {}

@@ -156,6 +156,7 @@ def _people(law: str, seen: bool) -> Contest:
         },
         scenes={},
         label="-".join(names),
+        tuned_in=f"people-{names[-1]}",
         heading=f"Among people {words}{walking}",
     )
 
@@ -176,6 +177,8 @@ CROWDNAV = {
         dataclasses.replace(
             PEOPLE["people-seen" if seen else "people-unseen"],
             label="crowdnav-seen" if seen else "crowdnav",
+            tuned_in="crowdnav-seen" if seen else "crowdnav",
+            tuned_on=("crowdnav_5",),
             heading=f"CrowdNav's tests, the robot {'seen' if seen else 'unseen'}",
             rules=Rules(_ASKED, limit=25.0),
             notes=_NOTES
@@ -185,3 +188,15 @@ CROWDNAV = {
         ),
     )
 }
+
+# for as long as AttnGraph gives its robot
+ATTNGRAPH = dataclasses.replace(
+    PEOPLE["people-unseen"],
+    label="attngraph",
+    heading="AttnGraph's crowd of 20, the robot unseen",
+    tuned_in="attngraph",
+    tuned_on=("attngraph_20",),
+    rules=Rules(_ASKED, limit=50.0),
+)
+# those that gains are searched for apart
+TUNED_CROWDS = (TEAMS, PEOPLE["people-unseen"], PEOPLE["people-seen"], *CROWDNAV.values(), ATTNGRAPH)

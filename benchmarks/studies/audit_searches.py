@@ -99,7 +99,7 @@ def misnamed_rows(rows: Sequence[Row], sets: Mapping[str, Mapping[str, Any]], wh
     }  # fmt: skip
     for (suite, policy, robot, speed, called, gains), told in seen.items():
         chosen, level = names[called]
-        file = f"{ALL_CONTESTS[suite].spec.suite}/{policy}_{condition(robot, float(speed), level)}.json"
+        file = f"{ALL_CONTESTS[suite].gains_suite}/{policy}_{condition(robot, float(speed), level)}.json"
         content = sets.get(file)
         what = f"{where}: {policy} ({called}) at {speed} m/s"
         if content is None or content.get("chosen") != chosen:

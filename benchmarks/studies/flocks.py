@@ -14,7 +14,6 @@ may be driven one by one. Rows of agents or laws that have changed since are to 
 """
 
 import csv
-import dataclasses
 import functools
 import io
 import math
@@ -32,7 +31,6 @@ from tabulate import tabulate
 from wayfield import policies
 from wayfield.benchmarks.contests import ALL_CONTESTS, CROSS, PUBLIC_SPLIT, Contest, Course, Entrants
 from wayfield.benchmarks.contests.crowds import CLOCK as CROWDNAV_CLOCK
-from wayfield.benchmarks.records.cases import Rules
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.envs.scenarios.people_families import PEOPLE_FAMILIES
@@ -81,15 +79,7 @@ CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided", "team_scan")
 CROSS_FAMILIES = ("circle_8", "open_8", "doorway_4", "corridor_8", "intersection_8")
 # at 1 m/s CrowdNav's 500 tests and, for as long as AttnGraph gives its robot, its crowd; then our families
 PEOPLE_CONTESTS: Mapping[str, Contest] = {
-    "crowdnav": ALL_CONTESTS["crowdnav"],
-    "crowdnav-seen": ALL_CONTESTS["crowdnav-seen"],
-    "attngraph": dataclasses.replace(
-        ALL_CONTESTS["crowdnav"],
-        heading="AttnGraph's crowd of 20, the robot unseen",
-        rules=Rules(1.0, limit=50.0),
-    ),
-    "people-unseen": ALL_CONTESTS["people-unseen"],
-    "people-seen": ALL_CONTESTS["people-seen"],
+    name: ALL_CONTESTS[name] for name in ("crowdnav", "crowdnav-seen", "attngraph", "people-unseen", "people-seen")
 }
 CASES, CROWDS = 500, 100  # of CrowdNav, of AttnGraph
 

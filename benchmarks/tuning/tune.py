@@ -36,7 +36,7 @@ import click
 import numpy as np
 
 import wayfield.policies
-from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, TEAMS, TRANSFER_SPLIT, Contest, Course, Score
+from wayfield.benchmarks.contests import ALL_CONTESTS, CONTESTS, TRANSFER_SPLIT, TUNED_CROWDS, Contest, Course, Score
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.runs.payloads import in_order
 from wayfield.benchmarks.runs.suite import Setting, episodes
@@ -49,21 +49,23 @@ from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import CROWDS
-from wayfield.policies.gain import Range
+from wayfield.policies.gain import Range, gains_of
 from wayfield.policies.policy import check_robot
 from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
+from wayfield.system.checks import choose
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, on_cluster, say, shared_out
 from wayfield.system.executors import Executor, cores
 from wayfield.system.extras import installs
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
 
-TUNED_FOR = (*CONTESTS, TEAMS.name)
+TUNED_FOR = (*CONTESTS, *(contest.name for contest in TUNED_CROWDS))
 SEARCH_SPLIT = "train"
 FINALISTS = 3  # sets of a search that drive the whole validation split, beside the default gains and what ships
 VALIDATION_ROOMS = 12
 DRAWN = 4  # robots, of one that was identified
 DRAWN_SEED = 6000  # of them
+AT_END = 0.05  # of a range, within which a value lies at its end
 MOST_AT_ONCE = 64  # robots in a batch; of teams, worlds
 LARGEST_TEAM = 16  # that gains are searched and chosen with
 PACE_FACTORS = (0.97, 1.6)  # of the requested speed, between which a path follower's cruising speed is searched
@@ -82,7 +84,7 @@ def search_space(policy: str, suite: str) -> Mapping[str, Range]:
 
 def searched_families(contest: Contest) -> tuple[str, ...]:
     """Returns the families that gains are searched and chosen in: of teams, those that are not too large."""
-    found = contest.families("kinematic")
+    found = contest.tuned_on or contest.families("kinematic")
     if contest.spec.name not in CROWDS:
         return found
     first = {family: scenarios_of(contest.spec, f"{family}/{SEARCH_SPLIT}", LARGEST_HULL)[0] for family in found}
@@ -166,6 +168,7 @@ class Search:
     study: str = ""  # where others search along: a journal file, or the URL of a database; "": this process alone
     rooms: Mapping[str, Sequence[Course]] = dataclasses.field(default_factory=dict)  # by split, drawn when it is run
     also: tuple[str, ...] = ()  # levels of disturbance that every set is driven under as well, and that count alike
+    given: Mapping[str, Range] = dataclasses.field(default_factory=dict)  # in place of the declared ranges
 
     @property
     def paced(self) -> bool:
@@ -174,13 +177,22 @@ class Search:
 
     @property
     def ranges(self) -> Mapping[str, Range]:
-        """Returns the gains that are searched, and where."""
-        return search_space(self.policy, self.contest.name)
+        """Returns the gains that are searched, and where: not those that hold the asked speed."""
+        found = {**search_space(self.policy, self.contest.name), **self.given}
+        return {name: each for name, each in found.items() if name not in self.asked}
+
+    @property
+    def asked(self) -> dict[str, float]:
+        """Returns the gains by which a policy holds the asked speed in a crowd, where its mean is not searched."""
+        crowd = self.contest.spec.name in CROWDS
+        return (
+            {k: rounded(v) for k, v in wayfield.policies.cruising(self.policy, {}, self.speed).items()} if crowd else {}
+        )
 
     def gains_at(self, gains: Mapping[str, float], factor: float = 1.0) -> dict[str, Any]:
         """Returns gains, those of a path follower with the cruising speed that is `factor` times the requested one."""
         if not self.paced:
-            return dict(gains)
+            return {**gains, **self.asked}
         speed = rounded(factor * self.speed)
         return {**gains, **{k: rounded(v) for k, v in wayfield.policies.cruising(self.policy, gains, speed).items()}}
 
@@ -226,6 +238,7 @@ class Search:
             "chosen": "default" if best == "default" else "search",
             "gains": sets[best],
             "frames": frames,
+            "at_ends": at_ends(self.policy, self.ranges, sets[best]) if best != "default" else {},
             "validation": {
                 "winner": best,
                 "chosen": _shown(drives[best].score),
@@ -248,6 +261,7 @@ class Search:
             + "".join(f" --also {level}" for level in self.also)
             + f" --actuators {self.actuators} --frames "
             f"{self.frames} --trials {self.trials} --scenarios {self.scenarios} --seed {self.seed}"
+            + "".join(f" --range {_range_text(name, each)}" for name, each in self.given.items())
             + "".join(f" --from '{json.dumps(dict(each))}'" for each in self.started_from)
             + (f" --study {shlex.quote(self.study)}" if self.study else ""),
         }
@@ -378,6 +392,7 @@ class Search:
         levels = "+".join((self.level, *self.also))
         what = (self.policy, self.contest.name, self.robot.digest, f"{self.speed:g}", levels, self.actuators)
         rooms = [digest(self.rooms[SEARCH_SPLIT])[:12]] if self.rooms else []
+        rooms += [_range_text(name, each) for name, each in self.given.items()]
         return " ".join((*what, str(self.scenarios), self._digest(SEARCH_SPLIT)[:12], *rooms, source_digest()[:12]))
 
     def _drawn(self, trial: Any, fastest: float) -> dict[str, Any] | None:
@@ -532,6 +547,33 @@ def _difference_text(difference: Sequence[float | None], scale: float, digits: i
     return f"{value} ({low} to {high})"
 
 
+def budget(content: Mapping[str, Any]) -> str:
+    """Returns in one line what a search drove."""
+    of_teams = ", of worlds" if content["suite"] == "teams" else ""
+    return f"{content['frames']:,} environment steps{of_teams}: search and choice"
+
+
+def at_ends(policy: str, ranges: Mapping[str, Range], gains: Mapping[str, Any]) -> dict[str, str]:
+    """Returns the gains that lie at an end of where they were searched, each with a wider range that it may have."""
+    declared = gains_of(wayfield.policies.make(policy))
+    found = {}
+    for name, each in ranges.items():
+        place, back = (math.log, math.exp) if each.log else (float, float)
+        low, high, at = map(place, (each.low, each.high, gains.get(name, declared[name].default)))
+        ends = [each.low, each.high]
+        for k, (near, far) in enumerate(((low, high), (high, low))):
+            if abs(at - near) <= AT_END * (high - low):
+                beyond = (rounded(back(near + (near - far) / 2**n)) for n in range(1, 9))
+                ends[k] = next(filter(declared[name].fits, beyond), ends[k])
+        if ends != [each.low, each.high]:
+            found[name] = _range_text(name, Range(*ends, log=each.log))
+    return found
+
+
+def _range_text(name: str, each: Range) -> str:
+    return f"{name}={each.low:g}:{each.high:g}"
+
+
 def gains_table(content: Mapping[str, Any]) -> str:
     """Returns the gains before and after a search as lines of text, and the line of Python that makes the policy."""
     policy, gains = content["policy"], content["gains"]
@@ -587,7 +629,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.argument("policy", type=Choice("POLICY", SEARCHED))
 @click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="The contest to tune for.")
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
-@click.option("--speed", type=Finite(0.05, 3.0), default=PACE, show_default=True, help="Asked for, m/s.")
+@click.option("--speed", type=Finite(0.05, 3.0), help=f"Asked for, m/s.  [default: the suite's, else {PACE:g}]")
 @click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Of disturbance.")
 @click.option(
     "--also",
@@ -600,6 +642,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 @click.option("--trials", type=click.IntRange(min=1), default=400, show_default=True, help="Sets to try, at most.")
 @click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
+@click.option("--range", "wider", metavar="GAIN=LOW:HIGH", multiple=True, help="Where a gain is searched.")
 @click.option("--from", "started_from", metavar="SET", multiple=True, help="A set to begin with: JSON.")
 @click.option(
     "--study",
@@ -616,7 +659,7 @@ def main(
     policy: str,
     suite: str,
     robot: Robot,
-    speed: float,
+    speed: float | None,
     level: str,
     also: tuple[str, ...],
     actuators: str,
@@ -624,6 +667,7 @@ def main(
     trials: int,
     scenarios: int,
     seed: int,
+    wider: tuple[str, ...],
     started_from: tuple[str, ...],
     study: str | None,
     out: str | None,
@@ -646,6 +690,10 @@ def main(
     if policy not in contest.policies:
         raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}")
     _check_robot(policy, contest, robot)
+    own = contest.rules.speed if contest.rules else None
+    if None not in (speed, own) and speed != own:
+        raise click.UsageError(f"--speed {speed:g} is not what suite {suite} asks for; it asks for {own:g}")
+    speed = speed or own or PACE
     if out is not None and (ship or not out.strip()):
         raise click.UsageError("--out is empty; it must name a file" if not ship else "--ship takes the place of --out")
     name = f"{policy}_{condition(robot.name, speed, level)}.json"
@@ -655,7 +703,7 @@ def main(
     search = Search(policy, contest, robot, speed, level, actuators, frames, trials, scenarios, seed, starts)
     if level in also or len(set(also)) < len(also):
         raise click.UsageError(f"--also {also[-1]} names a level twice; {level} is driven in any case")
-    search = dataclasses.replace(search, study=study or "", also=also)
+    search = dataclasses.replace(search, study=study or "", also=also, given=given_ranges(search, wider))
     if study is not None and not study.strip():
         raise click.UsageError("--study is empty; it must name a file, or a database by its URL")
     with shared_out(count or cores()) as executor:
@@ -668,7 +716,10 @@ def main(
             raise click.ClickException(str(error)) from None
     # before they are written: a disk that is full then takes nothing away
     say(summary(content))
+    say(budget(content))
     say(gains_table(content))
+    for gain, text in content["at_ends"].items():
+        say(f"{gain} lies at the end of where it was searched; wider: --range {text}")
     if content["validation"].get("compared") and content["chosen"] != "default":
         say(comparison_table(content))
     for each in (level, *also) if ship else (level,):
@@ -697,6 +748,31 @@ def _start(text: str) -> dict[str, float]:
         return {str(name): float(value) for name, value in dict(json.loads(text)).items()}
     except (ValueError, TypeError):
         raise click.UsageError(f"--from must be a JSON object of numbers, got {text!r}") from None
+
+
+def given_ranges(search: Search, texts: Sequence[str]) -> dict[str, Range]:
+    """Returns the ranges that were given as GAIN=LOW:HIGH; click.UsageError names one that cannot be searched."""
+    declared = gains_of(wayfield.policies.make(search.policy))
+    found = {}
+    for text in texts:
+        name, _, ends = text.partition("=")
+        try:
+            choose("GAIN", name, declared)
+            default = float(declared[name].default)
+            low, high = map(float, ends.split(":"))
+        except (ValueError, TypeError) as error:
+            raise click.UsageError(f"--range {text!r} must be GAIN=LOW:HIGH of {search.policy}: {error}") from None
+        for end in (low, high):
+            if not declared[name].fits(end):
+                raise click.UsageError(f"--range {text!r}: {name} must be {declared[name].range}")
+        if not low < high or not low <= default <= high:
+            raise click.UsageError(f"--range {text!r} must go from low to high about the default, {default:g}")
+        paced = wayfield.policies.cruising(search.policy, {name: default}, search.speed) if search.paced else {}
+        if name in {*paced, *search.asked}:
+            raise click.UsageError(f"--range {text!r}: {name} holds the asked speed, {search.speed:g} m/s")
+        known = search.ranges.get(name)
+        found[name] = Range(low, high, low > 0.0 and (known is None or known.log or known.low == 0.0))
+    return found
 
 
 def starting_gains(policy: str, suite: str, known: str) -> dict[str, float]:

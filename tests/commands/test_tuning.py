@@ -2,14 +2,17 @@
 
 import dataclasses
 import json
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import click
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayfield.benchmarks.contests.contest import Score
+from wayfield import policies
+from wayfield.benchmarks.contests import ALL_CONTESTS, Score
 
 pytest.importorskip("optuna")
 
@@ -80,6 +83,36 @@ def test_the_asked_speed_is_held_at_every_level_or_not_at_all() -> None:
     assert (both.off_pace, both.mean_speed, both.quality) == (1, pytest.approx(0.6), 2.0)
     assert tune.together([held, held]) < tune.together([held, slow]) < tune.together([held, Score(1, 0, 0.1, 0.6, 10)])
     assert tune.together([slow]) == slow
+
+
+@pytest.mark.parametrize("suite", tune.TUNED_FOR)
+def test_ranges_hold_the_default_and_one_that_ends_at_the_best_is_widened_to_what_the_gain_may_be(suite: str) -> None:
+    contest = ALL_CONTESTS[suite]
+    speed = contest.rules.speed if contest.rules else 0.6
+    tuned = [name for name in contest.policies if name in tune.SEARCHED]
+    assert tuned
+    for name in tuned:
+        asked = search(policy=name, contest=contest, speed=speed)
+        default: Any = policies.make(name)
+        for gain, each in asked.ranges.items():
+            assert each.low <= getattr(default, gain) <= each.high, f"{name}.{gain}"
+            for end in (each.low, each.high):
+                told = tune.at_ends(name, {gain: each}, {gain: end})
+                if told:
+                    (wider,) = tune.given_ranges(asked, [told[gain]]).values()
+                    assert wider.low < end < wider.high, f"{name}.{gain}"
+                else:  # nothing beyond is a gain
+                    with pytest.raises(ValueError, match=gain):
+                        policies.make(name, **{gain: end + (1e-6 if end == each.high else -1e-6)})
+
+
+@pytest.mark.parametrize(
+    "text", ["margin", "margin=0.1", "margin=0.3:0.1", "margin=0.2:0.3", "marjin=0:1", "margin=-1:1", "max_speed=0.2:2"]
+)
+def test_a_range_that_cannot_be_searched_is_refused_by_its_name(text: str) -> None:
+    asked = search(policy="orca_team", contest=ALL_CONTESTS["crowdnav"], speed=1.0)
+    with pytest.raises(click.UsageError, match=re.escape(text)):
+        tune.given_ranges(asked, [text])
 
 
 @pytest.mark.parametrize("suite", tune.CONTESTS)
