@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.bridges.ros.messages import STILL, Odometry, Twist, wrapped
+from wayfield.bridges.ros.messages import FARTHEST, STILL, Odometry, Twist, wrapped
 from wayfield.envs.robots import Robot
 from wayfield.envs.robots.hulls import clearance_of
 from wayfield.envs.scenarios import GoalScenario
@@ -213,6 +213,8 @@ class Body:
         """
         if not all(map(math.isfinite, pose)):
             return f"pose {pose} is not finite"
+        if max(abs(pose[0]), abs(pose[1])) > FARTHEST:
+            return f"pose ({pose[0]:.6g}, {pose[1]:.6g}) m must be within {FARTHEST:g} m of the map's origin"
         believed = self.odometry
         batch = self._env.batch
         state, radius = batch.states[0], self.robot.hull_radius

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from wayfield.bridges.ros.body import WORLDS, Body
-from wayfield.bridges.ros.conventions import Sight
+from wayfield.bridges.ros.conventions import NO_RETURN, Sight
 from wayfield.bridges.ros.driving import AlongPath, ToGoal, beams_of, check_drives
 from wayfield.bridges.ros.excite import OVER, Script, script
 from wayfield.bridges.ros.guard import Driver, Limits
@@ -242,6 +242,12 @@ _TALK = (
     click.option(
         "--scan-pose", type=Numbers("--scan-pose", 3, "X,Y,HEADING"), default="0,0,0", help="Of the scanner, m."
     ),
+    click.option(
+        "--no-return",
+        type=Choice("--no-return", NO_RETURN),
+        default=None,
+        help="What 0 and NaN of the lidar mean: far (LDS-01) or unknown. [default: unknown, and a line]",
+    ),
     click.option("--arm", is_flag=True, help="Drive at once; else it waits for true on arm."),
     click.option(
         "--cmd-vel",
@@ -333,7 +339,7 @@ def _run(
     """Runs the driver of a mission."""
     driver = Driver(
         mission,
-        Sight(angles, limits.robot.sensors.range, options["scan_pose"]),
+        Sight(angles, limits.robot.sensors.range, options["scan_pose"], options["no_return"]),
         limits,
         options["timeout"],
         options["period"],

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 AHEAD = math.radians(60.0)  # rad, to either side: where the robot must see to drive
 MOST_UNKNOWN = 0.5  # share of what is ahead
 KEPT = 0.5  # s, that a hit is remembered in a direction that is no longer seen
+NO_RETURN = ("far", "unknown")  # what 0 and NaN mean: free as far as the lidar sees, or not known
 
 
 class Outgoing:
@@ -82,19 +83,22 @@ def fault_of(scan: Scan) -> str:
     return ""
 
 
-def read(scan: Scan, max_range: float) -> Beams:
+def read(scan: Scan, max_range: float, far: bool = False) -> Beams:
     """Returns what a scan says, in the words of REP 117 and of drivers that do without it.
 
     +inf and what lies beyond range_max is free that far; -inf and what lies nearer than range_min is a hit at
-    range_min; 0, which stands for "no return" in some drivers, and NaN are not known.
+    range_min; negative numbers are not known, nor are 0 and NaN unless the lidar writes them for "no return".
 
     Args:
         max_range: m, beyond which we do not look.
+        far: whether 0 and NaN are "no return", free like +inf.
     """
     r = np.asarray(scan.ranges, np.float64)
     angles = scan.angle_min + scan.angle_increment * np.arange(len(r))
     reach = min(scan.range_max, max_range)
-    known = ~np.isnan(r) & ((r > 0.0) | np.isneginf(r))
+    silent = np.isnan(r) | (r == 0.0)
+    r = np.where(silent & far, np.inf, r)
+    known = (r > 0.0) | np.isneginf(r)
     near = known & (r < scan.range_min)
     distances = np.where(near, scan.range_min, r)
     is_hit = known & (distances <= scan.range_max) & (distances < max_range)
@@ -154,6 +158,18 @@ def in_sectors(
     return seen, place
 
 
+def silent_beams(scan: Scan) -> str:
+    """Returns how many ranges are 0 or NaN, in words; "" where none is.
+
+    NaN beside +inf are not counted: that lidar follows REP 117, in which NaN is an error.
+    """
+    r = scan.ranges
+    zeros = int((r == 0.0).sum())
+    nans = 0 if np.isposinf(r).any() else int(np.isnan(r).sum())
+    counts = [f"{count} of {len(r)} ranges are {name}" for count, name in ((zeros, "0"), (nans, "NaN")) if count]
+    return " and ".join(counts)
+
+
 class View(NamedTuple):
     """What the robot has around it at a moment."""
 
@@ -169,12 +185,20 @@ class Sight:
         beam_angles: (n,) rad, body frame, of the policy's beams.
         max_range: m.
         mount: pose (x m, y m, heading rad) of the scanner on the robot.
+        no_return: what 0 and NaN mean, one of NO_RETURN; None: unknown, and `hint` names the option.
     """
 
-    def __init__(self, beam_angles: Array, max_range: float, mount: tuple[float, float, float] = (0.0, 0.0, 0.0)):
+    def __init__(
+        self,
+        beam_angles: Array,
+        max_range: float,
+        mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        no_return: str | None = None,
+    ) -> None:
         self._sectors = np.asarray(beam_angles, np.float64)
         self.max_range = max_range
         self._mount = mount
+        self._far, self._is_default = no_return == "far", no_return is None
         self.forget()
 
     def forget(self) -> None:
@@ -191,14 +215,22 @@ class Sight:
         wrong = fault_of(scan)
         if wrong:
             return wrong
-        share = unknown_ahead(read(scan, self.max_range), self._mount[2])
+        share = unknown_ahead(read(scan, self.max_range, self._far), self._mount[2])
         if share > MOST_UNKNOWN:
-            return f"scan has nothing to say of {100.0 * share:.0f} % of what is ahead"
+            hint = self.hint(scan)
+            return f"scan has nothing to say of {100.0 * share:.0f} % of what is ahead{': ' if hint else ''}{hint}"
         return ""
+
+    def hint(self, scan: Scan) -> str:
+        """Returns a line that names --no-return where it was not given and a scan may want it, else ""."""
+        silent = silent_beams(scan) if self._is_default else ""
+        if not silent:
+            return ""
+        return f"{silent}, taken as unknown; if your lidar writes that for no return, start with --no-return far"
 
     def enter(self, scan: Scan, pose: tuple[float, float, float]) -> None:
         """Takes a scan that was made at a pose (m, m, rad) of odometry."""
-        beams = read(scan, self.max_range)
+        beams = read(scan, self.max_range, self._far)
         x, y, turn = self._mount
         angles = beams.angles + turn
         points = np.column_stack([x + beams.distances * np.cos(angles), y + beams.distances * np.sin(angles)])

@@ -6,6 +6,7 @@ Software limits are no emergency stop. The base must time out by itself, for a p
 import collections
 import dataclasses
 import math
+import re
 import statistics
 import time
 from collections.abc import Callable
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.bridges.ros.conventions import Sight, View
-from wayfield.bridges.ros.messages import STILL, Odometry, Scan, Twist, wrapped
+from wayfield.bridges.ros.messages import FARTHEST, STILL, Odometry, Scan, Twist, wrapped
 from wayfield.envs.robots import Robot
+from wayfield.system.checks import shown
 
 MARGIN = 0.05  # m, that the guard keeps from what the scan hits, besides the hull
 BLIND_STOP = 0.3  # m, within which the robot can stop where something ahead is not seen
@@ -27,6 +29,9 @@ GOOD = 3  # messages in a row after which a source counts as there again
 JUMPS, WITHIN = 3, 10.0  # so many jumps of the pose within so many seconds stop the robot
 WRONG = 3  # decisions in a row that are not finite stop it
 FORWARD = 1.0  # s, that a clock may jump ahead
+FASTER = 3.0  # times what the robot can do; and, for what sensors add,
+SLACK = 1.0  # m/s, rad/s: odometry beyond both is wrong
+SLACK_STEP = (0.1, 0.5)  # m, rad, between two poses
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,9 +64,10 @@ class Limits:
         return self.robot.actuators("lagged").yaw_acceleration
 
     @property
-    def fastest(self) -> float:
-        """Returns the speed (m/s) that the robot cannot exceed."""
-        return math.hypot(*self.robot.max_twist[:-1].tolist())
+    def fastest(self) -> tuple[float, float]:
+        """Returns the speed (m/s) and the yaw rate (rad/s) that the robot cannot exceed."""
+        way, turn = math.hypot(*self.robot.max_twist[:-1].tolist()), float(self.robot.max_twist[-1])
+        return (way, turn) if self.by_sheet else (max(way, self.max_speed), max(turn, self.max_yaw_rate))
 
     def within(self, twist: Twist) -> Twist:
         """Returns a twist that is scaled by one factor where a wheel, or a limit, would be exceeded."""
@@ -175,6 +181,7 @@ class _Source:
     def __init__(self, name: str, timeout: float) -> None:
         self.name, self.timeout = name, timeout
         self._row = 0
+        self._fault = ""  # of the last one
         self.lost = True
         self.last = -math.inf  # s, monotonic, of the last good one
         self.why = f"no {name} yet"
@@ -209,19 +216,20 @@ class _Source:
 
     def good(self, now: float) -> None:
         """Notes a good message."""
-        self.last = now
+        self.last, self._fault = now, ""
         self._row += 1
         if self._row >= GOOD:
             self.lost = False
 
     def bad(self, why: str) -> None:
         """Notes a message that counts as none."""
-        self._row, self.why = 0, why
+        self._row, self._fault, self.why = 0, why, why
 
     def check(self, now: float) -> None:
         """Notes that too long nothing good has come."""
         if now - self.last > self.timeout and not self.lost:
-            self.lost, self._row, self.why = True, 0, f"no {self.name} for {self.timeout:g} s"
+            self.lost, self._row = True, 0
+            self.why = self._fault or f"no {self.name} for {self.timeout:g} s"
 
 
 class Driver:
@@ -256,6 +264,7 @@ class Driver:
         self.armed = armed
         self.stopped = ""
         self._estop = False
+        self._frame: str | None = None  # of odometry, in which goals and paths are
         self._scan, self._odom = _Source("scan", timeout), _Source("odom", timeout)
         self._said: set[str] = set()
         self._arrived = False
@@ -333,6 +342,8 @@ class Driver:
         if not self._history:
             self._scan.bad("no odom yet")
             return None
+        if hint := self.sight.hint(scan):
+            self._once("no return", f"scan: {hint}")
         self._scan.good(self._clock())
         self._scans.append(scan.stamp)
         self.sight.enter(scan, self._pose_at(scan.stamp))
@@ -346,11 +357,13 @@ class Driver:
 
     def odometry(self, odometry: Odometry, at: float) -> Twist | None:
         """Takes a measured pose and twist that came at a time (s) of the node's clock."""
-        why = "" if odometry.is_finite else "odom is not finite"
-        why = why or self._odom.came(odometry.stamp, at)
+        why = self._nonsense(odometry) or self._odom.came(odometry.stamp, at)
         if why:
             self._refused(self._odom, why)
             return None
+        if self._frame not in (None, odometry.frame):
+            return self._frame_changed(odometry.frame)
+        self._frame = odometry.frame
         self._offset(self._odom)
         if self._history and self._jumped(self._history[-1], odometry):
             return self._pose_jumped(odometry)
@@ -412,7 +425,7 @@ class Driver:
 
     def _refused(self, source: _Source, why: str) -> None:
         source.bad(why)
-        self._once(why.split(" are ")[0] if " s old" in why else why, why)
+        self._once("no return" if "--no-return" in why else re.sub(r"[-+]?\d[\d.e+-]*", "#", why), why)
 
     def _once(self, key: str, line: str = "") -> None:
         if key not in self._said:
@@ -443,10 +456,33 @@ class Driver:
             before.heading + share * wrapped(after.heading - before.heading),
         )
 
+    def _nonsense(self, odometry: Odometry) -> str:
+        """Returns why no robot can be or move as odometry says, in a line; "" where it may."""
+        if not odometry.is_finite:
+            return "odom is not finite"
+        if max(abs(odometry.x), abs(odometry.y)) > FARTHEST:
+            return f"odom's pose is ({odometry.x:.6g}, {odometry.y:.6g}) m; it must be within {FARTHEST:g} m"
+        asked = math.hypot(odometry.twist.vx, odometry.twist.vy), abs(odometry.twist.yaw_rate)
+        most = self.limits.fastest
+        if any(each > FASTER * limit + SLACK for each, limit in zip(asked, most, strict=True)):
+            return (
+                f"odom's twist is {asked[0]:.6g} m/s, {asked[1]:.6g} rad/s; "
+                f"{self.limits.robot.name} does {most[0]:.3g} m/s, {most[1]:.3g} rad/s"
+            )
+        return ""
+
+    def _frame_changed(self, frame: str) -> Twist:
+        line = f"odom's frame_id changed from {shown(self._frame)} to {shown(frame)}"
+        self.stopped, self.armed = f"{line}; goals are in the first: publish one, then arm again", False
+        self._odom.bad(line)
+        return self._zero()
+
     def _jumped(self, before: Odometry, after: Odometry) -> bool:
-        """Returns whether a pose is further from the one before than the robot can go."""
-        way = math.hypot(after.x - before.x, after.y - before.y)
-        return way > 3.0 * self.limits.fastest * max(0.0, after.stamp - before.stamp) + 0.1
+        """Returns whether a pose is further from the one before than the robot can go, or turn."""
+        dt = max(0.0, after.stamp - before.stamp)
+        steps = math.hypot(after.x - before.x, after.y - before.y), abs(wrapped(after.heading - before.heading))
+        limits = zip(steps, self.limits.fastest, SLACK_STEP, strict=True)
+        return any(step > FASTER * most * dt + slack for step, most, slack in limits)
 
     def _pose_jumped(self, odometry: Odometry) -> Twist:
         now = self._clock()

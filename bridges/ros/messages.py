@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import struct
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ class Twist:
 
 
 STILL = Twist()
+FARTHEST = 1e6  # m, from the origin of a frame: no robot is further off
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -62,6 +64,41 @@ class Goal:
     x: float  # m
     y: float
     heading: float = math.nan  # rad
+
+
+def path_of(content: bytes) -> tuple[str, list[tuple[float, float]]]:
+    """Returns the frame and the points (m) of a nav_msgs/Path as it comes from the network (CDR).
+
+    rclpy makes an object of every pose, and lets no other thread run meanwhile: 1.4 s for 20,000 poses.
+
+    Raises:
+        ValueError: if the bytes are no such message.
+    """
+    order = "<" if content[1:2] == b"\x01" else ">"
+    at = 4  # behind the encapsulation, from which on numbers are aligned
+
+    def header() -> str:
+        nonlocal at
+        at += -at % 4 + 8  # the stamp
+        (length,) = struct.unpack_from(f"{order}I", content, at)
+        text = content[at + 4 : at + 3 + length]
+        at += 4 + length
+        return text.decode("utf-8", "replace")
+
+    try:
+        frame = header()
+        at += -at % 4
+        (count,) = struct.unpack_from(f"{order}I", content, at)
+        at += 4
+        points = []
+        for _ in range(count):
+            header()
+            at += (4 - at) % 8
+            points.append(struct.unpack_from(f"{order}2d", content, at))
+            at += 56
+    except struct.error as error:
+        raise ValueError(f"path cannot be read: {error}") from None
+    return frame, points
 
 
 def yaw_of(x: float, y: float, z: float, w: float) -> float:

@@ -5,6 +5,7 @@ import importlib.util
 import itertools
 import math
 import random
+import struct
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from wayfield.bridges.ros.command import main
 from wayfield.bridges.ros.conventions import AHEAD, Outgoing, Sight, fault_of, read
 from wayfield.bridges.ros.guard import Decision, Driver, Limits
-from wayfield.bridges.ros.messages import STILL, Odometry, Scan, Twist, quaternion_of, yaw_of
+from wayfield.bridges.ros.messages import STILL, Odometry, Scan, Twist, path_of, quaternion_of, yaw_of
 from wayfield.envs.robots import ROBOTS
 from wayfield.system.extras import installs
 
@@ -65,6 +66,7 @@ def test_the_nearest_hit_of_a_sector_wins():
     assert seen(scan_of(ranges), sight(36))[18] == 1.0
 
 
+@pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize(
     ("told", "read_as", "is_hit"),
     [
@@ -73,13 +75,16 @@ def test_the_nearest_hit_of_a_sector_wins():
         (3.4, 3.4, True),
         (-np.inf, 0.1, True),
         (0.05, 0.1, True),
-        (0.0, None, False),
-        (np.nan, None, False),
+        (0.0, "no return", False),
+        (-0.0, "no return", False),
+        (np.nan, "no return", False),
         (-1.0, None, False),
     ],
 )
-def test_what_drivers_write_for_nothing_too_near_and_not_measured(told, read_as, is_hit):
-    beams = read(scan_of([told]), 3.5)
+def test_what_drivers_write_for_nothing_too_near_and_not_measured(told, read_as, is_hit, far):
+    beams = read(scan_of([told]), 3.5, far)
+    if read_as == "no return":
+        read_as = 3.5 if far else None
     assert beams.distances.tolist() == ([] if read_as is None else [read_as])
     assert beams.is_hit.tolist() == ([] if read_as is None else [is_hit])
 
@@ -151,6 +156,32 @@ def test_what_is_published_reads_back_as_it_was(beams, first):
     scan = Scan(0.0, out.angle_min, out.angle_max, out.increment, 0.0, 3.5, out.ranges(ours).astype(float))
     assert np.isinf(scan.ranges).sum() == 1  # the one that reads max_range
     assert np.allclose(seen(scan, sight(beams)), ours)
+
+
+@settings(max_examples=40)
+@given(st.sampled_from("<>"), st.lists(st.tuples(st.text(max_size=9), st.floats(-9, 9), st.floats(-9, 9)), max_size=9))
+def test_a_path_is_read_from_the_bytes_of_its_message(order, poses):
+    content, numbers = bytes([0, order == "<", 0, 0]), [0.0, 0.0, 0.0, 0.0, 1.0]
+
+    def put(kind, *values):
+        nonlocal content
+        size = min(8, struct.calcsize(f"{order}{kind[-1]}"))
+        content += bytes((4 - len(content)) % size) + struct.pack(f"{order}{kind}", *values)
+
+    def header(frame):
+        nonlocal content
+        put("2I", 7, 8)
+        put("I", len(frame.encode()) + 1)
+        content += frame.encode() + b"\0"
+
+    header("odom")
+    put("I", len(poses))
+    for frame, x, y in poses:
+        header(frame)
+        put("7d", x, y, *numbers)
+    assert path_of(content) == ("odom", [(x, y) for _, x, y in poses])
+    with pytest.raises(ValueError, match="path cannot be read"):
+        path_of(content[: len(content) // 2])
 
 
 @given(st.floats(-math.pi, math.pi))
@@ -242,13 +273,13 @@ class Drives:
 class Bench:
     """A driver with a clock that stands still until it is moved, and a robot that sends good messages."""
 
-    def __init__(self, armed=True, **kwargs):
+    def __init__(self, armed=True, no_return=None, **kwargs):
         self.now = 100.0
         self.mission = Drives()
         self.said = []
         self.driver = Driver(
             self.mission,
-            sight(8),
+            sight(8, no_return=no_return),
             Limits(BURGER),
             armed=armed,
             clock=lambda: self.now,
@@ -257,17 +288,16 @@ class Bench:
         )
 
     def odom(self, x=0.0, stamp=None, **other):
-        return self.driver.odometry(
-            Odometry(self.now if stamp is None else stamp, "odom", x, 0.0, 0.0, **other), self.now
-        )
+        good = Odometry(self.now if stamp is None else stamp, "odom", x, 0.0, 0.0)
+        return self.driver.odometry(dataclasses.replace(good, **other), self.now)
 
     def scan(self, ranges=(3.0,) * 8, stamp=None):
         return self.driver.scan(scan_of(ranges, self.now if stamp is None else stamp), self.now)
 
-    def pair(self, **kwargs):
+    def pair(self, ranges=(3.0,) * 8, **kwargs):
         self.now += 0.05
         first = self.odom(**kwargs)
-        second = self.scan()
+        second = self.scan(ranges)
         return second if second is not None else first
 
     def driving(self):
@@ -338,19 +368,20 @@ def test_a_jump_of_the_clock_resets_memory_and_gives_zero_for_a_period(by):
     assert bench.driver.clock_jumped(0.5) is None
 
 
-def test_a_jump_of_the_pose_resets_memory_and_three_stop_the_robot_until_it_is_armed():
+@pytest.mark.parametrize("name", ["x", "heading"])
+def test_a_jump_of_the_pose_resets_memory_and_three_stop_the_robot_until_it_is_armed(name):
     bench = Bench().driving()
     for k in range(1, 4):
         resets = bench.mission.resets
         bench.now += 0.05
-        assert bench.odom(x=float(k)) == STILL
+        assert bench.odom(**{name: float(k)}) == STILL
         assert bench.mission.resets == resets + 1
         for _ in range(4):
-            bench.pair(x=float(k))
+            bench.pair(**{name: float(k)})
         assert bench.driver.state[0] == ("stopped" if k == 3 else "driving")
     bench.driver.arm(True)
     for _ in range(4):
-        bench.pair(x=3.0)
+        bench.pair(**{name: 3.0})
     assert bench.driver.state[0] == "driving"
 
 
@@ -377,15 +408,74 @@ def test_what_is_not_finite_is_zero_and_three_in_a_row_stop_the_robot():
     assert bench.driver.state[0] == "stopped"
 
 
-@pytest.mark.parametrize("wrong", [{"x": math.nan}, {"x": -math.inf}, {"twist": Twist(0.1, 0.0, math.nan)}])
-def test_odometry_that_is_not_finite_reaches_no_decision_and_stops_the_robot(wrong):
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *({name: value} for name in ("x", "y") for value in (math.nan, -math.inf, 1e300, -2e6)),
+        {"heading": math.nan},
+        *(
+            {"twist": Twist(*(value * k for k in row))}
+            for row in np.eye(3).tolist()
+            for value in (math.nan, -1e300, 9.9)
+        ),
+    ],
+    ids=str,
+)
+def test_odometry_that_no_robot_has_reaches_no_decision_and_stops_the_robot_with_a_reason(wrong):
     bench = Bench().driving()
     seen, decide = [], bench.mission.decide
     bench.mission.decide = lambda odometry, view: (seen.append(odometry), decide(odometry, view))[1]
     found = [bench.pair(**wrong) for _ in range(20)]
-    assert all(odometry.is_finite for odometry in seen)
+    for odometry in seen:
+        assert odometry.is_finite
+        assert abs(odometry.x) + abs(odometry.y) + abs(odometry.twist.vx) + abs(odometry.twist.yaw_rate) < 1.0
     assert found[-1] in (None, STILL)
-    assert bench.driver.state[0] != "driving"
+    assert bench.driver.tick() == STILL
+    state, why = bench.driver.state
+    assert state == "waiting"
+    assert why.startswith("odom")
+    assert sum(line == why for line in bench.said) == 1
+    assert [(bench.pair() or STILL).vx > 0.0 for _ in range(4)][-1]
+
+
+def test_odometry_in_another_frame_stops_the_robot_until_the_first_is_back_and_it_is_armed():
+    bench = Bench().driving()
+    for _ in range(2):
+        assert bench.odom(frame="map" * 99) == STILL
+        state, why = bench.driver.state
+        assert state == "stopped"
+        assert why.startswith("odom's frame_id changed from 'odom' to 'mapmap")
+        assert len(why) < 200
+        assert (bench.pair() or STILL) == STILL
+        bench.driver.arm(True)
+    assert [(bench.pair() or STILL).vx > 0.0 for _ in range(4)][-1]
+
+
+@pytest.mark.parametrize("told", [0.0, math.nan], ids=str)
+@pytest.mark.parametrize("no_return", [None, "unknown", "far"])
+def test_in_an_open_hall_a_lidar_that_is_silent_is_driven_by_where_the_user_says_so(told, no_return):
+    """Else the robot stands, and one line names the option, unless the user has chosen."""
+    bench = Bench(no_return=no_return)
+    found = [bench.pair(ranges=(told,) * 8) or STILL for _ in range(20)]
+    assert (found[-1].vx > 0.0) == (no_return == "far")
+    lines = [line for line in bench.said if "--no-return far" in line]
+    assert len(lines) == (no_return is None)
+    if no_return != "far":
+        state, why = bench.driver.state
+        assert state == "waiting"
+        assert "nothing to say of 100 % of what is ahead" in why
+
+
+def test_a_lidar_that_is_silent_here_and_there_is_driven_by_with_one_line():
+    bench = Bench()
+    for k in range(20):
+        found = bench.pair(ranges=(0.0,) * (1 + k % 2) + (3.0,) * (7 - k % 2))
+    assert found.vx > 0.0
+    assert ["--no-return far" in line for line in bench.said] == [True]
+    careful = Bench()  # NaN beside +inf are errors by REP 117, no silence
+    careful.pair(ranges=(math.nan, math.inf) + (3.0,) * 6)
+    careful.pair(ranges=(math.nan, math.inf) + (3.0,) * 6)
+    assert careful.said == []
 
 
 def test_a_decision_that_fails_stops_the_robot_and_is_told():
