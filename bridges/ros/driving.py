@@ -23,6 +23,7 @@ from wayfield.envs.tasks.stepping import JUDGE
 from wayfield.policies import ABOUT, POLICIES, Policy
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
 from wayfield.policies.policy import check_robot
+from wayfield.system.checks import shown
 
 LEAST_BEAMS = 72  # that a policy is shown, as many as the agents that ship were trained with
 FARTHEST = 50.0  # m, of a goal
@@ -166,10 +167,10 @@ class ToGoal:
         if odometry is None:
             return "there is no odometry yet; send the goal again once state is waiting: no goal"
         if goal.frame not in ("", odometry.frame):
-            return f"its frame is {goal.frame!r}; it must be {odometry.frame!r}, odometry's: no TF is used"
+            return f"its frame is {shown(goal.frame)}; it must be {shown(odometry.frame)}, odometry's: no TF is used"
         away = math.hypot(goal.x - odometry.x, goal.y - odometry.y)
         if away > FARTHEST:
-            return f"goal is {away:.1f} m away; it must be within {FARTHEST:g} m"
+            return f"goal is {away:.6g} m away; it must be within {FARTHEST:g} m"
         return ""
 
     def reset(self) -> None:
@@ -217,7 +218,7 @@ class AlongPath:
         self._env: Any = None
         self.distance = math.nan  # m, that is left of the path
         if file is not None:
-            self.follow(file)
+            self.take(self.course(file))
 
     @property
     def lacks(self) -> str:
@@ -228,32 +229,36 @@ class AlongPath:
         """Decides once for nothing, at the path's start: what is to be compiled is, before anything moves."""
         found = self._env
         if found is None:
-            self.follow_points([(0.0, 0.0), (1.0, 0.0)])
+            self.take(self.course_of([(0.0, 0.0), (1.0, 0.0)]))
         state = self._env.batch.states[0]
         here = Odometry(0.0, "", float(state["x"]), float(state["y"]), float(state["heading"]))
         self.decide(here, View(np.empty(0), np.empty((0, 2)), False))
         self._env = found
         self.reset()
 
-    def follow(self, file: str) -> None:
-        """Takes the path of a file from now on."""
+    def course(self, file: str) -> Any:
+        """Returns the world of a file's path, for `take`; another thread may make it."""
         env_id = TASKS["path_following"].env_id(self._robot)
         made = gymnasium.make(env_id, scenario=file, robot=self._robot, actuators="lagged", disable_env_checker=True)
-        self._env = made.unwrapped
-        self._results = Results(self._env.task, 1)
-        self.reset()
+        made.reset(seed=0)
+        return made.unwrapped
 
-    def follow_points(self, points: Sequence[tuple[float, float]]) -> str:
-        """Takes a path of points (m); returns why it does not, in a line, "" where it does."""
+    def course_of(self, points: Sequence[tuple[float, float]]) -> Any:
+        """Returns the world of a path of points (m), as `course`; ValueError, in a line, where there is none."""
         kept = [each for k, each in enumerate(points) if not k or each != points[k - 1]]
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "path.csv"
             file.write_text("x,y\n" + "".join(f"{x!r},{y!r}\n" for x, y in kept), encoding="utf-8")
             try:
-                self.follow(str(file))
+                return self.course(str(file))
             except ValueError as error:
-                return str(error).replace(str(file), "path")
-        return ""
+                raise ValueError(str(error).replace(str(file), "path")) from None
+
+    def take(self, course: Any) -> None:
+        """Drives along a course from now on."""
+        self._env = course
+        self._results = Results(course.task, 1)
+        self.reset()
 
     def reset(self) -> None:
         """Forgets how far it is along the path, and what the policy remembers."""

@@ -1,8 +1,10 @@
 """The nodes: what connects body, driver and script with ROS 2. No other module imports rclpy."""
 
 import array
+import collections
 import contextlib
 import dataclasses
+import gc
 import importlib
 import json
 import math
@@ -26,6 +28,7 @@ from rclpy.clock import Clock as RclClock
 from rclpy.clock import ClockType, JumpThreshold
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -41,8 +44,9 @@ from wayfield.bridges.ros.body import Body
 from wayfield.bridges.ros.conventions import Outgoing
 from wayfield.bridges.ros.driving import AlongPath, ToGoal
 from wayfield.bridges.ros.guard import Driver
-from wayfield.bridges.ros.messages import STILL, Goal, Odometry, Scan, Twist, quaternion_of, yaw_of
+from wayfield.bridges.ros.messages import STILL, Goal, Odometry, Scan, Twist, path_of, quaternion_of, yaw_of
 from wayfield.bridges.ros.recording import Recorder, definition
+from wayfield.system.checks import shown
 
 RELIABLE = QoSProfile(depth=10)
 SENSORS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -286,7 +290,7 @@ class Simulator:
     def _pose(self, message: PoseWithCovarianceStamped) -> None:
         pose, q = message.pose.pose, message.pose.pose.orientation
         if message.header.frame_id not in ("", "map"):
-            say(f"initialpose refused: its frame is {message.header.frame_id!r}; it must be 'map'")
+            say(f"initialpose refused: its frame is {shown(message.header.frame_id)}; it must be 'map'")
             return
         with self._lock:
             self._poses.append((pose.position.x, pose.position.y, yaw_of(q.x, q.y, q.z, q.w)))
@@ -536,6 +540,40 @@ def simulate(body: Body, settings: Any, ros_args: Sequence[str], recorder: Recor
         sys.stdout.flush()
 
 
+class PathPlanner:
+    """Makes worlds of the paths that come, in a thread of its own: commands do not wait for a long one.
+
+    Args:
+        course_of: from points (m) to a world; its ValueError says in a line why there is none.
+    """
+
+    def __init__(self, course_of: Callable[[list[tuple[float, float]]], Any]) -> None:
+        self._course_of = course_of
+        self._came: collections.deque[bytes] = collections.deque(maxlen=1)  # the newest alone is worth a plan
+        self._wake = threading.Event()
+        self.ready: collections.deque[tuple[str, int, Any]] = collections.deque(maxlen=1)  # frame, points, course
+        threading.Thread(target=self._plan, name="planner", daemon=True).start()
+
+    def came(self, content: bytes) -> None:
+        """Takes a nav_msgs/Path as it comes from the network."""
+        self._came.append(content)
+        self._wake.set()
+
+    def _plan(self) -> None:
+        while True:
+            self._wake.wait()
+            self._wake.clear()
+            while self._came:
+                frame, count = "", 0
+                try:
+                    frame, points = path_of(self._came.pop())
+                    count = len(points)
+                    found = self._course_of(points)
+                except Exception as error:  # the node's thread says it, or ends of it
+                    found = error
+                self.ready.append((frame, count, found))
+
+
 class DriverNode:
     """A driver that listens to scan, odom, goal_pose, path, estop and arm, and publishes cmd_vel and its status."""
 
@@ -566,9 +604,10 @@ class DriverNode:
         if isinstance(driver.mission, ToGoal):
             node.create_subscription(PoseStamped, "goal_pose", self._goal, RELIABLE)
         if isinstance(driver.mission, AlongPath):
-            node.create_subscription(PathMessage, "path", self._path, RELIABLE)
-        for qos in (RELIABLE, LATCHED):  # the latter alone refuses publishers that are volatile
-            node.create_subscription(Bool, "estop", self._estop, qos)
+            self._planner = PathPlanner(driver.mission.course_of)
+            node.create_subscription(PathMessage, "path", self._planner.came, RELIABLE, raw=True)
+        self._estops: set[tuple[ReliabilityPolicy, DurabilityPolicy]] = set()
+        self._hear_estop(SENSORS)  # reaches every publisher
         node.create_subscription(Bool, "arm", self._arm, RELIABLE)
         steady = RclClock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(0.05, self._tick, clock=steady)
@@ -664,20 +703,35 @@ class DriverNode:
         self.driver.began()
         say(f"goal ({goal.x:.2f}, {goal.y:.2f}, {goal.heading:.2f})")
 
-    def _path(self, message: PathMessage) -> None:
+    def _path(self, frame: str, count: int, course: Any) -> None:
+        """Drives along a path that has been planned, or says why not."""
         mission, latest = self.driver.mission, self.driver.latest
         assert isinstance(mission, AlongPath)
-        frame = message.header.frame_id
-        if latest is None or frame not in ("", latest.frame):
-            wanted = "there is no odometry yet" if latest is None else f"its frame is {frame!r}, not {latest.frame!r}"
-            say(f"path refused: {wanted}")
-            return
-        wrong = mission.follow_points([(each.pose.position.x, each.pose.position.y) for each in message.poses])
-        if wrong:
-            say(f"path refused: {wrong}")
-            return
-        self.driver.began()
-        say(f"path of {len(message.poses)} points")
+        if latest is None:
+            say("path refused: there is no odometry yet")
+        elif isinstance(course, ValueError):
+            say(f"path refused: {course}")
+        elif isinstance(course, Exception):
+            raise course
+        elif frame not in ("", latest.frame):
+            say(f"path refused: its frame is {shown(frame)}, not {shown(latest.frame)}")
+        else:
+            mission.take(course)
+            self.driver.began()
+            say(f"path of {count} points")
+
+    def _hear_estop(self, qos: QoSProfile) -> None:
+        if (kind := (qos.reliability, qos.durability)) not in self._estops:
+            self._estops.add(kind)
+            quiet = SubscriptionEventCallbacks(incompatible_qos=lambda _: None)
+            self._node.create_subscription(Bool, "estop", self._estop, qos, event_callbacks=quiet)
+
+    def _match_estops(self) -> None:
+        """Subscribes to estop as its publishers offer it: who asks for more has rclpy say that nothing comes."""
+        for each in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name("estop")):
+            if each.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT:
+                kept = each.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                self._hear_estop(LATCHED if kept else RELIABLE)
 
     def _estop(self, message: Bool) -> None:
         self._publish(self.driver.estop(message.data))
@@ -690,6 +744,9 @@ class DriverNode:
 
     def _tick(self) -> None:
         self._publish(self.driver.tick())
+        self._match_estops()
+        if isinstance(self.driver.mission, AlongPath) and self._planner.ready:
+            self._path(*self._planner.ready.pop())
         now = time.monotonic()
         shown = self.driver.state
         if shown != self._shown or now >= self._next_status:
@@ -721,6 +778,8 @@ class DriverNode:
 
     def run(self, stop: threading.Event, done: Callable[[], bool] = lambda: False) -> None:
         """Drives until it is stopped, or done; then zero is published three times, whatever happened."""
+        gc.collect()
+        gc.freeze()  # else each full collection walks through all that was imported: 0.3 s without a command
         say("ready: disarmed" if not self.driver.armed else "ready: armed")
         try:
             while not stop.is_set() and not done():

@@ -22,17 +22,21 @@ pytest.importorskip("geometry_msgs", reason="geometry_msgs is not installed")
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
+from wayfield.bridges.ros.messages import path_of
+
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # s: timeout, the way down from 0.22 m/s at 1 m/s^2, three lags of 0.1 s, 0.1 s
 STANDSTILL = 0.5 + 0.22 + 0.3 + 0.1
 
@@ -92,6 +96,29 @@ class Bench:
     def speaks(self, kind, topic, qos=10):
         publisher = self.node.create_publisher(kind, topic, qos)
         return publisher.publish
+
+
+class HandMade:
+    """A robot made by hand, which publishes odometry and scans best effort."""
+
+    def __init__(self, bench):
+        self._scans, self._odoms = (
+            bench.speaks(LaserScan, "scan", BEST_EFFORT),
+            bench.speaks(Odometry, "odom", BEST_EFFORT),
+        )
+
+    def says(self, seconds, ranges, beams, x):
+        """Publishes a pose and a scan of a time (s), whose angles are those of a number of beams."""
+        now = Time(sec=int(seconds), nanosec=int(1e9 * (seconds % 1.0)))
+        odom = Odometry()
+        odom.header.stamp, odom.header.frame_id = now, "odom"
+        odom.pose.pose.position.x, odom.pose.pose.orientation.w = x, 1.0
+        self._odoms(odom)
+        scan = LaserScan(angle_increment=2.0 * math.pi / beams, range_min=0.1, range_max=3.5, ranges=ranges)
+        scan.angle_max = (beams - 1) * scan.angle_increment
+        scan.header.stamp = now
+        self._scans(scan)
+        return now
 
 
 def finish(process):
@@ -279,8 +306,7 @@ def test_small_nodes_of_the_usual_kind_drive_the_robot_by_either_type(bench):
 
 def test_what_a_robot_says_wrong_stops_it_with_a_line_and_it_drives_on_afterwards(bench):
     """A robot made by hand, which publishes best effort and stamps by a clock of its own."""
-    commands = bench.hears(TwistStamped, "cmd_vel")
-    scans, odoms = bench.speaks(LaserScan, "scan", BEST_EFFORT), bench.speaks(Odometry, "odom", BEST_EFFORT)
+    commands, made = bench.hears(TwistStamped, "cmd_vel"), HandMade(bench)
     tell = bench.speaks(Clock, "clock", BEST_EFFORT)
     driver = bench.start(
         *("drive", "--goal", "2,0", "--arm", "--cmd-vel", "stamped"),
@@ -296,16 +322,7 @@ def test_what_a_robot_says_wrong_stops_it_with_a_line_and_it_drives_on_afterward
         while not holds([each.twist.linear.x for _, each in commands[first:]]):
             assert time.monotonic() < end, (bench.said(driver)[-2000:], commands[-1:])
             clock += 0.05
-            now = Time(sec=int(clock), nanosec=int(1e9 * (clock % 1.0)))
-            tell(Clock(clock=now))
-            odom = Odometry()
-            odom.header.stamp, odom.header.frame_id = now, "odom"
-            odom.pose.pose.position.x, odom.pose.pose.orientation.w = x, 1.0
-            odoms(odom)
-            scan = LaserScan(angle_increment=2.0 * math.pi / beams, range_min=0.1, range_max=3.5, ranges=ranges)
-            scan.angle_max = (beams - 1) * scan.angle_increment
-            scan.header.stamp = now
-            scans(scan)
+            tell(Clock(clock=made.says(clock, ranges, beams, x)))
             time.sleep(0.05)
 
     def said(text):
@@ -329,6 +346,63 @@ def test_what_a_robot_says_wrong_stops_it_with_a_line_and_it_drives_on_afterward
     assert commands[-1][1].header.frame_id == "base_link"
 
 
+@pytest.mark.parametrize(
+    "qos", [QoSProfile(depth=10), LATCHED, BEST_EFFORT], ids=["ordinary", "latched", "best_effort"]
+)
+def test_an_emergency_stop_of_any_publisher_is_heard_and_rclpy_raises_no_alarm(bench, capfd, qos):
+    states, say = bench.hears(String, "wayfield_drive/status"), bench.speaks(Bool, "estop", qos)
+    if qos is LATCHED:
+        say(Bool(data=True))  # before the driver is there
+    driver = bench.start("drive", "--goal", "2,0", "--arm")
+
+    def stopped():
+        if qos is not LATCHED:
+            say(Bool(data=True))
+        return states and "estop" in states[-1][1].data
+
+    bench.until(stopped)
+    driver.send_signal(signal.SIGINT)
+    driver.wait(60)
+    assert "incompatible" not in bench.said(driver) + "".join(capfd.readouterr())
+
+
+def test_commands_come_at_their_rate_while_long_paths_do(bench):
+    """The largest gap is two periods, or what the robot's own messages were late by on a busy machine."""
+    commands, made = bench.hears(TwistStamped, "cmd_vel"), HandMade(bench)
+    path = Path()
+    path.header.frame_id = "odom"
+    points = [(0.01 * k, math.sin(0.005 * k)) for k in range(20_000)]
+    for x, y in points:
+        pose = PoseStamped()
+        pose.header.frame_id = "odom"
+        pose.pose.position.x, pose.pose.position.y = x, y
+        path.poses.append(pose)
+    content = serialize_message(path)
+    assert path_of(content) == ("odom", points)
+    send = bench.speaks(Path, "path")
+    driver = bench.start(
+        "drive", "--policy", "pure_pursuit", "--path", "topic", "--arm", "--cmd-vel", "stamped", "--max-speed", "0.1"
+    )
+    bench.until(lambda: "ready" in bench.said(driver))
+    sent = []
+    begun, due = None, time.monotonic()
+    while begun is None or due < begun + 8.0:
+        if "path of 20000 points" in bench.said(driver) and begun is None:
+            begun = due
+            first = len(commands)
+        if round(20.0 * (due - (begun or 0.0))) % 20 == 0:
+            send(content)
+        made.says(time.time(), [3.0] * 180, 180, 0.0)
+        sent.append(time.time())
+        due += 0.05
+        time.sleep(max(0.0, due - time.monotonic()))
+    stamps = [each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for _, each in commands[first:]]
+    assert bench.said(driver).count("path of 20000 points") >= 5
+    assert len(stamps) > 100
+    assert np.diff(stamps).max() <= max(0.1, np.diff(sent).max() + 0.05)
+    assert commands[-1][1].twist.linear.x > 0.05
+
+
 def test_a_simulated_robot_on_a_map_is_put_elsewhere_and_takes_commands_of_any_publisher(bench, tmp_path):
     (tmp_path / "hall.pgm").write_bytes(b"P5 40 20 255 " + bytes(254 if 2 < k % 40 < 37 else 0 for k in range(800)))
     file = tmp_path / "hall.yaml"
@@ -346,7 +420,7 @@ def test_a_simulated_robot_on_a_map_is_put_elsewhere_and_takes_commands_of_any_p
         *("--ros-args", "-r", "ground_truth:=truth", "-p", "base_frame_id:=base_link", "-p", "timeout:=1"),
     )
     bench.until(lambda: len(truth) > 5 and odom and len(clock) > 50)
-    maps = bench.hears(OccupancyGrid, "map", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    maps = bench.hears(OccupancyGrid, "map", LATCHED)
     put = bench.speaks(PoseWithCovarianceStamped, "initialpose")
 
     def sent(frame, x):
