@@ -1,28 +1,25 @@
 """`wayfield identify`: from a log of a robot to its data sheet."""
 
 import json
-import math
 import re
 import sys
 from pathlib import Path
 
 import click
-import numpy as np
 
 from wayfield.benchmarks.identify.checks import Checked, check
-from wayfield.benchmarks.identify.estimate import Fit, fit, intervals
+from wayfield.benchmarks.identify.estimate import BLOCK, Fit, fit, intervals
 from wayfield.benchmarks.identify.noise import measure, rates
 from wayfield.benchmarks.identify.odometry import odometry_errors
+from wayfield.benchmarks.identify.prediction import Prediction, predict
 from wayfield.benchmarks.identify.recording import STAMPS, Log, Topics, read_log
-from wayfield.benchmarks.identify.response import SATURATIONS, Drive, Floats, held, pair_response
-from wayfield.benchmarks.identify.sheet import identified
+from wayfield.benchmarks.identify.response import SATURATIONS
+from wayfield.benchmarks.identify.sheet import identified, settled
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.system.checks import unread
 from wayfield.system.command_line import Choice, Finite, OneLineErrors, command_given, say
 from wayfield.system.storage import write_whole
-
-LEAST_TEST = 10.0  # s, of each part of a split drive
 
 
 @click.command("identify", cls=OneLineErrors)
@@ -37,9 +34,7 @@ LEAST_TEST = 10.0  # s, of each part of a split drive
               help="Times: of headers, of arrival, or of headers where commands have them.")  # fmt: skip
 @click.option("--cut", is_flag=True, help="Fit a log with long gaps by its pieces.")
 @click.option("--split", type=Finite(0.2, 0.9), default=0.6, show_default=True,
-              help="Share of the drive that a second fit sees; it is tested on the rest.")  # fmt: skip
-@click.option("--bootstrap", type=click.IntRange(0, 1000), default=0, show_default=True,
-              help="Fits to resampled blocks of 1 s, beside the intervals.")  # fmt: skip
+              help="Share of each 10 s of the drive that a second fit sees; it is tested on the rest.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="The data sheet, .json.")
 @click.option("--report", type=click.Path(path_type=Path), help="A page with plots, .html.")
 def main(
@@ -52,7 +47,6 @@ def main(
     stamps: str,
     cut: bool,
     split: float,
-    bootstrap: int,
     out: Path | None,
     report: Path | None,
 ) -> None:
@@ -78,28 +72,28 @@ def main(
         for each in checked.warnings:
             click.echo(f"identify: {each}", err=True)
         half_track = robot.wheels[-1].y if not robot.holonomic else 0.2
-        found = intervals(checked.drive, fit(checked.drive, half_track))
+        found = intervals(fit(checked.drive, half_track))
         source = f"{recorded.name}, SHA-256 {recorded.digest}; {command_given('identify')}"
-        sheet, kept = identified(robot, found, _name(out, robot), source)
+        sheet, written, kept = identified(robot, found, _name(out, robot), source)
         content = (json.dumps(sheet.sheet, indent=2) + "\n").encode()
+        tested = predict(sheet, robot, written, settled(robot, found)[0], split)
+        if tested is not None:
+            tested.check(checked.drive)
     except ValueError as error:
         raise click.UsageError(f"{recorded.name}: {error}") from None
-    tested = held_out(checked.drive, split, half_track)
     truthful = odometry_errors(recorded, half_track)
-    say(summary(recorded, checked, found, tested, split))
-    say("\n".join(f"  {each.name:<15} {each}" for each in truthful))
+    say(summary(recorded, checked, found, tested, split, robot.name))
+    for each in truthful if truth is not None else ():
+        say(f"  {each.name:<17} {each}")
     for line in kept:
-        say(f"not seen  {line}")
-    if bootstrap:
-        for name, deviation in resampled(checked.drive, found, bootstrap).items():
-            say(f"bootstrap {name:<15} sd {deviation:.3g}")
+        say(f"not told  {line}")
     if report is not None:
         from wayfield.benchmarks.identify.report import Findings, write_report
 
-        noise = measure(recorded, checked.drive, found)
+        noise = measure(recorded, found)
         findings = Findings(
-            recorded, checked.drive, found, truthful, noise, rates(recorded), checked.warnings, kept, tested, split,
-            robot.name, command_given("identify"),
+            recorded, found, truthful, noise, rates(recorded), checked.warnings, kept, tested, split, robot.name,
+            command_given("identify"),
         )  # fmt: skip
         for file in write_report(report, findings):
             say(f"Report: {file}")
@@ -115,60 +109,21 @@ def _name(out: Path | None, base: Robot) -> str:
     return stem if good else f"{base.name[:29]}_identified"
 
 
-def held_out(drive: Drive, share: float, half_track: float) -> tuple[Floats, Floats] | None:
-    """Returns the RMS (2,) of a fit to the first part of a drive on the rest of it, and that of an ideal base.
-
-    None where a part is too short, or the first holds no commands.
-    """
-    first, last = drive.times[0], drive.times[-1]
-    border = first + share * (last - first)
-    early, late = drive.only(drive.times < border), drive.only(drive.times >= border)
-    rate = 1.0 / float(np.median(np.diff(drive.times)))
-    if min(early.counted.sum(), late.counted.sum()) < LEAST_TEST * rate:
-        return None
-    before = drive.command_times < border
-    # the fit's starts and bounds may not know the rest of the drive
-    seen = Drive(
-        drive.command_times[before], drive.commands[before], early.times, early.speeds, early.starts, early.counted
-    )
-    if not np.abs(seen.commands).max(initial=0.0) > 0.0:
-        return None
-    found = fit(seen, half_track)
-    errors = (drive.speeds.T - pair_response(drive, found.saturation, found.numbers)[0])[:, late.counted]
-    asked = np.stack([held(drive.command_times, drive.commands[:, axis], drive.times) for axis in range(2)])
-    ideal = (drive.speeds.T - asked)[:, late.counted]
-    return np.sqrt((errors**2).mean(axis=1)), np.sqrt((ideal**2).mean(axis=1))
-
-
-def resampled(drive: Drive, found: Fit, count: int, seed: int = 0) -> dict[str, float]:
-    """Returns the standard deviation of each parameter over fits to resampled residuals, in blocks of 1 s."""
-    from wayfield.benchmarks.identify.estimate import refitted
-
-    rng = np.random.default_rng(seed)
-    length = max(round(1.0 / float(np.median(np.diff(drive.times)))), 1)
-    residuals = drive.speeds.T - found.response
-    n = residuals.shape[1]
-    values = []
-    for _ in range(count):
-        starts = rng.integers(0, max(n - length, 1), -(-n // length))
-        chosen = (starts[:, None] + np.arange(length)).ravel()[:n] % n
-        values.append(refitted(drive, found, (found.response + residuals[:, chosen]).T))
-    return {name: float(np.std([each[name] for each in values])) for name in values[0]}
-
-
-def summary(log: Log, checked: Checked, found: Fit, tested: tuple[Floats, Floats] | None, split: float) -> str:
+def summary(log: Log, checked: Checked, found: Fit, tested: Prediction | None, split: float, base: str) -> str:
     """Returns what was found, a line for each parameter."""
     saturation = SATURATIONS[found.saturation]
     lines = [f"{log.name}: {checked.moving:.0f} s of motion, times of {log.stamps}, saturation {saturation}"]
-    lines += [f"  {each.name:<15} {each}" for each in found.estimates]
-    lines += [f"      drive next for {each.name}: {each.missing}" for each in found.estimates if each.missing]
-    lines.append(f"  residuals       {found.noise[0]:.3g} m/s and {found.noise[1]:.3g} rad/s")
-    if tested is not None and all(map(math.isfinite, (*tested[0], *tested[1]))):
-        (v, w), (ideal_v, ideal_w) = tested
+    lines += [f"  {each.name:<17} {each}" for each in found.estimates]
+    lines.append(f"  residuals         {found.noise[0]:.3g} m/s and {found.noise[1]:.3g} rad/s")
+    wrong = found.drive.times[found.wrong]
+    if len(wrong):
         lines.append(
-            f"  held out        {v:.3g} m/s and {w:.3g} rad/s on the last {100 - 100 * split:.0f} %; "
-            f"an ideal base {ideal_v:.3g} and {ideal_w:.3g}"
+            f"  wrong messages    {len(wrong)} of {len(found.wrong)} of odometry, the first at {wrong[0]:.2f} s"
         )
+    if tested is not None:
+        lines.append(f"errors on {BLOCK * (1.0 - split):.2g} of each {BLOCK:g} s (held out: of a sheet of the rest)")
+        lines += [f"  {what:<17} {v:.3g} m/s and {w:.3g} rad/s" for what, (v, w) in tested.rows(base).items()]
+    lines += [f"drive next for {each.name}: {each.missing}" for each in found.estimates if each.missing]
     return "\n".join(lines)
 
 

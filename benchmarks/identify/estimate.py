@@ -1,77 +1,85 @@
-"""Estimates of what a base does with its commands, each with a 95 % interval of profile likelihood.
+"""Estimates of what a base does with its commands, each with a 95 % interval.
 
 Least squares over everything at once stops in the valley where delay and lag trade against each other: the delay is
 tried on a grid first, each time with the best of the other parameters, and set free from the two best. The saturation
-that both axes share is then fitted from there.
+that both axes share is then fitted from there. Residuals count by Huber's loss: squares up to BEND deviations of the
+noise, in proportion beyond, so that wrong messages cannot move the answers.
 
 A value x of a parameter is inside of its interval if, with the others fitted anew,
 
-    N log(SSE(x) / SSE_min) (1 - rho) / (1 + rho) <= 3.84 (1 + 5 / N)
+    N log(L(x) / L_min) <= t^2 F
 
-with rho the lag-1 correlation of the residuals, of which neighbours say the same twice.
+with L the loss, N the number of residuals, and F the ratio of the variance over blocks of the drive (delete-one
+jackknife) to that of independent residuals, at least 1: it covers correlated noise, and what the model does not say.
+t is Student's quantile for as many blocks as inform the parameter. A log that holds each second command holds a change
+late, by up to half of the interval between commands: so much is added to the upper end of a delay.
+
+Sources: Huber, Robust Statistics, 1981; Cameron and Miller, A Practitioner's Guide to Cluster-Robust Inference, 2015.
 """
 
 import dataclasses
-import itertools
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
+from scipy.special import stdtrit
 
 from wayfield.benchmarks.identify.response import (
     AXES,
+    AXIS,
     PAIR,
     TWIST,
     WHEELS,
     Drive,
     Floats,
     axis_response,
-    held,
     pair_response,
 )
 
 DELAYS = np.arange(0.0, 0.5, 0.03)  # s, of the grid
 LONGEST_DELAY = 0.8  # s
 LAGS = (0.002, 3.0)  # s
-LIKELIHOOD = 3.84  # 95 % of chi-squared with one degree of freedom
 BLOCK = 10.0  # s, of the blocks that are left out in turn to choose the saturation
 GAIN = 0.005  # share of the held-out error by which a saturation must be better than the one before
-FREE_DECELERATION = 15.0  # log likelihood ratio from which a deceleration is another than the acceleration
-MUCH_BETTER = 0.1  # share of the squares that it leaves, with which it is too
-
-# What says that a parameter was seen.
-AT_LIMIT, BEYOND = 1.0, 1.05  # s at the limit, while so many times it is commanded
-SLEWS, SLEW_SAMPLES, SLEW_LAGS = 4, 3, 2.0  # slews, and their least length
-STEP_NOISES, STEPS, FULL_STEP, STEP_TIME = 10.0, 6, 20.0, 0.2  # least step; steps' worth; in noises; s
-WIDEST_DELAY, WIDEST = 0.1, 2.5  # s between the ends of a delay; ratio of the ends of any other
-NARROW = 1.25, 1.5  # ratio of the ends to which a slew was seen: however short, and if enough of them were long
+BEND = 3.0  # deviations of the noise, beyond which a residual counts in proportion
+FAR = 8.0  # deviations, beyond which a message is called wrong
+MOST_WRONG = 0.03  # share of the messages
+PIECE = 2.0  # s, of the blocks of the jackknife
+REGULAR = 1.5  # times the limit, up to which a likelihood that leaves it at the expected end has one ridge
+FLAT = 1e-9  # of the largest eigenvalue: a direction of which a drive says nothing
+ROUGH = 0.02  # of the largest command of an axis: the noise before anything is known of it
 LEAST_NOISE = 1e-4  # of odometry, in its largest speed: a simulator's may have none, and no number is known so well
 LEAST = 0.01, 0.02  # m/s and rad/s, of the largest command of an axis that is driven at all
-
+WIDEST_TIME = 0.1  # s, between the ends of a delay or lag, beyond which more driving helps
+WIDEST_GAIN, WIDEST = 1.25, 2.0  # ratio of the ends of a gain, and of accelerations and limits
+LONGEST_INTERVAL = 0.5  # s, between commands that follow each other; beyond, one was held
 UNKNOWN = np.array([0.0, 1.0, 1e3, 1e3, 0.1, 0.0, 1.0, 1e3, 1e3, 0.1, 1e3, 1e3])  # as PAIR, of axes without commands
 
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A parameter's value and its interval; what was not excited has a bound in place of a value."""
+    """A parameter's fitted value and its interval."""
 
     name: str
     unit: str
-    value: float  # where the fit has it, seen or not
+    value: float  # NaN where its axis has no commands
     low: float  # -inf where the log does not bound it
     high: float  # inf where the log does not bound it
-    seen: bool
-    missing: str = ""  # what to drive so that it is seen
+    missing: str = ""  # what to drive so that it is known better
+
+    @property
+    def bounded(self) -> bool:
+        """Returns whether the interval has two ends."""
+        return math.isfinite(self.low) and math.isfinite(self.high)
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
-        if self.seen:
+        if self.bounded:
             return f"{self.value:.4g}{unit} ({self.low:.4g} to {self.high:.4g})"
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            return f"between {self.low:.3g} and {self.high:.3g}{unit}"
         if math.isfinite(self.low):
             return f"at least {self.low:.3g}{unit}"
         return f"at most {self.high:.3g}{unit}" if math.isfinite(self.high) else "not observable"
@@ -83,35 +91,44 @@ class Fit:
 
     saturation: int  # AXES, TWIST or WHEELS
     numbers: Floats  # (12,), as PAIR names them
-    response: Floats  # (2, n)
+    drive: Drive  # what it is fitted to
     noise: Floats  # (2,) standard deviation of the residuals
-    correlation: Floats  # (2,) of each residual with the one before, at least 0
-    decelerating: tuple[bool, bool]  # whether the deceleration of an axis is another than its acceleration
-    limited: tuple[bool, bool]  # whether the drive reaches the limit of an axis
     held_out: tuple[float, float, float]  # RMS of both axes over their noise, per saturation, on blocks left out
     estimates: tuple[Estimate, ...] = ()
 
     def __getitem__(self, name: str) -> Estimate:
         return next(each for each in self.estimates if each.name == name)
 
-    def residuals(self, drive: Drive) -> Floats:
-        """Returns measured minus fitted speeds, (2, k), of what counts."""
-        found: Floats = (drive.speeds.T - self.response)[:, drive.counted]
+    @functools.cached_property
+    def response(self) -> Floats:
+        """Returns the fitted speeds (2, n)."""
+        return pair_response(self.drive, self.saturation, self.numbers)[0]
+
+    @property
+    def wrong(self) -> NDArray[np.bool_]:
+        """Returns which messages (n,) of odometry are too far off to be noise; none where many are: the model is."""
+        left = np.abs(self.drive.speeds.T - self.response)
+        found: NDArray[np.bool_] = (left > FAR * self.noise[:, None]).any(axis=0)
+        return found if found.mean() <= MOST_WRONG else np.zeros_like(found)
+
+    def residuals(self) -> Floats:
+        """Returns measured minus fitted speeds, (2, k), of what counts and is not wrong."""
+        found: Floats = (self.drive.speeds.T - self.response)[:, self.drive.counted & ~self.wrong]
         return found
 
 
 @dataclasses.dataclass
 class Problem:
-    """Least squares of a response over groups of its numbers: the delays as they are, all others by their log."""
+    """Robust least squares of a response over groups of its numbers: delays as they are, all others by their log."""
 
     respond: Callable[[Floats], tuple[Floats, Floats]]  # numbers to (k,) speeds and (k, p) derivatives
     measured: Floats  # (k,)
-    weights: Floats  # (k,)
+    weights: Floats  # (k,) one over the noise
     groups: Sequence[tuple[int, ...]]  # of numbers that are one parameter
     low: Floats  # of each parameter
     high: Floats
-    linear: NDArray[np.bool_]  # whether a parameter is a delay
     others: Floats  # all numbers, for those of no group
+    linear: NDArray[np.bool_]  # whether a parameter is a delay
     _last: Any = None
 
     def numbers(self, x: Floats) -> Floats:
@@ -132,21 +149,26 @@ class Problem:
         return found
 
     def at(self, x: Floats) -> tuple[Floats, Floats]:
-        """Returns weighted residuals (k,) and their derivatives (k, parameters)."""
+        """Returns roots (k,) of the loss of each residual, with its sign, and their derivatives (k, parameters)."""
         if self._last is None or not np.array_equal(self._last[0], x):
             numbers = self.numbers(x)
             v, slopes = self.respond(numbers)
             scale = np.where((x >= self.low) & (x <= self.high), 1.0, 0.0)
+            left = self.weights * (v - self.measured)
+            size = np.abs(left)
+            bent = np.sqrt(BEND * np.maximum(2.0 * size - BEND, BEND))
+            roots = np.where(size <= BEND, left, np.sign(left) * bent)
+            falling = self.weights * np.where(size <= BEND, 1.0, BEND / bent)
             columns = np.empty((len(v), len(x)))
             for j, group in enumerate(self.groups):
                 factor = scale[j] if self.linear[j] else scale[j] * numbers[group[0]]
                 columns[:, j] = slopes[:, group[0]] if len(group) == 1 else slopes[:, group].sum(axis=1)
-                columns[:, j] *= factor * self.weights
-            self._last = x.copy(), self.weights * (v - self.measured), columns
+                columns[:, j] *= factor * falling
+            self._last = x.copy(), roots, columns
         return self._last[1], self._last[2]
 
     def solve(self, x: Floats, free: Sequence[int], tolerance: float = 1e-9, most: int = 60) -> tuple[Floats, float]:
-        """Returns the best parameters from a start, and their sum of squares; those that are not free stay."""
+        """Returns the best parameters from a start, and their loss; those that are not free stay."""
         chosen = list(free)
 
         def whole(part: Floats) -> Floats:
@@ -167,22 +189,22 @@ class Problem:
         free = range(len(self.groups))
         return min((self.solve(x, free, tolerance) for x in starts), key=lambda each: each[1])
 
-    def interval(self, best: Floats, cost: float, index: int, count: float) -> tuple[float, float]:
+    def interval(self, best: Floats, cost: float, index: int, count: float, pieces: "Pieces") -> tuple[float, float]:
         """Returns the ends of a parameter's interval, in its own unit; -inf and inf where the bounds are inside.
 
         Args:
-            best: the parameters of least cost.
-            cost: their sum of squares.
+            best: the parameters of least loss.
+            cost: their loss.
             index: of the parameter.
             count: of independent measurements; more than the cost where the noise is taken as more than what is left.
+            pieces: the variance over blocks.
         """
-        slopes = self.at(best)[1]
-        covariance = np.linalg.pinv(slopes.T @ slopes)
         spare = max(count - cost, 0.0)
-        deviation = math.sqrt(max(covariance[index, index], 1e-18) * (cost + spare) / count)
-        ahead = covariance[:, index] / max(covariance[index, index], 1e-18)
-        limit = LIKELIHOOD * (1.0 + 5.0 / len(self.measured)) / count
-        ends = [self._end(best, cost, spare, index, side, limit, 1.96 * deviation, ahead) for side in (-1.0, 1.0)]
+        deviation, reach = pieces.spread(np.eye(len(best))[index])
+        deviation *= math.sqrt((cost + spare) / count)
+        ahead = pieces.covariance[:, index] / max(pieces.covariance[index, index], 1e-18)
+        limit = reach**2 / count
+        ends = [self._end(best, cost, spare, index, side, limit, reach * deviation, ahead) for side in (-1.0, 1.0)]
         low, high = ends if self.linear[index] else [math.exp(each) for each in ends]
         return (low if low > 0.0 else -math.inf), high
 
@@ -197,27 +219,42 @@ class Problem:
         room = abs((self.high if side > 0.0 else self.low)[index] - best[index])
         wanted = math.sqrt(limit)
 
-        def root(distance: float, start: Floats, at: float) -> tuple[float, Floats]:
-            x = np.clip(start + ahead * (side * (distance - at)), self.low, self.high)
-            x[index] = best[index] + side * distance
-            found, squares = self.solve(x, free, 1e-5, 25)
-            return math.sqrt(max(math.log((max(squares, 1e-300) + spare) / (cost + spare)), 0.0)), found
+        def root(distance: float, start: Floats, at: float, ways: int = 2) -> tuple[float, Floats]:
+            found: list[tuple[float, Floats]] = []
+            for along in (1.0, 0.0)[:ways]:  # to first order the others move along, of which what is flat may go astray
+                x = np.clip(start + along * ahead * (side * (distance - at)), self.low, self.high)
+                x[index] = best[index] + side * distance
+                x, squares = self.solve(x, free, 1e-5, 25)
+                ratio = math.log((max(squares, 1e-300) + spare) / (cost + spare))
+                found.append((math.sqrt(max(ratio, 0.0)), x))
+                if found[-1][0] <= wanted:
+                    break
+            return min(found, key=lambda each: each[0])
 
         inner, inner_root, start = 0.0, 0.0, best
         outer = min(max(step, 1e-6), 0.5)
         while True:
             outer = min(outer, room)
             outer_root, x = root(outer, start, inner)
-            if outer_root > wanted:
+            if inner == 0.0 and wanted < outer_root < REGULAR * wanted:
                 break
-            if outer >= room:
+            if outer_root <= wanted:
+                if outer >= room:
+                    return side * math.inf
+                inner, inner_root, start, outer = outer, outer_root, x, 2.0 * outer
+                continue
+            far = min(2.0 * outer, room)  # beyond a ridge the loss may fall again
+            far_root, x = root(far, x, outer)
+            if far_root > wanted:
+                break
+            inner, inner_root, start, outer = far, far_root, x, 2.0 * far
+            if far >= room:
                 return side * math.inf
-            inner, inner_root, start, outer = outer, outer_root, x, 2.0 * outer
         for _ in range(12):
             share = (wanted - inner_root) / (outer_root - inner_root)
             middle = inner + min(max(share, 0.1), 0.9) * (outer - inner)
-            found, x = root(middle, start, inner)
-            if abs(found - wanted) < 0.01 * wanted:
+            found, x = root(middle, start, inner, 1)
+            if abs(found - wanted) < 0.03 * wanted:
                 inner = middle
                 break
             if found < wanted:
@@ -227,8 +264,49 @@ class Problem:
         return float(best[index] + side * inner)
 
 
-def axis_problem(drive: Drive, axis: int, free_deceleration: bool = False) -> Problem:
-    """Returns the least squares of one axis that saturates by itself."""
+@dataclasses.dataclass(frozen=True)
+class Pieces:
+    """The information of a fit by blocks of its drive, and what leaving each of them out does to the parameters."""
+
+    covariance: Floats  # (p, p) of independent residuals of deviation 1
+    information: Floats  # (b, p, p)
+    shifts: Floats  # (b, p) of the parameters without a block, to first order
+
+    @classmethod
+    def of(cls, problem: Problem, x: Floats, blocks: NDArray[np.int64]) -> "Pieces":
+        """Returns those of the best parameters; `blocks` (k,) says to which one a residual belongs."""
+        errors, slopes = problem.at(x)
+        size = np.sqrt(np.maximum((slopes**2).sum(axis=0), 1e-300))
+        scaled = slopes / size
+        order = np.argsort(blocks, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(blocks[order])) + 1)
+        information = np.stack([scaled[part].T @ scaled[part] for part in parts])
+        whole = information.sum(axis=0)
+        shifts = [
+            np.linalg.pinv(whole - own, FLAT, hermitian=True) @ (scaled[part].T @ errors[part])
+            for own, part in zip(information, parts, strict=True)
+        ]
+        both = np.outer(size, size)
+        return cls(np.linalg.pinv(whole, FLAT, hermitian=True) / both, information * both, np.stack(shifts) / size)
+
+    def spread(self, direction: Floats) -> tuple[float, float]:
+        """Returns the deviation of a sum of parameters for independent residuals, and the reach of its interval in it.
+
+        The reach is Student's quantile, times the root of the ratio of the jackknife's variance to the other if that is
+        more than 1.
+        """
+        through = self.covariance @ direction
+        variance = max(float(direction @ through), 1e-18)
+        shares = np.einsum("i,bij,j->b", through, self.information, through) / variance
+        informing = 1.0 / max(float((shares**2).sum()), 1e-3) - 1.0
+        n = len(self.shifts)
+        over = (n - 1) / n * float(((self.shifts @ direction) ** 2).sum())
+        quantile = float(stdtrit(min(max(informing, 2.0), 1e4), 0.975))
+        return math.sqrt(variance), quantile * math.sqrt(max(1.0, over / variance))
+
+
+def axis_problem(drive: Drive, axis: int) -> Problem:
+    """Returns the least squares of one axis that saturates by itself and slows down as it speeds up."""
     counted = drive.counted
     asked = max(float(np.abs(drive.commands[:, axis]).max()), 1e-6)
 
@@ -236,14 +314,14 @@ def axis_problem(drive: Drive, axis: int, free_deceleration: bool = False) -> Pr
         v, slopes = axis_response(drive, axis, numbers)
         return v[counted], slopes[counted]
 
-    slews: list[tuple[int, ...]] = [(3,), (4,)] if free_deceleration else [(3, 4)]
-    scales = [(0.2, 5.0), (0.02 * asked, 4.0 * asked), *[(0.05 * asked, 200.0 * asked)] * len(slews), LAGS]
+    scales = [(0.2, 5.0), (0.02 * asked, 4.0 * asked), (0.05 * asked, 200.0 * asked), LAGS]
     ends = np.log(np.array(scales)).T
     measured = drive.speeds[counted, axis]
     low, high = np.concatenate([[0.0], ends[0]]), np.concatenate([[LONGEST_DELAY], ends[1]])
     linear = np.arange(len(low)) == 0
-    groups = [(0,), (1,), (2,), *slews, (5,)]
-    return Problem(respond, measured, np.ones(len(measured)), groups, low, high, linear, np.empty(6))
+    groups = [(0,), (1,), (2,), (3, 4), (5,)]
+    weights = np.full(len(measured), 1.0 / (ROUGH * asked))
+    return Problem(respond, measured, weights, groups, low, high, np.empty(6), linear)
 
 
 def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
@@ -256,7 +334,7 @@ def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
     """
     problem = axis_problem(drive, axis)
     asked = float(np.abs(drive.commands[:, axis]).max())
-    fastest = float(np.quantile(np.abs(problem.measured), 0.995))
+    fastest = float(np.quantile(np.abs(problem.measured), 0.98))
     starts = [
         problem.parameters(np.array([delays[0], 1.0, limit, slew * asked, slew * asked, lag]))
         for limit in (1.02 * fastest, 2.0 * asked)
@@ -272,56 +350,39 @@ def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
     return problem.numbers(x)
 
 
-def pair_problem(
-    drive: Drive,
-    saturation: int,
-    scales: Floats,
-    decelerating: Sequence[bool] = (False, False),
-    limited: Sequence[bool] = (True, True),
-) -> Problem:
-    """Returns the least squares of both axes, each divided by its scale.
+def pair_problem(drive: Drive, saturation: int, noise: Floats, fixed: Mapping[int, float] | None = None) -> Problem:
+    """Returns the least squares of both axes, each divided by its noise.
 
     Args:
         drive: what was commanded and measured.
         saturation: AXES, TWIST or WHEELS.
-        scales: (2,) of each axis.
-        decelerating: whether an axis has a deceleration of its own.
-        limited: whether the drive reaches the limit of an axis; without, there is none.
+        noise: (2,) standard deviation of each axis.
+        fixed: values of numbers, by their place in PAIR, that stay as they are.
     """
-    counted = drive.counted
+    counted, fixed = drive.counted, fixed or {}
     asked = np.maximum(np.abs(drive.commands).max(axis=0), 1e-6)
 
     def respond(numbers: Floats) -> tuple[Floats, Floats]:
         v, slopes = pair_response(drive, saturation, numbers)
         return v[:, counted].ravel(), slopes[:, counted].reshape(-1, len(PAIR))
 
-    groups: list[tuple[int, ...]] = []
-    ends: list[tuple[float, float]] = []
+    ranges: dict[int, tuple[float, float]] = {}
     for axis in commanded(drive):
-        first = 5 * axis
-        slews: list[tuple[int, ...]] = [(first + 2,), (first + 3,)] if decelerating[axis] else [(first + 2, first + 3)]
-        groups += [(first,), (first + 1,), *slews, (first + 4,)]
         reach = 0.05 * asked[axis], 200.0 * asked[axis]
-        ends += [(1.0, math.exp(LONGEST_DELAY)), (0.2, 5.0), *[reach] * len(slews), LAGS]
-    if saturation == AXES:
-        reached = [axis for axis in commanded(drive) if limited[axis]]
-        groups += [(10 + axis,) for axis in reached]
-        ends += [(0.02 * asked[axis], 4.0 * asked[axis]) for axis in reached]
-    else:
-        groups += [(10,), (11,)]
-        ends += [(0.02 * asked[0], 4.0 * asked[0] + 4.0 * asked[1]), (0.02, 5.0)]
-    low, high = np.log(np.array(ends)).T
-    linear = np.array([group[0] in (0, 5) for group in groups])
+        ends = (1.0, math.exp(LONGEST_DELAY)), (0.2, 5.0), reach, reach, LAGS
+        ranges |= {5 * axis + k: each for k, each in enumerate(ends)}
+        if saturation == AXES:
+            ranges[10 + axis] = 0.02 * asked[axis], 4.0 * asked[axis]
+    if saturation != AXES:
+        ranges |= {10: (0.02 * asked[0], 4.0 * asked[0] + 4.0 * asked[1]), 11: (0.02, 5.0)}
+    free = sorted(ranges.keys() - fixed.keys())
+    low, high = np.log(np.array([ranges[k] for k in free])).T
+    others = UNKNOWN.copy()
+    others[list(fixed)] = list(fixed.values())
     measured = drive.speeds[counted].T.ravel()
-    weights = np.repeat(1.0 / scales, counted.sum())
-    return Problem(respond, measured, weights, groups, low, high, linear, UNKNOWN.copy())
-
-
-def correlations(residuals: Floats) -> Floats:
-    """Returns the correlation (k,) of each row of residuals with the ones before, at least 0."""
-    ahead, behind = residuals[:, 1:], residuals[:, :-1]
-    found: Floats = np.clip((ahead * behind).sum(axis=1) / np.maximum((residuals**2).sum(axis=1), 1e-300), 0.0, 0.99)
-    return found
+    weights = np.repeat(1.0 / noise, counted.sum())
+    groups = [(each,) for each in free]
+    return Problem(respond, measured, weights, groups, low, high, others, np.isin(free, (0, 5)))
 
 
 def commanded(drive: Drive) -> tuple[int, ...]:
@@ -339,17 +400,15 @@ def fit_axes(drive: Drive, delays: Floats = DELAYS) -> Floats:
     return found
 
 
-def _scales(drive: Drive, saturation: int, numbers: Floats) -> tuple[Floats, Floats, Floats]:
-    """Returns what divides the residuals of each axis, so that all count alike; their deviation and correlation."""
-    residuals = (drive.speeds.T - pair_response(drive, saturation, numbers)[0])[:, drive.counted]
-    noise = np.maximum(residuals.std(axis=1), LEAST_NOISE * np.maximum(np.abs(drive.speeds).max(axis=0), 1e-3))
-    rho = correlations(residuals)
-    return noise * np.sqrt((1.0 + rho) / (1.0 - rho)), noise, rho
+def noise_of(drive: Drive, response: Floats) -> Floats:
+    """Returns the deviation (2,) of the residuals of each axis.
 
-
-def _count(drive: Drive, rho: Floats) -> float:
-    """Returns how many independent measurements residuals of such correlations are worth."""
-    return float(drive.counted.sum() * ((1.0 - rho) / (1.0 + rho)).sum())
+    It is that of a normal distribution whose nine tenths of least size are as large: wrong messages are in the tenth.
+    """
+    sizes = np.abs(drive.speeds.T - response)[:, drive.counted]
+    fastest = np.quantile(np.abs(drive.speeds), 0.98, axis=0)
+    found: Floats = np.maximum(np.quantile(sizes, 0.9, axis=1) / 1.6449, LEAST_NOISE * np.maximum(fastest, 1e-3))
+    return found
 
 
 def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
@@ -358,7 +417,7 @@ def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
     An axis by itself may be fitted without any limit where the other one mostly slows it: the measured speeds say where
     wheels saturate, and gains of 1 are tried as well.
     """
-    fastest = np.quantile(np.abs(drive.speeds[drive.counted]), 0.995, axis=0)
+    fastest = np.quantile(np.abs(drive.speeds[drive.counted]), 0.98, axis=0)
     measured = float(fastest[0] / max(fastest[1], 1e-6))
     found = []
     for half, gained in ((measured, True), (measured, False), (half_track, True), (1.6 * half_track, True)):
@@ -370,12 +429,6 @@ def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
     return found
 
 
-def _errors(drive: Drive, saturation: int, numbers: Floats, noise: Floats) -> float:
-    """Returns the mean square of the residuals of both axes, over their noise."""
-    residuals = (drive.speeds.T - pair_response(drive, saturation, numbers)[0])[:, drive.counted]
-    return float(((residuals / noise[:, None]) ** 2).mean())
-
-
 def choose_saturation(drive: Drive, axes: Floats, half_track: float) -> tuple[int, Floats, tuple[float, float, float]]:
     """Returns the saturation that best predicts blocks of the drive which its fit has not seen.
 
@@ -385,22 +438,23 @@ def choose_saturation(drive: Drive, axes: Floats, half_track: float) -> tuple[in
         half_track: m, from which the search for half of the track starts.
 
     Returns:
-        The saturation, its numbers fitted to the whole drive, and the errors of all three: mean square over noise, on
+        The saturation, its numbers fitted to the whole drive, and the errors of all three: mean loss over noise, on
         the blocks left out.
     """
-    scales, noise, _ = _scales(drive, AXES, axes)
+    noise = noise_of(drive, pair_response(drive, AXES, axes)[0])
     block = ((drive.times - drive.times[0]) // BLOCK).astype(int) % 2
-    numbers, held_out = {AXES: axes}, []
+    numbers, held_out = {}, []
     for saturation in (AXES, TWIST, WHEELS):
-        if saturation != AXES:
-            problem = pair_problem(drive, saturation, scales)
-            starts = [problem.parameters(start) for start in _starts(drive, axes, half_track)]
-            numbers[saturation] = problem.numbers(problem.best(starts, 1e-6)[0])
+        problem = pair_problem(drive, saturation, noise)
+        starts = [axes] if saturation == AXES else _starts(drive, axes, half_track)
+        numbers[saturation] = problem.numbers(problem.best([problem.parameters(each) for each in starts], 1e-6)[0])
         errors = []
         for out in range(2):
-            part = pair_problem(drive.only(block != out), saturation, scales)
+            part = pair_problem(drive.only(block != out), saturation, noise)
             x = part.best([part.parameters(numbers[saturation])], 1e-5)[0]
-            errors.append(_errors(drive.only(block == out), saturation, part.numbers(x), noise))
+            left = pair_problem(drive.only(block == out), saturation, noise)
+            roots = left.at(left.parameters(part.numbers(x)))[0]
+            errors.append(float((roots**2).mean()))
         held_out.append(float(np.mean(errors)))
     best = min((TWIST, WHEELS), key=lambda each: held_out[each])
     if held_out[best] > (1.0 - GAIN) * held_out[AXES]:
@@ -418,210 +472,92 @@ def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
     """
     axes = fit_axes(drive, delays)
     if len(commanded(drive)) == 2:
-        saturation, numbers, held_out = choose_saturation(drive, axes, half_track)
+        saturation, start, held_out = choose_saturation(drive, axes, half_track)
     else:
-        saturation, numbers, held_out = AXES, axes, (1.0, 1.0, 1.0)
-    limited = _limited(drive, saturation, numbers)
-    if saturation != AXES and not limited[0]:
-        saturation, numbers, limited = AXES, axes, _limited(drive, AXES, axes)
-    decelerating = [False, False]
-    for again in range(2):
-        scales, _, rho = _scales(drive, saturation, numbers)
-        problem = pair_problem(drive, saturation, scales, decelerating, limited)
-        x, cost = problem.best([problem.parameters(numbers)])
-        numbers, spare = problem.numbers(x), max(_count(drive, rho) - cost, 0.0)
-        for axis in commanded(drive) if not again else ():
-            wanted = [decelerating[0] or axis == 0, decelerating[1] or axis == 1]
-            freed = pair_problem(drive, saturation, scales, wanted, limited)
-            x, less = freed.best([freed.parameters(numbers)])
-            left = (less + spare) / (cost + spare)
-            if (less + spare) * -math.log(left) > FREE_DECELERATION or left < MUCH_BETTER:
-                decelerating, numbers, cost = wanted, freed.numbers(x), less
-    _, noise, rho = _scales(drive, saturation, numbers)
-    response = pair_response(drive, saturation, numbers)[0]
-    return Fit(saturation, numbers, response, noise, rho, (decelerating[0], decelerating[1]), limited, held_out)
+        saturation, start, held_out = AXES, axes, (1.0, 1.0, 1.0)
+    numbers = start
+    for _ in range(2):  # the second without what is wrong by the first
+        problem = pair_problem(drive, saturation, noise_of(drive, pair_response(drive, saturation, numbers)[0]))
+        numbers = problem.numbers(problem.best([problem.parameters(numbers)])[0])
+        found = Fit(saturation, numbers, drive, noise_of(drive, pair_response(drive, saturation, numbers)[0]), held_out)
+        drive = drive.only(~found.wrong)
+    return found
 
 
-def _limited(drive: Drive, saturation: int, numbers: Floats) -> tuple[bool, bool]:
-    """Returns whether the drive stands long enough at the limits of each axis, or of a wheel."""
-    period = float(np.median(np.diff(drive.times)))
-    response = pair_response(drive, saturation, numbers)[0]
-    seconds = (beyond_limits(drive, saturation, numbers, response) & drive.counted).sum(axis=1) * period
-    return bool(seconds[0] >= AT_LIMIT), bool(seconds[1] >= AT_LIMIT)
+def refitted(found: Fit, drive: Drive, fixed: Mapping[int, float]) -> Floats:
+    """Returns the numbers of a fit to another part of its drive, of which some stay as they are."""
+    numbers = found.numbers.copy()
+    numbers[list(fixed)] = list(fixed.values())
+    problem = pair_problem(drive, found.saturation, found.noise, fixed)
+    return problem.numbers(problem.best([problem.parameters(numbers)])[0])
 
 
-def beyond_limits(drive: Drive, saturation: int, numbers: Floats, response: Floats) -> NDArray[np.bool_]:
-    """Returns when (2, n) the base is at a limit while more is commanded.
-
-    Rows are the axes, or where both share the limit, that of a wheel, and the same while it turns.
-    """
-    n = numbers
-    raw = np.stack(
-        [n[5 * k + 1] * held(drive.command_times + n[5 * k], drive.commands[:, k], drive.times) for k in range(2)]
-    )
-    if saturation == AXES:
-        found: NDArray[np.bool_] = (np.abs(raw) > BEYOND * n[10:, None]) & (np.abs(response) > 0.95 * n[10:, None])
-        return found
-    wheels = np.stack([np.abs(each[0]) + n[11] * np.abs(each[1]) for each in (raw, response)])
-    both = (wheels[0] > BEYOND * n[10]) & (wheels[1] > 0.95 * n[10])
-    return np.stack([both, both & (n[11] * np.abs(raw[1]) > 0.2 * n[10])])
+def sampling(drive: Drive) -> float:
+    """Returns by how much (s) a change of the commands may have come before its record, in the mean."""
+    changes = np.flatnonzero(np.any(np.diff(drive.commands, axis=0) != 0.0, axis=1))
+    gaps = np.diff(drive.command_times)[changes]
+    return 0.5 * min(float(np.quantile(gaps, 0.75)), LONGEST_INTERVAL) if len(gaps) else 0.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Excitation:
-    """The excitation of one axis in a drive, which makes its parameters identifiable."""
-
-    at_limit: float  # s, in which the base is at its limit while more is commanded
-    slews: int  # slews that are long enough
-    steps: float  # worth of its steps, in full ones
-    unit: str  # of the axis
-    noise: float
-    fastest: float  # that the response reaches
-
-
-def excitations(drive: Drive, found: Fit) -> tuple[Excitation, Excitation]:
-    """Returns the excitation of each axis in a drive, by the fitted response."""
-    n = found.numbers
-    period = float(np.median(np.diff(drive.times)))
-    sharp = n.copy()
-    sharp[[4, 9]] = 1e-3  # without its lag, the response is r
-    r = pair_response(drive, found.saturation, sharp)[0]
-    beyond = beyond_limits(drive, found.saturation, n, found.response)
-    results = []
-    for k in range(2):
-        top = max(float(np.abs(r[k]).max()), 1e-9)
-        slope = np.diff(r[k])
-        going = np.where(np.abs(slope) > 0.5 * n[5 * k + 2] * np.diff(drive.times), np.sign(slope), 0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0.0], going, [0.0]])))
-        long = [
-            j - i for i, j in itertools.pairwise(edges)
-            if going[i] and j - i >= max(SLEW_SAMPLES, SLEW_LAGS * n[5 * k + 4] / period)
-        ]  # fmt: skip
-        noise = float(_spread((drive.speeds[:, k] - found.response[k])[drive.counted]))
-        before = held(drive.command_times, drive.commands[:, k], drive.command_times - STEP_TIME)
-        steps = n[5 * k + 1] * np.abs(drive.commands[:, k] - before)
-        worth = _separate(drive.command_times, np.minimum(steps, 2.0 * top), STEP_NOISES * noise)
-        results.append(
-            Excitation(
-                float((beyond[k] & drive.counted).sum()) * period,
-                len(long),
-                float((worth**2).sum()) / (FULL_STEP * noise) ** 2,
-                ("m/s", "rad/s")[k],
-                noise,
-                float(np.abs(found.response[k]).max()),
-            )
-        )
-    return results[0], results[1]
-
-
-def _spread(values: Floats) -> float:
-    """Returns the standard deviation of what is normal but for outliers."""
-    return max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-9)
-
-
-def _separate(times: Floats, steps: Floats, least: float) -> Floats:
-    """Returns the steps of at least that size, the largest within STEP_TIME once."""
-    found: list[float] = []
-    last = -math.inf
-    for t, step in zip(times.tolist(), steps.tolist(), strict=True):
-        if step < least:
-            continue
-        if t - last > STEP_TIME:
-            found.append(step)
-            last = t
-        else:
-            found[-1] = max(found[-1], step)
-    return np.array(found)
-
-
-def _seen(name: str, e: Excitation, low: float, high: float) -> str:
-    """Returns what to drive so that a parameter is seen; "" where it was."""
-    ratio = high / low if low > 0.0 else math.inf
-    reversals = "steps from standstill to top speed and back, and reversals"
-    if name == "limit":
-        enough = e.at_limit >= AT_LIMIT and ratio <= WIDEST
-        return (
-            ""
-            if enough
-            else f"ask for 1.3 times the top speed for 3 s both ways: it stood {e.at_limit:.1f} s at a limit"
-        )
-    if name == "slew":
-        enough = ratio <= NARROW[0] or (e.slews >= SLEWS and ratio <= NARROW[1])
-        return "" if enough else f"{reversals}: {e.slews} slews were long enough, of {SLEWS}"
-    if name == "gain":
-        return "" if ratio <= NARROW[0] and e.steps >= STEPS else reversals
-    enough = e.steps >= STEPS and (high - low <= WIDEST_DELAY if name == "delay" else ratio <= WIDEST)
-    least = FULL_STEP * e.noise
-    return "" if enough else f"{STEPS} steps of at least {least:.2g} {e.unit}: there were {e.steps:.1f} worth of them"
-
-
-def _estimate(kind: str, label: str, unit: str, value: float, ends: tuple[float, float], e: Excitation) -> Estimate:
-    """Returns a parameter with its interval, or with the bound that is known of it."""
-    missing = _seen(kind, e, *ends)
-    low, high = ends
-    if missing:  # a local best may lie anywhere: times are known from above, limits and slews from below
-        if kind == "limit":  # it has driven so fast; the fit's limit beyond that is made up
-            low = -math.inf if unit == "m" else e.fastest
-        if kind != "gain":
-            low, high = (-math.inf, high) if kind in ("delay", "lag") else (low, math.inf)
-    return Estimate(label, unit, value, low, high, not missing, missing)
-
-
-def _names(decelerating: bool) -> tuple[tuple[str, str, int], ...]:
-    """Returns kind, name and number in PAIR of the parameters of an axis."""
-    slews = (
-        (("slew", "acceleration", 2), ("slew", "deceleration", 3)) if decelerating else (("slew", "acceleration", 2),)
-    )
-    return ("delay", "delay", 0), ("gain", "gain", 1), *slews, ("lag", "lag", 4)
-
-
-def intervals(drive: Drive, found: Fit) -> Fit:
-    """Returns the fit with an estimate of every parameter: value and interval, or a bound."""
-    excited = excitations(drive, found)
-    scales, _, rho = _scales(drive, found.saturation, found.numbers)
-    problem = pair_problem(drive, found.saturation, scales, found.decelerating, found.limited)
+def intervals(found: Fit) -> Fit:
+    """Returns the fit with an estimate of every parameter, and of delay and lag together, which trade."""
+    drive = found.drive
+    problem = pair_problem(drive, found.saturation, found.noise)
     x, cost = problem.best([problem.parameters(found.numbers)])
-    numbers, count = problem.numbers(x), max(cost, _count(drive, rho))
+    numbers = problem.numbers(x)
+    count = max(cost, float(drive.counted.sum() * len(commanded(drive))))
+    blocks = (drive.times[drive.counted] // PIECE).astype(np.int64)
+    pieces = Pieces.of(problem, x, np.concatenate([blocks, blocks]))
+    late = sampling(drive)
+    places = [group[0] for group in problem.groups]
     estimates = []
-    parameter = 0
-    for axis, (suffix, unit) in enumerate((("v", "m/s"), ("w", "rad/s"))):
-        units = {"delay": "s", "gain": "", "slew": f"{unit}^2", "lag": "s"}
-        for kind, name, at in _names(found.decelerating[axis]):
-            label = f"{name}_{suffix}"
-            if axis not in commanded(drive):
-                estimates.append(_not_driven(label, units[kind], axis))
-                continue
-            ends = problem.interval(x, cost, parameter, count)
-            value = float(numbers[5 * axis + at])
-            estimates.append(_estimate(kind, label, units[kind], value, ends, excited[axis]))
-            parameter += 1
-    labels = (("speed_v", "m/s"), ("speed_w", "rad/s"))
-    for k, (label, unit) in enumerate(labels if found.saturation == AXES else (("wheel_speed", "m/s"), ("track", "m"))):
-        if found.saturation == AXES and k not in commanded(drive):
-            estimates.append(_not_driven(label, unit, k))
+    for place, (name, unit) in enumerate(_labels(found.saturation)):
+        if place not in places:
+            what = ("forward", "turning")[place - 10 if place > 9 else place // 5]
+            advice = f"commands of the axis {what}: there were none"
+            estimates.append(Estimate(name, unit, math.nan, -math.inf, math.inf, advice))
             continue
-        if found.saturation == AXES and not found.limited[k]:
-            estimates.append(_estimate("limit", label, unit, math.nan, (-math.inf, math.inf), excited[k]))
-            continue
-        low, high = problem.interval(x, cost, parameter, count)
-        factor = 2.0 if label == "track" else 1.0
-        value = factor * float(numbers[10 + k])
-        estimates.append(_estimate("limit", label, unit, value, (factor * low, factor * high), excited[k]))
-        parameter += 1
-    response = pair_response(drive, found.saturation, numbers)[0]
-    return dataclasses.replace(found, numbers=numbers, response=response, estimates=tuple(estimates))
+        factor = 2.0 if name == "track" else 1.0
+        low, high = (factor * end for end in problem.interval(x, cost, places.index(place), count, pieces))
+        if place % 5 in (0, 4) and place < 10:
+            low = max(low, 0.0)
+        if place in (0, 5):
+            high = min(high + late, 1.0)
+        each = Estimate(name, unit, factor * float(numbers[place]), low, high)
+        estimates.append(dataclasses.replace(each, missing=_missing(each, late)))
+        if place in (4, 9):
+            direction = np.zeros(len(x))
+            direction[places.index(place - 4)], direction[places.index(place)] = 1.0, numbers[place]
+            deviation, reach = pieces.spread(direction)
+            half, total = reach * deviation, float(numbers[place - 4] + numbers[place])
+            label = f"delay_{name[-1]} + lag_{name[-1]}"
+            estimates.append(Estimate(label, "s", total, max(total - half, 0.0), total + half + late))
+    return dataclasses.replace(found, numbers=numbers, estimates=tuple(estimates))
 
 
-def _not_driven(label: str, unit: str, axis: int) -> Estimate:
-    """Returns the estimate of what an axis without commands says."""
-    what = ("forward", "turning")[axis]
-    return Estimate(label, unit, math.nan, -math.inf, math.inf, False, f"commands of the axis {what}: there were none")
+def _labels(saturation: int) -> list[tuple[str, str]]:
+    """Returns name and unit of the numbers of PAIR."""
+    units = [(f"{name}_{axis}", unit) for axis, speed in (("v", "m/s"), ("w", "rad/s"))
+             for name, unit in zip(AXIS, ("s", "", f"{speed}^2", f"{speed}^2", "s"), strict=True)]  # fmt: skip
+    own, shared = [("speed_v", "m/s"), ("speed_w", "rad/s")], [("wheel_speed", "m/s"), ("track", "m")]
+    return units + (own if saturation == AXES else shared)
 
 
-def refitted(drive: Drive, found: Fit, speeds: Floats) -> dict[str, float]:
-    """Returns the parameters of a fit to other speeds (n, 2), from a fit's own, by name."""
-    other = dataclasses.replace(drive, speeds=np.ascontiguousarray(speeds))
-    scales, _, _ = _scales(drive, found.saturation, found.numbers)
-    problem = pair_problem(other, found.saturation, scales, found.decelerating, found.limited)
-    numbers = problem.numbers(problem.best([problem.parameters(found.numbers)], 1e-6)[0])
-    return {name: float(numbers[PAIR.index(name)]) for name in PAIR if name in {each.name for each in found.estimates}}
+def _missing(each: Estimate, late: float) -> str:
+    """Returns what to drive where an interval is wide; "" where it is not."""
+    kind, _, axis = each.name.partition("_")
+    turning = axis == "w" or each.name == "track"
+    ratio = each.high / each.low if each.low > 0.0 else math.inf
+    if kind in ("delay", "lag"):
+        wide = each.high - each.low > WIDEST_TIME + (late if kind == "delay" else 0.0)
+        drive = "turn on the spot five times" if turning else "drive off and stop five times"
+    elif kind in ("speed", "wheel", "track"):
+        wide = ratio > WIDEST
+        drive = "turn on the spot at 1.3 times the top yaw rate" if turning else "ask for 1.3 times the top speed"
+        drive += " for 3 s, both ways"
+    else:
+        wide = ratio > (WIDEST_GAIN if kind == "gain" else WIDEST)
+        drive = f"{'turn' if turning else 'drive'} from standstill to top speed and back, five times"
+    interval = f"interval {each.low:.3g} to {each.high:.3g}" if each.bounded else str(each)
+    unit = f" {each.unit}" if each.unit and each.bounded else ""
+    return f"{interval}{unit}: {drive}" if wide else ""

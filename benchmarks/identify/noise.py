@@ -34,8 +34,9 @@ class Rate:
     longest: float  # s, between two messages
 
 
-def measure(log: Log, drive: Drive, fit: Fit) -> Noise:
+def measure(log: Log, fit: Fit) -> Noise:
     """Returns the noise of odometry, at rest and in motion, and of scans at rest."""
+    drive = fit.drive
     rest = resting(drive, drive.times)
     deviations = drive.speeds[rest].std(axis=0) if rest.sum() >= LEAST else np.full(2, np.nan)
     scan, dropouts = np.nan, np.nan
@@ -47,10 +48,12 @@ def measure(log: Log, drive: Drive, fit: Fit) -> Noise:
             beams = np.where(np.isfinite(still) & (still > 0.0), still, np.nan)
             whole = beams[:, np.isfinite(beams).sum(axis=0) >= LEAST]
             scan = float(np.median(np.nanstd(whole, axis=0))) if whole.shape[1] else np.nan
+    left = fit.residuals()
+    again = np.clip((left[:, 1:] * left[:, :-1]).sum(axis=1) / np.maximum((left**2).sum(axis=1), 1e-300), 0.0, 1.0)
     return Noise(
         (float(deviations[0]), float(deviations[1])),
         (float(fit.noise[0]), float(fit.noise[1])),
-        (float(fit.correlation[0]), float(fit.correlation[1])),
+        (float(again[0]), float(again[1])),
         scan,
         dropouts,
     )

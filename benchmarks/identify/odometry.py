@@ -50,7 +50,7 @@ def odometry_errors(log: Log, half_track: float) -> tuple[Estimate, ...]:
     track_error = (1.0 + track) * math.hypot(a_error / a[0], b_error / b)
     radius_error = half_track * (1.0 + track) / a[0] * k_error
     return tuple(
-        Estimate(name, "", float(value), float(value - 1.96 * error), float(value + 1.96 * error), True)
+        Estimate(name, "", float(value), float(value - 1.96 * error), float(value + 1.96 * error))
         for name, value, error in (("slip", slip, a_error), ("track_error", track, track_error),
                                    ("radius_error", radius, radius_error))
     )  # fmt: skip
@@ -58,7 +58,7 @@ def odometry_errors(log: Log, half_track: float) -> tuple[Estimate, ...]:
 
 def _unseen(missing: str) -> tuple[Estimate, ...]:
     names = ("slip", "track_error", "radius_error")
-    return tuple(Estimate(name, "", math.nan, -math.inf, math.inf, False, missing) for name in names)
+    return tuple(Estimate(name, "", math.nan, -math.inf, math.inf, missing) for name in names)
 
 
 def _integrated(times: Floats, speeds: Floats) -> Floats:

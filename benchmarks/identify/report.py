@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from wayfield.benchmarks.figures.drawing import subplots
-from wayfield.benchmarks.identify.estimate import Estimate, Fit
+from wayfield.benchmarks.identify.estimate import BLOCK, Estimate, Fit
 from wayfield.benchmarks.identify.noise import Noise, Rate
+from wayfield.benchmarks.identify.prediction import Prediction
 from wayfield.benchmarks.identify.recording import Log
-from wayfield.benchmarks.identify.response import SATURATIONS, Drive, Floats, held
+from wayfield.benchmarks.identify.response import SATURATIONS, Drive, held
 from wayfield.system.storage import write_whole
 
 AXES_NAMES = (("v", "forward speed", "m/s"), ("w", "yaw rate", "rad/s"))
@@ -33,14 +34,13 @@ class Findings:
     """All that a report shows."""
 
     log: Log
-    drive: Drive
     fit: Fit
     odometry: tuple[Estimate, ...]
     noise: Noise
     rates: list[Rate]
     warnings: tuple[str, ...]
     kept: list[str]  # what the log did not say
-    held_out: tuple[Floats, Floats] | None  # RMS (2,) of the model on what a fit has not seen, and of the ideal base
+    tested: Prediction | None
     split: float
     base: str
     command: str
@@ -72,7 +72,7 @@ def write_report(file: Path, findings: Findings) -> list[Path]:
 
 def _response(found: Findings) -> bytes:
     """Returns measured and fitted speeds: the whole drive, and the seconds with the largest commands."""
-    drive, fit = found.drive, found.fit
+    drive, fit = found.fit.drive, found.fit
     figure, panels = subplots(2, 2, figsize=(12, 6), width_ratios=(2, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         start = _busiest(drive, axis)
@@ -100,12 +100,12 @@ def _response(found: Findings) -> bytes:
 
 def _residuals(found: Findings) -> bytes:
     """Returns what the fit leaves: over time, as a histogram beside a normal one, and its correlation over time."""
-    drive, fit = found.drive, found.fit
+    drive, fit = found.fit.drive, found.fit
     figure, panels = subplots(2, 3, figsize=(12, 5), width_ratios=(2, 1, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
-        left = fit.residuals(drive)[axis]
+        left = fit.residuals()[axis]
         over, spread, again = panels[axis]
-        over.plot(drive.times[drive.counted], left, ".", color=BLUE, markersize=2)
+        over.plot(drive.times[drive.counted & ~fit.wrong], left, ".", color=BLUE, markersize=2)
         over.axhline(0.0, color=GREY, linewidth=0.8)
         over.set_ylabel(f"residual of {name}, {unit}", fontsize=8)
         deviation = max(float(fit.noise[axis]), 1e-9)
@@ -159,20 +159,18 @@ def _page(found: Findings, plots: dict[str, bytes]) -> str:
     parts = [
         "<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'>"
         f"<title>Identified: {e(found.log.name)}</title><style>{_STYLE}</style></head><body>",
-        f"<h1>{e(found.log.name)}</h1><p>{found.drive.times[-1] - found.drive.times[0]:.0f} s of a drive; the sheet of "
-        f"{e(found.base)} fills what the log does not say. Times are {_STAMPS[found.log.stamps]}. "
+        f"<h1>{e(found.log.name)}</h1><p>{fit.drive.times[-1] - fit.drive.times[0]:.0f} s of a drive; the sheet "
+        f"of {e(found.base)} fills what the log does not say. Times are {_STAMPS[found.log.stamps]}. "
         f"Saturation: {SATURATION[SATURATIONS[fit.saturation]]}.</p>",
     ]
     if found.warnings:
         parts.append("<p><b>Warnings.</b> " + " ".join(f"{e(each)}." for each in found.warnings) + "</p>")
     rows = [
-        (each.name, str(each) if each.seen else f"<span class='bound'>{e(str(each))}</span>") for each in fit.estimates
+        (each.name, f"<span class='bound'>{e(str(each))}</span>" if each.missing else str(each))
+        for each in fit.estimates
     ]
     parts.append("<h2>Parameters</h2>" + _table(("parameter", "value (95 % interval), or a bound"), rows))
-    parts.append(
-        f"<p>Delay and lag trade against each other; their sum is known better: {_sum(fit, 0)} s forward, "
-        f"{_sum(fit, 1)} s of the yaw rate.</p>"
-    )
+    parts.append("<p>Delay and lag trade against each other; their sum is known better.</p>")
     parts.append(_image(plots["response"], "Commanded, measured and fitted speeds"))
     parts.append("<h2>How well it predicts</h2>" + _prediction(found))
     parts.append(_image(plots["residuals"], "Residuals over time, their histogram and correlation"))
@@ -182,7 +180,7 @@ def _page(found: Findings, plots: dict[str, bytes]) -> str:
         )
     if found.kept:
         parts.append(
-            "<h2>Kept from the base's sheet</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.kept) + "</ul>"
+            "<h2>What the log does not bound</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.kept) + "</ul>"
         )
     parts.append("<h2>Odometry against ground truth</h2>" + _table(
         ("error", "value (95 % interval)"), [(each.name, e(str(each))) for each in found.odometry]))  # fmt: skip
@@ -203,21 +201,15 @@ _STAMPS = {
 }
 
 
-def _sum(fit: Fit, axis: int) -> str:
-    delay, lag = (fit[f"{name}_{'vw'[axis]}"] for name in ("delay", "lag"))
-    return f"{delay.value + lag.value:.3f}" if math.isfinite(delay.value + lag.value) else "not known"
-
-
 def _prediction(found: Findings) -> str:
     """Returns tables of held-out errors."""
     text = ""
-    if found.held_out is not None:
-        model, ideal = found.held_out
-        rows = [
-            (name, f"{model[k]:.3g} {unit}", f"{ideal[k]:.3g} {unit}") for k, (_, name, unit) in enumerate(AXES_NAMES)
-        ]
-        text = f"<p>Fitted on the first {100 * found.split:.0f} % of the drive, tested on the rest.</p>" + _table(
-            ("", "RMS of the model", "RMS of an ideal base"), rows
+    if found.tested is not None:
+        rows = [(html.escape(what), f"{v:.3g} m/s", f"{w:.3g} rad/s")
+                for what, (v, w) in found.tested.rows(found.base).items()]  # fmt: skip
+        text = (
+            f"<p>RMS on the last {100 - 100 * found.split:.0f} % of each {BLOCK:g} s. Held out: of a sheet fitted to "
+            "the rest.</p>" + _table(("", *(name for _, name, _ in AXES_NAMES)), rows)
         )
     errors = found.fit.held_out
     compared = [(SATURATION[name], f"{math.sqrt(error):.3f}") for name, error in zip(SATURATIONS, errors, strict=True)]

@@ -1,20 +1,76 @@
-"""The data sheet of an identified base: what was seen, with its interval and where it is from; the rest as it was."""
+"""The data sheet of an identified base: the fit, each field with its interval; and what a sheet says of a drive."""
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
-from wayfield.benchmarks.identify.estimate import Estimate, Fit
-from wayfield.benchmarks.identify.response import AXES, SATURATIONS
+import numpy as np
+
+from wayfield.benchmarks.identify.estimate import Fit, commanded, refitted
+from wayfield.benchmarks.identify.response import AXES, SATURATIONS, TWIST, WHEELS, Drive, Floats, pair_response
 from wayfield.envs.robots import Robot
 from wayfield.envs.robots.intervals import Interval
 
 METHOD = "profile likelihood, 95 %"
-UNITY = 1e-3  # a gain within this of 1, or whose interval holds 1, is 1
+FROM_BOUND = {"acceleration": 2.0, "deceleration": 2.0}  # times the bound; at 2 what is left of the misfit is a quarter
+RARE = 0.02  # share of the commands that may contradict a sheet whose axes saturate by themselves
 
 
-def identified(base: Robot, found: Fit, name: str, source: str) -> tuple[Robot, list[str]]:
-    """Returns a base as it was identified, and what of it the log did not say.
+def numbers_of(robot: Robot, saturation: int) -> Floats:
+    """Returns what a sheet says as PAIR names it, its limits as those of a saturation."""
+    lags = robot.lag if isinstance(robot.lag, tuple) else (robot.lag, robot.lag)
+    rises = robot.acceleration, robot.yaw_acceleration
+    each = zip(
+        robot.delay or (0.0, 0.0), robot.gain or (1.0, 1.0), rises, robot.decelerations or rises, lags, strict=True
+    )
+    wheel, half = robot.wheels[1].radius * robot.rated_wheel_speed, robot.wheels[1].y
+    limits = (wheel, min(robot.turn_speed, wheel / half)) if saturation == AXES else (wheel, half)
+    found = np.array([*(number for axis in each for number in axis), *limits])
+    found[[4, 9]] = np.maximum(found[[4, 9]], 1e-4)  # the response divides by it
+    return found
+
+
+def predicted(robot: Robot, drive: Drive) -> Floats:
+    """Returns the speeds (2, n) that a robot has by its sheet in a drive."""
+    saturation = (TWIST, WHEELS)[robot.saturation == "wheels"]
+    numbers = numbers_of(robot, saturation)
+    commands = drive.commands.copy()
+    if math.isfinite(robot.turn_speed):  # the driver's limit comes first
+        turns = np.abs(numbers[6] * commands[:, 1])
+        share = np.minimum(robot.turn_speed / np.maximum(turns, 1e-9), 1.0)
+        commands *= share[:, None] if saturation == TWIST else np.stack([np.ones_like(share), share], axis=1)
+    return pair_response(dataclasses.replace(drive, commands=commands), saturation, numbers)[0]
+
+
+def settled(base: Robot, found: Fit) -> tuple[dict[int, float], list[str]]:
+    """Returns values of what the log does not bound on both sides, by their place in PAIR, and a line for each.
+
+    The base's own value is one where the interval holds it. Where not, an acceleration is twice its bound, or less if
+    the fit is, and a limit is the bound, which has been driven.
+    """
+    own, values, lines = numbers_of(base, found.saturation), {}, []
+    kept = [each for each in found.estimates if "+" not in each.name]
+    for place, each in enumerate(kept):
+        if each.bounded:
+            continue
+        unit = f" {each.unit}" if each.unit else ""
+        factor = 2.0 if each.name == "track" else 1.0
+        value = factor * own[place]
+        if each.low <= value <= each.high:
+            lines.append(f"{each.name}: {each}; {value:.4g}{unit} of {base.name} is kept")
+        else:
+            fitted, times = factor * found.numbers[place], FROM_BOUND.get(each.name.partition("_")[0], 1.0)
+            value = min(fitted, times * each.low) if math.isfinite(each.low) else fitted
+            lines.append(
+                f"{each.name}: {each}; {base.name} has {factor * own[place]:.4g}, so {value:.4g}{unit} is taken"
+            )
+        values[place] = float(value / factor)
+    return values, lines
+
+
+def identified(base: Robot, found: Fit, name: str, source: str) -> tuple[Robot, Fit, list[str]]:
+    """Returns a base as it was identified, the fit that it holds, and what of it the log did not say.
 
     Args:
         base: the robot whose sheet holds what no log can say, and what this one does not.
@@ -27,103 +83,84 @@ def identified(base: Robot, found: Fit, name: str, source: str) -> tuple[Robot, 
     """
     if base.holonomic:
         raise ValueError(f"robot {base.name!r} has the drive {base.drive}; identification is for differential drives")
-    kept: list[str] = []
+    values, lines = settled(base, found)
+    written = dataclasses.replace(found, numbers=refitted(found, found.drive, values)) if values else found
+    robot = sheet_of(base, found, written.numbers)
     sources: dict[str, Any] = {field: each for field, each in base.sources.items() if not isinstance(each, Interval)}
-    changes: dict[str, Any] = {"response": "continuous"}
+    radius = robot.wheels[1].radius
+    for field, names, scale in (
+        *((field, (f"{field}_v", f"{field}_w"), 1.0) for field in ("delay", "gain", "lag")),
+        ("acceleration", ("acceleration_v",), 1.0),
+        ("yaw_acceleration", ("acceleration_w",), 1.0),
+        ("decelerations", ("deceleration_v", "deceleration_w"), 1.0),
+        *(
+            (("rated_wheel_speed", ("speed_v",), radius), ("turn_speed", ("speed_w",), 1.0))
+            if found.saturation == AXES
+            else (("rated_wheel_speed", ("wheel_speed",), radius), ("wheels.effective_track", ("track",), 1.0))
+        ),
+    ):
+        told = [found[each] for each in names]
+        if all(math.isnan(each.value) for each in told):
+            continue
+        own = 2.0 * robot.wheels[1].y if field == "wheels.effective_track" else getattr(robot, field)
+        ends = [_ends(each, value, scale) for each, value in zip(told, np.atleast_1d(own).tolist(), strict=True)]
+        low, high = zip(*ends, strict=True)
+        alone = not isinstance(own, tuple)
+        sources[field] = Interval(
+            f"sources.{field}", own, low[0] if alone else low, high[0] if alone else high, METHOD, source
+        )
+    return dataclasses.replace(robot, name=name, title=_title(base), sources=sources), written, lines
 
-    def seen(field: str, value: Any, low: Any, high: Any) -> None:
-        if field != "wheels.effective_track":  # which is where the wheels stand
-            changes[field] = value
-        sources[field] = Interval(f"sources.{field}", value, low, high, METHOD, source)
 
-    lags = base.lag if isinstance(base.lag, tuple) else (base.lag, base.lag)
-    for field, kept_values in (("delay", base.delay or (0.0, 0.0)), ("gain", base.gain or (1.0, 1.0)), ("lag", lags)):
-        pair = [
-            _kept(found[f"{field}_{axis}"], each, field, kept) for axis, each in zip("vw", kept_values, strict=True)
-        ]
-        if any(low is not None for _, low, _ in pair):
-            seen(field, *(tuple(each) for each in zip(*pair, strict=True)))
-    slews = []
-    for field, axis in (("acceleration", "v"), ("yaw_acceleration", "w")):
-        each = found[f"acceleration_{axis}"]
-        slews.append(each.value if each.seen else getattr(base, field))
-        if each.seen:
-            seen(field, each.value, each.low, each.high)
-        else:
-            kept.append(f"{field}: {each}; {getattr(base, field):g} of {base.name} is kept")
-    if any(found.decelerating):
-        ends = [
-            found[f"deceleration_{axis}"] if found.decelerating[k] else found[f"acceleration_{axis}"]
-            for k, axis in enumerate("vw")
-        ]
-        pair = [_kept(each, own, "decelerations", kept) for each, own in zip(ends, slews, strict=True)]
-        seen("decelerations", *(tuple(each) for each in zip(*pair, strict=True)))
-    elif base.decelerations:
-        changes["decelerations"] = ()
-    changes |= _limits(base, found, seen, kept)
-    changes["peak_wheel_speed"] = max(base.peak_wheel_speed, changes.get("rated_wheel_speed", base.rated_wheel_speed))
-    robot = dataclasses.replace(base, name=name, title=_title(base), sources=sources, **changes)
-    return robot, kept
+def _ends(each: Any, value: float, scale: float) -> tuple[float | None, float | None]:
+    """Returns the ends of an estimate, in the unit of the sheet, which enclose the value; None where there is none."""
+    low = min(each.low / scale, value) if math.isfinite(each.low) else None
+    return low, max(each.high / scale, value) if math.isfinite(each.high) else None
+
+
+def sheet_of(base: Robot, found: Fit, numbers: Floats) -> Robot:
+    """Returns a base with the response that numbers of PAIR say; an axis without commands stays as it is."""
+    own = numbers_of(base, found.saturation)
+    for axis in commanded(found.drive):
+        own[5 * axis : 5 * axis + 5] = numbers[5 * axis : 5 * axis + 5]
+        if found.saturation == AXES:
+            own[10 + axis] = numbers[10 + axis]
+    changes: dict[str, Any] = {"response": "continuous", "acceleration": own[2], "yaw_acceleration": own[7]}
+    for field, place in (("delay", 0), ("gain", 1), ("decelerations", 3), ("lag", 4)):
+        changes[field] = float(own[place]), float(own[place + 5])
+    half = base.wheels[1].y
+    if found.saturation == AXES:
+        least = _apart(found.drive, own)
+        if least < half:  # its wheels would not do what the log shows where the sheet has them
+            half, changes["saturation"] = max(least, 1e-3), "twist"
+        changes["turn_speed"] = float(own[11])
+    else:
+        own[10:] = numbers[10:]
+        half = float(own[11])
+        changes |= {"saturation": SATURATIONS[found.saturation], "turn_speed": math.inf}
+    rated = float(own[10]) / base.wheels[1].radius
+    changes |= {"rated_wheel_speed": rated, "peak_wheel_speed": max(base.peak_wheel_speed, rated)}
+    if half != base.wheels[1].y:
+        changes |= _wide(base, half)
+    return dataclasses.replace(base, **changes)
+
+
+def _apart(drive: Drive, numbers: Floats) -> float:
+    """Returns half of the widest track of wheels that can do all which a drive commands within the limits of axes."""
+    v, w = (
+        np.minimum(numbers[5 * axis + 1] * np.abs(drive.commands[:, axis]), numbers[10 + axis]) for axis in range(2)
+    )
+    turning = w > 0.05 * numbers[11]
+    return float(np.quantile((numbers[10] - v[turning]) / w[turning], RARE)) if turning.any() else math.inf
+
+
+def _wide(base: Robot, half: float) -> Mapping[str, Any]:
+    """Returns the wheels of a base whose motion is that of another track; it stays as it is built."""
+    right, left = base.wheels
+    wheels = dataclasses.replace(right, y=-half), dataclasses.replace(left, y=half)
+    return {"wheels": wheels, "track": left.y - right.y if base.track is None else base.track}
 
 
 def _title(base: Robot) -> str:
     title = base.title or base.name
     return title if title.endswith(", identified") else f"{title}, identified"
-
-
-def _kept(each: Estimate, own: float, field: str, kept: list[str]) -> tuple[float, float | None, float | None]:
-    """Returns value and ends of one axis; the base's own value, without ends, where it was not seen."""
-    if each.seen and field == "gain" and each.low - UNITY <= 1.0 <= each.high + UNITY:
-        return 1.0, None, None
-    if each.seen:
-        return each.value, each.low, each.high
-    kept.append(f"{each.name}: {each}; {own:g} {each.unit} is kept".replace("  ", " "))
-    return own, None, None
-
-
-def _limits(base: Robot, found: Fit, seen: Any, kept: list[str]) -> dict[str, Any]:
-    """Returns the changes of a sheet that limits make, those with intervals by `seen`."""
-    radius = base.wheels[0].radius
-    half = base.wheels[1].y
-    if found.saturation != AXES:
-        wheel, track = found["wheel_speed"], found["track"]
-        if wheel.seen:
-            seen("rated_wheel_speed", *(each / radius for each in (wheel.value, wheel.low, wheel.high)))
-        if not track.seen:
-            kept.append(f"track: {track}; {2.0 * half:g} m is kept")
-            if base.saturation != SATURATIONS[found.saturation]:  # which only turns at a limit tell apart
-                kept.append(f"saturation: not observable; {base.saturation!r} of {base.name} is kept")
-            return {"turn_speed": math.inf}
-        changes = _wide(base, track.value)
-        seen("wheels.effective_track", 2.0 * changes["wheels"][1].y, track.low, track.high)
-        return {**changes, "saturation": SATURATIONS[found.saturation], "turn_speed": math.inf}
-    changes = {}
-    speed, turn = found["speed_v"], found["speed_w"]
-    rated = base.rated_wheel_speed
-    if speed.seen:
-        rated = speed.value / radius
-        seen("rated_wheel_speed", rated, speed.low / radius, speed.high / radius)
-    elif speed.low > radius * rated:  # it has driven faster than its sheet says
-        rated = changes["rated_wheel_speed"] = speed.low / radius
-        kept.append(f"speed_v: {speed}, which is more than the {radius * base.rated_wheel_speed:g} m/s of {base.name}")
-    else:
-        kept.append(f"speed_v: {speed}; {radius * rated:g} m/s of {base.name} is kept")
-    least = turn.value if turn.seen else max(turn.low, 0.0)
-    if least > radius * rated / half:  # its wheels would not do that where the sheet has them
-        half = radius * rated / (1.001 * least)
-        changes |= _wide(base, 2.0 * half)
-    if turn.seen:
-        seen("turn_speed", turn.value, turn.low, turn.high)
-    elif least > base.turn_speed:
-        changes["turn_speed"] = math.inf
-        kept.append(f"speed_w: {turn}, which is more than the {base.turn_speed:g} rad/s of {base.name}")
-    else:
-        kept.append(f"speed_w: {turn}; {min(base.turn_speed, radius * rated / half):.3g} rad/s is kept")
-    return changes
-
-
-def _wide(base: Robot, track: float) -> dict[str, Any]:
-    """Returns the wheels of a base whose motion is that of another track; it stays as it is built."""
-    right, left = base.wheels
-    wheels = dataclasses.replace(right, y=-0.5 * track), dataclasses.replace(left, y=0.5 * track)
-    return {"wheels": wheels, "track": left.y - right.y if base.track is None else base.track}

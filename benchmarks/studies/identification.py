@@ -1,26 +1,20 @@
 """How well `wayfield identify` finds hidden bases: python benchmarks/studies/identification.py."""
 
 import dataclasses
+import math
 import time
+from typing import NamedTuple
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
-from wayfield.benchmarks.identify.command import held_out
-from wayfield.benchmarks.identify.estimate import axis_problem, correlations, fit, fit_axis, intervals
-from wayfield.benchmarks.identify.response import AXES, SATURATIONS, WHEELS, Drive, Floats, pair_response
+from wayfield.benchmarks.identify.checks import check
+from wayfield.benchmarks.identify.estimate import Estimate, fit, intervals
+from wayfield.benchmarks.identify.recording import Log
+from wayfield.benchmarks.identify.response import AXES, PAIR, WHEELS, Drive, Floats, pair_response
 from wayfield.system.command_line import SEED, OneLineErrors
 
-# delay, limit, acceleration and lag; noise and its correlation; the top speed that is asked for; the axis
-CASES = {
-    "p3dx v": ((0.13, 1.2, 1.0, 0.1), (0.02, 0.0), 1.2, 0),
-    "p3dx v, coloured": ((0.13, 1.2, 1.0, 0.1), (0.02, 0.8), 1.2, 0),
-    "turtlebot3 v": ((0.06, 0.22, 1.0, 0.1), (0.004, 0.0), 0.22, 0),
-    "turtlebot3 w": ((0.06, 2.75, 3.0, 0.1), (0.05, 0.0), 2.75, 1),
-    "jackal v": ((0.03, 2.0, 20.0, 0.1), (0.03, 0.0), 2.0, 0),
-    "heavy base v": ((0.3, 3.9, 3.4, 0.26), (0.05, 0.8), 3.9, 0),
-}
+P3DX = (0.13, 1.2, 1.0, 0.1)  # delay, limit, acceleration and lag
 PERIOD = 0.05  # s, of commands and odometry
 
 
@@ -68,8 +62,9 @@ def drive_of(
 
 
 def poor(rng: np.random.Generator, excitation: str) -> Drive:
-    """Returns a drive of the case "p3dx v" that does not excite everything."""
-    (delay, limit, acceleration, lag), (noise, correlation), top, _ = CASES["p3dx v"]
+    """Returns a drive of a P3-DX that goes straight, and does not excite everything."""
+    delay, limit, acceleration, lag = P3DX
+    top, noise, correlation = limit, 0.02, 0.0
     t = np.arange(1200) * PERIOD
     commands = np.zeros((1200, 2))
     commands[:, 0] = {
@@ -84,29 +79,121 @@ def poor(rng: np.random.Generator, excitation: str) -> Drive:
     return drive_of(rng, commands, AXES, np.array([*axis, *axis, limit, limit]), (noise, noise), correlation)
 
 
-def covered(case: str, seed: int) -> tuple[Floats, NDArray[np.bool_], float]:
-    """Returns errors (5,) of delay (s) and of gain, limit, slew and lag (shares), what is covered, and s of a fit."""
-    (delay, limit, slew, lag), (noise, correlation), top, axis = CASES[case]
-    rng = np.random.default_rng(seed)
-    commands = np.zeros((1200, 2))
-    commands[:, axis] = script(60.0, top)
-    one = (delay, 1.0, slew, slew, lag)
-    drive = drive_of(rng, commands, AXES, np.array([*one, *one, limit, limit]), (noise, noise), correlation)
-    began = time.process_time()
-    found = fit_axis(drive, axis)
-    spent = time.process_time() - began
-    problem = axis_problem(drive, axis)
-    x = problem.parameters(found)
-    errors, _ = problem.at(x)
-    rho = float(correlations(errors[None])[0])
-    count = len(errors) * (1.0 - rho) / (1.0 + rho)
-    # in units of the noise: squares then sum up to the count
-    share = np.sqrt(count / float(errors @ errors))
-    problem = dataclasses.replace(problem, weights=np.full(len(errors), share), _last=None)
-    ends = [problem.interval(x, count, i, count) for i in range(5)]
-    true, values = np.array([delay, 1.0, limit, slew, lag]), found[[0, 1, 2, 3, 5]]
-    inside = np.array([low <= value <= high for value, (low, high) in zip(true, ends, strict=True)])
-    return np.where(np.arange(5) == 0, values - true, values / true - 1.0), inside, spent
+class Drawn(NamedTuple):
+    """A log of a base whose response is known."""
+
+    log: Log
+    drive: str  # one of DRIVES
+    fault: str  # one of FAULTS
+    truth: dict[str, float]  # of each parameter
+
+
+DRIVES = ("joystick", "route", "excite")
+FAULTS = ("none", "bursts", "half the commands", "half the odometry")
+
+
+def hidden_base(rng: np.random.Generator) -> tuple[int, Floats, Floats]:
+    """Returns the saturation, the numbers and the top speeds (2,) of a base."""
+    top = np.array([math.exp(rng.uniform(math.log(0.2), math.log(4.0))), rng.uniform(0.8, 5.0)])
+    saturation = int(rng.integers(3))
+    rises = top / np.exp(rng.uniform(math.log(0.1), math.log(1.5), 2))
+    falls = rises * (rng.uniform(1.2, 2.5) if rng.random() < 0.3 else 1.0)
+    delays = rng.uniform(0.0, 0.35) + rng.uniform(0.0, 0.05, 2)
+    lags = rng.uniform(0.03, 0.4) * rng.uniform(0.8, 1.2, 2)
+    gains = np.ones(2) if rng.random() < 0.3 else rng.uniform(0.75, 1.1, 2)
+    limits = top[0], top[1] if saturation == AXES else top[0] / top[1]
+    return saturation, np.array([*np.stack([delays, gains, rises, falls, lags]).T.ravel(), *limits]), top
+
+
+def joystick(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floats:
+    """Returns commands (n, 2) of one who pushes two sticks and holds them, at times beyond what the base can."""
+    found = np.zeros((n, 2))
+    for k in range(2):
+        i, level = 0, 0.0
+        while i < n:
+            share = rng.choice([0.0, 0.0, 1.0, -1.0, *rng.uniform(-1.0, 1.0, 2)]) * rng.choice([1.0, 1.0, 1.15])
+            ramp, hold = (max(round(rng.uniform(*span) / period), 1) for span in ((0.05, 0.4), (0.2, 3.0)))
+            part = np.concatenate([np.linspace(level, top[k] * share, ramp), np.full(hold, top[k] * share)])
+            found[i : i + len(part), k] = part[: n - i]
+            i, level = i + len(part), top[k] * share
+    return found
+
+
+def route(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floats:
+    """Returns commands (n, 2) of a controller: legs in bends at part of the top speed, stops and turns between."""
+    found, i, v, w = np.zeros((n, 2)), 0, 0.0, 0.0
+    cruise, up = rng.uniform(0.4, 0.9) * top[0], top[0] / rng.uniform(0.5, 2.0) * period
+    while i < n:
+        end = i + round(rng.uniform(5.0, 20.0) / period)
+        for i in range(i, min(end, n)):  # noqa: B020
+            goal = cruise if i < end - 2.0 / period else 0.0
+            v += min(max(goal - v, -up), up)
+            w += 0.35 * top[1] * math.sqrt(period) * rng.normal() - w * period / 1.5
+            found[i] = v, min(max(w, -0.8 * top[1]), 0.8 * top[1]) if v > 0.0 else 0.0
+        i += 1
+        if rng.random() < 0.4:
+            turn = round(rng.uniform(1.0, 3.0) / period)
+            found[i : i + turn, 1] = rng.choice([-0.5, 0.5]) * top[1]
+            i += turn
+        i += round(1.0 / period)
+    return found
+
+
+def excite(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floats:
+    """Returns commands (n, 2) of a script: ahead, turning, both, again and again."""
+    del rng
+    part = script(40.0, 1.0)
+    none = np.zeros_like(part)
+    both = (
+        0.95 * top * np.stack([np.concatenate(each) for each in ([part, none, 0.6 * part], [none, part, 0.6 * part])]).T
+    )
+    found: Floats = both[(np.arange(n) * period / PERIOD).astype(int) % len(both)]
+    return found
+
+
+def drawn_log(seed: int) -> Drawn:
+    """Returns a log of 30 to 600 s of a drawn base, driven and spoiled in one of twelve ways, which come in turn."""
+    rng = np.random.default_rng([seed, 49])
+    saturation, numbers, top = hidden_base(rng)
+    drive, fault = DRIVES[seed % 3], FAULTS[seed // 3 % 4]
+    seconds = math.exp(rng.uniform(math.log(60.0 if drive == "route" else 30.0), math.log(600.0)))
+    period, step = (
+        1.0 / rng.choice([10.0, 20.0, 20.0, 30.0]),
+        0.05 if seconds > 200.0 else 1.0 / rng.choice([20.0, 50.0]),
+    )
+    commands = {"joystick": joystick, "route": route, "excite": excite}[drive](
+        rng, top, round(seconds / period), period
+    )
+    sent = period * np.arange(len(commands)) + rng.uniform(0.0, 0.005, len(commands))
+    times = step * np.arange(round(seconds / step)) + 0.003 + rng.uniform(0.0, 0.002, round(seconds / step))
+    if fault == "half the odometry":
+        times = times[::2]
+    n = len(times)
+    whole = Drive(sent, commands, times, np.zeros((n, 2)), np.arange(n) == 0, np.ones(n, np.bool_))
+    correlation, noise = rng.choice([0.0, 0.3, 0.6, 0.8]), top * np.exp(rng.uniform(math.log(0.003), math.log(0.03)))
+    v = pair_response(whole, saturation, numbers)[0].T
+    speeds = v + np.stack([coloured(rng, n, each, correlation) for each in noise], axis=1)
+    for _ in range(rng.integers(1, 4) if fault == "bursts" else 0):
+        k, length = rng.integers(2), rng.integers(5, 20)
+        at = rng.integers(n // 10, n - length)
+        steady = rng.random() < 0.6
+        speeds[at : at + length, k] = (
+            rng.choice([0.0, 4.0, -1.5]) * top[k] if steady else rng.normal(0.0, 3.0 * top[k], length)
+        )
+    if fault == "half the commands":
+        sent, commands = sent[1::2], commands[1::2]
+    truth = dict(zip(PAIR, numbers.tolist(), strict=True))
+    wide = numbers[11] if saturation == AXES else numbers[10] / numbers[11]
+    truth |= {"speed_v": numbers[10], "wheel_speed": numbers[10], "speed_w": wide, "track": 2.0 * numbers[10] / wide}
+    truth |= {f"delay_{a} + lag_{a}": truth[f"delay_{a}"] + truth[f"lag_{a}"] for a in "vw"}
+    log = Log(f"log {seed}", "", "table", sent, np.ascontiguousarray(commands), times, np.ascontiguousarray(speeds))
+    return Drawn(log, drive, fault, truth)
+
+
+def covered(drawn: Drawn) -> list[tuple[Estimate, bool]]:
+    """Returns the estimates of a log, and whether their intervals hold what is true, to a thousandth."""
+    found = intervals(fit(check(drawn.log).drive)).estimates
+    return [(each, each.low * 0.999 <= drawn.truth[each.name] <= each.high * 1.001) for each in found]
 
 
 def skid_steer(rng: np.random.Generator, seconds: float = 130.0) -> Drive:
@@ -143,41 +230,25 @@ def spoiled(rng: np.random.Generator, drive: Drive) -> Drive:
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--logs", type=click.IntRange(1, 10_000), default=200, show_default=True, help="Of each case.")
+@click.option("--logs", type=click.IntRange(1, 10_000), default=200, show_default=True)
 @click.option("--seed", type=SEED, default=0, show_default=True)
 def main(logs: int, seed: int) -> None:
-    """Measures coverage, bias and spread of estimates, what is not excited, and a stand-in for a real log."""
-    print("| case | covered: d, g, V, A, tau | bias: ms, % ... | sd: ms, % ... | CPU s a fit |")
-    print("|---|---|---|---|---|")
-    shares = []
-    for case in CASES:
-        errors, inside, spent = map(np.array, zip(*(covered(case, seed + k) for k in range(logs)), strict=True))
-        scale = np.array([1e3, 100.0, 100.0, 100.0, 100.0])
-        shares.append(inside.mean())
-        cells = [" ".join(f"{each:.2f}" for each in row)
-                 for row in (inside.mean(axis=0), scale * errors.mean(axis=0), scale * errors.std(axis=0))]  # fmt: skip
-        print(f"| {case} | {' | '.join(cells)} | {np.median(spent):.2f} |", flush=True)
-    print(f"covered over all: {np.mean(shares):.3f}")
-    for excitation in ("half speed", "first seconds", "small steps", "slow sine"):
-        rows = []
-        for k in range(10):
-            drive = poor(np.random.default_rng(seed + k), excitation)
-            rows.append([each.name for each in intervals(drive, fit(drive)).estimates if not each.seen])
-        always = [name for name in rows[0] if all(name in row for row in rows) and not name.endswith("_w")]
-        print(f"{excitation}: a bound in 10 of 10 logs: {', '.join(always)}", flush=True)
-    for k in range(6):
-        rng = np.random.default_rng(seed + k // 2)
-        drive = skid_steer(rng)
-        if k % 2:
-            drive = spoiled(rng, drive)
-        began = time.process_time()
-        found = intervals(drive, fit(drive, half_track=0.3))
-        seconds = time.process_time() - began
-        tested = held_out(drive, 0.6, 0.3)
-        assert tested is not None
-        told = ", ".join(f"{model:.3f} (ideal {ideal:.3f})" for model, ideal in zip(*tested, strict=True))
-        kind = "skid steer, spoiled" if k % 2 else "skid steer"
-        print(f"{kind} {k // 2}: {SATURATIONS[found.saturation]}, held-out RMS {told}, {seconds:.1f} CPU s", flush=True)
+    """Measures the coverage of intervals on logs of drawn bases, by parameter, drive and fault."""
+    hits: dict[str, list[bool]] = {}
+    began = time.process_time()
+    for k in range(seed, seed + logs):
+        drawn = drawn_log(k)
+        for each, inside in covered(drawn):
+            for name in ("all", drawn.drive, drawn.fault, each.name):
+                hits.setdefault(name, []).append(inside)
+            if not inside:
+                print(
+                    f"{drawn.log.name}, {drawn.drive}, {drawn.fault}: {each.name} {each}, true {drawn.truth[each.name]:.4g}"
+                )
+    print("| intervals of | hold the true value | n |\n|---|---|---|")
+    for name, each in hits.items():
+        print(f"| {name} | {100.0 * np.mean(each):.1f} % | {len(each)} |")
+    print(f"{(time.process_time() - began) / logs:.1f} CPU s a log")
 
 
 if __name__ == "__main__":

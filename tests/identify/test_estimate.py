@@ -104,7 +104,7 @@ def test_a_hidden_base_is_found_within_its_intervals(saturation: int) -> None:
     if saturation == AXES:
         hidden[11] = 6.2
     drive = drive_of(rng, both(rng), saturation, hidden, (0.06, 0.15), 0.6)
-    found = intervals(drive, fit(drive, half_track=0.35))
+    found = intervals(fit(drive, half_track=0.35))
     assert found.saturation == saturation
     names = {
         f"{name}_{axis}": 5 * k + i
@@ -114,7 +114,6 @@ def test_a_hidden_base_is_found_within_its_intervals(saturation: int) -> None:
     limits = {"speed_v": hidden[10], "speed_w": hidden[11], "wheel_speed": hidden[10], "track": 2.0 * hidden[11]}
     covered = []
     for each in found.estimates:
-        assert each.seen, each
         assert each.low <= each.value <= each.high
         true = limits[each.name] if each.name in limits else hidden[names[each.name]] if each.name in names else None
         if true is not None:
@@ -128,45 +127,33 @@ def test_a_deceleration_of_its_own_is_found_where_there_is_one() -> None:
     rng = np.random.default_rng(4)
     hidden = np.array([0.1, 1.0, 0.7, 1.4, 0.1, 0.1, 1.0, 3.0, 3.0, 0.1, 1.0, 2.5])
     commands = np.stack([script(60.0, 1.0), script(60.0, 2.5)[::-1]], axis=1)
-    found = intervals(
-        drive_of(rng, commands, AXES, hidden, (0.02, 0.05), 0.0),
-        fit(drive_of(rng, commands, AXES, hidden, (0.02, 0.05), 0.0)),
-    )
-    assert found.decelerating == (True, False)
-    assert found["deceleration_v"].value == pytest.approx(1.4, rel=0.05)
-    assert found["acceleration_v"].value == pytest.approx(0.7, rel=0.05)
+    found = intervals(fit(drive_of(rng, commands, AXES, hidden, (0.02, 0.05), 0.0)))
+    for name, value in (("deceleration_v", 1.4), ("acceleration_v", 0.7), ("deceleration_w", 3.0)):
+        assert found[name].value == pytest.approx(value, rel=0.05)
+        assert found[name].low <= value <= found[name].high
 
 
-@pytest.mark.parametrize(
-    ("excitation", "unseen"),
-    [
-        ("half speed", {"speed_v"}),
-        ("first seconds", {"speed_v"}),
-        ("small steps", {"speed_v", "acceleration_v"}),
-        ("slow sine", {"speed_v", "acceleration_v", "delay_v", "lag_v"}),
-    ],
-)
-def test_what_was_not_excited_is_a_bound_that_holds(excitation: str, unseen: set[str]) -> None:
-    true = {"delay_v": 0.13, "acceleration_v": 1.0, "lag_v": 0.1, "speed_v": 1.2}
+@pytest.mark.parametrize("excitation", ["half speed", "first seconds", "small steps", "slow sine"])
+def test_what_was_not_excited_has_a_wide_interval_that_holds(excitation: str) -> None:
+    true = {"delay_v": 0.13, "acceleration_v": 1.0, "deceleration_v": 1.0, "lag_v": 0.1, "speed_v": 1.2}
+    true["delay_v + lag_v"] = 0.23
+    outside = 0
     for seed in range(3):
-        drive = poor(np.random.default_rng(seed), excitation)
-        found = intervals(drive, fit(drive))
-        for name, value in true.items():
-            each = found[name]
-            assert not (each.seen and name in unseen), each
-            if not each.seen:
-                assert each.low <= value * 1.001, (name, str(each))  # a bound of 1.2001 m/s is one of 1.2
-                assert value <= each.high, (name, str(each))
-                assert each.missing
+        found = intervals(fit(poor(np.random.default_rng(seed), excitation)))
+        outside += sum(not found[name].low * 0.999 <= value <= found[name].high * 1.001 for name, value in true.items())
+        if excitation != "first seconds":  # which reach the top speed
+            assert found["speed_v"].high == math.inf
+            assert "1.3 times the top speed" in found["speed_v"].missing
         for name in ("delay_w", "acceleration_w", "speed_w"):
             assert str(found[name]) == "not observable"
+    assert outside <= 3  # of 18, each of which has its 5 %
 
 
 def test_what_real_logs_have_besides_noise_spoils_no_answer() -> None:
     """Quantised encoders, a dead band, outliers, lost messages, and late stamps, which are a part of the delay."""
     rng = np.random.default_rng(7)
     drive = spoiled(rng, skid_steer(rng))
-    found = {each.name: each for each in intervals(drive, fit(drive, half_track=0.3)).estimates}
+    found = {each.name: each for each in intervals(fit(drive, half_track=0.3)).estimates}
     true = {"delay_v": 0.308, "delay_w": 0.268, "gain_v": 1.01, "gain_w": 0.77, "lag_v": 0.25, "lag_w": 0.30}
     for name, value in true.items():
         width = found[name].high - found[name].low
@@ -181,10 +168,10 @@ def test_a_drive_without_noise_is_known_best_of_all_its_decelerations_too() -> N
     commands = np.stack([0.2 * np.concatenate([part, idle]), 2.4 * np.concatenate([idle, part])], axis=1)
     true = np.array([0.12, 1.0, 0.7, 1.1, 0.18, 0.16, 1.0, 3.0, 3.0, 0.18, 0.2, 2.4])
     drive = drive_of(np.random.default_rng(0), commands, AXES, true, (0.0, 0.0), 0.0)
-    found = intervals(drive, fit(drive))
-    assert found.decelerating == (True, False)
+    found = intervals(fit(drive))
     for each in found.estimates:
-        assert each.seen, each
+        if "+" in each.name:
+            continue
         kind, axis = each.name.split("_")
         value = true[10 + "vw".index(axis)] if kind == "speed" else true[PAIR.index(each.name)]
         assert each.value == pytest.approx(value, rel=1e-3)
