@@ -8,11 +8,14 @@ from wayfield.benchmarks.identify.estimate import commanded
 from wayfield.benchmarks.identify.recording import Log
 from wayfield.benchmarks.identify.response import Drive, Flags, Floats, held
 
-FASTEST = (50.0, 100.0)  # m/s and rad/s, of a wheeled robot
+FASTEST = (30.0, 30.0)  # m/s and rad/s, of a wheeled robot
 LEAST_MOTION = 20.0  # s
 MOVING = 0.05  # share of the largest speed, from which on a base moves
 LONGEST_GAP = 0.5  # s, beyond which the response is cut
 REFUSED_GAP = 1.0  # s, beyond which a log is refused
+KEPT_GAP = 4.0  # s, that are left of a longer gap: what is cut out costs nothing
+ROUNDED = 0.2  # share of messages with the stamp of the one before, from which on stamps are rounded
+SCALES = ((1e3, "ms"), (1e6, "us"), (1e9, "ns"))  # a second in other units
 SLOWEST = 5.0  # Hz, of odometry
 MOST_JITTER = 0.05  # s, of commands
 SETTLING = 1.0  # s after a cut that do not count: the state there is not known
@@ -45,10 +48,15 @@ def check(log: Log, cut: bool = False) -> Checked:
     warnings: list[str] = []
     _check_clock("commands", log.command_times)
     _check_clock("odometry", log.times)
-    commands = _once(log.command_times, log.commands)
-    odometry = _once(log.times, log.speeds)
-    _check_units("commands", commands[1])
-    _check_units("odometry", odometry[1])
+    _check_seconds(log.times)
+    _check_units("commands", log.commands)
+    _check_units("odometry", log.speeds)
+    commands, odometry = (log.command_times, log.commands), (log.times, log.speeds)
+    step = max(_rounding(log.command_times), _rounding(log.times))
+    if step:
+        warnings.append(f"stamps are rounded to {step:.3g} s: messages with one stamp are spread over it")
+        commands, odometry = (_spread(commands[0], step), commands[1]), (_spread(odometry[0], step), odometry[1])
+    commands, odometry = _once(*commands), _once(*odometry)
     within = odometry[0] >= commands[0][0]
     if within.sum() < 20 or commands[0][0] > odometry[0][-1] or commands[0][-1] < odometry[0][0]:
         raise ValueError(
@@ -66,6 +74,7 @@ def check(log: Log, cut: bool = False) -> Checked:
     if not moves.any() or (np.abs(speeds).max(axis=0) < (0.005, 0.01)).all():
         raise ValueError("the base never moves by its odometry: drive it, with steps of both speeds")
     drive, gaps = _cut(commands, times, speeds, moves)
+    drive = _closed(drive)
     longest = [each for each in gaps if each[1] > REFUSED_GAP]
     if longest and not cut:
         named = ", ".join(f"{length:.3g} s in {what} at {at:.1f} s" for at, length, what in longest[:5])
@@ -94,6 +103,31 @@ def _check_clock(what: str, times: Floats) -> None:
             f"stamps of {what} run backward {len(backward)} times, first {times[at]:.3f} to {times[at + 1]:.3f} s; "
             "they must ascend: try --stamps arrival, or sort the table"
         )
+
+
+def _check_seconds(times: Floats) -> None:
+    """Raises ValueError where odometry would come at a usual rate if its stamps were in other units."""
+    steps = np.diff(times)
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
+    for scale, unit in SCALES:
+        if 0.9 * scale > step > 0.001 * scale and step > 1.0:
+            raise ValueError(f"odometry comes every {step:.4g} s; are its stamps in {unit}? Divide them by {scale:g}")
+
+
+def _rounding(times: Floats) -> float:
+    """Returns to what (s) stamps are rounded so that many messages share one; 0 if few do."""
+    steps = np.diff(times)
+    if not len(steps) or (steps == 0.0).mean() < ROUNDED or not (steps > 0.0).any():
+        return 0.0
+    return float(np.quantile(steps[steps > 0.0], 0.1))
+
+
+def _spread(times: Floats, step: float) -> Floats:
+    """Returns times of which those that are equal lie evenly within the step from there on."""
+    _, first, count = np.unique(times, return_index=True, return_counts=True)
+    place = np.arange(len(times)) - np.repeat(first, count)
+    found: Floats = times + step * (place + 0.5) / np.repeat(count, count)
+    return found
 
 
 def _once(times: Floats, values: Floats) -> tuple[Floats, Floats]:
@@ -140,6 +174,21 @@ def _cut(
         starts[after : after + 1] = True
         unknown |= during | ((times >= ends[k + 1]) & (times < ends[k + 1] + SETTLING))
     return Drive(*commands, times, np.ascontiguousarray(speeds), starts, ~unknown), sorted(gaps)
+
+
+def _closed(drive: Drive) -> Drive:
+    """Returns the drive with long gaps of odometry closed to KEPT_GAP; commands within come when the gap ends."""
+    long = np.flatnonzero(np.diff(drive.times) > KEPT_GAP)
+    begins, ends = drive.times[long] + 0.5 * KEPT_GAP, drive.times[long + 1] - 0.5 * KEPT_GAP
+
+    def moved(times: Floats) -> Floats:
+        found = times.copy()
+        for begin, end in zip(begins, ends, strict=True):
+            found -= np.clip(times - begin, 0.0, end - begin)
+        return found
+
+    commands = _once(moved(drive.command_times), drive.commands)
+    return dataclasses.replace(drive, command_times=commands[0], commands=commands[1], times=moved(drive.times))
 
 
 def _check_following(drive: Drive) -> None:

@@ -31,6 +31,7 @@ POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msg
 SCANS = ("sensor_msgs/msg/LaserScan",)
 MOST_MESSAGES = 5_000_000  # of a topic
 MOST_SCANS = 2000  # that are kept, of those at rest; more say no more of their noise
+MOST_BEAMS = 20_000  # of a scan; those of more say nothing of a lidar, and none is read
 COLUMNS = ("t", "v_cmd", "w_cmd", "v", "w", "x", "y", "heading")
 
 
@@ -248,7 +249,9 @@ def _opened(file: Path) -> Iterator[tuple[Any, Any]]:
         source: Any = Reader1(file) if first else Reader2(file)
         with source:
             yield source, store.deserialize_ros1 if first else store.deserialize_cdr
-    except (_Refused, OSError) as error:
+    except (_Refused, OSError, MemoryError) as error:
+        if isinstance(error, MemoryError):
+            raise ValueError(f"{file}: is larger than the memory of this machine") from None
         if isinstance(error, _Refused):
             raise ValueError(*error.args) from None
         if file.is_dir() and not (file / "metadata.yaml").is_file():
@@ -293,6 +296,11 @@ def _messages(
             continue
         if len(found) >= MOST_MESSAGES:
             raise _Refused(f"{file}: topic {connection.topic} has more than {MOST_MESSAGES} messages")
+        if wanted[connection.topic] is SCANS and len(raw) > 8 * MOST_BEAMS + 1000:  # ranges and intensities
+            raise _Refused(
+                f"{file}: a scan of topic {connection.topic} has {len(raw)} bytes; scans of at most {MOST_BEAMS} beams "
+                "are read: name another topic, such as --scan none"
+            )
         message = deserialize(raw, connection.msgtype)
         stamp = message.header.stamp if by_header else None
         nanoseconds = arrival if stamp is None else stamp.sec * 10**9 + stamp.nanosec
@@ -314,10 +322,10 @@ def _messages(
     return results
 
 
-def _values(message: Any, kind: str) -> list[float]:
+def _values(message: Any, kind: str) -> Sequence[float] | Floats:
     """Returns the numbers of a message: a twist, a twist and pose, a pose, or ranges."""
     if kind in SCANS:
-        return [float(each) for each in message.ranges]
+        return np.asarray(message.ranges, np.float64)
     if kind in COMMANDS:
         twist = message.twist if kind == COMMANDS[1] else message
         return [twist.linear.x, twist.angular.z]

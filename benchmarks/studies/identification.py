@@ -242,9 +242,8 @@ def main(logs: int, seed: int) -> None:
             for name in ("all", drawn.drive, drawn.fault, each.name):
                 hits.setdefault(name, []).append(inside)
             if not inside:
-                print(
-                    f"{drawn.log.name}, {drawn.drive}, {drawn.fault}: {each.name} {each}, true {drawn.truth[each.name]:.4g}"
-                )
+                what = f"{drawn.log.name}, {drawn.drive}, {drawn.fault}"
+                print(f"{what}: {each.name} {each}, true {drawn.truth[each.name]:.4g}")
     print("| intervals of | hold the true value | n |\n|---|---|---|")
     for name, each in hits.items():
         print(f"| {name} | {100.0 * np.mean(each):.1f} % | {len(each)} |")

@@ -96,8 +96,12 @@ def bad() -> Iterator[tuple[str, str, str]]:
     drive = driven()
     yield "short", table(driven(seconds=12.0)), "must move for 20 s or more"
     yield "still", table(changed(drive, speeds=0.0 * drive.speeds)), "never moves"
-    yield "millimetres", table(changed(drive, speeds=drive.speeds * [1500.0, 1.0])), "it must be at most 50"
-    slow = changed(drive, speeds=drive.speeds * [1.0, 0.2], commands=drive.commands * [1.0, 0.2 * 180.0 / math.pi])
+    yield "millimetres", table(changed(drive, speeds=drive.speeds * [1500.0, 1.0])), "it must be at most 30"
+    slow = changed(drive, speeds=drive.speeds * [1.0, 0.15], commands=drive.commands * [1.0, 0.15 * 180.0 / math.pi])
+    for scale, unit in ((1e3, "ms"), (1e9, "ns")):
+        other = changed(drive, times=scale * drive.times, command_times=scale * drive.command_times)
+        yield f"stamps in {unit}", table(other), f"are its stamps in {unit}?"
+    yield "degrees", table(changed(drive, speeds=57.3 * drive.speeds, commands=57.3 * drive.commands)), "at most 30"
     yield "slow degrees", table(slow), "one of them is in other units"
     yield "a sign", table(changed(drive, speeds=drive.speeds * [1.0, -1.0])), "yaw rate of odometry goes against"
     yield "swapped", table(changed(drive, speeds=drive.speeds[:, ::-1])), "does not follow the commands"
@@ -131,7 +135,7 @@ def test_a_refused_log_leaves_the_sheet_that_was_there(tmp_path: Path) -> None:
     ended = identify(file, "--out", sheet, "--report", tmp_path / "page.html")
     assert ended.returncode == 2
     assert len(ended.stderr.splitlines()) == 1
-    assert "it must be at most 50" in ended.stderr
+    assert "it must be at most 30" in ended.stderr
     assert sheet.read_text() == "before"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["drive.csv", "robot.json"]
 
@@ -148,6 +152,24 @@ def test_a_log_with_gaps_is_fitted_by_its_pieces_where_that_is_wanted() -> None:
     inside = (checked.drive.times > 43.0) & (checked.drive.times < 43.9)
     assert not checked.drive.counted[inside].any()
     assert checked.drive.starts.sum() == 2
+    # however long it is, and whatever else is fitted is the same
+    for gap in (100.0, 3e7):
+        wide = dataclasses.replace(log, times=np.where(times > 42.0, times + gap, times),
+                                   command_times=np.where(commands > 42.0, commands + gap, commands))  # fmt: skip
+        found = check(wide, cut=True).drive
+        assert found.times[-1] < times[-1] + 2.0
+        np.testing.assert_array_equal(found.counted, checked.drive.counted)
+        np.testing.assert_allclose(fit(found).numbers, fit(checked.drive).numbers, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0])
+def test_rounded_stamps_leave_the_answers(step: float) -> None:
+    drive = driven()
+    log = Log("a log", "", "table", drive.command_times, drive.commands, drive.times, drive.speeds)
+    rough = dataclasses.replace(log, times=step * (log.times // step), command_times=step * (log.command_times // step))
+    checked = check(rough)
+    assert "rounded" in checked.warnings[0]
+    np.testing.assert_allclose(fit(checked.drive).numbers, fit(check(log).drive).numbers, rtol=0.1, atol=0.03)
 
 
 def test_errors_of_odometry_are_found_against_ground_truth() -> None:
