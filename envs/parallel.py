@@ -95,6 +95,7 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
         self.agents = list(self.possible_agents)
         results = Results(self.task, self.task.team)
         self._rows.begin(np.arange(self.task.team), results, scenarios)
+        self._env._begin_frames()
         return self._of_agents(results.observations), self._told(results)
 
     def step(self, actions: dict[str, NDArray[Any]]) -> tuple[dict[str, Any], ...]:

@@ -95,10 +95,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         results = self._results
         results.observations = np.empty_like(results.observations)
         self.batch.reset(self._first, self._generators, results, scenarios)
-        self.marks = {}
-        self._trail = []
-        if self.render_mode is not None:
-            self._note_position()
+        self._begin_frames()
         values = self._numbers.tolist()[:-1] + self._flags.tolist()[:-1]
         return results.observations[0], dict(zip(self._names, values, strict=True))
 
@@ -149,6 +146,12 @@ class SingleEnv(gymnasium.Env[Any, Any]):
     def briefing(self, knows: str) -> Briefing:
         """Returns the briefing of the episode that was just reset, for a policy that declares `knows`."""
         return self.batch.briefing(knows)
+
+    def _begin_frames(self) -> None:
+        """Forgets the marks and the trails of the episode before, and notes where the next one begins."""
+        self.marks, self._trail = {}, []
+        if self.render_mode is not None:
+            self._note_position()
 
     def _note_position(self) -> None:
         state = self.batch.states[0]

@@ -149,6 +149,10 @@ class TeamEnv(SingleEnv):
         if self.rows is None:
             self._wire()
 
+    def _begin_frames(self) -> None:
+        self._trails = []
+        super()._begin_frames()
+
     def _note_position(self) -> None:
         """Notes where all robots are, now and then: a trail is drawn from few points."""
         if self.rows is None:
@@ -180,9 +184,7 @@ class TeamEnv(SingleEnv):
         self._generators = self.rows.generators
         results = Results(self.task, self.task.team)
         self.rows.begin(np.arange(self.task.team), results, scenarios)
-        self.marks, self._trails = {}, []
-        if self.render_mode is not None:
-            self._note_position()
+        self._begin_frames()
         return results.observations, self._told(results)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:

@@ -53,6 +53,19 @@ def test_names_spaces_and_state() -> None:
         wayfield.parallel_env("wayfield/OmniDocking-v0")
 
 
+@pytest.mark.parametrize("team", [1, 4])
+def test_frames_are_those_of_the_single_environment_episode_by_episode(team: int) -> None:
+    options = {"scenario": "circle_4", "team": team, "render_mode": "rgb_array"}
+    world, env = wayfield.parallel_env(DIFF, **options), gymnasium.make(DIFF, **options)
+    for seed in (0, 1):
+        world.reset(seed=seed), env.reset(seed=seed)
+        assert (world.render() == env.render()).all()
+        for _ in range(20):
+            world.step({agent: np.array([0.5, 0.1]) for agent in world.agents})
+            env.step(np.full(env.action_space.shape, [0.5, 0.1]))
+        assert (world.render() == env.render()).all()
+
+
 def test_actions_of_others_than_the_agents_and_wrong_options_are_refused_and_nothing_moves() -> None:
     world, untouched = (wayfield.parallel_env(DIFF, scenario="circle_4") for _ in range(2))
     for each in (world, untouched):
