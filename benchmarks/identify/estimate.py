@@ -108,7 +108,7 @@ class Fit:
     def wrong(self) -> NDArray[np.bool_]:
         """Returns which messages (n,) of odometry are too far off to be noise; none where many are: the model is."""
         left = np.abs(self.drive.speeds.T - self.response)
-        found: NDArray[np.bool_] = (left > FAR * self.noise[:, None]).any(axis=0)
+        found: NDArray[np.bool_] = np.any(left > FAR * self.noise[:, None], axis=0)
         return found if found.mean() <= MOST_WRONG else np.zeros_like(found)
 
     def residuals(self) -> Floats:

@@ -352,7 +352,7 @@ def _response(can: Mapping[str, float], with_delay: bool = True) -> list[str]:
     """Returns what Nav2 cannot be given of how the base answers, as comments."""
     lag = f"lag {can['lag_v']:.3g} s and {can['lag_w']:.3g} s"
     found = [f"{lag}: Nav2 has no model of it; velocity_smoother's limits and a shorter reach help"]
-    if can["gain_v"] != 1.0 or can["gain_w"] != 1.0:
+    if max(abs(can["gain_v"] - 1.0), abs(can["gain_w"] - 1.0)) > 0.01:
         gain = f"gain {can['gain_v']:.3g} and {can['gain_w']:.3g}"
         found.append(f"{gain}: Nav2 takes what it asks for as reached; correct it in the driver of the base")
     if with_delay and max(can["delay_v"], can["delay_w"]) > 0.0:

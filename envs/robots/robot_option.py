@@ -3,12 +3,26 @@
 Only commands import this module: it needs click, which the core install does without.
 """
 
+import math
 from typing import Any
 
 import click
 
 from wayfield.envs.robots.robot import ROBOTS, Robot, robot_of
 from wayfield.system.checks import unread
+
+BRISK = 22.0  # m/s times the root of a wheel's radius, m: a Froude number of 50; bases that ship have 4.2 at most
+
+
+def unlikely(robot: Robot) -> str:
+    """Returns a line where wheels are faster than ones of their size are likely to be; "" where not."""
+    radius, rated = robot.wheels[-1].radius, robot.rated_wheel_speed
+    if rated * radius <= BRISK * math.sqrt(radius):
+        return ""
+    return (
+        f"rated_wheel_speed is {rated:g} rad/s, {rated * radius:.3g} m/s at the rim, above what a wheel of {radius:g} "
+        f"m is likely to do; if it is in rpm, write {rated * math.pi / 30.0:.4g}"
+    )
 
 
 class RobotChoice(click.ParamType):  # type: ignore[type-arg]
@@ -28,7 +42,10 @@ class RobotChoice(click.ParamType):  # type: ignore[type-arg]
         """Returns the robot, or fails."""
         del param, ctx
         try:
-            return robot_of(value, self.field)
+            found = robot_of(value, self.field)
+            if doubt := unlikely(found):
+                click.echo(f"{self.field} {value}: {doubt}", err=True)
+            return found
         except OSError as error:
             raise click.UsageError(f"{self.field} {value!r} cannot be read: {unread(value, error)}") from None
         except ValueError as error:

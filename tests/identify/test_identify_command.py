@@ -1,6 +1,7 @@
 """`wayfield identify` from files of every kind to a sheet that is read; what cannot say is refused in one line."""
 
 import dataclasses
+import json
 import math
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from wayfield.benchmarks.identify.recording import Log, Topics, read_log
 from wayfield.benchmarks.identify.response import AXES, Drive
 from wayfield.envs.robots import ROBOTS, read_robot
 from wayfield.envs.robots.intervals import Interval
+from wayfield.envs.robots.robot_option import unlikely
 from wayfield.system.extras import installs
 
 TURTLEBOT = np.array([0.12, 1.0, 0.7, 0.7, 0.18, 0.16, 1.0, 3.0, 3.0, 0.18, 0.2, 2.4])
@@ -126,6 +128,17 @@ def test_a_table_that_cannot_say_is_refused_in_a_line(name: str, text: str, told
         check(read_log([file]))
     assert told in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_wheel_speed_in_rpm_is_doubted_in_a_line(good: Path, tmp_path: Path) -> None:
+    sheet = tmp_path / "rpm.json"
+    fast = {"name": "rpm", "rated_wheel_speed": 150.0, "peak_wheel_speed": 150.0}
+    sheet.write_text(json.dumps(ROBOTS["p3dx"].sheet | fast))
+    ended = identify(good, "--robot", sheet)
+    assert ended.returncode == 0, ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+    assert "if it is in rpm, write 15.71" in ended.stderr
+    assert not any(unlikely(each) for each in ROBOTS.values())
 
 
 def test_a_refused_log_leaves_the_sheet_that_was_there(tmp_path: Path) -> None:
