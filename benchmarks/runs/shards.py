@@ -250,7 +250,7 @@ def _searched(contest: Contest, case: Case) -> str:
         return f"{NO_FRAMES}, as published"
     level = ROBUST_LEVEL if case.gains_name in ("robust", BY_HAND["robust"]) else "none"
     robot = case.env_kwargs["robot"]  # a name where it ships
-    found = tuned_set(case.policy, contest.spec.suite, robot, case.asked, level) if isinstance(robot, str) else None
+    found = tuned_set(case.policy, contest.gains_suite, robot, case.asked, level) if isinstance(robot, str) else None
     if case.gains_name == "default" and (found is None or found.chosen != "default"):
         return f"{NO_FRAMES}, as Nav2 configures it" if case.policy in _OF_NAV2 else NO_FRAMES
     if found is None:
@@ -262,7 +262,7 @@ def _searched(contest: Contest, case: Case) -> str:
 def _on_validation(contest: Contest, policy: str, robot: str) -> bool:
     """Returns whether the gains of a law, as a teacher or a planner has them, were found on the validation split."""
     # a teacher may be one of the user's own, or a mix in recorded data
-    found = tuned_set(policy, contest.spec.suite, robot) if policy in POLICIES else None
+    found = tuned_set(policy, contest.gains_suite, robot) if policy in POLICIES else None
     return found is not None and found.chosen != "default" and found.split == TRANSFER_SPLIT
 
 
