@@ -3,8 +3,9 @@
 All drive the same worlds, from the same starts, with the same scan and actuators. A world is the unit: solved if every
 robot arrives and nobody touches anything. Differences are paired by world, and the mean over the seeds of training; the
 interval, of 95 %, is over worlds, stratified by family, and over seeds. Extra time is compared in worlds that both
-solve. Rows are kept as CSV, and the page is made of them; what is there already is not driven again, so that the parts
-may be driven one by one. Rows of agents or laws that have changed since are to be taken away first:
+solve. An outcome is better or worse, corrected for all comparisons of the page; equivalent, where the interval lies
+within MARGIN; or open. Rows are kept as CSV, and the page is made of them; what is there already is not driven again,
+so that the parts may be driven one by one. Rows of agents or laws that have changed since are to be taken away first:
 
     python benchmarks/studies/flocks.py --drive teams --policies orca_team,team_guided
     python benchmarks/studies/flocks.py --drive people
@@ -19,7 +20,7 @@ import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import gymnasium
@@ -33,8 +34,12 @@ from wayfield.benchmarks.contests import ALL_CONTESTS, CROSS, PUBLIC_SPLIT, Cont
 from wayfield.benchmarks.contests.crowds import CLOCK as CROWDNAV_CLOCK
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.aggregates import interval, mean
+from wayfield.benchmarks.statistics.crossed import enough
+from wayfield.benchmarks.statistics.paired import SIGNIFICANT
+from wayfield.benchmarks.statistics.paired import difference as paired
 from wayfield.envs.scenarios.people_families import PEOPLE_FAMILIES
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
+from wayfield.policies.learned.agent import CARD, read_card
 from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training.checkpoints import IN_FIELD
@@ -52,6 +57,7 @@ LARGE = 16  # robots, over which fewer worlds are driven
 TESTED = 32  # robots, up to which teams are meant to be driven by what learned in teams of 8
 UP_TO = f"up to {TESTED} robots"
 LEAST_SEEDS = 3  # of training, under which nothing is claimed
+MARGIN = 0.01  # of success, within which two are equivalent
 
 TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
@@ -62,7 +68,7 @@ RIVALS = {
     "team_guided": (*_ORCAS, "ppo"),
     "ppo": ("orca_team",),
 }
-AMONG_PEOPLE = {"people_free": ("orca_team", "social_force")}
+AMONG_PEOPLE = {"people_free": (*_ORCAS, "social_force", f"social_force{TUNED}")}
 AGENTS = {
     "team_guided": "teams_guided",
     "team_scan": "teams_scan",
@@ -207,11 +213,18 @@ def _rows_of(setting: Setting) -> list[Mapping[str, Any]]:
 def cases(
     contest: Contest, course: Course, names: Sequence[str], count: int
 ) -> Iterator[tuple[str, str, Callable[[], list[Mapping[str, Any]]]]]:
-    """Yields of each case of a contest the entry, who drives beside it, and what returns its rows."""
-    for case in contest.cases(ROBOT, course, Entrants(tuple(names), ("default",))):
-        seed = f" seed {case.gains['seed']}" if "seed" in case.gains else ""
-        setting = Setting(contest.name, case, "kinematic", "lagged", 0, count, members=course.members[:count])
-        yield f"{case.policy}{seed}", case.beside, functools.partial(_rows_of, setting)
+    """Yields of each case of a contest the entry, who drives beside it, and what returns its rows.
+
+    A law for which no search found better gains has no entry of tuned ones.
+    """
+    for gains_name, of_law in (("default", ""), ("tuned", TUNED)):
+        laws = tuple(name.removesuffix(TUNED) for name in names if name.endswith(TUNED) == bool(of_law))
+        for case in contest.cases(ROBOT, course, Entrants(laws, (gains_name,))):
+            if of_law and case.gains_name != gains_name:
+                continue
+            seed = f" seed {case.gains['seed']}" if "seed" in case.gains else ""
+            setting = Setting(contest.name, case, "kinematic", "lagged", 0, count, members=course.members[:count])
+            yield f"{case.policy}{of_law}{seed}", case.beside, functools.partial(_rows_of, setting)
 
 
 def people_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
@@ -318,8 +331,36 @@ def by_world(rows: Iterable[Row], name: str, metric: str) -> dict[tuple[str, ...
     return found
 
 
-def difference(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "") -> tuple[str, int, int]:
-    """Returns what an agent has more of than a law, with its interval, on which side of 0 that is (0: both), worlds.
+class Less(NamedTuple):
+    """A number of one policy less that of another, over the worlds of both; NaN where nothing is said of more."""
+
+    value: float
+    low: float  # of the 95 % interval
+    high: float
+    p: float  # of no difference, before any correction
+    worlds: int
+    share: bool  # whether it is of a share
+
+    @property
+    def shown(self) -> str:
+        """Returns it with its interval; points of a share."""
+        if not self.worlds:
+            return ""
+        scale, digits = (100.0, 1) if self.share else (1.0, 2)
+        ends = "" if math.isnan(self.low) else f" [{scale * self.low:+.{digits}f}, {scale * self.high:+.{digits}f}]"
+        return f"{scale * self.value:+.{digits}f}{ends}"
+
+    def outcome(self, comparisons: int) -> str:
+        """Returns what it says of successes, corrected for a number of comparisons by Bonferroni's method."""
+        ahead = self.low > 0.0
+        if ahead or self.high < 0.0:
+            sure = self.p * comparisons < SIGNIFICANT
+            return ("better" if ahead else "worse") if sure else f"open, {'ahead' if ahead else 'behind'} uncorrected"
+        return "equivalent" if self.low >= -MARGIN and self.high <= MARGIN else "open"
+
+
+def less(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "") -> Less:
+    """Returns what an agent has more of than a law.
 
     Args:
         solved: the metric of a success, where only worlds count that the law and all seeds of the agent solve.
@@ -331,15 +372,13 @@ def difference(rows: Sequence[Row], agent: str, law: str, metric: str, solved: s
         keys = [key for key in keys if all(min(each[key]) == 1.0 for each in ok)]
     keys = [key for key in keys if np.isfinite(mine[key]).all() and np.isfinite(theirs[key]).all()]
     if not keys:
-        return "", 0, 0
-    values = np.array([np.array(mine[key]) - np.mean(theirs[key]) for key in keys])
+        return Less(math.nan, math.nan, math.nan, math.nan, 0, metric in _SHARES)
+    a, b = (np.array([each[key] for key in keys]) for each in (mine, theirs))
     strata = ["/".join(key[:2]) for key in keys]
-    ends = interval(values, strata, mean) if values.any() else None
-    scale, digits = (100.0, 1) if metric in _SHARES else (1.0, 2)
-    shown = f"{scale * values.mean():+.{digits}f}"
-    if ends is not None:
-        shown += f" [{scale * ends[0]:+.{digits}f}, {scale * ends[1]:+.{digits}f}]"
-    return shown, 0 if ends is None else int(ends[0] > 0.0) - int(ends[1] < 0.0), len(keys)
+    if solved and not enough(strata):  # few are left of some families: all together
+        strata = ["" for _ in keys]
+    found = paired(a, b, strata, "share" if metric in ("solved", "success") else "mean")
+    return Less(found.value, found.low, found.high, found.p, len(keys), metric in _SHARES)
 
 
 _SHARES = ("solved", "arrived", "touched", "success", "collision", "touched_person", "intimate_share", "personal_share")
@@ -378,22 +417,37 @@ def _world(row: Row) -> tuple[str, ...]:
     return row.get("contest", ""), row["family"], row["world"]
 
 
-def verdict(agent: str, law: str, what: str, side: int, shown: str, seeds: int) -> str:
-    """Returns what a difference says, in a sentence."""
-    if seeds < LEAST_SEEDS:
-        told = f"{seeds} of the {LEAST_SEEDS} seeds that a claim needs"
-        return f"{agent} beside {law}, {what}: {shown} points, with {told}: take {law}."
-    if side > 0:
-        return f"{agent} solves more than {law}, {what}: {shown} points."
-    verb = "solves less" if side < 0 else "is not shown to solve more"
-    told = f"{agent} {verb} than {law}, {what}: {shown} points"
-    # where neither is ahead, a law that sees more goes before an agent; two that see the scan alone are a draw
-    return f"{told}: take {law}." if side < 0 or law not in LEAST_ACCESS else f"{told}."
+class Compared(NamedTuple):
+    """A comparison of successes that a page says in a sentence."""
+
+    agent: str
+    law: str
+    what: str
+    found: Less
+    seeds: int
+
+    def sentence(self, comparisons: int) -> str:
+        """Returns what it says, corrected for a number of comparisons."""
+        agent, law, shown = self.agent, self.law, f"{self.what}: {self.found.shown} points"
+        if self.seeds < LEAST_SEEDS:
+            told = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
+            return f"{agent} beside {law}, {shown}, with {told}: take {law}."
+        outcome, _, how = self.found.outcome(comparisons).partition(", ")
+        if outcome == "better":
+            return f"{agent} solves more than {law}, {shown}."
+        if outcome == "worse":
+            return f"{agent} solves less than {law}, {shown}: take {law}."
+        if outcome == "equivalent":
+            return f"{agent} and {law} are equivalent within {100.0 * MARGIN:g} point, {shown}."
+        # where nobody is shown to be ahead, a law that sees more goes before an agent
+        return f"{agent} beside {law} is open, {shown}{f' ({how})' if how else ''}" + (
+            "." if law in LEAST_ACCESS else f": take {law}."
+        )
 
 
-def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
-    """Returns what agents of teams are shown to do beside their rivals, in sentences and in tables."""
-    told: list[str] = []
+def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
+    """Returns what agents of teams are shown to do beside their rivals, in comparisons and in tables."""
+    told: list[Compared] = []
     blocks: list[str] = []
     beside: dict[str, list[list[str]]] = {}  # by agent and rival
     for agent, rivals in RIVALS.items():
@@ -408,19 +462,19 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
             kinds |= {kind: [each for each in families if each.startswith(begins)] for kind, begins in KINDS.items()}
             for kind, members in kinds.items():
                 here = [row for row in both if row["family"] in members]
-                shown, side, worlds = difference(here, agent, law, "solved")
+                found = less(here, agent, law, "solved")
                 count = len({row["family"] for row in here})
-                if not worlds:
+                if not found.worlds:
                     continue
                 solved = [share(here, name, "solved") for name in (law, agent)]
-                changes = [difference(here, agent, law, name)[0] for name in ("arrived", "touched")]
-                later = difference(here, agent, law, "extra_time", "solved")[0]
-                line = [f"{kind}, {count}", str(worlds), *solved, shown, *changes, later]
+                changes = [less(here, agent, law, name).shown for name in ("arrived", "touched")]
+                later = less(here, agent, law, "extra_time", "solved").shown
+                line = [f"{kind}, {count}", str(found.worlds), *solved, found.shown, *changes, later]
                 beside.setdefault(f"{agent} beside {law}", []).append(line)
                 what = f"in {len(families)} of {len(TEAM_FAMILIES)} families" if kind == "all" else f"{kind} alone"
                 if kind == UP_TO:
                     what = f"in the {count} of them with {kind}"
-                told.append(verdict(agent, law, what, side, shown, seeds))
+                told.append(Compared(agent, law, what, found, seeds))
     if beside:
         header = [
             "families", "worlds", "solved: rival (%)", "agent (%)", "difference (points)",
@@ -440,12 +494,14 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
     return told, "\n\n".join(blocks)
 
 
-def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
-    """Returns what agents among people are shown to do beside laws, in sentences and in tables."""
-    told, blocks = [], []
+def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
+    """Returns what agents among people are shown to do beside laws, in comparisons and in tables."""
+    told: list[Compared] = []
+    blocks = []
     for label in PEOPLE_CONTESTS:
         here = [row for row in rows if row["contest"] == label]
-        names = [name for name in ("orca_team", "social_force", "people_free") if by_world(here, name, "success")]
+        ours = [each for agent, laws in AMONG_PEOPLE.items() for each in (*laws, agent)]
+        names = [name for name in ours if by_world(here, name, "success")]
         here = complete(here, names)
         if not names:
             continue
@@ -469,13 +525,13 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[str], str]:
         lines = []
         seeds = len({row["policy"] for row in here if row["policy"].startswith("people_free seed")})
         for law in (each for each in names if each != "people_free" and seeds):
-            shown, side, worlds = difference(here, "people_free", law, "success")
+            found = less(here, "people_free", law, "success")
             measures = [
-                difference(here, "people_free", law, name, "success")[0]
+                less(here, "people_free", law, name, "success").shown
                 for name in ("extra_time", "intimate_share", "personal_share", "people_slowed")
             ]
-            lines.append([law, str(worlds), shown, *measures])
-            told.append(verdict("people_free", law, f"in {label}", side, shown, seeds))
+            lines.append([law, str(found.worlds), found.shown, *measures])
+            told.append(Compared("people_free", law, f"in {label}", found, seeds))
         if lines:
             header = [
                 "people_free less", "worlds", "success (points)", "extra time (s)", "within 0.45 m (points)",
@@ -498,54 +554,85 @@ PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
 }
 
 
+def standing(rows: Sequence[Row], metric: str, name: str) -> tuple[float, float]:
+    """Returns what sorts policies: how much they solve, the most first, and their extra time, s."""
+    won, later = (np.concatenate([*by_world(rows, name, each).values()]) for each in (metric, "extra_time"))
+    return -float(won.mean()), float(later[won == 1.0].mean()) if won.any() else math.inf
+
+
 def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns what to take where, by access, as a table: who solves most of the worlds that all drove."""
-    lines = []
+    lines, comparisons = [], counted(teams, people)
     for place, (metric, there) in PLACES.items():
         here = [row for row in (teams if metric == "solved" else people) if there(row)]
         names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in here))
         here = complete(here, names)
         worlds = {_world(row) for row in here}
-
-        def rank(name: str, rows: Sequence[Row] = here, metric: str = metric) -> tuple[float, float]:
-            means = [np.nanmean(np.concatenate([*by_world(rows, name, m).values()])) for m in (metric, "extra_time")]
-            return -float(means[0]), float(means[1])
-
+        rank = functools.partial(standing, here, metric)
         for access, able in (("sensors", [name for name in names if name in LEAST_ACCESS]), ("bodies", names)):
             first, *others = sorted(able, key=rank) or [""]
             if not first:
                 continue
             lead = "alone there"
             if others:
-                shown, side, _ = difference(here, first, others[0], metric)
-                lead = f"`{others[0]}`: {'more solved' if side > 0 else 'no significant difference'}, {shown} points"
+                found = less(here, first, others[0], metric)
+                lead = f"`{others[0]}`: {found.outcome(comparisons)}, {found.shown} points"
             reached = f"{-100.0 * rank(first)[0]:.1f} %, {rank(first)[1]:.1f} s"
             lines.append([place, access, f"`{first}`", reached, str(len(worlds)), lead])
     return table(lines, ["to", "with access to", "take", "solved, extra time", "worlds", "beside the next"])
 
 
+def counted(teams: Sequence[Row], people: Sequence[Row]) -> int:
+    """Returns how many comparisons of successes the page makes, which all outcomes are corrected for."""
+    return len(team_tables(teams)[0]) + len(people_tables(people)[0])
+
+
+def rival(rows: Sequence[Row], agent: str, laws: Sequence[str], metric: str) -> tuple[str, list[Row]]:
+    """Returns the law that solves most of the worlds of all, and among equals is the quickest, with its rows."""
+    here = complete(rows, (agent, *laws))
+    there = {row["policy"] for row in here}
+    best = min((law for law in laws if law in there), key=functools.partial(standing, here, metric))
+    return best, complete(rows, (agent, best))
+
+
 def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns what README says of agents among others: a table, losses included, and a film with what it shows."""
-    both = [row for row in complete(teams, ("team_scan", "orca_team")) if size_of(row["family"]) <= TESTED]
-    among = complete(people, ("people_free", "orca_team"))
-    parts: list[tuple[str, str, str, list[Row]]] = [
-        (f"teams of up to {TESTED} in the open", "team_scan", "solved", of_kind(both, "open")),
-        ("... at doors, in corridors and rooms", "team_scan", "solved", of_kind(both, "walls")),
-        ("CrowdNav's 500 tests, the robot unseen", "people_free", "success", of_contest(among, "crowdnav")),
-        ("AttnGraph's crowd of 20, the robot unseen", "people_free", "success", of_contest(among, "attngraph")),
-        ("people who see the robot", "people_free", "success", of_contest(among, "people-seen")),
+    small = [row for row in teams if size_of(row["family"]) <= TESTED]
+    laws = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS)
+    by_scan = tuple(law for law in laws if law in LEAST_ACCESS)
+    told = tuple(law for law in laws if law not in LEAST_ACCESS)
+    among = AMONG_PEOPLE["people_free"]
+    parts: list[tuple[str, str, str, tuple[str, ...], list[Row]]] = [
+        *(
+            (f"{where}, beside laws {what}", "team_scan", "solved", those, of_kind(small, kind))
+            for kind, where in (("open", f"teams of up to {TESTED} in the open"), ("walls", "... at doors, in rooms"))
+            for what, those in (("of the scan", by_scan), ("that are told", told))
+        ),
+        ("CrowdNav's 500 tests, the robot unseen", "people_free", "success", among, of_contest(people, "crowdnav")),
+        ("AttnGraph's crowd of 20, unseen", "people_free", "success", among, of_contest(people, "attngraph")),
+        ("people who do not see the robot", "people_free", "success", among, of_contest(people, "people-unseen")),
+        ("people who see the robot", "people_free", "success", among, of_contest(people, "people-seen")),
     ]
-    lines = [
-        [where, f"`{name}`", *(share(here, each, metric) for each in (name, "orca_team")),
-         difference(here, name, "orca_team", metric)[0]]
-        for where, name, metric, here in parts
+    lines, comparisons = [], counted(teams, people)
+    for where, name, metric, those, rows in parts:
+        law, here = rival(rows, name, those, metric)
+        found = less(here, name, law, metric)
+        solved = [share(here, each, metric) for each in (name, law)]
+        later = less(here, name, law, "extra_time", metric).shown
+        lines.append(
+            [where, f"`{name}`", solved[0], f"`{law}`", solved[1], found.shown, found.outcome(comparisons), later]
+        )
+    header = [
+        "where", "agent", "it solves (%)", "best law", "it solves (%)", "difference (points)", "outcome",
+        "later, where both do (s)",
     ]  # fmt: skip
-    header = ["where", "agent", "it solves (%)", "`orca_team` (%)", "difference (points)"]
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
     out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team")}
-    return f"""All robots are omni3. `team_scan` sees its scan alone; `people_free` and `orca_team` are told where the
-others are. A world is solved if all robots arrive and nobody touches anything. In parentheses: the least and the
-greatest of three seeds; brackets are 95 % intervals.
+    return f"""All robots are omni3. `team_scan` sees its scan alone; `people_free` and laws that are told have
+the places of the others. The best law solves most there; tuned gains are those that `wayfield tune` found for the
+suite in training scenarios. A world is solved if all robots arrive and nobody touches anything. In parentheses: the
+least and the greatest of three seeds; brackets are 95 % intervals. Better and worse are corrected for the
+{comparisons} comparisons of the page below; equivalent is an interval within {100.0 * MARGIN:g} point.
 
 {table(lines, header)}
 
@@ -621,16 +708,19 @@ PROSE = """# Agents among others, beside the laws that they are to beat
 
 Made by `python benchmarks/studies/flocks.py`. Robots are omni3 with lagged actuators and a scan of 72 beams, asked for
 0.6 m/s, in CrowdNav's cases and AttnGraph's crowd for 1 m/s; who arrives leaves. Laws have their default gains, with
-which `orca_team` does not give way at doors; {tuning}.
+which `orca_team` does not give way at doors, but for those called tuned. {tuning}
 Worlds are the first of each family in the split `claims`: {counts}.
 A world is the unit: solved if all arrive and nobody touches anything. Differences are paired by world, of all seeds of
 training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that three seeds count as
-three; they are not corrected for how many there are. In parentheses: the least and the greatest seed. Extra time, and
+three. Better and worse are corrected for all comparisons of this page; two are equivalent whose interval lies within
+one point; all else is open, and "uncorrected" says that the interval alone would decide it. In parentheses: the least
+and the greatest seed. Extra time, and
 what people are put through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles,
 to which others are a part of the scan; `team_scan` began as that, and went on in teams. Agents learned in the families
 that they are driven in, of other scenarios; `people_free` drove more than half of its training on CrowdNav's circle.
 
-What it does not show: other robots, noise, other laws tuned; families that an entry did not drive are empty below.
+What it does not show: other robots, noise, laws of the scan tuned for teams or people; families that an entry
+did not drive are empty below.
 
 ![32 robots leave a room by one door: team_guided, and orca_team from the same starts](../doorway.gif)
 
@@ -665,19 +755,31 @@ def counts(rows: Mapping[str, Sequence[Row]]) -> str:
 
 
 def tuning() -> str:
-    """Returns in words what a search of gains for teams found."""
-    found = tuned_set("orca_team", "teams", ROBOT, SPEED)
-    if found is None:
-        return "`wayfield tune` was not asked for better ones"
-    budget = f"{found.frames / 1e6:.1f} million control periods of worlds, teams of up to 16"
-    if found.chosen == "default":
-        return f"`wayfield tune` found none that are better in {budget}"
-    return f"`orca_team tuned` has those that `wayfield tune` found in {budget}"
+    """Returns in sentences what searches of gains found, and what they and the training of agents were given."""
+    laws = dict.fromkeys(law for laws in (*RIVALS.values(), *AMONG_PEOPLE.values()) for law in laws if TUNED in law)
+    found: dict[str, list[str]] = {}
+    for law in (each.removesuffix(TUNED) for each in laws):
+        for suite in ("teams", *PEOPLE_CONTESTS):
+            rules = ALL_CONTESTS[suite].rules
+            best = tuned_set(law, suite, ROBOT, rules.speed if rules else SPEED)
+            if best is not None:
+                none = "" if best.chosen != "default" else ", none better"
+                found.setdefault(law, []).append(f"{suite} {best.frames / 1e6:.1f}{none}")
+    searched = "; ".join(f"`{law}`: {', '.join(each)}" for law, each in found.items())
+    agents = []
+    for name in (*AMONG_PEOPLE, *(each for each in RIVALS if each != "ppo")):
+        card = read_card(next(iter(shipped(AGENTS[name], ROBOT).values())) / CARD)
+        agents.append(f"`{name}` {card['training']['run_frames'] / 1e6:.1f}")
+    return (
+        "Their gains were searched by `wayfield tune` in training scenarios of the suite, in million environment steps "
+        f"(of teams, those of worlds): {searched}. Agents were trained in, a seed: {', '.join(agents)}."
+    )
 
 
 def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:
     """Returns the page of the rows."""
-    told, blocks = [], []
+    told: list[Compared] = []
+    blocks = []
     if teams:
         sentences, shown = team_tables(teams)
         told += sentences
@@ -695,7 +797,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
         blocks.append(
             "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
         )
-    listed = "\n".join(f"* {each}" for each in told)
+    listed = "\n".join(f"* {each.sentence(len(told))}" for each in told)
     return "\n\n".join([prose.strip(), listed, *blocks]) + "\n"
 
 
