@@ -80,7 +80,9 @@ class PackedRows(Collection[Row]):
         names = next(lines, [])
         if len(set(names)) < len(names):
             raise ValueError("it holds a column twice")
-        for line in lines:
+        for k, line in enumerate(lines):
+            if len(line) != len(names):
+                raise ValueError(f"row {k} has {len(line)} cells, its header {len(names)}")
             yield dict(zip(names, line, strict=True))
 
 
@@ -354,6 +356,8 @@ def differing(submission: Submission, entrant: Entrant | None, most: int | None)
                 again = _texts(setting)
                 if again != today:
                     return driven, f"{place(row)}: the policy is not deterministic, two drives of it differ"
+                if wrong not in row:
+                    return driven, f"{place(row)}: column {wrong} is left out; it is {now[wrong]}"
                 if wrong not in now:
                     return driven, f"{place(row)}: {wrong} is no column of this version"
                 return driven, f"{place(row)}: {wrong} is {now[wrong]}, submitted as {row[wrong]:.40}"
@@ -361,7 +365,7 @@ def differing(submission: Submission, entrant: Entrant | None, most: int | None)
 
 
 def _first_difference(now: Row, row: Row) -> str:
-    return next((name for name, cell in row.items() if name not in _WORDS and now.get(name, "") != cell), "")
+    return next((name for name in (*row, *now) if name not in _WORDS and now.get(name, "") != row.get(name, "")), "")
 
 
 def _case_of(row: Row) -> bytes:
@@ -388,7 +392,7 @@ def _case(row: Row, entrant: Entrant | None) -> Case:
         if (case.gains_name, case.gains_text) == (row["gains_name"], row.get("gains", "")):
             return case
     whose = "no entry of this version has" if entrant is None else "the policy that was named has not"
-    raise Refused(f"{place(row)}: {whose} the gains {row.get('gains', '')!r}")
+    raise Refused(f"{place(row)}: {whose} the gains {shown(row.get('gains', ''))}")
 
 
 def _texts(setting: Setting) -> list[Row]:

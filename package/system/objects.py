@@ -78,7 +78,7 @@ def json_object(file: str) -> dict[str, Any]:
     """
     try:
         content = json.loads(
-            read_text(file), object_pairs_hook=_without_repeats, parse_constant=_not_json, parse_int=_whole
+            read_text(file), object_pairs_hook=without_repeats, parse_constant=_not_json, parse_int=_whole
         )
     except json.JSONDecodeError as error:
         raise ValueError(f"{file}:{error.lineno}: {error.msg}") from None
@@ -93,7 +93,7 @@ def json_object(file: str) -> dict[str, Any]:
     return content
 
 
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Returns the object of the pairs; JSON itself would keep only the last of two fields of one name."""
     fields = dict(pairs)
     if len(fields) < len(pairs):

@@ -24,13 +24,15 @@ class _Xz(io.RawIOBase):
         return True
 
     def readinto(self, buffer: "memoryview") -> int:  # type: ignore[override]
-        """Fills a buffer; EOFError where the content is cut off."""
+        """Fills a buffer; EOFError where the content is cut off, LZMAError where more than one stream stands in it."""
         piece = b""
         while not (piece or self._unpacker.eof):
             if self._unpacker.needs_input and not self._content:
                 raise EOFError("it is cut off")
             piece = self._unpacker.decompress(self._content, len(buffer))
             self._content = b""
+        if self._unpacker.unused_data:  # other readers would go on there, and have rows that nobody has looked at
+            raise lzma.LZMAError("something stands behind its end")
         buffer[: len(piece)] = piece
         return len(piece)
 

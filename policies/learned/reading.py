@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.system.checks import shown, unread
+from wayfield.system.objects import without_repeats
 
 MOST_TEXT = 2**24  # bytes of a file of text; those that are written here have a few thousand
 MOST_NUMBERS = 2**31  # bytes of a file of arrays
@@ -47,7 +48,8 @@ def parsed_object(content: bytes | str, source: str) -> dict[str, Any]:
         ValueError: naming the source, if it is no such text.
     """
     try:
-        found = json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
+        text = content.decode("utf-8") if isinstance(content, bytes) else content
+        found = json.loads(text, object_pairs_hook=without_repeats)
     except RecursionError:
         raise ValueError(f"{source} is no JSON that can be read: it is nested too deeply") from None
     except ValueError as error:

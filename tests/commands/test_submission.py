@@ -110,6 +110,24 @@ def test_what_was_changed_is_named_in_a_line(
     assert told in refused.stderr
 
 
+@pytest.mark.parametrize(
+    ("name", "edit", "told"),
+    [
+        (CARD, lambda text: text.replace(b'"policy": "polar"', b'"policy": "mpc", "policy": "polar"'), "given twice"),
+        (ROWS, lambda packed: packed + packed, "something stands behind its end"),
+        (ROWS, lambda packed: lzma.compress(lzma.decompress(packed) + b"a,b\n"), "row 4 has 2 cells, its header"),
+    ],
+)
+def test_what_other_readers_read_otherwise_is_refused_in_a_line(
+    submitted: Path, tmp_path: Path, name: str, edit: Callable[[bytes], bytes], told: str
+) -> None:
+    copy = shutil.copytree(submitted, tmp_path / "copy")
+    (copy / name).write_bytes(edit((copy / name).read_bytes()))
+    refused = called(verify, copy)
+    assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1), refused.output
+    assert told in refused.stderr
+
+
 def signed_anew(submission: Path, edit: Callable[[list[dict[str, str]]], list[dict[str, str]]]) -> None:
     """Edits the rows of a submission and makes its digests fit."""
     changed(submission, ROWS, edit)
@@ -137,9 +155,13 @@ def with_all(name: str, cell: str) -> Callable[[list[dict[str, str]]], list[dict
         (lambda rows: [*rows[:2], *with_all("actuators", "ideal")(rows[2:])], "has other actuators than the first"),
         (with_all("seed", "5"), "episode 0 of open/test: its seed is 5, that of the contest"),
         (with_all("scenario", "nowhere/test"), "its scenarios 'nowhere/test' are not those of this version"),
+        (
+            lambda rows: [{name: cell for name, cell in row.items() if name != "path_length"} for row in rows],
+            "episode 0 of open/test: column path_length is left out",
+        ),
         (with_all("knows", "sensors, map"), "episode 0 of open/test: knows is sensors, submitted as sensors, map"),
     ],
-    ids=["conditions", "seeds", "no scenarios", "access"],
+    ids=["conditions", "seeds", "no scenarios", "a column", "access"],
 )
 def test_what_was_signed_anew_is_refused_in_a_line(
     submitted: Path, tmp_path: Path, edit: Callable[[Any], Any], told: str
