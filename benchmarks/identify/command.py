@@ -83,8 +83,8 @@ def main(
         raise click.UsageError(f"{recorded.name}: {error}") from None
     truthful = odometry_errors(recorded, half_track)
     say(summary(recorded, checked, found, tested, split, robot.name))
-    for error in truthful if truth is not None else ():
-        say(f"  {error.name:<17} {error}")
+    for slip in truthful if truth is not None else ():
+        say(f"  {slip.name:<17} {slip}")
     for line in kept:
         say(f"not told  {line}")
     if report is not None:
