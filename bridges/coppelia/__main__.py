@@ -79,7 +79,7 @@ class Track(Finite):
 @click.option(
     "--legacy",
     metavar="FOLDER",
-    help="Writes sim.py and vrep.py there, which bring scripts for the legacy remote API to the server, and ends.",
+    help="Writes sim and vrep there, which bring scripts for the legacy remote API to the server, and ends.",
 )
 @click.option(
     "--setup", metavar="SCRIPT.py", help="A script of yours that is run once, with `sim`, before the first client."
@@ -159,19 +159,29 @@ def main(
 def _write_legacy(folder: Path) -> None:
     """Writes the stand-in for the legacy remote API into a folder, unless another module of the name is there."""
     text = (Path(__file__).parent / "legacy.py").read_text(encoding="utf-8")
-    files = [folder / name for name in ("sim.py", "vrep.py")]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        files = [_place_of(folder, name, text) for name in ("sim", "vrep")]
         for file in files:
-            if file.exists() and not file.read_text(encoding="utf-8", errors="replace").startswith(text[:80]):
-                raise click.UsageError(
-                    f"--legacy: {file} is there and not ours; move it away, or choose another folder"
-                )
-        for file in files:
+            file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise click.UsageError(f"--legacy {str(folder)!r}: {error.strerror or error}") from None
-    click.echo(f"{files[0]} and {files[1]}: scripts beside them that `import sim` or `import vrep` drive the server")
+    click.echo(f"{files[0]} and {files[1]}: scripts in {folder} that `import sim` or `import vrep` drive the server")
+    for file in files:
+        if file.parent != folder:
+            click.echo(f"{file.parent}.py of CoppeliaSim stays; delete the folder {file.parent} to import it again")
+
+
+def _place_of(folder: Path, name: str, text: str) -> Path:
+    """Returns the file that `import NAME` shall find: beside CoppeliaSim's own NAME.py a package, found before it."""
+    package, module = folder / name / "__init__.py", folder / f"{name}.py"
+    for file in (package, module):
+        found = file.read_text(encoding="utf-8", errors="replace") if file.exists() else text
+        if not found.startswith(text[:80]):
+            if file == module and "def simxStart" in found:
+                return package
+            raise click.UsageError(f"--legacy: {file} is there and not ours; move it away, or choose another folder")
+    return package if package.exists() else module
 
 
 def _load(name: str, conditions: Conditions) -> Any:

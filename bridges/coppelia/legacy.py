@@ -10,6 +10,8 @@ call that asks for a value has none the first time (`simx_return_novalue_flag`);
 The answer is then that of the moment of the call, which is never older than the library's.
 """
 
+import functools
+import inspect
 import os
 import socket
 import struct
@@ -45,16 +47,100 @@ simx_headeroffset_server_time = 11
 simx_headeroffset_scene_id = 15
 simx_headeroffset_server_state = 17
 
-sim_handle_all, sim_handle_parent, sim_handle_world = -2, -11, -1
-sim_object_shape_type, sim_object_joint_type, sim_object_dummy_type = 0, 1, 4
-sim_object_proximitysensor_type, sim_object_visionsensor_type = 5, 9
+# The constants of simConst.py that calls of the remote API take or return: sim_KIND_NAME; a number is the next one's
+# value, from which on they count up.
+_CONSTANTS = """
+object: 0 shape_type joint_type graph_type camera_type dummy_type proximitysensor_type 8 path_type visionsensor_type
+    volume_type mill_type forcesensor_type light_type mirror_type 200 no_subtype
+appobj: 109 object_type collision_type distance_type simulation_type ik_type constraintsolver_type collection_type
+    ui_type script_type pathplanning_type 120 texture_type
+joint: 10 revolute_subtype prismatic_subtype spherical_subtype
+shape: 20 simpleshape_subtype multishape_subtype
+proximitysensor: 30 pyramid_subtype cylinder_subtype disc_subtype cone_subtype ray_subtype
+objectspecialproperty: 1 collidable measurable 16 detectable_ultrasonic 32 detectable_infrared 64 detectable_laser 128
+    detectable_inductive 256 detectable_capacitive 512 renderable 1024 cuttable 2048 pathplanning_ignored 496
+    detectable_all
+modelproperty: 1 not_collidable not_measurable 4 not_renderable 8 not_detectable 16 not_cuttable 32 not_dynamic 64
+    not_respondable 128 not_reset 256 not_visible 61440 not_model
+simulation: 0 stopped 8 paused 16 advancing 16 advancing_firstafterstop advancing_running 19 advancing_lastbeforepause
+    advancing_firstafterpause advancing_abouttostop advancing_lastbeforestop
+scripttype: 0 mainscript childscript 4 jointctrlcallback contactcallback customizationscript generalcallback
+handle: -2 all -3 all_except_explicit -4 self -5 main_script -6 tree -7 chain -8 single -9 default -10 all_except_self
+    -11 parent
+handleflag: 4194304 assembly 8388608 model
+dlgstyle: 0 message input ok ok_cancel yes_no 32 dont_center
+dlgret: 0 still_open ok cancel yes no
+boolparam: 0 hierarchy_visible console_visible collision_handling_enabled distance_handling_enabled
+    ik_handling_enabled gcs_handling_enabled dynamics_handling_enabled joint_motion_handling_enabled
+    path_motion_handling_enabled proximity_sensor_handling_enabled vision_sensor_handling_enabled
+    mill_handling_enabled browser_visible scene_and_model_load_messages 15 shape_textures_are_visible display_enabled
+    infotext_visible statustext_open fog_enabled rml2_available rml4_available mirrors_enabled aux_clip_planes_enabled
+    full_model_copy_from_api realtime_simulation 27 force_show_wireless_emission force_show_wireless_reception
+    video_recording_triggered 32 threaded_rendering_enabled fullscreen headless hierarchy_toolbarbutton_enabled
+    browser_toolbarbutton_enabled objectshift_toolbarbutton_enabled objectrotate_toolbarbutton_enabled
+    force_calcstruct_all_visible force_calcstruct_all exit_request play_toolbarbutton_enabled
+    pause_toolbarbutton_enabled stop_toolbarbutton_enabled waiting_for_trigger
+intparam: 0 error_report_mode program_version instance_count custom_cmd_start_id compilation_version current_page
+    flymode_camera_handle dynamic_step_divider dynamic_engine server_port_start server_port_range visible_layers
+    infotext_style settings edit_mode_type server_port_next qt_version event_flags_read event_flags_read_clear
+    platform scene_unique_id work_thread_count mouse_x mouse_y core_count work_thread_calc_time_ms idle_fps
+    prox_sensor_select_down prox_sensor_select_up stop_request_counter program_revision mouse_buttons
+    dynamic_warning_disabled_mask simulation_warning_disabled_mask scene_index motionplanning_seed speedmodifier
+floatparam: 0 rand simulation_time_step stereo_distance
+stringparam: 0 application_path video_filename app_arg1 app_arg2 app_arg3 app_arg4 app_arg5 app_arg6 app_arg7 app_arg8
+    app_arg9 13 scene_path_and_name
+arrayparam: 0 gravity fog fog_color background_color1 background_color2 ambient_light random_euler
+objintparam: 10 visibility_layer 27 collection_self_collision_indicator 29 child_role parent_role
+    manipulation_permissions illumination_handle
+objfloatparam: 11 abs_x_velocity abs_y_velocity abs_z_velocity abs_rot_velocity objbbox_min_x objbbox_min_y
+    objbbox_min_z objbbox_max_x objbbox_max_y objbbox_max_z modelbbox_min_x modelbbox_min_y modelbbox_min_z
+    modelbbox_max_x modelbbox_max_y modelbbox_max_z 28 transparency_offset
+visionfloatparam: 1000 near_clipping far_clipping 1004 perspective_angle ortho_size 1014 pov_blur_distance
+    pov_aperture
+visionintparam: 1002 resolution_x resolution_y 1006 disabled_light_components rendering_attributes entity_to_render
+    windowed_size_x windowed_size_y windowed_pos_x windowed_pos_y pov_focal_blur 1016 pov_blur_sampled render_mode
+jointintparam: 2000 motor_enabled ctrl_enabled 2030 velocity_lock vortex_dep_handle
+jointfloatparam: 2002 pid_p pid_i pid_d intrinsic_x intrinsic_y intrinsic_z intrinsic_qx intrinsic_qy intrinsic_qz
+    intrinsic_qw velocity spherical_qx spherical_qy spherical_qz spherical_qw upper_limit kc_k kc_c 2021 ik_weight
+    error_x error_y error_z error_a error_b error_g error_pos error_angle 2032 vortex_dep_multiplication
+    vortex_dep_offset
+shapefloatparam: 3000 init_velocity_x init_velocity_y init_velocity_z 3005 mass texture_x texture_y texture_z
+    texture_a texture_b texture_g texture_scaling_x texture_scaling_y 3020 init_velocity_a init_velocity_b
+    init_velocity_g 3025 shading_angle edge_angle
+shapeintparam: 3003 static respondable 3014 culling wireframe compound convex convex_check respondable_mask 3024
+    edge_visibility 3027 edge_borders_hidden
+shapestringparam: 3023 color_name
+proxintparam: 4000 ray_invisibility
+cameraintparam: 9000 disabled_light_components 9003 rendering_attributes pov_focal_blur 9007 pov_blur_samples
+camerafloatparam: 9001 perspective_angle ortho_size 9005 pov_blur_distance pov_aperture
+dummyintparam: 10000 link_type
+jointmode: 0 passive motion ik ikdependent dependent force
+"""
+
+
+def _constants(table):
+    found, kind, value = {}, "", 0
+    for word in table.split():
+        if word[-1] == ":":
+            kind = word[:-1]
+        elif word.lstrip("-").isdigit():
+            value = int(word)
+        else:
+            found[f"sim_{kind}_{word}"] = value
+            value += 1
+    return found
+
+
+globals().update(_constants(_CONSTANTS))
+sim_handle_world = -1
 sim_appobj_object_type = 109
 sim_jointfloatparam_velocity = 2012
 sim_floatparam_simulation_time_step = 1
-sim_intparam_program_version = 1
-sim_boolparam_realtime_simulation = 25
-sim_simulation_stopped, sim_simulation_paused, sim_simulation_advancing = 0, 8, 16
-sim_simulation_advancing_running = 17
+sim_simulation_paused = 8
+# names of old
+simx_error_noerror, simx_error_novalue_flag, simx_error_timeout_flag, simx_error_illegal_opmode_flag = 0, 1, 2, 4
+simx_error_remote_error_flag, simx_error_split_progress_flag, simx_error_local_error_flag = 8, 16, 32
+simx_error_initialize_error_flag = 64
 
 _PORT = 23000
 _PATIENCE = 30.0  # s, for an answer
@@ -308,10 +394,14 @@ def simxLoadScene(clientID, scenePathAndName, options, operationMode):
 
 
 def simxGetFloatingParameter(clientID, paramIdentifier, operationMode):
-    """Returns the code and the time step, s."""
-    return _one(
-        _told(clientID, operationMode, ("float", paramIdentifier), lambda sim: sim.getSimulationTimeStep()), 0.0
-    )
+    """Returns the code and the time step, s; an error of the server for another parameter."""
+
+    def read(sim):
+        if paramIdentifier == sim_floatparam_simulation_time_step:
+            return sim.getSimulationTimeStep()
+        return sim.getFloatParam(paramIdentifier)
+
+    return _one(_told(clientID, operationMode, ("float", paramIdentifier), read), 0.0)
 
 
 def simxGetIntegerParameter(clientID, paramIdentifier, operationMode):
@@ -560,3 +650,30 @@ def simxUnpackFloats(floatsPackedInString):
     """Returns the numbers in bytes."""
     data = bytes(floatsPackedInString)
     return list(struct.unpack(f"<{len(data) // 4}f", data[: len(data) // 4 * 4]))
+
+
+# What NumPy hands over.
+
+_LISTS = ("values", "intList", "floatList")
+
+
+def _plain(value, name):
+    """Returns an argument with NumPy's numbers, and arrays of one where one is asked for, as Python's."""
+    if name in _LISTS:
+        return [_plain(each, "") for each in (value.ravel() if hasattr(value, "dtype") else value)]
+    return value.item() if hasattr(value, "dtype") and getattr(value, "size", 1) == 1 else value
+
+
+def _takes_numpy(function):
+    parameters = inspect.signature(function)
+
+    @functools.wraps(function)
+    def called(*args, **kwargs):
+        given = parameters.bind(*args, **kwargs).arguments
+        return function(**{name: _plain(value, name) for name, value in given.items()})
+
+    return called
+
+
+for _name in [each for each in globals() if each.startswith("simx") and callable(globals()[each])]:
+    globals()[_name] = _takes_numpy(globals()[_name])

@@ -19,7 +19,8 @@ OPENING = {
 LOADING = {"np", "numpy", "json", "pickle", "torch", "onnx"}  # whose `load` reads a file
 # what opens a file for reading outside of a registered reader, and why that is right
 ALLOWED = {
-    ("bridges/coppelia/__main__.py", "_write_legacy"): "copies the package's own file over what is in its place",
+    ("bridges/coppelia/__main__.py", "_write_legacy"): "copies the package's own file",
+    ("bridges/coppelia/__main__.py", "_place_of"): "looks whose module is in its place, whatever the content",
     ("bridges/ros/command.py", "_mission"): "reads bytes for read_gains",
     ("benchmarks/commands/demo.py", "main"): "opens a browser",
     ("system/extras.py", "installs"): "the packaging tools' own word about this installation",

@@ -28,9 +28,19 @@ _, right = sim.simxGetObjectHandle(clientID, 'Pioneer_p3dx_rightMotor', sim.simx
 """
 
 
-@pytest.fixture
-def run(tmp_path):
+# as CoppeliaSim's own module, where its library is not
+THEIRS = """
+def simxStart(*args):
+    raise OSError("remoteApi.so: cannot open shared object file")
+simxFinish = simxStart
+"""
+
+
+@pytest.fixture(params=["alone"])
+def run(tmp_path, request):
     """Returns what runs a script beside the stand-in, and gives what it prints."""
+    if request.param == "beside":
+        (tmp_path / "sim.py").write_text(THEIRS)
     words = [sys.executable, "-m", "wayfield.bridges.coppelia", "--legacy", str(tmp_path)]
     subprocess.run(words, check=True, capture_output=True)
 
@@ -210,6 +220,95 @@ def test_signals_and_the_lidar_are_read_as_bytes_and_what_is_missing_is_an_error
         """,
         serve("document-a", speed=1.0),
     ) == ["done"]
+
+
+@pytest.mark.parametrize("run", ["alone", "beside"], indirect=True)
+def test_the_first_script_of_coppeliasim_runs_beside_its_own_module_too(serve, run, tmp_path):
+    """Objects counted, the mouse asked for, a message: each has a return code."""
+    assert run(
+        """
+        code, objects = sim.simxGetObjects(clientID, sim.sim_handle_all, sim.simx_opmode_blocking)
+        assert code == sim.simx_return_ok and len(objects) > 5
+        code, x = sim.simxGetIntegerParameter(clientID, sim.sim_intparam_mouse_x, sim.simx_opmode_streaming)
+        assert code == sim.simx_return_novalue_flag
+        code, x = sim.simxGetIntegerParameter(clientID, sim.sim_intparam_mouse_x, sim.simx_opmode_buffer)
+        assert code in (sim.simx_return_ok, sim.simx_return_remote_error_flag), code
+        sim.simxAddStatusbarMessage(clientID, 'Hello CoppeliaSim!', sim.simx_opmode_oneshot)
+        assert sim.simxGetPingTime(clientID)[0] == sim.simx_return_ok
+        sim.simxFinish(clientID)
+        print('ended')
+        """,
+        serve("empty"),
+        handles="",
+    ) == ["ended"]
+    if (tmp_path / "sim").exists():
+        assert (tmp_path / "sim.py").read_text() == THEIRS
+
+
+def test_every_call_takes_the_numbers_of_numpy_as_those_of_python(serve, run):
+    """NumPy 2.4 makes no number of an array of one by itself."""
+    assert run(
+        """
+        import numpy as np
+        once = sim.simx_opmode_blocking
+        _, sonar = sim.simxGetObjectHandle(clientID, 'Pioneer_p3dx_ultrasonicSensor1', once)
+        sim.simxSetFloatSignal(clientID, 'gain', 0.5, once)
+        sim.simxSetIntegerSignal(clientID, 'count', 3, once)
+        three, four = [0.1, 0.2, 0.3], [0.0, 0.0, 0.0, 1.0]
+        calls = {'ObjectHandle': ['Pioneer_p3dx'], 'Objects': [1], 'ObjectGroupData': [1, 3], 'ObjectChild': [robot, 0]}
+        calls |= {'IntegerParameter': [1], 'BooleanParameter': [25], 'FloatingParameter': [1]}
+        calls |= {'ObjectParent': [left], 'ObjectVelocity': [robot], 'JointPosition': [left]}
+        calls |= {'ObjectFloatParameter': [left, 2012], 'FloatSignal': ['gain'], 'IntegerSignal': ['count']}
+        calls |= {'StringSignal': ['none'], 'AndClearStringSignal': ['none']}
+        calls |= {'Object' + each: [robot, -1] for each in ('Position', 'Orientation', 'Quaternion')}
+        calls = {'simxGet' + name: given for name, given in calls.items()}
+        calls |= {'simxReadProximitySensor': [sonar], 'simxReadVisionSensor': [sonar], 'simxReadStringStream': ['none']}
+        calls |= {'simxSetIntegerParameter': [1, 2], 'simxSetBooleanParameter': [25, 0], 'simxCreateDummy': [0.1, None]}
+        calls |= {'simxSetJointTargetVelocity': [left, 1.0], 'simxSetJointForce': [left, 1.0]}
+        calls |= {'simxSetJointMaxForce': [left, 1.0], 'simxSetFloatSignal': ['gain', 0.25]}
+        calls |= {'simxSetIntegerSignal': ['count', 4], 'simxSetStringSignal': ['word', b'a'], 'simxRemoveObject': [-9]}
+        calls |= {'simxSetObject' + each: [robot, -1, three] for each in ('Position', 'Orientation')}
+        calls |= {'simxSetObjectQuaternion': [robot, -1, four], 'simxLoadScene': ['nowhere', 0]}
+        calls |= {f'simxClear{each}Signal': ['none'] for each in ('Integer', 'Float', 'String')}
+        calls |= {f'simx{each}Simulation': [] for each in ('Start', 'Pause', 'Stop')}
+        calls |= {'simxAddStatusbarMessage': ['hello']}
+        calls = {name: [clientID, *given, once] for name, given in calls.items()}
+        calls |= {'simxGetConnectionId': [clientID], 'simxGetInMessageInfo': [clientID, 3]}
+        calls |= {'simxPauseCommunication': [clientID, 1], 'simxSynchronous': [clientID, 1]}
+        calls |= {'simxSynchronousTrigger': [9], 'simxGetPingTime': [9], 'simxGetLastCmdTime': [9], 'simxFinish': [9]}
+        calls |= {'simxPackInts': [[1, 2]], 'simxPackFloats': [[1.0]]}
+        calls |= {'simxUnpackInts': [b'abcd'], 'simxUnpackFloats': [b'abcd']}
+        offered = {name for name in dir(sim) if name.startswith('simx') and callable(getattr(sim, name))}
+        assert offered - set(calls) == {'simxStart'}, offered ^ set(calls)
+
+        def of_numpy(value, kind):
+            if isinstance(value, list):
+                return kind[0](value)
+            return kind[1](value) if isinstance(value, (int, float)) else value
+
+        kinds = [(np.array, lambda x: np.array(x)[()]), (lambda x: np.array(x)[:, None], np.array)]
+        kinds += [(lambda x: [np.array([each]) for each in x], lambda x: np.array([x]))]
+        kinds += [(list, lambda x: np.array([[x]]))]
+        for name, given in calls.items():
+            found = [getattr(sim, name)(*(of_numpy(each, kind) for each in given)) for kind in kinds]
+            plain = getattr(sim, name)(*given)
+            if name != 'simxCreateDummy':
+                assert all(repr(each) == repr(plain) for each in found), (name, plain, found)
+        print('done')
+        """,
+        serve("empty"),
+    ) == ["done"]
+
+
+def test_constants_are_those_of_the_present_api():
+    from wayfield.bridges.coppelia import legacy
+    from wayfield.bridges.coppelia.constants import CONSTANTS
+
+    shared = {name: value for name, value in CONSTANTS.items() if hasattr(legacy, f"sim_{name}")}
+    assert len(shared) > 20
+    assert {name: getattr(legacy, f"sim_{name}") for name in shared} == shared
+    assert (legacy.sim_intparam_mouse_x, legacy.sim_jointfloatparam_velocity) == (22, 2012)
+    assert legacy.sim_shapefloatparam_mass == 3005
 
 
 def test_nobody_there_is_minus_one_and_a_module_that_is_not_ours_stays(tmp_path):
