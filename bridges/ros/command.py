@@ -395,9 +395,11 @@ def recorder_of(file: str | None) -> Any:
     from wayfield.bridges.ros.recording import Recorder
 
     try:
-        return Recorder(Path(file))
+        recorder = Recorder(Path(file))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
+    click.echo(f"recording to {recorder.part}; it becomes {file} at the end")
+    return recorder
 
 
 COMMANDS = {"sim": sim, "drive": drive, "excite": excite}

@@ -58,8 +58,8 @@ class Recorder:
             raise ValueError(f"--record {str(file)!r} must end in .mcap")
         if self.file.exists():
             raise FileExistsError(f"--record {file}: there is such a file; choose another name")
-        self._part = self.file.with_name(self.file.name + ".part")
-        self._stream = open(self._part, "wb")  # noqa: SIM115  as long as the recording
+        self.part = self.file.with_name(self.file.name + ".part")
+        self._stream = open(self.part, "wb")  # noqa: SIM115  as long as the recording
         self._writer: Any = Writer(self._stream, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library="wayfield")
         self._channels: dict[str, int] = {}
@@ -83,4 +83,4 @@ class Recorder:
         """Ends the file and gives it its name."""
         self._writer.finish()
         self._stream.close()
-        os.replace(self._part, self.file)
+        os.replace(self.part, self.file)
