@@ -14,6 +14,7 @@ from wayfield.policies.gain import Range, gains_of
 from wayfield.policies.hybrid import Hybrid
 from wayfield.policies.ilqr import Ilqr
 from wayfield.policies.learned.ppo import Ppo
+from wayfield.policies.learned.residual import Base
 from wayfield.policies.lookahead import Lookahead
 from wayfield.policies.lqr import Lqr
 from wayfield.policies.mpc import Mpc
@@ -331,3 +332,16 @@ def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, flo
         if hasattr(policy, key):
             return {key: speed}
     raise NoCruisingSpeed(f"policy {name!r} has no cruising speed")
+
+
+def at_speed(name: str, gains: Mapping[str, Any], speed: float) -> Policy:
+    """Returns a policy with the given gains and those that make it cruise at a speed (m/s).
+
+    Raises:
+        ValueError: as `make` and `cruising`.
+        TypeError: as `make`.
+    """
+    return make(name, **{**gains, **cruising(name, gains, speed)})
+
+
+Base.make = staticmethod(at_speed)

@@ -1,18 +1,12 @@
 """The controller under an agent: a network may add to what a controller asks for instead of driving by itself."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wayfield import policies
 from wayfield.policies.gain import Gains, gain
 from wayfield.policies.policy import Policy
 from wayfield.system.checks import shown
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +27,9 @@ class Base(Gains):
     Raises:
         ValueError: if the controller is unknown or has no cruising speed, or a gain or reach is out of range.
     """
+
+    # a policy of a name, with gains, at a cruising speed (m/s); the registry hands it over, for it imports agents
+    make: ClassVar[Callable[[str, Mapping[str, Any], float], Policy]]
 
     controller: str  # a name of policies.make
     gains: Mapping[str, Any]
@@ -59,6 +56,6 @@ def controller_at(name: str, gains: Mapping[str, Any], speed: float) -> Policy:
     if name == "ppo":
         raise ValueError("controller must be a classical one, got 'ppo'")
     try:
-        return policies.make(name, **{**gains, **policies.cruising(name, gains, speed)})
+        return Base.make(name, gains, speed)
     except TypeError as error:
         raise ValueError(f"controller {shown(name)} with gains {shown(gains)}: {error}") from None

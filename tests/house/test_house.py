@@ -2,7 +2,9 @@
 
 import ast
 import functools
+import graphlib
 import importlib.util
+import itertools
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -127,6 +129,29 @@ def test_a_room_imports_from_rooms_above_it_in_the_table_of_the_architecture() -
             if room is not None and known.index(room) > known.index(own):
                 upward.add((name, room))
     assert upward == set()
+
+
+def while_loaded(body: Sequence[ast.AST]) -> Iterator[ast.AST]:
+    """Yields what runs when a module is loaded: not what stands in functions, nor what only type checkers read."""
+    for node in body:
+        if isinstance(node, Function) or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
+            continue
+        yield node
+        for branch in ("body", "handlers", "orelse", "finalbody"):
+            yield from while_loaded(getattr(node, branch, ()))
+
+
+def test_no_modules_import_each_other_while_they_are_loaded() -> None:
+    modules = {name.removesuffix(".py").removesuffix("/__init__").replace("/", "."): name for name in trees()}
+    needs: dict[str, set[str]] = {}
+    for own, name in modules.items():
+        needs[own] = set()
+        for dotted in imported(list(while_loaded(trees()[name].body))):
+            there = [each for each in itertools.accumulate(dotted.split("."), "{}.{}".format) if each in modules]
+            # packages on the way are loaded first; a module's own have begun before it
+            needs[own] |= {*there[-1:], *(each for each in there[:-1] if not own.startswith(f"{each}."))}
+        needs[own].discard(own)
+    graphlib.TopologicalSorter(needs).prepare()  # raises CycleError, which names the modules of a circle
 
 
 def test_every_law_is_a_policy_by_name() -> None:
