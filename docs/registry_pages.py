@@ -25,8 +25,8 @@ import wayfield  # noqa: F401  registers the ids
 from wayfield.envs.robots import robots_with
 from wayfield.envs.tasks.specs import EVERY, spec_of
 from wayfield.policies import ABOUT, POLICIES, drives, make
-from wayfield.policies.gain import gains_of
-from wayfield.policies.tuned import tuned_conditions
+from wayfield.policies.parts.gain import gains_of
+from wayfield.policies.parts.tuned import tuned_conditions
 
 FOLDER = "generated"
 ROOT_PAGES = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}

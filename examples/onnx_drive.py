@@ -251,7 +251,7 @@ def exported(file):
     """Writes the first path follower that ships."""
     from wayfield.policies import load_agent
     from wayfield.policies.learned.onnx import export_onnx
-    from wayfield.policies.learned.ppo import shipped
+    from wayfield.policies.trained.ppo import shipped
 
     export_onnx(load_agent(shipped("path_following", "p3dx")[0]), file)
     return file

@@ -12,7 +12,7 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
-from wayfield.policies.policy import Policy, check_robot
+from wayfield.policies.parts.policy import Policy, check_robot
 from wayfield.system.checks import MOST_THREADS, whole
 from wayfield.system.threads import bounds, thread_pool
 

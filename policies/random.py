@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
+from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.checks import LAST_SEED
 
 

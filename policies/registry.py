@@ -6,42 +6,42 @@ from typing import Any, NamedTuple
 
 from wayfield.envs import team_worlds
 from wayfield.envs.tasks.specs import TaskSpec
-from wayfield.policies.any_robot import AnyRobot
-from wayfield.policies.astar_tracker import AstarTracker
-from wayfield.policies.central import Central
-from wayfield.policies.dwa import Dwa
-from wayfield.policies.gain import Range, gains_of
-from wayfield.policies.hybrid import Hybrid
-from wayfield.policies.ilqr import Ilqr
-from wayfield.policies.learned.ppo import Ppo
 from wayfield.policies.learned.residual import Base
-from wayfield.policies.lookahead import Lookahead
-from wayfield.policies.lqr import Lqr
-from wayfield.policies.mpc import Mpc
-from wayfield.policies.mpc_pose import MpcPose
-from wayfield.policies.mppi import Mppi
-from wayfield.policies.nav2_dwb import Nav2Dwb
-from wayfield.policies.nav2_mppi import Nav2Mppi
-from wayfield.policies.orca import Orca
-from wayfield.policies.orca_team import OrcaTeam
-from wayfield.policies.orca_team_map import OrcaTeamMap
-from wayfield.policies.people_free import PeopleFree
-from wayfield.policies.polar import Polar
-from wayfield.policies.policy import Policy, observation_of
-from wayfield.policies.potential_field import CorrectedField, PotentialField
-from wayfield.policies.pure_pursuit import PurePursuit
+from wayfield.policies.parts.gain import Range, gains_of
+from wayfield.policies.parts.policy import Policy, observation_of
+from wayfield.policies.paths.ilqr import Ilqr
+from wayfield.policies.paths.lookahead import Lookahead
+from wayfield.policies.paths.lqr import Lqr
+from wayfield.policies.paths.mpc import Mpc
+from wayfield.policies.paths.pure_pursuit import PurePursuit
+from wayfield.policies.paths.regulated_pure_pursuit import RegulatedPurePursuit
+from wayfield.policies.paths.stanley import Stanley
+from wayfield.policies.poses.astar_tracker import AstarTracker
+from wayfield.policies.poses.mpc_pose import MpcPose
+from wayfield.policies.poses.polar import Polar
+from wayfield.policies.poses.potential_field import CorrectedField, PotentialField
+from wayfield.policies.poses.reeds_shepp import ReedsShepp
+from wayfield.policies.poses.reeds_shepp_scan import ReedsSheppScan
+from wayfield.policies.poses.smooth_pose import SmoothPose
+from wayfield.policies.poses.waypoint import Waypoint
 from wayfield.policies.random import Random
-from wayfield.policies.reeds_shepp import ReedsShepp
-from wayfield.policies.reeds_shepp_scan import ReedsSheppScan
-from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
-from wayfield.policies.scan_planner import ScanPlanner
-from wayfield.policies.smooth_pose import SmoothPose
-from wayfield.policies.social_force import SocialForce
-from wayfield.policies.stanley import Stanley
-from wayfield.policies.team_guided import TeamGuided
-from wayfield.policies.team_scan import TeamScan
-from wayfield.policies.vfh_plus import VfhPlus
-from wayfield.policies.waypoint import Waypoint
+from wayfield.policies.scans.dwa import Dwa
+from wayfield.policies.scans.mppi import Mppi
+from wayfield.policies.scans.nav2_dwb import Nav2Dwb
+from wayfield.policies.scans.nav2_mppi import Nav2Mppi
+from wayfield.policies.scans.scan_planner import ScanPlanner
+from wayfield.policies.scans.vfh_plus import VfhPlus
+from wayfield.policies.teams.central import Central
+from wayfield.policies.teams.orca import Orca
+from wayfield.policies.teams.orca_team import OrcaTeam
+from wayfield.policies.teams.orca_team_map import OrcaTeamMap
+from wayfield.policies.teams.social_force import SocialForce
+from wayfield.policies.trained.any_robot import AnyRobot
+from wayfield.policies.trained.hybrid import Hybrid
+from wayfield.policies.trained.people_free import PeopleFree
+from wayfield.policies.trained.ppo import Ppo
+from wayfield.policies.trained.team_guided import TeamGuided
+from wayfield.policies.trained.team_scan import TeamScan
 from wayfield.policies.zero import Zero
 from wayfield.system.checks import choose
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains
+from wayfield.policies.parts.gain import Gains
 
 
 @dataclasses.dataclass(frozen=True)

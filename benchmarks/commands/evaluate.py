@@ -73,7 +73,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies import make
-from wayfield.policies.policy import lacks
+from wayfield.policies.parts.policy import lacks
 from wayfield.policies.registry import RENAMED
 from wayfield.system.checks import unread
 from wayfield.system.command_line import (

@@ -36,10 +36,10 @@ from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
-from wayfield.policies.learned.reading import parsed_object, read_bytes
 from wayfield.system.checks import choose, shown
 from wayfield.system.identity import differences, identity, source_digest
 from wayfield.system.readers import of_folder, reader
+from wayfield.system.reading import parsed_object, read_bytes
 from wayfield.system.unpacking import xz_rows
 
 CARD, ROWS = "card.json", "rows.csv.xz"

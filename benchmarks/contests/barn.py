@@ -10,7 +10,7 @@ import math
 from wayfield.benchmarks.contests.contest import COST, Column, Published
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.benchmarks.records.cases import Rules
-from wayfield.policies.tuned import PACE
+from wayfield.policies.parts.tuned import PACE
 
 SPEED = 2.0  # m/s, the most of the challenge's Jackal, behind its optimal times
 # m/s, cruising speed of the entries: the score is full from a mean of 1 m/s on, and nothing is won by more

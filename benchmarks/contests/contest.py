@@ -28,9 +28,9 @@ from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import Cost
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
-from wayfield.policies.learned.ppo import shipped, trained
-from wayfield.policies.policy import lacks
-from wayfield.policies.tuned import PACE, tuned_set
+from wayfield.policies.parts.policy import lacks
+from wayfield.policies.parts.tuned import PACE, tuned_set
+from wayfield.policies.trained.ppo import shipped, trained
 
 TRAINED = ("ppo", "hybrid", "team_guided", "team_scan", "people_free")  # with a set for each seed
 DEGREES = 180.0 / math.pi

@@ -9,7 +9,7 @@ import dataclasses
 from wayfield.benchmarks.contests.contest import COST, Column
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.benchmarks.records.cases import Rules
-from wayfield.policies.tuned import PACE
+from wayfield.policies.parts.tuned import PACE
 
 MOVINGAI = dataclasses.replace(
     GOAL_OBSTACLES,

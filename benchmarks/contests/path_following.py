@@ -23,8 +23,8 @@ from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.statistics.aggregates import iqm
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.tasks.specs import Cost
+from wayfield.policies.parts.tuned import PACE
 from wayfield.policies.registry import entering
-from wayfield.policies.tuned import PACE
 
 _SPEC = TASKS["path_following"]
 

@@ -7,7 +7,7 @@ import dataclasses
 
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
 from wayfield.benchmarks.records.cases import Rules
-from wayfield.policies.tuned import PACE
+from wayfield.policies.parts.tuned import PACE
 
 SCALE = 1.0 / 50.0
 

@@ -33,11 +33,11 @@ import wayfield
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
-from wayfield.policies.learned.reading import MOST_NUMBERS, MOST_TEXT, parsed_object
-from wayfield.policies.policy import Policy
+from wayfield.policies.parts.policy import Policy
 from wayfield.system.checks import shown, suggestion, unread
 from wayfield.system.extras import installs
 from wayfield.system.readers import reader
+from wayfield.system.reading import MOST_NUMBERS, MOST_TEXT, parsed_object
 from wayfield.system.unpacking import check_members
 
 OWN = "own"  # the name of the gains of all that the user brings

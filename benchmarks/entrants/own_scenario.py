@@ -20,7 +20,7 @@ from wayfield.envs.scenarios import scenarios_of
 from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.scenarios.maps import map_files
 from wayfield.envs.tasks.task import CONTROL_PERIOD
-from wayfield.policies.policy import check_robot, lacks
+from wayfield.policies.parts.policy import check_robot, lacks
 from wayfield.system.checks import FINEST
 from wayfield.system.objects import json_object
 from wayfield.system.readers import reader

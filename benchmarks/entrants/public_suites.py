@@ -17,7 +17,7 @@ from wayfield.envs.scenarios import TASKS, goal_scenarios, scenarios_of
 from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.mrpb import CASES, CONFIG, MAP, is_mrpb
 from wayfield.envs.tasks.task import CONTROL_PERIOD
-from wayfield.policies.tuned import PACE
+from wayfield.policies.parts.tuned import PACE
 from wayfield.system.objects import FileNote
 
 GROUP = 50  # worlds of BARN, by their numbers: a family, and what an interrupted run has as a whole

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs.batch import Results
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies.parts.policy import Policy
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
 from wayfield.policies.training.recorded import episode_digest
 
 MOST_ROBOTS = 512

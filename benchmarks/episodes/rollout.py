@@ -18,9 +18,9 @@ from wayfield.envs.scenarios import spec_of
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
-from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.parts.policy import Policy
+from wayfield.policies.paths.lookahead import Lookahead
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
 
 # What policies count in their memory under these names: a QP that was not solved, a planner that found no way.
 FAULTS = ("qp_failures", "no_path")

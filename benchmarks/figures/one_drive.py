@@ -19,10 +19,10 @@ from wayfield.envs.scenarios import TASKS
 from wayfield.envs.tasks.specs import CROWDS, EVERY, spec_of
 from wayfield.policies import POLICIES, load_agent, make
 from wayfield.policies.learned.agent import CARD
-from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.parts.policy import Policy, observation_of
+from wayfield.policies.parts.tuned import tuned_set
+from wayfield.policies.paths.lookahead import Lookahead
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy, observation_of
-from wayfield.policies.tuned import tuned_set
 from wayfield.system.checks import choose
 from wayfield.system.command_line import SEED
 

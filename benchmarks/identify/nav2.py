@@ -15,9 +15,9 @@ import click
 from wayfield import __version__
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.robot_option import RobotChoice
-from wayfield.policies.gain import gains_of
+from wayfield.policies.parts.gain import gains_of
+from wayfield.policies.parts.tuned import read_gains
 from wayfield.policies.registry import POLICIES, make
-from wayfield.policies.tuned import read_gains
 from wayfield.system.checks import choose, printable, shown, unread
 from wayfield.system.command_line import Choice, OneLineErrors, command_given, say
 from wayfield.system.objects import json_object, read_text

@@ -5,8 +5,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from wayfield.policies.policy import Policy
-from wayfield.policies.tuned import PACE
+from wayfield.policies.parts.policy import Policy
+from wayfield.policies.parts.tuned import PACE
 
 PATH_FOLLOWING = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_REACHING = "wayfield/OmniGoalObstacles-v0"

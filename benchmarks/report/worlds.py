@@ -17,8 +17,8 @@ from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
-from wayfield.policies.learned.reading import is_number
 from wayfield.system.readers import of_folder, reader
+from wayfield.system.reading import is_number
 from wayfield.system.storage import write_whole
 
 World = dict[str, Any]

@@ -15,7 +15,7 @@ from wayfield.benchmarks.entrants.own_policies import OwnClass, OwnModel, import
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.benchmarks.runs.suite import Setting
-from wayfield.policies.learned.ppo import trained
+from wayfield.policies.trained.ppo import trained
 from wayfield.system.executors import Executor
 
 

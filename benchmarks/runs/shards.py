@@ -32,8 +32,8 @@ from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.policies import POLICIES, make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
-from wayfield.policies.learned.ppo import trained
-from wayfield.policies.tuned import tuned_set
+from wayfield.policies.parts.tuned import tuned_set
+from wayfield.policies.trained.ppo import trained
 from wayfield.system.executors import Executor, say
 from wayfield.system.identity import source_digest
 from wayfield.system.objects import FileNote

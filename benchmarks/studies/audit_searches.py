@@ -11,7 +11,7 @@ from wayfield.benchmarks.contests import ALL_CONTESTS, BY_HAND, ROBUST_LEVEL
 from wayfield.benchmarks.runs.shards import in_frames
 from wayfield.benchmarks.tuning.tune import searched_families
 from wayfield.envs.scenarios import splits
-from wayfield.policies.tuned import PACE, condition
+from wayfield.policies.parts.tuned import PACE, condition
 from wayfield.system.readers import of_path, reader
 
 Row = Mapping[str, str]

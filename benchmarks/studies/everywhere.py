@@ -26,10 +26,10 @@ from wayfield.benchmarks.statistics.paired import Difference, difference
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors
 from wayfield.envs.scenarios import TASKS, GoalScenario
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.policies.any_robot import agents_of
-from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.parts.shield import Shielded
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.trained.any_robot import agents_of
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.drawn import robot_like, scaled
 from wayfield.system.checks import MOST_BYTES
 from wayfield.system.command_line import OneLineErrors

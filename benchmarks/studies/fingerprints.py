@@ -23,10 +23,10 @@ from wayfield import policies
 from wayfield.benchmarks.contests import CONTESTS, TRAINED, Contest
 from wayfield.benchmarks.records.progress import tracked
 from wayfield.envs.robots import ROBOTS as ROBOTS_THAT_SHIP
-from wayfield.policies.learned.reading import read_object
 from wayfield.policies.pilot import Pilot
 from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.readers import of_path, reader
+from wayfield.system.reading import read_object
 from wayfield.system.storage import write_whole
 
 DRIVEN = ("p3dx", "omni3", "omni4", "mecanum4")  # the documents' robots, and one of each other drive

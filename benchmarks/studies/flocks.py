@@ -40,11 +40,11 @@ from wayfield.benchmarks.statistics.paired import difference as paired
 from wayfield.envs.scenarios.people_families import PEOPLE_FAMILIES
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 from wayfield.policies.learned.agent import CARD, read_card
-from wayfield.policies.learned.ppo import shipped, shipped_agent, trained
+from wayfield.policies.parts.tuned import tuned_set
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.trained.ppo import shipped, shipped_agent, trained
 from wayfield.policies.training.checkpoints import IN_FIELD
 from wayfield.policies.training.curves import read_curve
-from wayfield.policies.tuned import tuned_set
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 

@@ -31,7 +31,7 @@ from wayfield.benchmarks.statistics.paired import difference
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import SPLITS
 from wayfield.policies.learned.agent import CARD, read_card
-from wayfield.policies.learned.ppo import trained
+from wayfield.policies.trained.ppo import trained
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.executors import cores, workers
 from wayfield.system.extras import installs

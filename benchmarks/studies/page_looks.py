@@ -13,7 +13,6 @@ import numpy as np
 
 from wayfield.envs.crowds.half_planes import best_velocity
 from wayfield.envs.world.reeds_shepp import pose_along
-from wayfield.policies import dwa, lqr, mppi, orca, orca_team, orca_team_map, stanley, vfh_plus
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
 from wayfield.policies.parts.detour import LOOK, seek
 from wayfield.policies.parts.stopping import (
@@ -27,7 +26,10 @@ from wayfield.policies.parts.stopping import (
     recalled_near,
     turn_towards,
 )
-from wayfield.policies.potential_field import around, corrected_force
+from wayfield.policies.paths import lqr, stanley
+from wayfield.policies.poses.potential_field import around, corrected_force
+from wayfield.policies.scans import dwa, mppi, vfh_plus
+from wayfield.policies.teams import orca, orca_team, orca_team_map
 from wayfield.system.compiled import allocating, compiled
 from wayfield.system.elementary import sin_cos
 

@@ -4,6 +4,7 @@ import base64
 import contextlib
 import dataclasses
 import importlib
+import importlib.util
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -33,14 +34,14 @@ from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import RUN, VERTEX
 from wayfield.policies import Pilot, cruising, make
-from wayfield.policies.gain import Gain, gains_of
 from wayfield.policies.learned.agent import SHIELD, Agent
 from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
 from wayfield.policies.learned.perception import limits_of
 from wayfield.policies.parts import forward_prediction, shield
+from wayfield.policies.parts.gain import Gain, gains_of
 from wayfield.policies.parts.params import PLANT
+from wayfield.policies.parts.policy import lacks
 from wayfield.policies.parts.stopping import NEAR_ENOUGH
-from wayfield.policies.policy import lacks
 from wayfield.policies.registry import NoCruisingSpeed
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import bearing
@@ -115,6 +116,7 @@ CALLED_IN: Mapping[str, str] = {
     "fill_bodies": "features_team",
 }
 _OF_PERCEPTION = (*CALLED_IN.values(), "arrival", "guard")
+ROOMS = ("paths", "poses", "scans", "teams", "learned")  # of the modules that are named here
 
 # What an argument of a law is, by its name; all else is a constant.
 ROLES = {
@@ -344,8 +346,8 @@ def of_policies(name: str, function: str = "") -> Any:
     """Returns a module of the policies, that of a function where perception's are meant."""
     if name == "perception":
         name = CALLED_IN.get(function, name)
-    room = f"learned.{name}" if name in ("perception", "agent", *_OF_PERCEPTION) else name
-    return importlib.import_module(f"wayfield.policies.{room}")
+    found = (f"wayfield.policies.{room}.{name}" for room in ROOMS)
+    return importlib.import_module(next(each for each in found if importlib.util.find_spec(each)))
 
 
 # What predicts the state of a base that answers late, for all laws.

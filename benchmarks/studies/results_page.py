@@ -30,7 +30,7 @@ from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, Verdict, judge
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.learned.agent import CARD, read_card
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 
 PAGE = "docs/results.md"
 CARDS = f"{KEPT}/cards.md"

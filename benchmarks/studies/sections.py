@@ -12,7 +12,7 @@ from transfer import SUITE as TRANSFERRED
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.records.results import TABLE
 from wayfield.envs.robots import ROBOTS
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 
 KEPT = "docs/results"  # folder of the tables and of what made them
 ROWS = f"{KEPT}/rows"  # of the episodes behind them, packed

@@ -13,8 +13,8 @@ import optuna
 from optuna.storages.journal import JournalFileBackend
 
 from wayfield.benchmarks.contests.contest import Score
-from wayfield.policies.learned.reading import parsed_object
 from wayfield.system.readers import reader
+from wayfield.system.reading import parsed_object
 
 _ENQUEUED = 30.0  # s, that the process that made a study has for its first sets
 _LOST = 10.0  # times as long as the longest set took, after which one that is under way counts as its process's last

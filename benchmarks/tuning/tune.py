@@ -49,9 +49,9 @@ from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import CROWDS
-from wayfield.policies.gain import Range, gains_of
-from wayfield.policies.policy import check_robot
-from wayfield.policies.tuned import PACE, TunedSet, condition, tuned_set
+from wayfield.policies.parts.gain import Range, gains_of
+from wayfield.policies.parts.policy import check_robot
+from wayfield.policies.parts.tuned import PACE, TunedSet, condition, tuned_set
 from wayfield.system.checks import choose
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, on_cluster, say, shared_out
 from wayfield.system.executors import Executor, cores

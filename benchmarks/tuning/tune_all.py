@@ -11,7 +11,7 @@ import click
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL
 from wayfield.benchmarks.tuning.tune import SEARCHED, Search, folder_of, starting_gains, summary, write_gains
 from wayfield.envs.robots import ROBOTS
-from wayfield.policies.tuned import PACE, condition, tuned_conditions
+from wayfield.policies.parts.tuned import PACE, condition, tuned_conditions
 from wayfield.system.command_line import SEED, Names, OneLineErrors, on_cluster, say, shared_out
 
 Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, requested speed (m/s), level of disturbance

@@ -25,7 +25,7 @@ from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies import POLICIES, NoCruisingSpeed, cruising, make
-from wayfield.policies.tuned import read_gains
+from wayfield.policies.parts.tuned import read_gains
 from wayfield.system.checks import printable
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors
 from wayfield.system.extras import installs

@@ -22,7 +22,7 @@ from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.tasks.stepping import JUDGE
 from wayfield.policies import ABOUT, POLICIES, Policy
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
-from wayfield.policies.policy import check_robot
+from wayfield.policies.parts.policy import check_robot
 from wayfield.system.checks import shown
 
 LEAST_BEAMS = 72  # that a policy is shown, as many as the agents that ship were trained with

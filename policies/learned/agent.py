@@ -22,7 +22,6 @@ from wayfield.envs.robots import ROBOTS, Actuators, Robot
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import EVERY
-from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.conditions import (
     NewToAgent,
     check_conditions,
@@ -44,14 +43,15 @@ from wayfield.policies.learned.perception import (
     hold,
     limits_of,
 )
-from wayfield.policies.learned.reading import is_whole, read_arrays, read_object
 from wayfield.policies.learned.residual import Base
+from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.shield import Shield
-from wayfield.policies.policy import Policy
 from wayfield.system.checks import LONGEST, MOST_GAIN, shown, unread
 from wayfield.system.compiled import allocating
 from wayfield.system.elementary import hyperbolic_tangent
 from wayfield.system.readers import of_folder, reader
+from wayfield.system.reading import is_whole, read_arrays, read_object
 from wayfield.system.storage import digest, sync_folder, temporary_folder, write_whole
 
 # of the card: from 2 on it holds a digest of itself, from 3 and 4 on what _SINCE names, from 5 on what a path follower

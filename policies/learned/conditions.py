@@ -12,8 +12,8 @@ from wayfield.envs.robots import ACTUATORS, Actuators
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.features import LIMIT
 from wayfield.policies.learned.features_sheet import SHEET, numbers_of
-from wayfield.policies.learned.reading import is_number, is_whole
 from wayfield.system.checks import LAST_SEED, shown
+from wayfield.system.reading import is_number, is_whole
 
 SLACK = 0.01  # of the least and the greatest speed trained on, that are no news to an agent
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.policies.learned.reading import is_number
 from wayfield.system.checks import shown
+from wayfield.system.reading import is_number
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.float32]

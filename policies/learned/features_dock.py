@@ -7,9 +7,9 @@ import numpy as np
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
-from wayfield.policies.gain import gain
 from wayfield.policies.learned.features import Array, Numbers
 from wayfield.policies.learned.features_goal import GoalFeatures
+from wayfield.policies.parts.gain import gain
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import area_sine, sin_cos
 

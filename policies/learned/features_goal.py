@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.arrival import arrive
 from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails
 from wayfield.policies.learned.guard import guard
+from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.stopping import FASTEST, INTERVAL, MOVED, WATCHED, step_of_surface
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle

@@ -8,8 +8,8 @@ import numpy as np
 from wayfield.envs import path_following
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails
+from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle
 

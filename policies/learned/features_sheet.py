@@ -11,9 +11,9 @@ import numpy as np
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import gain
 from wayfield.policies.learned.features import LIMIT, Array, Numbers
 from wayfield.policies.learned.features_goal import FULL, LEAST_BEAMS, GoalFeatures
+from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.shield import LEAST_VIEW
 
 TOP = 0.95  # of the fastest that a base can drive or turn, that is asked of it

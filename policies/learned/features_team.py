@@ -10,9 +10,9 @@ from wayfield.envs import team_worlds
 from wayfield.envs.crowds.bodies import NEAREST
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import gain
 from wayfield.policies.learned.features import LIMIT, Array, Numbers
 from wayfield.policies.learned.features_goal import GoalFeatures
+from wayfield.policies.parts.gain import gain
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos
 

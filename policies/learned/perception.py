@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import Actuators, Robot
 from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.features import LIMIT, Array, Numbers
 from wayfield.policies.learned.features_dock import DockFeatures
 from wayfield.policies.learned.features_goal import Crumbs, GoalFeatures, Sights, fill_crumbs, fill_moving
 from wayfield.policies.learned.features_path import PathFeatures
 from wayfield.policies.learned.features_sheet import RobotFeatures, SheetFeatures
 from wayfield.policies.learned.features_team import TeamFeatures
+from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos

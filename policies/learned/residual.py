@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from wayfield.policies.gain import Gains, gain
-from wayfield.policies.policy import Policy
+from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.policy import Policy
 from wayfield.system.checks import shown
 
 

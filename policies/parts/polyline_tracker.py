@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
+from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.grid_search import (
     any_angle_way,
     pulled,
@@ -19,7 +19,7 @@ from wayfield.policies.parts.grid_search import (
     traced,
 )
 from wayfield.policies.parts.params import params_of
-from wayfield.policies.policy import Policy
+from wayfield.policies.parts.policy import Policy
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 

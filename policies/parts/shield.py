@@ -12,8 +12,9 @@ from wayfield.envs.robots import sensing
 from wayfield.envs.robots.kinematics import saturation_factor
 from wayfield.envs.robots.records import aligned
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
+from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.stopping import (
     RECALLED,
     SECTORS,
@@ -25,7 +26,6 @@ from wayfield.policies.parts.stopping import (
     set_command,
     step_and_stop,
 )
-from wayfield.policies.policy import Policy
 from wayfield.system.compiled import allocating, any_layout, inlined
 from wayfield.system.elementary import sin_cos
 

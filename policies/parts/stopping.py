@@ -11,7 +11,7 @@ from wayfield.envs.robots import sensing
 from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
 from wayfield.envs.robots.records import aligned
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.policy import Policy, check_scan
+from wayfield.policies.parts.policy import Policy, check_scan
 from wayfield.system.compiled import allocating, any_layout, inlined
 from wayfield.system.elementary import bearing, sin_cos
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import save
 
-from wayfield.policies.learned.reading import is_whole, parsed_object, read_arrays, read_object
 from wayfield.system.checks import shown
 from wayfield.system.readers import of_folder, of_path, reader
+from wayfield.system.reading import is_whole, parsed_object, read_arrays, read_object
 from wayfield.system.storage import sync_folder, write_whole
 
 RUN, LAST, PREVIOUS, BEST, CURVE = "run.json", "last.safetensors", "previous.safetensors", "best", "curve.csv"

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from wayfield.envs.tasks.specs import EVERY
-from wayfield.policies.learned.reading import MOST_TEXT, read_bytes
 from wayfield.policies.training.checkpoints import CURVE, IN_FIELD
 from wayfield.system.checks import shown
 from wayfield.system.readers import of_folder, reader
+from wayfield.system.reading import MOST_TEXT, read_bytes
 from wayfield.system.storage import write_whole
 
 

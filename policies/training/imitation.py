@@ -8,8 +8,8 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
+from wayfield.policies.parts.policy import Policy
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
 from wayfield.policies.training.shaping import Shaped
 
 CHUNK = 8  # control periods between gradient steps

@@ -21,7 +21,7 @@ from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies.learned.agent import Agent
 from wayfield.policies.learned.features_sheet import SheetFeatures
 from wayfield.policies.learned.perception import Features, Perception, features_for
-from wayfield.policies.learned.ppo import shipped_agent
+from wayfield.policies.trained.ppo import shipped_agent
 from wayfield.policies.training.drawn import further
 from wayfield.policies.training.imitation import Teaching
 from wayfield.policies.training.presets import Ppo, Preset

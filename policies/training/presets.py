@@ -12,7 +12,6 @@ from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, robot_of, shipped_nam
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.policies import POLICIES, make
-from wayfield.policies.gain import Gain, Gains, gain, gains_of
 from wayfield.policies.learned.agent import CARD, check_hidden, read_card
 from wayfield.policies.learned.features_dock import DockFeatures
 from wayfield.policies.learned.features_goal import GoalFeatures
@@ -20,12 +19,13 @@ from wayfield.policies.learned.features_path import PathFeatures
 from wayfield.policies.learned.features_sheet import SheetFeatures
 from wayfield.policies.learned.features_team import TeamFeatures
 from wayfield.policies.learned.perception import Actions, Features
-from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.residual import Base, controller_at
-from wayfield.policies.policy import Policy
+from wayfield.policies.parts.gain import Gain, Gains, gain, gains_of
+from wayfield.policies.parts.policy import Policy
+from wayfield.policies.parts.tuned import NotTuned, tuned_gains
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.drawn import draw_robots
 from wayfield.policies.training.shaping import GoalReward, PathReward, Reward, TeamReward
-from wayfield.policies.tuned import NotTuned, tuned_gains
 from wayfield.system.checks import choose, shown, suggestion, unread
 
 World = tuple[float, Mapping[str, Any]]  # share of the robots, keyword arguments of the environment

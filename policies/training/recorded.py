@@ -7,9 +7,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from wayfield.policies.learned.reading import is_whole, read_object
 from wayfield.system.checks import LAST_OF_EPISODES, shown
 from wayfield.system.extras import installs
+from wayfield.system.reading import is_whole, read_object
 
 KEY = "wayfield"  # of what we add to the metadata of a set and of an episode
 MOST_EPISODES = 10**7

@@ -11,12 +11,12 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.gain import Gains, gain
 from wayfield.policies.learned.agent import SHIELD, asks, commanded
 from wayfield.policies.learned.perception import Perception, limits_of
 from wayfield.policies.learned.residual import Base
+from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.policy import Policy
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.vector import NativeVectorEnv
+from wayfield.policies.parts.policy import Policy
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
 
 Array = NDArray[np.float64]
 

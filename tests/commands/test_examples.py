@@ -18,7 +18,7 @@ import pytest
 
 from wayfield.policies import Pilot, load_agent
 from wayfield.policies.learned.onnx import export_onnx
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

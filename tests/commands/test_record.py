@@ -21,8 +21,8 @@ from wayfield import policies
 from wayfield.benchmarks.episodes.recorder import Start, record
 from wayfield.benchmarks.recordings.mcap_file import write_mcap
 from wayfield.benchmarks.recordings.record import main
+from wayfield.policies.parts.tuned import tuned_set
 from wayfield.policies.training.recorded import KEY, opened
-from wayfield.policies.tuned import tuned_set
 
 PATHS, GOALS = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 NOISY = {"scenario": "splines/train", "actuators": "lagged", "noise": 1.0, "max_episode_steps": 60}

@@ -129,7 +129,7 @@ def test_a_folder_of_scenarios_travels_whole(tmp_path: Path, threads: Executor) 
 
 
 def test_agents_travel(tmp_path: Path, threads: Executor) -> None:
-    from wayfield.policies.learned.ppo import shipped
+    from wayfield.policies.trained.ppo import shipped
 
     agent = shipped("path_following", "p3dx")[3]
     best = tmp_path / "mine" / "seed_3" / "best"

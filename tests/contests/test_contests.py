@@ -34,7 +34,7 @@ from wayfield.benchmarks.tuning import tune
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import TASKS, path_scenarios, splits
-from wayfield.policies.tuned import condition, read_gains, tuned_set
+from wayfield.policies.parts.tuned import condition, read_gains, tuned_set
 
 PATHS = ("--suite", "path-following", "--policies", "pure_pursuit,lookahead_retuned", "--gains", "default")
 SMALL = (*PATHS, "--families", "circles,polylines_90", "--episodes", "2", "--keep-trajectories", "all")

@@ -11,7 +11,7 @@ import pytest
 
 from wayfield.benchmarks.records.run_folder import MANIFEST, Run, held, staging
 from wayfield.policies.learned.agent import CARD, WEIGHTS, load_agent, save_agent
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.checkpoints import CURVE, LAST, PREVIOUS, last_state, write_curve, write_state
 
 

@@ -8,7 +8,7 @@ from kept_rows import SUFFIX, read_packed
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.policies.learned.agent import CARD, read_card
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 
 ROWS = Path(__file__).parents[2] / "docs" / "results" / "rows"
 

@@ -11,7 +11,7 @@ from oracles import model_predictive
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.crowds.half_planes import best_velocity, disc_half_plane, nearest_velocity
-from wayfield.policies.lqr import gain_table
+from wayfield.policies.paths.lqr import gain_table
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 HORIZON, LIMIT = 2.0, 1.0  # of the sets that RVO2 was given

@@ -13,7 +13,7 @@ from wayfield.envs.scenarios.obstacles import obstacle_field, wall
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.policies import Pilot
-from wayfield.policies.central import KNOTS
+from wayfield.policies.teams.central import KNOTS
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the ids
-from wayfield.policies import Pilot, hybrid, make
-from wayfield.policies.hybrid import lead, planner_of
-from wayfield.policies.learned.ppo import shipped
-from wayfield.policies.scan_planner import ScanPlanner
+from wayfield.policies import Pilot, make
+from wayfield.policies.scans.scan_planner import ScanPlanner
+from wayfield.policies.trained import hybrid
+from wayfield.policies.trained.hybrid import lead, planner_of
+from wayfield.policies.trained.ppo import shipped
 
 ID = {"p3dx": "wayfield/DiffDriveGoalObstacles-v0", "omni3": "wayfield/OmniGoalObstacles-v0"}
 WALL = {"kind": "wall", "x1": 1.5, "y1": -0.6, "x2": 1.5, "y2": 2.0}  # ahead, and farther to the left

@@ -17,14 +17,14 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.kinematics import integrate_arc
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.dwa import Dwa
-from wayfield.policies.mppi import Mppi
-from wayfield.policies.nav2_dwb import Nav2Dwb
-from wayfield.policies.nav2_mppi import Nav2Mppi
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import INTERVAL, Scan, Seen, find_approaching, sees_all_round
-from wayfield.policies.scan_planner import ScanPlanner
-from wayfield.policies.vfh_plus import VfhPlus
+from wayfield.policies.scans.dwa import Dwa
+from wayfield.policies.scans.mppi import Mppi
+from wayfield.policies.scans.nav2_dwb import Nav2Dwb
+from wayfield.policies.scans.nav2_mppi import Nav2Mppi
+from wayfield.policies.scans.scan_planner import ScanPlanner
+from wayfield.policies.scans.vfh_plus import VfhPlus
 from wayfield.system.compiled import compiled
 
 PLANNERS = [Dwa, VfhPlus]

@@ -9,10 +9,10 @@ from oracles.model_predictive import DT, PATH_ID, Array, Drive, Problem, planned
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.world.paths import Path, PathPool
-from wayfield.policies import mpc
-from wayfield.policies.ilqr import Ilqr
-from wayfield.policies.mpc import Mpc
 from wayfield.policies.parts import pose_path
+from wayfield.policies.paths import mpc
+from wayfield.policies.paths.ilqr import Ilqr
+from wayfield.policies.paths.mpc import Mpc
 
 OMNI_ID = "wayfield/OmniPathFollowing-v0"
 both = pytest.mark.parametrize("law", [Mpc, Ilqr], ids=["mpc", "ilqr"])

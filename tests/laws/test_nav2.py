@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from oracles.local_planning import briefing_of, drive, observed, scan
 
-from wayfield.policies.nav2_dwb import Nav2Dwb
-from wayfield.policies.nav2_mppi import Nav2Mppi
+from wayfield.policies.scans.nav2_dwb import Nav2Dwb
+from wayfield.policies.scans.nav2_mppi import Nav2Mppi
 
 CONTROLLERS = [Nav2Dwb, Nav2Mppi]
 every_controller = pytest.mark.parametrize("controller", CONTROLLERS)

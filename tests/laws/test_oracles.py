@@ -23,7 +23,7 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.kinematics import plain_sum_matrix
 from wayfield.envs.scenarios import GOAL_SCENARIOS
 from wayfield.policies import Pilot, Policy
-from wayfield.policies.lookahead import Lookahead
+from wayfield.policies.paths.lookahead import Lookahead
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"

@@ -17,9 +17,9 @@ from wayfield.envs.robots.records import record
 from wayfield.envs.scenarios.curves import circle_path
 from wayfield.envs.world.paths import Path, PathPool
 from wayfield.policies import Pilot
-from wayfield.policies.lqr import Lqr, gain_table, model
 from wayfield.policies.parts.speed_profile import SPACING, curvature_at, heading_at, reference_at, speed_at
-from wayfield.policies.stanley import Stanley
+from wayfield.policies.paths.lqr import Lqr, gain_table, model
+from wayfield.policies.paths.stanley import Stanley
 
 DIFF_ID = "wayfield/DiffDrivePathFollowing-v0"
 OMNI_ID = "wayfield/OmniPathFollowing-v0"

@@ -17,13 +17,14 @@ from scipy.sparse.csgraph import dijkstra
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.scenarios.scenario import GoalScenario
-from wayfield.policies import astar_tracker, make
-from wayfield.policies.astar_tracker import AstarTracker
+from wayfield.policies import make
 from wayfield.policies.parts.grid_search import a_star, sees, theta_star
 from wayfield.policies.parts.polyline_tracker import FARTHEST, UNIT
 from wayfield.policies.parts.scan_map import CHART, SUB, mark, stamps, weaken
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.scan_planner import ScanPlanner
+from wayfield.policies.poses import astar_tracker
+from wayfield.policies.poses.astar_tracker import AstarTracker
+from wayfield.policies.scans.scan_planner import ScanPlanner
 from wayfield.system.compiled import compiled
 
 MOVINGAI = Path(__file__).parents[3] / "shared" / "data" / "movingai"

@@ -24,8 +24,8 @@ from wayfield.envs import goal_reaching, path_following, team_worlds
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.envs.tasks.specs import TASKS
 from wayfield.policies import POLICIES, Pilot
-from wayfield.policies.gain import Gains, gain, gains_of
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.parts.gain import Gains, gain, gains_of
+from wayfield.policies.trained.ppo import shipped
 
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"

@@ -14,7 +14,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from wayfield.envs.robots import ROBOTS
-from wayfield.policies.lqr import model
+from wayfield.policies.paths.lqr import model
 from wayfield.system.linear import product, pseudo_inverse, riccati, solve
 
 DIGESTS = """

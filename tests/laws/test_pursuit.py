@@ -19,11 +19,11 @@ from wayfield.envs.scenarios.curves import circle_path
 from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.world.paths import Path, PathPool
 from wayfield.policies.parts.carrot import place_on_lap, point_at_distance, pose_ahead
+from wayfield.policies.parts.policy import Policy
+from wayfield.policies.paths.pure_pursuit import PurePursuit
+from wayfield.policies.paths.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.policy import Policy
-from wayfield.policies.pure_pursuit import PurePursuit
-from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
-from wayfield.policies.smooth_pose import SmoothPose, smooth_curvature
+from wayfield.policies.poses.smooth_pose import SmoothPose, smooth_curvature
 
 Array = NDArray[np.float64]
 

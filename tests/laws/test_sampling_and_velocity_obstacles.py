@@ -22,11 +22,11 @@ from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios.obstacles import circle, moving_circle, obstacle_field, wall
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.movers import motion_at
-from wayfield.policies import mppi
-from wayfield.policies.mppi import Mppi
-from wayfield.policies.orca import Orca
 from wayfield.policies.parts.stopping import SECTORS
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.scans import mppi
+from wayfield.policies.scans.mppi import Mppi
+from wayfield.policies.teams.orca import Orca
 
 DT = 0.05
 DIFF = "wayfield/DiffDriveGoalObstacles-v0"

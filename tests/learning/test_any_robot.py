@@ -14,14 +14,14 @@ import pytest
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Sensors
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies import Pilot, Shielded, make
-from wayfield.policies.any_robot import AnyRobot
 from wayfield.policies.learned.agent import Agent, Network, load_agent, save_agent, weights_digest
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.learned.features_sheet import SHEET, SheetFeatures, numbers_of, windows
 from wayfield.policies.learned.perception import Actions, Perception
 from wayfield.policies.learned.residual import Base
+from wayfield.policies.parts.tuned import tuned_gains
+from wayfield.policies.trained.any_robot import AnyRobot
 from wayfield.policies.training.drawn import RANGES, draw_robots, robot_like
-from wayfield.policies.tuned import tuned_gains
 
 GOALS = {2: "wayfield/DiffDriveGoalObstacles-v0", 3: "wayfield/OmniGoalObstacles-v0"}
 WIDE = {name: [0.0, 1e6] for name in SHEET}

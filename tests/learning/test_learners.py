@@ -8,7 +8,7 @@ from learners import CONTEST, CONTROLLER, PRESETS, Learned, driven, learned, tra
 
 from wayfield.envs.scenarios import SPLITS
 from wayfield.policies.learned.agent import CARD, WEIGHTS, signed
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 
 
 def shipped_as(home: Path, seed: int, **training: object) -> None:

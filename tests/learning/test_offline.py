@@ -18,7 +18,7 @@ pytest.importorskip("minari", reason='needs pip install "wayfield[record]"')
 from wayfield.benchmarks.recordings import record
 from wayfield.policies.learned.agent import load_agent
 from wayfield.policies.learned.conditions import commanded_speed
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training import offline
 from wayfield.policies.training.offline import Transitions, opened, task_of, transitions
 from wayfield.policies.training.presets import PRESETS

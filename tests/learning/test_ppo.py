@@ -20,8 +20,8 @@ from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.results import read_rows
 from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.conditions import kept_pace
-from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.measured import conditions
 from wayfield.policies.training.presets import PRESETS
 from wayfield.policies.training.run import trained_on

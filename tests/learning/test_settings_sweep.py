@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from wayfield.policies.gain import Gain
+from wayfield.policies.parts.gain import Gain
 from wayfield.policies.training.presets import PRESETS, overridden, settable
 
 

@@ -19,9 +19,9 @@ from wayfield.envs.tasks.specs import EVERY
 from wayfield.envs.team_worlds import Observation
 from wayfield.policies.learned.agent import Agent, Network, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
-from wayfield.policies.learned.ppo import shipped
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.pilot import Pilot
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.drawn import further
 from wayfield.policies.training.learner import PpoLearner, make_worlds
 from wayfield.policies.training.measured import conditions

@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
-from wayfield.policies import Pilot, mpc
-from wayfield.policies.mpc import Mpc
+from wayfield.policies import Pilot
 from wayfield.policies.parts import pose_path
-from wayfield.policies.policy import Policy
+from wayfield.policies.parts.policy import Policy
+from wayfield.policies.paths import mpc
+from wayfield.policies.paths.mpc import Mpc
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"

@@ -16,14 +16,14 @@ from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstac
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
 from wayfield.envs.world.movers import motion_at
-from wayfield.policies import mppi
-from wayfield.policies.dwa import Dwa
-from wayfield.policies.mppi import Mppi
-from wayfield.policies.polar import Polar
-from wayfield.policies.potential_field import CorrectedField, PotentialField
-from wayfield.policies.smooth_pose import SmoothPose
-from wayfield.policies.vfh_plus import VfhPlus
-from wayfield.policies.waypoint import Waypoint
+from wayfield.policies.poses.polar import Polar
+from wayfield.policies.poses.potential_field import CorrectedField, PotentialField
+from wayfield.policies.poses.smooth_pose import SmoothPose
+from wayfield.policies.poses.waypoint import Waypoint
+from wayfield.policies.scans import mppi
+from wayfield.policies.scans.dwa import Dwa
+from wayfield.policies.scans.mppi import Mppi
+from wayfield.policies.scans.vfh_plus import VfhPlus
 
 DT = 0.05
 REACH = 5.0  # m, of the beams

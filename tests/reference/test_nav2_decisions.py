@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from oracles.local_planning import briefing_of
 
-from wayfield.policies import nav2_dwb, nav2_mppi
-from wayfield.policies.nav2_dwb import Nav2Dwb
-from wayfield.policies.nav2_mppi import Nav2Mppi, Samples
+from wayfield.policies.scans import nav2_dwb, nav2_mppi
+from wayfield.policies.scans.nav2_dwb import Nav2Dwb
+from wayfield.policies.scans.nav2_mppi import Nav2Mppi, Samples
 from wayfield.system.compiled import allocating, compiled
 
 FARTHEST, UNIT, SPACING = 1.275, 0.005, 0.025  # m

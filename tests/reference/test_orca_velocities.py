@@ -16,7 +16,7 @@ from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
 from wayfield.envs.world.movers import motion_at
-from wayfield.policies.orca import Orca, disc_half_plane, tracking_drift
+from wayfield.policies.teams.orca import Orca, disc_half_plane, tracking_drift
 
 DT = 0.05
 

@@ -13,12 +13,12 @@ from wayfield.envs.path_following import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.world.paths import Path, PathPool
-from wayfield.policies.lookahead import Lookahead
-from wayfield.policies.lqr import Lqr, gain_table
-from wayfield.policies.pure_pursuit import PurePursuit
-from wayfield.policies.regulated_pure_pursuit import RegulatedPurePursuit
-from wayfield.policies.smooth_pose import SmoothPose
-from wayfield.policies.stanley import Stanley
+from wayfield.policies.paths.lookahead import Lookahead
+from wayfield.policies.paths.lqr import Lqr, gain_table
+from wayfield.policies.paths.pure_pursuit import PurePursuit
+from wayfield.policies.paths.regulated_pure_pursuit import RegulatedPurePursuit
+from wayfield.policies.paths.stanley import Stanley
+from wayfield.policies.poses.smooth_pose import SmoothPose
 
 OPEN = [(0.0, 0.0), (1.1, 0.1), (1.7, 0.5), (1.9, 1.1), (1.9, 2.2), (0.8, 2.2), (0.4, 1.2), (-0.7, 1.5), (-1.9, 0.4)]
 CLOSED = [(0.3, 0.0), (1.4, 0.2), (1.9, 1.2), (1.1, 1.9), (0.1, 1.3)]

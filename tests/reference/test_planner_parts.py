@@ -14,8 +14,8 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.scenarios.obstacles import box, circle, obstacle_field
 from wayfield.envs.tasks.briefing import Briefing, Goals, Surroundings
 from wayfield.envs.world.grids import NO_GRIDS, OccupancyGrid, lay_grids
-from wayfield.policies.astar_tracker import AstarTracker
-from wayfield.policies.scan_planner import ScanPlanner
+from wayfield.policies.poses.astar_tracker import AstarTracker
+from wayfield.policies.scans.scan_planner import ScanPlanner
 from wayfield.policies.training.ways import sweep
 
 FARTHEST, UNIT = 1.275, 0.005  # m

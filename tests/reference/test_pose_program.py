@@ -11,7 +11,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.mpc_pose import MpcPose
+from wayfield.policies.poses.mpc_pose import MpcPose
 
 DT = 0.05
 ROBOT = ROBOTS["p3dx"]

@@ -14,7 +14,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.world.reeds_shepp import plan_to
 from wayfield.policies import Pilot
-from wayfield.policies.reeds_shepp import ReedsShepp
+from wayfield.policies.poses.reeds_shepp import ReedsShepp
 
 DT = 0.05
 

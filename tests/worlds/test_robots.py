@@ -25,7 +25,7 @@ from wayfield.envs.scenarios import TASKS, TaskSpec
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.learned.agent import drives, load_agent
-from wayfield.policies.learned.ppo import shipped
+from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.presets import overridden, preset_for
 
 NEW = ("turtlebot3", "kobuki", "jackal", "mecanum4")

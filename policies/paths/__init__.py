@@ -1,0 +1,1 @@
+"""Laws that drive along a path."""

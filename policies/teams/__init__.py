@@ -1,0 +1,1 @@
+"""Laws that drive among other bodies."""

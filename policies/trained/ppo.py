@@ -1,0 +1,125 @@
+"""Agents by their seed: those that ship, five or ten a task and robot, or those of a folder that `train.py` wrote."""
+
+import dataclasses
+import functools
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching, path_following
+from wayfield.envs.robots import Robot
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.learned.agent import Agent, body_of, load_agent
+from wayfield.policies.parts.gain import Gains, gain
+from wayfield.system.checks import LAST_SEED
+
+
+@dataclasses.dataclass(frozen=True)
+class Ppo(Gains):
+    """Drives with the agent of its seed that ships for the task and the robot it is put in, or with one of your own.
+
+    What the network sees and does is stated in the agent's card and in `features`. Learned from the training split of
+    the scenarios; those that ship serve the robots that `shipped` names.
+    """
+
+    seed: int = gain(0, "1", "of the training run", most=LAST_SEED)
+    speed: float = gain(0.0, "m/s", "the mean, where its card has `cruises`, else the most; 0: as validated", least=0.0)
+    home: str = gain("", "", "of training runs, as train.py's --out; '': the agents that ship", words="a folder")
+    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: it does not", least=0.0)
+
+    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+    among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
+    told: ClassVar[str] = "sensors"  # the privileged information of those that ship
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.home, str) or (self.home and not trained(self.home)):
+            raise ValueError(f"Ppo: home must be a folder of training runs, with seed_N/best in it, got {self.home!r}")
+
+    @property
+    def knows(self) -> str:
+        """Returns its privileged information: of agents of one's own, what their card says.
+
+        Raises:
+            ValueError: if the folder holds no agent of the seed, or a damaged one.
+        """
+        return self._own.knows if self.home else self.told
+
+    def agent(self, briefing: Briefing) -> Agent:
+        """Returns the agent for a briefing.
+
+        Raises:
+            ValueError: if none ships for the task and robot, or none of this seed.
+        """
+        task, robot = briefing.task.name, body_of(briefing.robot).name
+        if self.home:
+            if self._own.card["task"] != task:
+                raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
+            return self._own
+        return shipped_agent(self.agents_of(task), robot, self.seed, self.speed, self.pace_time)
+
+    @classmethod
+    def agents_of(cls, task: str) -> str:
+        """Returns under which name the agents of a task, by its name, ship that this policy drives with."""
+        return f"{task}_{cls.among}" if cls.among else task
+
+    def trained_with(self, robot: Robot) -> bool:
+        """Returns whether an agent of one's own was trained with a robot as it is; see `Agent.trained_with`."""
+        return bool(self.home) and self._own.trained_with(robot)
+
+    @functools.cached_property
+    def _own(self) -> Agent:
+        return _loaded(trained(self.home), self.seed, self.speed, self.pace_time, f"is in {self.home}")
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns the agent's empty memory.
+
+        Raises:
+            ValueError: if no agent ships for task, robot and seed, or its card asks for another scan or control period.
+        """
+        return self.agent(briefing).reset(briefing)
+
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        return self.agent(briefing).act(observation, briefing, memory)
+
+
+def shipped(task: str, robot: str) -> dict[int, Path]:
+    """Returns the folders of the agents that ship for a task, as `Ppo.agents_of` names it, and robot, by seed."""
+    return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}")
+
+
+@functools.lru_cache(maxsize=128)
+def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0, pace_time: float = 0.0) -> Agent:
+    """Returns the agent of a seed that ships for a task, as `Ppo.agents_of` names it, and robot.
+
+    Args:
+        speed: m/s, the most that it drives; 0: the one that it was validated at.
+        pace_time: s, in which it makes up what it is late by, on a path; 0: it does not.
+
+    Raises:
+        ValueError: if none ships for them, or none of this seed, or its folder is damaged.
+    """
+    return _loaded(shipped(task, robot), seed, speed, pace_time, f"ships for {task} with {robot}")
+
+
+def trained(home: str) -> dict[int, Path]:
+    """Returns the folders of the best agents of the training runs in a folder, by seed."""
+    runs = {seed: folder / "best" for seed, folder in _by_seed(Path(home)).items()}
+    return {seed: folder for seed, folder in runs.items() if folder.is_dir()}
+
+
+def _by_seed(home: Path) -> dict[int, Path]:
+    found = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_(0|[1-9]\d*)", each.name)}
+    return dict(sorted(found.items()))
+
+
+def _loaded(folders: dict[int, Path], seed: int, speed: float, pace_time: float, what: str) -> Agent:
+    if seed not in folders:
+        there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
+        raise ValueError(f"no agent of seed {seed} {what}; there are {there}")
+    return load_agent(folders[seed], pace_time=pace_time, **({"speed": speed} if speed else {}))
