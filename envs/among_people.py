@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from wayfield.envs.scenarios.splits import members
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.tasks.sheets import sheet_like, signature_like
 from wayfield.envs.tasks.specs import CROWDS
@@ -25,7 +26,9 @@ class AmongPeople(Teams):
         family, slash, split = scenario.partition("/") if isinstance(scenario, str) else ("", "", "")
         if family == ALL and slash:
             named = super().bank
-            scenario = [each for name in self.belongs_to.families for each in named(f"{name}/{split}", hull_radius)]
+            scenario = [
+                each for name in members(self.belongs_to.name) for each in named(f"{name}/{split}", hull_radius)
+            ]
         return super().bank(scenario, hull_radius)
 
 

@@ -61,14 +61,14 @@ def scenarios(names: tuple[str, ...]) -> None:
         rows = []
         for family in (each for each in spec.families if each in chosen):
             tiers = [tier for name in SPLITS for tier in splits.tiers(spec.name, family, name)]
-            there = ", ".join(tier for tier in TIERS if tier in tiers)
+            there = ", ".join(tier for tier in TIERS if tier in tiers) or "not frozen"
             rows.append([family, there, spec.repertoire.about[family]])
         if rows:
             _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
     sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())
     _say(
         f"Splits, frozen, scenarios a family: {sizes}. scenario=NAME draws from the training split, NAME/test from the "
-        "test split, all/test from all families."
+        "test split, all/test from all families; all_1/test from those that version 1 of all had."
     )
     _say(f"Courses of the documents and older banks, of paths: {', '.join(PATH_SCENARIOS)}.")
     _say(f"Of goals: {', '.join(GOAL_SCENARIOS)}. A file of your own: its path.")

@@ -25,6 +25,7 @@ from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.scenarios.splits import members
 from wayfield.envs.tasks.specs import Cost
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
@@ -261,8 +262,9 @@ class Contest:
         return min(steps * CONTROL_PERIOD, limit) if self.spec.cost.unit == "s" else self.spec.cost.failure
 
     def families(self, dynamics: str) -> tuple[str, ...]:
-        """Returns the families of the task; those with pushable obstacles need the pymunk plant."""
-        return tuple(each for each in self.spec.families if dynamics == "pymunk" or each not in self.spec.needs_pymunk)
+        """Returns the families of the newest version of "all"; those with pushable obstacles need the pymunk plant."""
+        every = members(self.spec.name)
+        return tuple(each for each in every if dynamics == "pymunk" or each not in self.spec.needs_pymunk)
 
     def cases(
         self, robot: AnyRobot, course: Course, entrants: Entrants, disturbance: str = "none", speed: float | None = None

@@ -1,6 +1,7 @@
 """Writes frozen splits: `python -m wayfield.envs.scenarios.freeze FAMILY ...`, for developers, some minutes.
 
-`--split claims` writes the split of that name alone, which has a file of its own; without, the others are written.
+All splits of a family are written. What "all" means stays the same, and with it what contests are about, until `--all
+TASK` makes another version of it, of all families that are frozen.
 
 A seed is taken when what it makes can be done: the largest robot has room at start and goal and a proven way past all
 that stands, which is not too long. Freezing again after a change of a family changes what published tables are about.
@@ -52,40 +53,61 @@ def frozen(spec: TaskSpec, family: str, name: str) -> dict[str, Any]:
     metavar="FAMILY...",
     type=Choice("FAMILY", (name for spec in EVERY.values() for name in spec.families)),
     nargs=-1,
-    required=True,
 )
-@click.option("--split", "only", type=Choice("--split", _CLAIMS), help="Only this one, which has a file of its own.")
+@click.option("--all", "task", type=Choice("--all", EVERY), help='A new version of "all" of this task.')
 @click.option("--force", is_flag=True, help="Also families that are frozen: tables made with them are of no use then.")
-def main(families: tuple[str, ...], only: str | None, force: bool) -> None:
-    """Writes the splits of each FAMILY into the split file of its task."""
-    names = [name for name in splits.SPLITS if (name == only if only else name not in _CLAIMS)]
-    files = {task: splits.file_of(task, names[0]) for task in EVERY}
-    written = {task: _written(file) for task, file in files.items()}
-    for family in families:
-        if not force and any(family in of_task for of_task in written.values()):
-            raise click.UsageError(f"FAMILY {family!r} is frozen; --force freezes it again, which ends all its tables")
-    for task, spec in EVERY.items():
-        for family in (name for name in spec.families if name in families):
-            written[task][family] = {name: frozen(spec, family, name) for name in names}
-            in_order = {each: written[task][each] for each in spec.families if each in written[task]}
-            write_whole(files[task], _text(task, in_order).encode())
-            print(task, family, flush=True)
+def main(families: tuple[str, ...], task: str | None, force: bool) -> None:
+    """Writes all splits of each FAMILY into the split files of its task."""
+    if not families and task is None:
+        raise click.UsageError("name at least one FAMILY, or a task with --all")
+    for spec in EVERY.values():
+        files = {name: splits.file_of(spec.name, name) for name in splits.SPLITS}
+        contents = {file: _written(file) for file in files.values()}
+        held = [content["families"] for content in contents.values()]
+        for family in (each for each in families if each in spec.families):
+            if not force and all(family in each for each in held):
+                raise click.UsageError(
+                    f"FAMILY {family!r} is frozen; --force freezes it again, which ends all its tables"
+                )
+            made = {name: frozen(spec, family, name) for name in files}
+            for file, content in contents.items():
+                if force or family not in content["families"]:
+                    content["families"][family] = {name: made[name] for name in files if files[name] == file}
+                content["families"] = {each: content["families"][each] for each in _in_order(spec, content)}
+                write_whole(file, _text(content).encode())
+            print(spec.name, family, flush=True)
+        if spec.name == task:
+            file = files["train"]
+            contents[file].setdefault("all", []).append(_in_order(spec, contents[file]))
+            write_whole(file, _text(contents[file]).encode())
+            print(f"{task}: all is version {len(contents[file]['all'])}")
+
+
+def _in_order(spec: TaskSpec, content: dict[str, Any]) -> list[str]:
+    """Returns the families that a split file holds, in the order of the task."""
+    return [each for each in spec.families if each in content["families"]]
 
 
 def _written(file: pathlib.Path) -> dict[str, Any]:
-    """Returns what a split file holds, by family; nothing where there is none."""
+    """Returns what a split file holds; no families where there is none."""
     try:
-        return dict(json.loads(file.read_text(encoding="utf-8"))["families"])
+        content = dict(json.loads(file.read_text(encoding="utf-8")))
+        content["families"] = dict(content["families"])
     except FileNotFoundError:
-        return {}
+        return {"task": file.stem.removesuffix("_claims"), "families": {}}
     except (LookupError, TypeError, ValueError) as error:
         raise click.ClickException(f"{file} is damaged: {type(error).__name__}: {error}") from None
+    return content
 
 
-def _text(task: str, families: dict[str, Any]) -> str:
+def _text(content: dict[str, Any]) -> str:
     """Returns the text of a split file, a line a list: a change is then seen for what it is."""
-    text = json.dumps({"task": task, "families": families}, indent=1)
-    return re.sub(r"\n {5,}|\n {4}(?=])", "", text) + "\n"
+    text = json.dumps({"task": content["task"], "families": content["families"]}, indent=1)
+    text = re.sub(r"\n {5,}|\n {4}(?=])", "", text)
+    if "all" in content:
+        versions = ",\n  ".join(json.dumps(each) for each in content["all"])
+        text = text.replace('\n "families"', f'\n "all": [\n  {versions}\n ],\n "families"', 1)
+    return text + "\n"
 
 
 if __name__ == "__main__":

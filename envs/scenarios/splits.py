@@ -28,7 +28,8 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
 
     Args:
         task: a name of TASKS.
-        family: a name of its families, or "all": the families one after the other, but for those that need pymunk.
+        family: a name of its families; or "all", those of the newest version of it (`members`) one after the other,
+            but for those that need pymunk; or "all_1", those of version 1.
         name: "train", "validation", "test" or "claims".
 
     Raises:
@@ -39,8 +40,9 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
             raise ValueError(
                 f"{what} is {shown(value)}; it must be one of {', '.join(known)}.{suggestion(value, known)}"
             )
-    if family == "all":
-        every = (each for each in EVERY[task].families if each not in EVERY[task].needs_pymunk)
+    if family not in EVERY[task].families:
+        version = int(family.removeprefix("all_")) if family != "all" else None
+        every = (each for each in members(task, version) if each not in EVERY[task].needs_pymunk)
         return tuple(scenario for each in every for scenario in split(task, each, name))
     return _split(file_of(task, name), task, family, name)
 
@@ -51,13 +53,39 @@ def file_of(task: str, name: str) -> pathlib.Path:
 
 
 def tiers(task: str, family: str, name: str) -> tuple[str, ...]:
-    """Returns the tiers of a family's frozen split in its order, as the file has them; no scenario is made."""
-    return tuple(map(str, _read(file_of(task, name))["families"][family][name]["tiers"]))
+    """Returns the tiers of a family's frozen split in its order, as the file has them; none where it is not frozen."""
+    frozen = _read(file_of(task, name))["families"].get(family, {name: {"tiers": ()}})
+    return tuple(map(str, frozen[name]["tiers"]))
 
 
 def families(task: str) -> tuple[str, ...]:
-    """Returns the names of a task's families, and "all"; none for an unknown task."""
-    return ("all", *EVERY[task].families) if task in EVERY else ()
+    """Returns "all", its versions as "all_1", and the names of a task's families; none for an unknown task."""
+    if task not in EVERY:
+        return ()
+    versions = (f"all_{k}" for k in range(1, len(_versions(task)) + 1))
+    return ("all", *versions, *EVERY[task].families)
+
+
+def members(task: str, version: int | None = None) -> tuple[str, ...]:
+    """Returns the families that "all" means in a version, by default the newest.
+
+    A family that is frozen later belongs to none: what agents learned from and contests are about stays the same until
+    `freeze --all` makes another version.
+    """
+    return _versions(task)[-1 if version is None else version - 1]
+
+
+@functools.cache
+def _versions(task: str) -> tuple[tuple[str, ...], ...]:
+    file = file_of(task, "train")
+    try:
+        listed = _read(file)["all"]
+        versions = tuple(tuple(map(str, each)) for each in listed)
+        if not versions or {name for each in versions for name in each} - set(EVERY[task].families):
+            raise ValueError('"all" names no known families')
+    except (OSError, LookupError, TypeError, ValueError, RecursionError, MemoryError) as error:
+        raise ValueError(f"{file}: the file is damaged: {error}; install wayfield anew") from None
+    return versions
 
 
 def digest(scenarios: Iterable[PathScenario | GoalScenario]) -> str:
@@ -75,6 +103,10 @@ def canonical(scenario: PathScenario | GoalScenario) -> bytes:
     return np.rint(flat * 1e6).astype("<i8").tobytes()
 
 
+class _NotFrozen(ValueError):
+    """A family that the split files do not hold yet."""
+
+
 def _shipped(folder: pathlib.Path) -> None:
     (folder / "path_following.json").write_bytes((FOLDER / "path_following.json").read_bytes())
 
@@ -89,7 +121,11 @@ def _shipped(folder: pathlib.Path) -> None:
 def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of one family's split, made from its seeds and compared with its hash."""
     try:
-        frozen = _read(file)["families"][family][name]
+        of_task = _read(file)["families"]
+        if family not in of_task:
+            command = f"python -m wayfield.envs.scenarios.freeze {family}"
+            raise _NotFrozen(f"{file}: family {family!r} is not frozen: {command}")
+        frozen = of_task[family][name]
         seeds, quantities, tiers, sha256 = (frozen[key] for key in ("seeds", "quantities", "tiers", "sha256"))
         if not isinstance(seeds, list) or not all(type(seed) is int and 0 <= seed <= LAST_SEED for seed in seeds):
             raise ValueError("a seed is no whole number")
@@ -99,6 +135,8 @@ def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, 
             _with_tier(EVERY[task].families[family](seed), float(quantity), str(tier))
             for seed, quantity, tier in zip(seeds, quantities, tiers, strict=True)
         )
+    except _NotFrozen:
+        raise
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
         problem = f"the file is damaged: {type(error).__name__}: {' '.join(str(error).split())}"
     else:

@@ -11,6 +11,7 @@ import numpy as np
 from wayfield.envs.robots import FULL_TURN, Robot, Sensors, Wheel
 from wayfield.envs.scenarios import TASKS, GoalScenario, field_scenarios
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
+from wayfield.envs.scenarios.splits import members
 from wayfield.envs.tasks.specs import EVERY
 
 LAST_FROZEN = 9_999  # seed of a training split, at most; those of other splits begin at a million
@@ -158,7 +159,7 @@ def scenes(hull: float, k: int) -> tuple[GoalScenario, ...]:
     Those of a hull beyond 0.3 m are scaled for it, movers' ways too, so that they keep the ways that were proven.
     """
     task, found = TASKS["goal_reaching"], []
-    for family in task.families:
+    for family in members(task.name, 1):
         if family == "push_boxes":
             continue
         bank = field_scenarios(task, f"{family}/train", min(hull, LARGEST_HULL))
