@@ -323,7 +323,7 @@ class Options:
             where = [contest for contest in contests if family in contest.spec.families]
             if not where:
                 raise WrongOption(f"families {family!r} has no scenarios for suite {self.suite!r}")
-            if not any(family in contest.families(plant) for contest in where for plant in self.plants):
+            if not any(family in contest.families(plant, (family,)) for contest in where for plant in self.plants):
                 raise WrongOption(f"families {family!r} has obstacles that are pushed: use --dynamics pymunk")
 
     def _check_hull(self, contests: list[Contest]) -> None:
@@ -344,8 +344,7 @@ class Options:
 
     def _frozen(self, contest: Contest, plant: str) -> list[Course]:
         """Returns the chosen split of every chosen family."""
-        families = [each for each in contest.families(plant) if self.families is None or each in self.families]
-        return [Course(family, self.split or "test") for family in families]
+        return [Course(family, self.split or "test") for family in contest.families(plant, self.families)]
 
     def _where(self, own: Entrant) -> list[str]:
         """Returns the contests that a policy of the user's own can take part in.

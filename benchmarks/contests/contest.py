@@ -11,7 +11,7 @@ found for a robot and a speed, or the default gains came out best, the default g
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -261,9 +261,9 @@ class Contest:
         limit = self.rules.limit if self.rules else math.inf
         return min(steps * CONTROL_PERIOD, limit) if self.spec.cost.unit == "s" else self.spec.cost.failure
 
-    def families(self, dynamics: str) -> tuple[str, ...]:
-        """Returns the families of the newest version of "all"; those with pushable obstacles need the pymunk plant."""
-        every = members(self.spec.name)
+    def families(self, dynamics: str, wanted: Collection[str] | None = None) -> tuple[str, ...]:
+        """Returns those of the wanted families that a plant can show, by default of the newest version of "all"."""
+        every = members(self.spec.name) if wanted is None else (each for each in self.spec.families if each in wanted)
         return tuple(each for each in every if dynamics == "pymunk" or each not in self.spec.needs_pymunk)
 
     def cases(

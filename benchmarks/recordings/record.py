@@ -238,7 +238,7 @@ def main(
     conditions = Conditions(**asked)
     if not 0.0 <= conditions.exploration <= 10.0:  # NaN is neither
         raise click.UsageError(f"--exploration {conditions.exploration} must be from 0 to 10")
-    known = contest.families(conditions.dynamics)
+    known = contest.families(conditions.dynamics, contest.spec.families if families else None)
     for family in families:
         Choice("--family", known).convert(family, None, None)
     names, left_out = with_agents([contest], names, conditions.robot)
