@@ -1,8 +1,9 @@
 """Recorded people, from the user's own files: ETH's `obsmat.txt`, and the four columns of UCY and TrajNet.
 
 A row says where a person was in a frame: ETH frame, id, x, z, y and the velocities, which are not read; UCY and TrajNet
-frame, id, x, y; lengths in metres. Rows of a person follow each other by one step of frames, 0.4 s in most of these
-sets. A recorded person does not react: tables of replayed people compare with no others.
+frame, id, x, y; lengths in metres; a first line may name these columns. Rows of a person follow each other by one step
+of frames, 0.4 s in most of these sets. A recorded person does not react: tables of replayed people compare with no
+others.
 
 Source: Pellegrini et al., You'll never walk alone, ICCV 2009; Lerner et al., Crowds by example, 2007; Kothari et al.,
 Human trajectory forecasting in crowds, 2021 (TrajNet++).
@@ -38,6 +39,7 @@ MOST_SCENARIOS = 64
 MOST_ROWS = 1_000_000
 FASTEST = 4.0  # m/s, in the median step of a person that walks
 _FARTHEST = 10_000  # m, of a person from the origin
+_LARGEST = 2**53  # of frames and ids: microseconds since 1970 are fewer
 _SLOW = 0.05  # m/s, of a set whose unit is another
 _USUAL = 0.5, 1.3, 2.0  # m/s, of people who walk: at least, in the mean, at most in the median of a set
 
@@ -199,7 +201,8 @@ def _read(file: Path, columns: tuple[str, ...], rate: float | None) -> list[Pers
     count = 0
     for line, text in enumerate(read_text(str(file)).splitlines(), 1):
         cells = text.replace(",", " ").split()
-        if not cells or cells[0].startswith("#"):
+        is_header = not rows and tuple(each.lower() for each in cells) == columns
+        if not cells or cells[0].startswith("#") or is_header:
             continue
         count += 1
         try:
@@ -283,8 +286,8 @@ def _whole(name: str, text: str) -> int:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not value.is_integer() or abs(value) > 2**40:
-        raise ValueError(f"{name} is {shown(text)}; it must be a whole number")
+    if not value.is_integer() or abs(value) > _LARGEST:
+        raise ValueError(f"{name} is {shown(text)}; it must be a whole number, at most {_LARGEST} in size")
     return int(value)
 
 

@@ -61,11 +61,15 @@ def test_both_forms_say_the_same(tmp_path: Path) -> None:
     rows = [line.split() for line in plain(PEOPLE, 6).splitlines()]
     eth = "".join(f"  {int(f):.7e} {int(i):.7e} {x} 0 {y} 9 9 9\n" for f, i, x, y in rows)
     (tmp_path / "two" / "obsmat.txt").write_text(eth)
-    one, two = recorded(tmp_path / "one"), recorded(tmp_path / "two")
-    assert len(one) == len(two) > 0
-    for a, b in zip(one, two, strict=True):
-        assert a.tracks.tobytes() == b.tracks.tobytes()
-        assert a.walks.tobytes() == b.walks.tobytes()
+    (tmp_path / "three").mkdir()  # by the millisecond since 1970, under the columns' names
+    stamped = "".join(f"{1_700_000_000_000 + 400 * int(f) // 6},{i},{x},{y}\n" for f, i, x, y in rows)
+    (tmp_path / "three" / "log.txt").write_text(f"Frame,ID,X,Y\n{stamped}")
+    one, *others = (recorded(tmp_path / name) for name in ("one", "two", "three"))
+    for other in others:
+        assert len(one) == len(other) > 0
+        for a, b in zip(one, other, strict=True):
+            assert a.tracks.tobytes() == b.tracks.tobytes()
+            assert a.walks.tobytes() == b.walks.tobytes()
 
 
 def test_missing_rows_are_filled_in_and_long_gaps_part_a_person(tmp_path: Path) -> None:
