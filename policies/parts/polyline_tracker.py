@@ -20,6 +20,7 @@ from wayfield.policies.parts.grid_search import (
 )
 from wayfield.policies.parts.params import params_of
 from wayfield.policies.parts.policy import Policy
+from wayfield.policies.parts.stopping import rest_radius
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
@@ -89,7 +90,7 @@ class PolylineTracker(Gains, Policy):
     slow_speed: float = gain(0.2, "m/s", "with no room beside the hull", above=0.0)
     slow_clearance: float = gain(0.15, "m", "room beside the hull for the full speed", above=0.0)
     skin: float = gain(0.01, "m", "room that the hull keeps where it can", least=0.0)
-    arrive: float = gain(0.015, "m", "from the goal", above=0.0)
+    arrive: float = gain(0.015, "m", "from the goal, or less if the goal asks for it", above=0.0)
 
     def params(self, briefing: Briefing, **more: float) -> NDArray[np.void]:
         """Returns what the law reads, see `params.params`: the plant's accelerations are those that the law allows."""
@@ -109,6 +110,10 @@ class PolylineTracker(Gains, Policy):
             delay=briefing.actuators.reaction + 2.0 * briefing.dt,  # s, until the base follows a command
             **more,
         )
+
+    def stay(self, briefing: Briefing) -> Any:
+        """Returns how far from its goal (m) each robot may stay once it arrived."""
+        return rest_radius(self.arrive + 0.05, briefing.position_tolerance)
 
     def twists(self, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, t) of the commands in memory."""
@@ -186,7 +191,7 @@ def track(p, m, pose, heading_error, is_goal, facing, speed_limit, least_room):
 
     Args:
         p: the record of `PolylineTracker.params`.
-        m: the robot's record of PLAN and its `grid` (rows, columns) of bytes.
+        m: the robot's record of PLAN, its `grid` (rows, columns) of bytes, and m.stay (m) of `PolylineTracker.stay`.
         pose: (x, y, heading).
         heading_error: rad, of the goal heading.
         is_goal: whether the polyline ends at the goal rather than at a waypoint.
@@ -206,9 +211,9 @@ def track(p, m, pose, heading_error, is_goal, facing, speed_limit, least_room):
     distance = math.sqrt((end_x - x) ** 2 + (end_y - y) ** 2)
     rest = max(m.arc[n - 1] - s, distance if s > m.arc[n - 1] - 0.3 else 0.0)
     if is_goal:
-        if distance < p.arrive:
+        if distance < min(p.arrive, 0.5 * m.stay):
             m.arrived = 1
-        elif distance > 0.05 + p.arrive:
+        elif distance > m.stay:
             m.arrived = 0
         if m.arrived == 1:
             settle(p, m, pose, heading_error)

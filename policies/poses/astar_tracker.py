@@ -44,8 +44,8 @@ PIECE_END = 2.0  # m, before the end of a piece of a long way at which the next 
 DETOUR = 1.1
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the wanted margin, tried in turn
 
-# steps in a row in which patrols slowed a robot down
-_HELD_UP = [("held_up", np.int64)]
+# steps in a row in which patrols slowed a robot down; m, of `PolylineTracker.stay`
+_MORE = [("held_up", np.int64), ("stay", np.float64)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +91,9 @@ class AstarTracker(PolylineTracker):
         Raises:
             ValueError: if so many robots have no room for their grids.
         """
-        return np.zeros(briefing.num_envs, memory_of(briefing, _HELD_UP))
+        memory = np.zeros(briefing.num_envs, memory_of(briefing, _MORE))
+        memory["stay"] = self.stay(briefing)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]

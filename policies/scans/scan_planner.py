@@ -51,6 +51,7 @@ from wayfield.system.elementary import sin_cos
 
 STATE = [
     *PLAN,
+    ("stay", np.float64),  # m, of `PolylineTracker.stay`
     ("forgotten", np.int64),  # how often the map was
     ("nearest", np.float64),  # m, the surface nearest to the robot
     ("closing", np.float64),  # m/s, at which that comes nearer by itself
@@ -115,7 +116,9 @@ class ScanPlanner(PolylineTracker):
         Raises:
             ValueError: if there are no beams.
         """
-        return remembering(self, briefing, STATE)
+        memory = remembering(self, briefing, STATE)
+        memory["state"]["stay"] = self.stay(briefing)
+        return memory
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]

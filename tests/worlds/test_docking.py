@@ -419,7 +419,7 @@ def around_a_pose(directions: int, tolerances: tuple[float, ...]) -> tuple[Docki
     """
     angles = [math.remainder(2.0 * math.pi * k / directions, 2.0 * math.pi) for k in range(directions)]
     starts = [(r * math.cos(at), r * math.sin(at), turn)
-              for r, at, turn in itertools.product((0.06, 0.2, 0.5, 1.2), angles, angles)]  # fmt: skip
+              for r, at, turn in itertools.product((0.01, 0.06, 0.2, 0.5, 1.2), angles, angles)]  # fmt: skip
     return tuple(
         DockingScenario(f"around_{k}", goal=(0.0, 0.0, 0.0), start=start, position_tolerance=near,
                         heading_tolerance=min(near, 0.05))
@@ -428,7 +428,7 @@ def around_a_pose(directions: int, tolerances: tuple[float, ...]) -> tuple[Docki
 
 
 TO_A_POSE = ("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "reeds_shepp_scan",
-             "apf_corrected")  # fmt: skip
+             "apf_corrected", "astar_tracker", "scan_planner")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [*TO_A_POSE, "waypoint"])
