@@ -29,8 +29,8 @@ BACK = 3.0  # rad, a turn by more than which is one to either side: the path goe
 EASE = 3.0  # of the distance of two such corners, on either side of them, over which the path is led to their middle
 ROUNDS = 30  # in which wiggles of wiggles go, at most
 
-TAIL = 0.05  # m, of the path's end, that is led straight on where it steps back or aside
-ASTRAY = 1.4  # rad, from the path's heading before, beyond which it does
+TAIL = 0.05  # m, of either end of a path, that is led straight on where it steps back or aside
+ASTRAY = 1.4  # rad, from the path's heading beside it, beyond which it does
 
 
 class Smoothed(NamedTuple):
@@ -52,11 +52,11 @@ def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> 
     that is. The path is led there from EASE times their distance before, and back. A row of such corners does so
     together, and again until no two are left: stairs become the line through the middles of their steps.
 
-    At an open path's end a step back, as planners make it that append the exact goal, would turn the robot around: the
-    last TAIL goes straight on instead.
+    At an open path's ends a step back, as planners make it that add the exact start and goal, would turn the robot
+    around: the first and last TAIL go straight on instead.
 
     Args:
-        ends_only: leave the wiggles; for a law that rounds its path itself.
+        ends_only: leave the wiggles, and the start; for a law that rounds its path itself.
     """
     assert course is not None
     key = id(course.vertices), ends_only
@@ -79,6 +79,7 @@ def _smoothed(course: Course, ends_only: bool) -> Smoothed | None:
         smooth = points if run["closed"] else straight_end(points)
         if not ends_only:
             smooth = without_wiggles(smooth)
+            smooth = smooth if run["closed"] else straight_start(smooth)
         if run["closed"] and len(smooth) < 4:
             smooth = points
         changed = changed or len(smooth) != len(points) or bool((smooth != points).any())
@@ -133,6 +134,16 @@ def straight_end(points):
             straight[k + 1, 2] = points[last, 2]
             return straight
     return points
+
+
+def straight_start(points: Array) -> Array:
+    """Returns the points with the first TAIL of the path as `straight_end` has the last one of the path backwards."""
+    length = points[-1, 2]
+    backwards = np.column_stack([points[::-1, :2], length - points[::-1, 2]])
+    straight: Array = straight_end(backwards)
+    if len(straight) == len(points) and (straight == backwards).all():
+        return points
+    return np.column_stack([straight[::-1, :2], length - straight[::-1, 2]])
 
 
 @allocating

@@ -169,7 +169,7 @@ def test_a_point_that_nearly_coincides_with_another_changes_nothing(law: str) ->
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_last_point_that_steps_back_ends_the_path(law: str) -> None:
+def test_a_step_back_at_either_end_ends_the_path_or_is_warned_of(law: str) -> None:
     curve = np.column_stack([np.sin(np.linspace(0, 2, 100)), 1 - np.cos(np.linspace(0, 2, 100))])
     paths = []
     for way in (np.array([[0.0, 0.0], [4.0, 0.0]]), stairs(2.0, 0.5, 0.05, 8), curve):
@@ -177,8 +177,10 @@ def test_a_last_point_that_steps_back_ends_the_path(law: str) -> None:
         for step in (1e-9, 1e-4, 0.01, 0.03, 0.049):
             for aside in (0.5, 0.75, 1.0):
                 at = heading + aside * math.pi
-                paths.append(Path(np.vstack([way, way[-1] + step * np.array([math.cos(at), math.sin(at)])])))
-    times, _ = driven(law, paths)
+                stepped = np.vstack([way, way[-1] + step * np.array([math.cos(at), math.sin(at)])])
+                paths += [Path(stepped), Path(stepped[::-1])]
+    assert not any(map(doubt, paths[::2]))
+    times, _ = driven(law, [path for path in paths if not doubt(path)])
     assert (times > 0.0).all(), times
 
 
@@ -205,3 +207,9 @@ def test_a_track_that_trembles_is_warned_of(tmp_path: Any) -> None:
             "wayfield/DiffDrivePathFollowing-v0",
             scenario=PathScenario("mine", Path([(0.0, 0.0), (3.0, 0.0), (2.92, 0.0)])),
         )
+
+
+def test_a_path_that_leads_straight_back_is_warned_of_and_a_wiggle_is_not() -> None:
+    for way in ([(0.0, 0.0), (3.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (-0.02, 0.0), (3.0, 0.0)]):
+        assert "turns straight back" in doubt(Path(way))
+    assert not doubt(Path([(0.0, 0.0), (2.0, 0.0), (1.98, 0.0), (5.0, 0.0)]))
