@@ -87,10 +87,14 @@ class NativeVecEnv(VecEnv):
     ) -> None:
         for word in {"num_envs", "n_envs"} & kwargs.keys():
             raise TypeError(f"{word} is called worlds here: NativeVecEnv(env_id, {shown(kwargs[word])})")
+        for word in {"autoreset_mode", "vectorization_mode"} & kwargs.keys():
+            raise TypeError(f"{word} is not for NativeVecEnv, whose rows begin anew at once, as those of every VecEnv")
         if not isinstance(worlds, Sequence):
             worlds = [(worlds, {})]
-        if not worlds:
-            raise ValueError("worlds must be a number of robots, or at least one (number, keyword arguments)")
+        pairs = (isinstance(each, Sequence) and len(each) == 2 and isinstance(each[1], Mapping) for each in worlds)
+        if not worlds or not all(pairs):
+            wanted = "a number of robots, or at least one (number, keyword arguments)"
+            raise ValueError(f"worlds must be {wanted}, got {shown(worlds)}")
         self.parts: list[NativeVectorEnv] = []
         for count, own in worlds:
             part = gymnasium.make_vec(
@@ -230,6 +234,8 @@ class NativeVecEnv(VecEnv):
         for k, i in self._each(indices):
             part = self.parts[k]
             value = getattr(part, f"single_{attr_name}" if hasattr(part, f"single_{attr_name}") else attr_name)
+            if attr_name in _OWN and not value:
+                raise gymnasium.error.ResetNeeded(f"call reset before {attr_name}")
             found.append(value[i] if attr_name in _OWN else value)
         return found
 

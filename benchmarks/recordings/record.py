@@ -187,6 +187,8 @@ def _folder(dataset: str) -> Path:
         parse_dataset_id(dataset)
     except ValueError as error:
         raise click.UsageError(f"--dataset {dataset!r}: {error}") from None
+    except TypeError:  # Minari's own, of a name that has no version
+        raise click.UsageError(f"--dataset {dataset!r} has no version: {dataset}-v0, for example") from None
     return Path(get_dataset_path(dataset))
 
 

@@ -154,6 +154,15 @@ def test_the_environment_of_a_set_of_several_families_replays_all_of_it(home):
     env.close()
 
 
+@pytest.mark.parametrize("dataset", ["mine", "my set-v0", "../mine-v0"])
+def test_a_name_that_is_none_of_minaris_is_refused_in_a_line(home, capsys, dataset):
+    assert recorded("lqr", "--dataset", dataset) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"record: --dataset {dataset!r}")
+    assert said.count("\n") == 1
+    assert not any(home.iterdir())
+
+
 def test_columns_are_those_of_minaris_own_writer(home):
     assert recorded("lqr", "--family", "splines", "--episodes", "1", "--dataset", "ours-v0") == 0
     ours = minari.load_dataset("ours-v0")

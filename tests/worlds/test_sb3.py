@@ -204,5 +204,10 @@ def test_worlds_that_differ_in_what_is_seen_and_no_worlds_are_refused() -> None:
         NativeVecEnv(OMNI, [(1, {}), (1, {"num_beams": 4})])
     with pytest.raises(TypeError, match=r"n_envs is called worlds here: NativeVecEnv\(env_id, 4\)"):
         NativeVecEnv(PATH, n_envs=4)
-    with pytest.raises(ValueError, match="at least one"):
-        NativeVecEnv(PATH, [])
+    with pytest.raises(TypeError, match="autoreset_mode is not for NativeVecEnv"):
+        NativeVecEnv(PATH, autoreset_mode="NextStep")
+    for worlds in ([], [2, 3], [(2, None)], "4"):
+        with pytest.raises(ValueError, match=r"worlds must be .* at least one .*, got "):
+            NativeVecEnv(PATH, worlds)  # type: ignore[arg-type]
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset before np_random"):
+        NativeVecEnv(PATH, 2).get_attr("np_random")
