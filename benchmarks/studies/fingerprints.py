@@ -290,7 +290,7 @@ def main(out: Path | None, against: Path | None, names: tuple[str, ...] | None) 
         click.echo(f"{len(now)} fingerprints in {out}")
         return
     if names:
-        before = {key: each for key, each in before.items() if key.split()[-2] in names}
+        before = {key: each for key, each in before.items() if key.split()[4] in names}
     lines = differences(before, now)
     for line in lines:
         click.echo(line)
