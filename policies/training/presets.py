@@ -211,6 +211,11 @@ class Preset(Gains):
         return {} if robot is None or isinstance(shipped_name(robot), str) else {"sheet": robot.digest}
 
     @property
+    def holonomic(self) -> bool:
+        """Returns whether the robots of its environments drive sideways."""
+        return self.env_ids[0] == EVERY[self.task].ids[True]
+
+    @property
     def teams(self) -> list[int]:
         """Returns how many robots the teams have that are met, in order; none where there are no teams."""
         # it is part of the name of a family
@@ -232,7 +237,7 @@ class Preset(Gains):
                     {**each.kwargs, "max_episode_steps": round(self.time_limit * each.size * self.speed / each.speed)},
                     each.speed,
                 )
-                for each in draw_robots(self.drawn, "Omni" in self.env_ids[0])
+                for each in draw_robots(self.drawn, self.holonomic)
             ]
         more = {"ends": "respawn"} if self.task in CROWDS else {}  # no robot waits for others
         worlds = [(share / len(self.paces), self.env_kwargs(kwargs) | more) for share, kwargs in self.worlds]
@@ -273,7 +278,7 @@ class Preset(Gains):
         if self.controller_gains == "default":
             return {}
         # of omni bases that are driven as a unicycle is, where any of a class is meant
-        robot = self.robot or ("omni4" if "Omni" in self.env_ids[0] else "p3dx")
+        robot = self.robot or ("omni4" if self.holonomic else "p3dx")
         if self.controller_gains == "shipped":
             for folder in shipped(self.task, robot).values():
                 training = read_card(folder / CARD)["training"]
