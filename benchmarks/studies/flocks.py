@@ -35,7 +35,7 @@ from wayfield.benchmarks.contests.crowds import CLOCK as CROWDNAV_CLOCK
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.benchmarks.statistics.crossed import enough
-from wayfield.benchmarks.statistics.paired import SIGNIFICANT
+from wayfield.benchmarks.statistics.paired import SIGNIFICANT, holm
 from wayfield.benchmarks.statistics.paired import difference as paired
 from wayfield.envs.scenarios.people_families import PEOPLE_FAMILIES
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
@@ -350,11 +350,11 @@ class Less(NamedTuple):
         ends = "" if math.isnan(self.low) else f" [{scale * self.low:+.{digits}f}, {scale * self.high:+.{digits}f}]"
         return f"{scale * self.value:+.{digits}f}{ends}"
 
-    def outcome(self, comparisons: int) -> str:
-        """Returns what it says of successes, corrected for a number of comparisons by Bonferroni's method."""
+    def outcome(self, page: Sequence[float]) -> str:
+        """Returns what it says of successes, corrected by Holm's method for a page's comparisons, given by their p."""
         ahead = self.low > 0.0
         if ahead or self.high < 0.0:
-            sure = self.p * comparisons < SIGNIFICANT
+            sure = holm([*page, self.p])[-1] < SIGNIFICANT
             return ("better" if ahead else "worse") if sure else f"open, {'ahead' if ahead else 'behind'} uncorrected"
         return "equivalent" if self.low >= -MARGIN and self.high <= MARGIN else "open"
 
@@ -426,13 +426,13 @@ class Compared(NamedTuple):
     found: Less
     seeds: int
 
-    def sentence(self, comparisons: int) -> str:
-        """Returns what it says, corrected for a number of comparisons."""
+    def sentence(self, page: Sequence[float]) -> str:
+        """Returns what it says, corrected as `Less.outcome`."""
         agent, law, shown = self.agent, self.law, f"{self.what}: {self.found.shown} points"
         if self.seeds < LEAST_SEEDS:
             told = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
             return f"{agent} beside {law}, {shown}, with {told}: take {law}."
-        outcome, _, how = self.found.outcome(comparisons).partition(", ")
+        outcome, _, how = self.found.outcome(page).partition(", ")
         if outcome == "better":
             return f"{agent} solves more than {law}, {shown}."
         if outcome == "worse":
@@ -562,7 +562,7 @@ def standing(rows: Sequence[Row], metric: str, name: str) -> tuple[float, float]
 
 def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns what to take where, by access, as a table: who solves most of the worlds that all drove."""
-    lines, comparisons = [], counted(teams, people)
+    lines, page_ps = [], of_page(teams, people)
     for place, (metric, there) in PLACES.items():
         here = [row for row in (teams if metric == "solved" else people) if there(row)]
         names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in here))
@@ -576,15 +576,15 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
             lead = "alone there"
             if others:
                 found = less(here, first, others[0], metric)
-                lead = f"`{others[0]}`: {found.outcome(comparisons)}, {found.shown} points"
+                lead = f"`{others[0]}`: {found.outcome(page_ps)}, {found.shown} points"
             reached = f"{-100.0 * rank(first)[0]:.1f} %, {rank(first)[1]:.1f} s"
             lines.append([place, access, f"`{first}`", reached, str(len(worlds)), lead])
     return table(lines, ["to", "with access to", "take", "solved, extra time", "worlds", "beside the next"])
 
 
-def counted(teams: Sequence[Row], people: Sequence[Row]) -> int:
-    """Returns how many comparisons of successes the page makes, which all outcomes are corrected for."""
-    return len(team_tables(teams)[0]) + len(people_tables(people)[0])
+def of_page(teams: Sequence[Row], people: Sequence[Row]) -> list[float]:
+    """Returns the p of all comparisons of successes that the page makes, before any correction."""
+    return [each.found.p for each in (*team_tables(teams)[0], *people_tables(people)[0])]
 
 
 def rival(rows: Sequence[Row], agent: str, laws: Sequence[str], metric: str) -> tuple[str, list[Row]]:
@@ -613,15 +613,13 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
         ("people who do not see the robot", "people_free", "success", among, of_contest(people, "people-unseen")),
         ("people who see the robot", "people_free", "success", among, of_contest(people, "people-seen")),
     ]
-    lines, comparisons = [], counted(teams, people)
+    lines, page_ps = [], of_page(teams, people)
     for where, name, metric, those, rows in parts:
         law, here = rival(rows, name, those, metric)
         found = less(here, name, law, metric)
         solved = [share(here, each, metric) for each in (name, law)]
         later = less(here, name, law, "extra_time", metric).shown
-        lines.append(
-            [where, f"`{name}`", solved[0], f"`{law}`", solved[1], found.shown, found.outcome(comparisons), later]
-        )
+        lines.append([where, f"`{name}`", solved[0], f"`{law}`", solved[1], found.shown, found.outcome(page_ps), later])
     header = [
         "where", "agent", "it solves (%)", "best law", "it solves (%)", "difference (points)", "outcome",
         "later, where both do (s)",
@@ -632,7 +630,7 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
 the places of the others. The best law solves most there; tuned gains are those that `wayfield tune` found for the
 suite in training scenarios. A world is solved if all robots arrive and nobody touches anything. In parentheses: the
 least and the greatest of three seeds; brackets are 95 % intervals. Better and worse are corrected for the
-{comparisons} comparisons of the page below; equivalent is an interval within {100.0 * MARGIN:g} point.
+{len(page_ps)} comparisons of the page below; equivalent is an interval within {100.0 * MARGIN:g} point.
 
 {table(lines, header)}
 
@@ -797,7 +795,8 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
         blocks.append(
             "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
         )
-    listed = "\n".join(f"* {each.sentence(len(told))}" for each in told)
+    ps = [each.found.p for each in told]
+    listed = "\n".join(f"* {each.sentence(ps)}" for each in told)
     return "\n\n".join([prose.strip(), listed, *blocks]) + "\n"
 
 

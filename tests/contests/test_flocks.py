@@ -27,12 +27,12 @@ def test_alike_is_what_is_shown_to_be_and_not_what_is_not_told_apart(
 ) -> None:
     won = [[k % 100 < 100.0 * share for k in range(worlds)] for share in (ours, theirs)]
     rows = drives("agent", won[0]) + drives("law", won[1][::-1])
-    assert flocks.less(rows, "agent", "law", "success").outcome(40) == outcome
+    assert flocks.less(rows, "agent", "law", "success").outcome([0.5] * 40) == outcome
 
 
 def test_what_only_the_uncorrected_interval_says_stays_open() -> None:
     found = flocks.Less(0.02, 0.004, 0.036, 0.02, 500, True)
-    assert [found.outcome(1), found.outcome(40)] == ["better", "open, ahead uncorrected"]
+    assert [found.outcome([]), found.outcome([0.5] * 40)] == ["better", "open, ahead uncorrected"]
 
 
 def test_the_rival_is_the_law_that_solves_most_and_of_such_the_quickest() -> None:
