@@ -28,10 +28,11 @@ MEMORY = np.dtype(
 class Waypoint(Gains):
     """Lets the pose error decay exponentially: x' = lam (x* - x), one waypoint after the other.
 
-    The next waypoint is taken once the position error is under `switching_radius` (0.25 m is the accuracy the document
-    claims, 0.35 m what it used). Waypoints have no heading: the robot keeps its own until the last leg, then turns to
-    the goal heading, to the left when it is exactly half a turn away. It rests inside `final_tolerance`, which is not
-    the switching radius: stopping at 0.35 m would leave the heading 24 degrees off. Pushed away, it drives back.
+    The next waypoint is taken once it counts as passed and the error is under `switching_radius` (0.25 m is the
+    accuracy the document claims, 0.35 m what it used). Waypoints have no heading: the robot keeps its own until the
+    last leg, then turns to the goal heading, to the left when it is exactly half a turn away. It rests inside
+    `final_tolerance`, which is not the switching radius: stopping at 0.35 m would leave the heading 24 degrees off.
+    Pushed away, it drives back.
 
     lam is not printed; lam = 1 asks 5 m/s at the start of the document's first run. The base scales all wheels by one
     factor when that is too fast. Holonomic robots only.
@@ -59,13 +60,13 @@ class Waypoint(Gains):
     ) -> NDArray[np.float64]:
         """Returns the twists (b, 3): m/s, m/s, rad/s."""
         twists = np.empty((len(memory), 3))
-        seen = observation.pose, observation.goal_heading_error
+        seen = observation.pose, observation.goal_heading_error, observation.waypoints_left
         drive(params(self, briefing), briefing.goal, *seen, memory, twists)
         return twists
 
 
 @compiled
-def drive(params, told, poses, turns, memory, twists):
+def drive(params, told, poses, turns, waypoints_left, memory, twists):
     """Fills the (b, 3) twists of `Waypoint.act` and keeps the indices up to date."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -74,7 +75,8 @@ def drive(params, told, poses, turns, memory, twists):
         x, y, heading = poses[i]
         ex = told.goals[i, m.index, 0] - x
         ey = told.goals[i, m.index, 1] - y
-        if m.index < last and math.sqrt(ex * ex + ey * ey) < p.switching_radius:
+        passed = waypoints_left[i] < last - m.index  # the task may want it from nearer
+        if passed and m.index < last and math.sqrt(ex * ex + ey * ey) < p.switching_radius:
             m.index += 1
             ex = told.goals[i, m.index, 0] - x
             ey = told.goals[i, m.index, 1] - y

@@ -397,7 +397,9 @@ def test_a_scan_map_holds_the_clearance_of_the_spots_it_has(entries: list[tuple[
             assert clearance - UNIT - 1e-6 <= FARTHEST - UNIT * level <= clearance + 1e-6
 
 
-@pytest.mark.parametrize("name", ["astar_tracker", "reeds_shepp", "reeds_shepp_scan", "mpc_pose", "smooth_pose"])
+@pytest.mark.parametrize(
+    "name", ["astar_tracker", "reeds_shepp", "reeds_shepp_scan", "mpc_pose", "smooth_pose", "waypoint"]
+)
 @pytest.mark.parametrize(
     ("waypoints", "goal"),
     [
@@ -409,7 +411,8 @@ def test_a_scan_map_holds_the_clearance_of_the_spots_it_has(entries: list[tuple[
 )
 def test_a_goal_that_is_passed_on_the_way_to_a_waypoint_is_not_reached(name: str, waypoints: Any, goal: Any) -> None:
     scenario = GoalScenario("route", (0.0, 0.0, 0.0), goal, waypoints, heading_tolerance=3.14, waypoint_radius=0.2)
-    env: Any = gymnasium.make(ID_OF["p3dx"], scenario=scenario, max_episode_steps=1200)
+    robot = "omni3" if name == "waypoint" else "p3dx"
+    env: Any = gymnasium.make(ID_OF[robot], robot=robot, scenario=scenario, max_episode_steps=1200)
     observation, _ = env.reset(seed=0)
     pilot = Pilot(make(name), env)
     pilot.reset()
