@@ -1,1 +1,1 @@
-"""What connects wayfield with other systems: CoppeliaSim and ROS 2. The rooms below import nothing of it."""
+"""What connects wayfield with other systems: CoppeliaSim, ROS 2 and logs of real bases. Nothing below imports it."""

@@ -25,8 +25,8 @@ COMMANDS = {
     "train": _Command("wayfield.policies.training.command", "train", "train agents by PPO"),
     "tune": _Command("wayfield.benchmarks.tuning.tune", "tune", "search gains on training scenarios"),
     "record": _Command("wayfield.benchmarks.recordings.record", "record", "episodes as a Minari or MCAP data set"),
-    "identify": _Command("wayfield.benchmarks.identify.command", "evaluate", "a data sheet from a log of a robot"),
-    "nav2": _Command("wayfield.benchmarks.identify.nav2", "evaluate", "gains and a data sheet as Nav2's parameters"),
+    "identify": _Command("wayfield.bridges.identify.command", "evaluate", "a data sheet from a log of a robot"),
+    "nav2": _Command("wayfield.bridges.identify.nav2", "evaluate", "gains and a data sheet as Nav2's parameters"),
     "submit": _Command(
         "wayfield.benchmarks.commands.submit", "evaluate", "an entry of a contest as a folder", "submit"
     ),

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from wayfield.benchmarks.identify.checks import check
-from wayfield.benchmarks.identify.estimate import Estimate, fit, intervals
-from wayfield.benchmarks.identify.recording import Log
-from wayfield.benchmarks.identify.response import AXES, PAIR, WHEELS, Drive, Floats, pair_response
+from wayfield.bridges.identify.checks import check
+from wayfield.bridges.identify.estimate import Estimate, fit, intervals
+from wayfield.bridges.identify.recording import Log
+from wayfield.bridges.identify.response import AXES, PAIR, WHEELS, Drive, Floats, pair_response
 from wayfield.system.command_line import SEED, OneLineErrors
 
 P3DX = (0.13, 1.2, 1.0, 0.1)  # delay, limit, acceleration and lag

@@ -56,7 +56,7 @@ ALLOWED = {
     ("policies/training/slices.py", "files_of"): "takes a run's files along, whatever their content",
     ("benchmarks/runs/payloads.py", "payload"): "takes files that were read already along, whatever their content",
     ("benchmarks/runs/shards.py", "_key"): "takes the digest of an agent's card that was read",
-    ("benchmarks/identify/recording.py", "_digest"): "takes a digest, whatever the content",
+    ("bridges/identify/recording.py", "_digest"): "takes a digest, whatever the content",
     ("benchmarks/records/run_folder.py", "_publish"): "flushes what it has just written",
     ("benchmarks/records/run_folder.py", "file_digest"): "takes a digest, whatever the content",
     ("system/numba_internals.py", "_load_data"): "machine code, whose SHA-256 is compared before any of it is read",

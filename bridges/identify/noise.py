@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from wayfield.benchmarks.identify.estimate import Fit
-from wayfield.benchmarks.identify.recording import Log
-from wayfield.benchmarks.identify.response import Drive, Floats, held
+from wayfield.bridges.identify.estimate import Fit
+from wayfield.bridges.identify.recording import Log
+from wayfield.bridges.identify.response import Drive, Floats, held
 
 REST = 1.5  # s after the last command other than zero, from which on a base rests
 LEAST = 10  # samples of which a deviation is taken

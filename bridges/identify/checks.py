@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from wayfield.benchmarks.identify.estimate import commanded
-from wayfield.benchmarks.identify.recording import Log
-from wayfield.benchmarks.identify.response import Drive, Flags, Floats, held
+from wayfield.bridges.identify.estimate import commanded
+from wayfield.bridges.identify.recording import Log
+from wayfield.bridges.identify.response import Drive, Flags, Floats, held
 
 FASTEST = (30.0, 30.0)  # m/s and rad/s, of a wheeled robot
 LEAST_MOTION = 20.0  # s

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wayfield.benchmarks.identify.estimate import BLOCK, Fit, commanded, refitted
-from wayfield.benchmarks.identify.response import Drive, Floats, held
-from wayfield.benchmarks.identify.sheet import predicted, sheet_of
+from wayfield.bridges.identify.estimate import BLOCK, Fit, commanded, refitted
+from wayfield.bridges.identify.response import Drive, Floats, held
+from wayfield.bridges.identify.sheet import predicted, sheet_of
 from wayfield.envs.robots import Robot
 
 LEAST = 100  # samples of each part of a split drive

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from identification import drive_of, script
 
-from wayfield.benchmarks.identify.checks import check
-from wayfield.benchmarks.identify.estimate import fit
-from wayfield.benchmarks.identify.noise import measure, rates
-from wayfield.benchmarks.identify.odometry import odometry_errors
-from wayfield.benchmarks.identify.recording import Log, Topics, read_log
-from wayfield.benchmarks.identify.response import AXES, Drive
+from wayfield.bridges.identify.checks import check
+from wayfield.bridges.identify.estimate import fit
+from wayfield.bridges.identify.noise import measure, rates
+from wayfield.bridges.identify.odometry import odometry_errors
+from wayfield.bridges.identify.recording import Log, Topics, read_log
+from wayfield.bridges.identify.response import AXES, Drive
 from wayfield.envs.robots import ROBOTS, read_robot
 from wayfield.envs.robots.intervals import Interval
 from wayfield.envs.robots.robot_option import unlikely

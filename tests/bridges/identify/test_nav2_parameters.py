@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 import yaml
 
-from wayfield.benchmarks.identify.nav2 import COMMITS, DISTROS, MAPPED, Tuned, limits, parameters, tuned, yaml_text
+from wayfield.bridges.identify.nav2 import COMMITS, DISTROS, MAPPED, Tuned, limits, parameters, tuned, yaml_text
 from wayfield.envs.robots import ROBOTS, read_robot
 
 # read from the sources of ros-navigation/navigation2 at these commits: what they declare or get
-KNOWN = json.loads((Path(__file__).parents[1] / "fixtures" / "nav2_parameters.json").read_text())
+KNOWN = json.loads((Path(__file__).parents[2] / "fixtures" / "nav2_parameters.json").read_text())
 PART = {"regulated_pure_pursuit": "regulated_pure_pursuit", "nav2_dwb": "dwb", "nav2_mppi": "mppi"}
 CRITICS = {"BaseObstacle", "PathAlign", "GoalAlign", "PathDist", "GoalDist", "RotateToGoal"}
 

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from wayfield.benchmarks.identify.estimate import Estimate
-from wayfield.benchmarks.identify.recording import Log
-from wayfield.benchmarks.identify.response import Floats
+from wayfield.bridges.identify.estimate import Estimate
+from wayfield.bridges.identify.recording import Log
+from wayfield.bridges.identify.response import Floats
 
 WINDOW = 1.0  # s
 LEAST_WINDOWS = 30

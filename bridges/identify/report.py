@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from wayfield.benchmarks.figures.drawing import subplots
-from wayfield.benchmarks.identify.estimate import BLOCK, Estimate, Fit
-from wayfield.benchmarks.identify.noise import Noise, Rate
-from wayfield.benchmarks.identify.prediction import Prediction
-from wayfield.benchmarks.identify.recording import Log
-from wayfield.benchmarks.identify.response import SATURATIONS, Drive, held
+from wayfield.bridges.identify.estimate import BLOCK, Estimate, Fit
+from wayfield.bridges.identify.noise import Noise, Rate
+from wayfield.bridges.identify.prediction import Prediction
+from wayfield.bridges.identify.recording import Log
+from wayfield.bridges.identify.response import SATURATIONS, Drive, held
 from wayfield.system.storage import write_whole
 
 AXES_NAMES = (("v", "forward speed", "m/s"), ("w", "yaw rate", "rad/s"))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from identification import FAULTS, Drawn, covered, drawn_log
 
-from wayfield.benchmarks.identify.checks import check
-from wayfield.benchmarks.identify.estimate import fit, intervals
-from wayfield.benchmarks.identify.prediction import Prediction, predict
-from wayfield.benchmarks.identify.response import AXES, PAIR, Drive, pair_response
-from wayfield.benchmarks.identify.sheet import identified, predicted, settled
+from wayfield.bridges.identify.checks import check
+from wayfield.bridges.identify.estimate import fit, intervals
+from wayfield.bridges.identify.prediction import Prediction, predict
+from wayfield.bridges.identify.response import AXES, PAIR, Drive, pair_response
+from wayfield.bridges.identify.sheet import identified, predicted, settled
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.intervals import Interval
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.benchmarks.identify.estimate import Fit, commanded, refitted
-from wayfield.benchmarks.identify.response import AXES, SATURATIONS, TWIST, WHEELS, Drive, Floats, pair_response
+from wayfield.bridges.identify.estimate import Fit, commanded, refitted
+from wayfield.bridges.identify.response import AXES, SATURATIONS, TWIST, WHEELS, Drive, Floats, pair_response
 from wayfield.envs.robots import Robot
 from wayfield.envs.robots.intervals import Interval
 

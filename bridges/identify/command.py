@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from wayfield.benchmarks.identify.checks import Checked, check
-from wayfield.benchmarks.identify.estimate import BLOCK, Fit, fit, intervals
-from wayfield.benchmarks.identify.noise import measure, rates
-from wayfield.benchmarks.identify.odometry import odometry_errors
-from wayfield.benchmarks.identify.prediction import Prediction, predict
-from wayfield.benchmarks.identify.recording import STAMPS, Log, Topics, read_log
-from wayfield.benchmarks.identify.response import SATURATIONS
-from wayfield.benchmarks.identify.sheet import identified, settled
+from wayfield.bridges.identify.checks import Checked, check
+from wayfield.bridges.identify.estimate import BLOCK, Fit, fit, intervals
+from wayfield.bridges.identify.noise import measure, rates
+from wayfield.bridges.identify.odometry import odometry_errors
+from wayfield.bridges.identify.prediction import Prediction, predict
+from wayfield.bridges.identify.recording import STAMPS, Log, Topics, read_log
+from wayfield.bridges.identify.response import SATURATIONS
+from wayfield.bridges.identify.sheet import identified, settled
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.system.checks import unread
@@ -88,7 +88,7 @@ def main(
     for line in kept:
         say(f"not told  {line}")
     if report is not None:
-        from wayfield.benchmarks.identify.report import Findings, write_report
+        from wayfield.bridges.identify.report import Findings, write_report
 
         noise = measure(recorded, found)
         findings = Findings(

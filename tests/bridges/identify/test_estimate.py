@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from identification import drive_of, poor, script, skid_steer, spoiled
 
-from wayfield.benchmarks.identify.estimate import fit, intervals
-from wayfield.benchmarks.identify.response import AXES, PAIR, TWIST, WHEELS, Drive, axis_response, pair_response
+from wayfield.bridges.identify.estimate import fit, intervals
+from wayfield.bridges.identify.response import AXES, PAIR, TWIST, WHEELS, Drive, axis_response, pair_response
 
 P3DX = np.array([0.13, 0.9, 1.2, 1.0, 1.7, 0.1])  # delay, gain, limit, acceleration, deceleration, lag
 # a skid steer; at the end a wheel's speed and half of its track

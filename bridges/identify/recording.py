@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.benchmarks.identify.response import Floats
+from wayfield.bridges.identify.response import Floats
 from wayfield.system.checks import choose, printable, shown
 from wayfield.system.extras import installs
 from wayfield.system.objects import fault, read_text

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.optimize import leastsq
 from scipy.special import stdtrit
 
-from wayfield.benchmarks.identify.response import (
+from wayfield.bridges.identify.response import (
     AXES,
     AXIS,
     PAIR,
