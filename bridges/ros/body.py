@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.bridges.ros.messages import FARTHEST, STILL, Odometry, Twist, wrapped
+from wayfield.bridges.ros.messages import STILL, Odometry, Twist, wrapped
 from wayfield.envs.robots import Robot
 from wayfield.envs.robots.hulls import clearance_of
 from wayfield.envs.scenarios import GoalScenario
@@ -16,6 +16,7 @@ from wayfield.envs.scenarios.maps import grid_from_file
 from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.envs.world.grids import OccupancyGrid
 from wayfield.policies import Pilot, make
+from wayfield.system.checks import FARTHEST
 
 WORLDS = tuple(spec.kind for spec in EVERY.values())
 

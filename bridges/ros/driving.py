@@ -2,9 +2,6 @@
 
 import dataclasses
 import math
-import tempfile
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -17,16 +14,19 @@ from wayfield.bridges.ros.messages import Goal, Odometry, Twist, wrapped
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.batch import ALONE, Results
 from wayfield.envs.robots import Robot
+from wayfield.envs.scenarios import PathScenario
+from wayfield.envs.scenarios.tables import closing
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.tasks.stepping import JUDGE
+from wayfield.envs.world.paths import Path
 from wayfield.policies import ABOUT, POLICIES, Policy
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
 from wayfield.policies.parts.policy import check_robot
-from wayfield.system.checks import shown
+from wayfield.system.checks import FARTHEST, shown
 
 LEAST_BEAMS = 72  # that a policy is shown, as many as the agents that ship were trained with
-FARTHEST = 50.0  # m, of a goal
+FARTHEST_GOAL = 50.0  # m, from the robot
 
 
 def beams_of(robot: Robot, beams: int | None = None) -> NDArray[np.float64]:
@@ -169,8 +169,8 @@ class ToGoal:
         if goal.frame not in ("", odometry.frame):
             return f"its frame is {shown(goal.frame)}; it must be {shown(odometry.frame)}, odometry's: no TF is used"
         away = math.hypot(goal.x - odometry.x, goal.y - odometry.y)
-        if away > FARTHEST:
-            return f"goal is {away:.6g} m away; it must be within {FARTHEST:g} m"
+        if away > FARTHEST_GOAL:
+            return f"goal is {away:.6g} m away; it must be within {FARTHEST_GOAL:g} m"
         return ""
 
     def reset(self) -> None:
@@ -229,30 +229,30 @@ class AlongPath:
         """Decides once for nothing, at the path's start: what is to be compiled is, before anything moves."""
         found = self._env
         if found is None:
-            self.take(self.course_of([(0.0, 0.0), (1.0, 0.0)]))
+            self.take(self.course_of(np.array([[0.0, 0.0], [1.0, 0.0]])))
         state = self._env.batch.states[0]
         here = Odometry(0.0, "", float(state["x"]), float(state["y"]), float(state["heading"]))
         self.decide(here, View(np.empty(0), np.empty((0, 2)), False))
         self._env = found
         self.reset()
 
-    def course(self, file: str) -> Any:
-        """Returns the world of a file's path, for `take`; another thread may make it."""
+    def course(self, scenario: str | PathScenario) -> Any:
+        """Returns the world of a path, or of a file's, for `take`; another thread may make it."""
         env_id = TASKS["path_following"].env_id(self._robot)
-        made = gymnasium.make(env_id, scenario=file, robot=self._robot, actuators="lagged", disable_env_checker=True)
+        options: dict[str, Any] = {"robot": self._robot, "actuators": "lagged", "disable_env_checker": True}
+        made = gymnasium.make(env_id, scenario=scenario, **options)
         made.reset(seed=0)
         return made.unwrapped
 
-    def course_of(self, points: Sequence[tuple[float, float]]) -> Any:
-        """Returns the world of a path of points (m), as `course`; ValueError, in a line, where there is none."""
-        kept = [each for k, each in enumerate(points) if not k or each != points[k - 1]]
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "path.csv"
-            file.write_text("x,y\n" + "".join(f"{x!r},{y!r}\n" for x, y in kept), encoding="utf-8")
-            try:
-                return self.course(str(file))
-            except ValueError as error:
-                raise ValueError(str(error).replace(str(file), "path")) from None
+    def course_of(self, points: NDArray[np.float64]) -> Any:
+        """Returns the world of a path of points (n, 2), m, for `take`; ValueError, in a line, where there is none."""
+        far = np.flatnonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
+        if len(far):
+            raise ValueError(f"point {far[0]}, {points[far[0]].tolist()}, is not finite or beyond {FARTHEST:g} m")
+        stays = np.zeros(len(points), np.bool_)
+        stays[1:] = (points[1:] == points[:-1]).all(axis=1)
+        kept, closed, _ = closing(points[~stays], None)
+        return self.course(PathScenario("path", Path(kept, closed)))
 
     def take(self, course: Any) -> None:
         """Drives along a course from now on."""

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.bridges.ros.conventions import Sight, View
-from wayfield.bridges.ros.messages import FARTHEST, STILL, Odometry, Scan, Twist, wrapped
+from wayfield.bridges.ros.messages import STILL, Odometry, Scan, Twist, wrapped
 from wayfield.envs.robots import Robot
-from wayfield.system.checks import shown
+from wayfield.system.checks import FARTHEST, shown
 
 MARGIN = 0.05  # m, that the guard keeps from what the scan hits, besides the hull
 BLIND_STOP = 0.3  # m, within which the robot can stop where something ahead is not seen

@@ -23,7 +23,6 @@ class Twist:
 
 
 STILL = Twist()
-FARTHEST = 1e6  # m, from the origin of a frame: no robot is further off
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -66,8 +65,8 @@ class Goal:
     heading: float = math.nan  # rad
 
 
-def path_of(content: bytes) -> tuple[str, list[tuple[float, float]]]:
-    """Returns the frame and the points (m) of a nav_msgs/Path as it comes from the network (CDR).
+def path_of(content: bytes) -> tuple[str, NDArray[np.float64]]:
+    """Returns the frame and the points (n, 2), m, of a nav_msgs/Path as it comes from the network (CDR).
 
     rclpy makes an object of every pose, and lets no other thread run meanwhile: 1.4 s for 20,000 poses.
 
@@ -98,7 +97,7 @@ def path_of(content: bytes) -> tuple[str, list[tuple[float, float]]]:
             at += 56
     except struct.error as error:
         raise ValueError(f"path cannot be read: {error}") from None
-    return frame, points
+    return frame, np.array(points, np.float64).reshape(-1, 2)
 
 
 def yaw_of(x: float, y: float, z: float, w: float) -> float:

@@ -23,6 +23,7 @@ from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.msg import Odometry as OdometryMessage
 from nav_msgs.msg import Path as PathMessage
+from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock as RclClock
 from rclpy.clock import ClockType, JumpThreshold
@@ -547,7 +548,7 @@ class PathPlanner:
         course_of: from points (m) to a world; its ValueError says in a line why there is none.
     """
 
-    def __init__(self, course_of: Callable[[list[tuple[float, float]]], Any]) -> None:
+    def __init__(self, course_of: Callable[[NDArray[np.float64]], Any]) -> None:
         self._course_of = course_of
         self._came: collections.deque[bytes] = collections.deque(maxlen=1)  # the newest alone is worth a plan
         self._wake = threading.Event()
@@ -718,7 +719,7 @@ class DriverNode:
         else:
             mission.take(course)
             self.driver.began()
-            say(f"path of {count} points")
+            say(f"path of {count} points{', closed' if course.task.scenarios[0].path.closed else ''}")
 
     def _hear_estop(self, qos: QoSProfile) -> None:
         if (kind := (qos.reliability, qos.durability)) not in self._estops:

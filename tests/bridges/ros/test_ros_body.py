@@ -230,9 +230,10 @@ def test_policies_that_know_more_than_sensors_are_refused_with_those_that_drive(
 def test_a_path_is_followed_to_its_end():
     mission = AlongPath(make("pure_pursuit"), BURGER)
     assert mission.lacks == "no path"
-    with pytest.raises(ValueError, match="path"):
-        mission.course_of([(0.0, 0.0)])
-    mission.take(mission.course_of([(0.0, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.3)]))
+    for points in ([], [[0.0, 0.0]], [[1.0, 1.0]] * 5, [[0.0, 0.0], [math.nan, 1.0]], [[0.0, 0.0], [1e300, 0.0]]):
+        with pytest.raises(ValueError, match="point"):
+            mission.course_of(np.array(points).reshape(-1, 2))
+    mission.take(mission.course_of(np.array([[0.0, 0.0], [0.0, 0.0], [0.5, 0.0], [1.0, 0.3]])))
     x = y = heading = 0.0
     for _ in range(400):
         decision = mission.decide(Odometry(0.0, "odom", x, y, heading), View(np.empty(0), np.empty((0, 2)), False))

@@ -179,7 +179,8 @@ def test_a_path_is_read_from_the_bytes_of_its_message(order, poses):
     for frame, x, y in poses:
         header(frame)
         put("7d", x, y, *numbers)
-    assert path_of(content) == ("odom", [(x, y) for _, x, y in poses])
+    frame, points = path_of(content)
+    assert (frame, points.tolist()) == ("odom", [[x, y] for _, x, y in poses])
     with pytest.raises(ValueError, match="path cannot be read"):
         path_of(content[: len(content) // 2])
 
@@ -537,7 +538,7 @@ def test_without_ros_a_line_says_what_to_do(name, capsys):
 # what no message may cause
 
 MESSAGES = ("pair", "pair", "pair", "pair", "odom", "scan", "late", "early", "nan", "short", "unknown", "inside",
-            "far", "back", "ahead", "estop", "free", "arm", "disarm", "new", "wild", "wait")  # fmt: skip
+            "far", "back", "ahead", "estop", "free", "arm", "disarm", "new", "wild", "wait", "odd")  # fmt: skip
 
 
 def random_messages(draw, count):
@@ -590,6 +591,10 @@ def random_messages(draw, count):
             good["odom"] = bench.now
             x += draw.choice((-5.0, 5.0))
             check(bench.odom(x=x))
+        if kind == "odd":
+            odd = draw.choice(({"x": 1e300}, {"y": math.nan}, {"twist": Twist(0.0, 0.0, -1e300)}, {"frame": "map"}))
+            assert (bench.odom(**{"x": x, **odd}) or STILL) == STILL
+            last = STILL if "frame" in odd else last
         if kind in ("back", "ahead"):
             check(driver.clock_jumped(-3.0 if kind == "back" else 3.0))
         if kind in ("estop", "free"):

@@ -371,14 +371,15 @@ def test_commands_come_at_their_rate_while_long_paths_do(bench):
     commands, made = bench.hears(TwistStamped, "cmd_vel"), HandMade(bench)
     path = Path()
     path.header.frame_id = "odom"
-    points = [(0.01 * k, math.sin(0.005 * k)) for k in range(20_000)]
+    points = [[0.01 * k, math.sin(0.005 * k)] for k in range(20_000)]
     for x, y in points:
         pose = PoseStamped()
         pose.header.frame_id = "odom"
         pose.pose.position.x, pose.pose.position.y = x, y
         path.poses.append(pose)
     content = serialize_message(path)
-    assert path_of(content) == ("odom", points)
+    frame, found = path_of(content)
+    assert (frame, found.tolist()) == ("odom", points)
     send = bench.speaks(Path, "path")
     driver = bench.start(
         "drive", "--policy", "pure_pursuit", "--path", "topic", "--arm", "--cmd-vel", "stamped", "--max-speed", "0.1"
