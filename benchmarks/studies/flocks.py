@@ -625,7 +625,7 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
         "later, where both do (s)",
     ]  # fmt: skip
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
-    out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team")}
+    out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team", "vfh_plus")}
     return f"""All robots are omni3. `team_scan` sees its scan alone; `people_free` and laws that are told have
 the places of the others. The best law solves most there; tuned gains are those that `wayfield tune` found for the
 suite in training scenarios. A world is solved if all robots arrive and nobody touches anything. In parentheses: the
@@ -636,7 +636,8 @@ least and the greatest of three seeds; brackets are 95 % intervals. Better and w
 
 ![32 robots leave a room by one door: team_guided, and orca_team from the same starts](docs/doorway.gif)
 
-Of {TESTED} at one door `team_guided` brings {out["team_guided"]} % out, `orca_team` {out["orca_team"]} %.
+Of {TESTED} at one door `team_guided` brings {out["team_guided"]} % out, `orca_team` {out["orca_team"]} %;
+`vfh_plus`, which is not filmed and sees its scan alone, {out["vfh_plus"]} %.
 More, by family: [agents among others](docs/results/flocks.md)."""
 
 

@@ -566,7 +566,7 @@ def at_ends(policy: str, ranges: Mapping[str, Range], gains: Mapping[str, Any]) 
                 beyond = (rounded(back(near + (near - far) / 2**n)) for n in range(1, 9))
                 ends[k] = next(filter(declared[name].fits, beyond), ends[k])
         if ends != [each.low, each.high]:
-            found[name] = _range_text(name, Range(*ends, log=each.log))
+            found[name] = _range_text(name, Range(ends[0], ends[1]))
     return found
 
 
