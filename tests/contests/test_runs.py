@@ -466,7 +466,7 @@ def test_output_that_is_closed_or_takes_ascii_alone_is_no_error():
     [
         (KeyboardInterrupt(), 130, "interrupted"),
         (MemoryError("Unable to allocate 9 EiB"), 1, "out of memory: Unable to allocate 9 EiB"),
-        (OSError(errno.ENOSPC, "No space left on device", "a.csv"), 1, "the disk is full: a.csv"),
+        (OSError(errno.ENOSPC, "No space left on device", "a.csv"), 1, f"the disk is full: {Path('a.csv').resolve()}"),
         (PermissionError(errno.EACCES, "Permission denied", "a.csv"), 1, "a.csv"),
         (BlockingIOError("another run works here"), 1, "another run works here"),
         (BrokenPipeError(errno.EPIPE, "Broken pipe"), 141, ""),

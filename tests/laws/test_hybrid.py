@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the ids
+from wayfield import policies
 from wayfield.policies import Pilot, make
 from wayfield.policies.scans.scan_planner import ScanPlanner
-from wayfield.policies.trained import hybrid
 from wayfield.policies.trained.hybrid import lead, planner_of
 from wayfield.policies.trained.ppo import shipped
 
@@ -48,7 +48,7 @@ def told_goal(folder: Path, ahead: float, **scene: Any) -> tuple[NDArray[Any], b
 
 @pytest.mark.parametrize("robot", ["p3dx", "omni3", "omni4", "jackal"])
 def test_the_planner_has_the_gains_that_were_found_for_the_robot_or_its_own(robot: str) -> None:
-    file = Path(hybrid.__file__).parent / "gains" / "goal-obstacles" / f"scan_planner_{robot}_0.6_none.json"
+    file = Path(policies.__file__).parent / "gains" / "goal-obstacles" / f"scan_planner_{robot}_0.6_none.json"
     gains = json.loads(file.read_text())["gains"] if file.is_file() else {}
     assert planner_of(robot, 0.45) == ScanPlanner(**{**gains, "max_speed": 0.45})
     assert file.is_file() == (robot != "jackal")

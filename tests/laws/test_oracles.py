@@ -155,9 +155,10 @@ def test_steady_radius_on_a_circle(
     policy = policies.make("lookahead_documented", mode_distance=NO_BLEND, **gains)
     run = drive(PATH_ID, ring(tmp_path, radius, direction), policy, 1400)
     offset = steady_radius(radius, **gains) - radius
-    np.testing.assert_allclose(np.hypot(run["x"], run["y"])[-100:] - radius, offset, atol=3e-4)
+    # it drives a polygon with sides of a centimetre
+    np.testing.assert_allclose(np.hypot(run["x"], run["y"])[-100:] - radius, offset, atol=5e-4)
     # outside is to the right of a circle driven to the left
-    np.testing.assert_allclose(run["cross_track_error"][-100:], -direction * offset, atol=3e-4)
+    np.testing.assert_allclose(run["cross_track_error"][-100:], -direction * offset, atol=5e-4)
 
 
 @pytest.mark.parametrize(("scenario", "offset"), [("circle_r0.5", 0.1525), ("circle", 0.1469), ("circle_r2", 0.1040)])
@@ -292,12 +293,12 @@ def test_the_position_error_decays_exponentially(tmp_path: Path, lam: float, goa
 
 
 def test_the_heading_decays_on_after_the_position_has(tmp_path: Path) -> None:
-    """At the place and 0.5 rad off, with tolerances of the task that are never met: it rests within its own."""
-    scenario = written(tmp_path, goal=[0.001, 0.0, 0.5], heading_tolerance=1e-6, position_tolerance=1e-6)
+    """At the place and 0.5 rad off, with a tolerance of the heading that is never met: it turns on towards it."""
+    scenario = written(tmp_path, goal=[0.001, 0.0, 0.5], heading_tolerance=1e-6, position_tolerance=0.02)
     run = drive(GOAL_ID, scenario, policies.make("waypoint", final_tolerance=0.01), 120)
     left = np.abs(run["goal_heading_error"])
-    np.testing.assert_allclose(left[:60], 0.5 * (1.0 - DT) ** np.arange(60), rtol=1e-5)
-    assert 0.009 < left[-1] == left[-2] <= 0.01
+    np.testing.assert_allclose(left, 0.5 * (1.0 - DT) ** np.arange(len(left)), rtol=1e-5)
+    assert left[-1] < 0.002
 
 
 @pytest.mark.parametrize(("lam", "time"), [(1.0, 2.95), (0.5, 5.95)])

@@ -276,7 +276,7 @@ def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, 
     assert other is None
     assert (own is None) == (knows in ("sensors", "bodies"))
     assert (told.map is None) == (knows not in ("map", "team_map"))
-    assert told.map is None or told.map.patrols.shape == told.map.obstacles.shape
+    assert told.map is None or told.map.counts.shape == told.map.obstacles.shape[:1]
     with pytest.raises(ValueError, match="knows='everything' is unknown"):
         env.briefing("everything")
 

@@ -134,9 +134,8 @@ matplotlib.use("svg")
 import matplotlib.pyplot as plt
 own = plt.figure()
 before = dict(matplotlib.rcParams)
-import wayfield.benchmarks
-for package in ("figures", "identify", "commands", "report"):
-    home = importlib.import_module("wayfield.benchmarks." + package)
+for package in ("benchmarks.figures", "bridges.identify", "benchmarks.commands", "benchmarks.report"):
+    home = importlib.import_module("wayfield." + package)
     for module in pkgutil.iter_modules(home.__path__, home.__name__ + "."):
         importlib.import_module(module.name)
 from wayfield.benchmarks.figures import drawing

@@ -210,7 +210,7 @@ def test_the_tracker_is_its_docstring(policy: PolylineTracker, name: str) -> Non
     layout = Observation.layout(len(robot.twist_axes), 0, 5.0)
     briefing = Briefing(1, robot, base, DT, "twist", layout, np.empty(0), 5.0)
     p = policy.params(briefing)[0]
-    kept = aligned([*plan_fields(POINTS), ("grid", np.uint8, (SIDE, SIDE))])
+    kept = aligned([*plan_fields(POINTS), ("stay", np.float64), ("grid", np.uint8, (SIDE, SIDE))])
     seen, ties = set(), 0
     for _ in range(40):
         memory = np.zeros(1, kept)
@@ -224,7 +224,7 @@ def test_the_tracker_is_its_docstring(policy: PolylineTracker, name: str) -> Non
         bank = points[rng.integers(POINTS)] + rng.normal(0.0, 0.4, 2)
         clear = np.minimum(np.hypot(xs - bank[0], ys - bank[1]) + rng.uniform(-0.2, 0.4), FARTHEST)
         memory["grid"] = np.ceil((FARTHEST - np.maximum(clear, 0.0)) / UNIT)
-        memory["cell"], memory["num_points"] = CELL, POINTS
+        memory["cell"], memory["num_points"], memory["stay"] = CELL, POINTS, 0.05 + policy.arrive
         memory["points"] = points
         me = Tracker(policy, robot, base, memory["grid"][0].astype(float), points)
         memory["arc"] = me.arc
