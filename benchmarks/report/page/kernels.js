@@ -56,6 +56,7 @@ class Kernels {
       NRT_MemInfo_call_dtor: () => {},
       NRT_incref: () => {}, NRT_decref: () => {},
     };
+    known.fmod = (a, b) => a % b; // the same remainder, to the last bit
     known.nearbyint = known.rint;
     known.roundeven = known.rint;
     return known[name] || (() => { throw new Error(`the kernel asked for ${name}, which the page does not have`); });
