@@ -245,8 +245,8 @@ def main(logs: int, seed: int) -> None:
                 what = f"{drawn.log.name}, {drawn.drive}, {drawn.fault}"
                 print(f"{what}: {each.name} {each}, true {drawn.truth[each.name]:.4g}")
     print("| intervals of | hold the true value | n |\n|---|---|---|")
-    for name, each in hits.items():
-        print(f"| {name} | {100.0 * np.mean(each):.1f} % | {len(each)} |")
+    for name, held in hits.items():
+        print(f"| {name} | {100.0 * np.mean(held):.1f} % | {len(held)} |")
     print(f"{(time.process_time() - began) / logs:.1f} CPU s a log")
 
 
