@@ -106,7 +106,7 @@ def _cost(listed: tuple[str, tuple[str, ...], tuple[int, ...], dict[str, Any]]) 
 def _wrong(command: str, rng: random.Random) -> dict[str, Any]:
     """Returns a line with one thing wrong."""
     right = list(_RIGHT.get(command, ()))
-    # `compile`, which needs no extra, is no command of click's: what is wrong there are words that it does not know
+    # of `compile`, which needs no extra and so no click, what is wrong are words that it does not know
     params = getattr(entry(command), "params", [])
     options = [each for each in params if isinstance(each, click.Option) and each.name != "help"]
     line = [*right, *rng.choice((["--nothing"], ["-z"], ["--" + "x" * 2000], ["one", "too", "many"]))]
@@ -145,7 +145,7 @@ def attempt(spec: dict[str, Any], place: Any) -> str | None:
         }
         there["FILE"].write_text("x,y\n0,0\n1,0\n2,0.5\n", encoding="utf-8")
         arguments = [str(there.get(each, each)) for each in spec["arguments"]]
-        if spec.get("own"):
+        if spec.get("own") or spec["command"] == "compile":  # which is no command of click's
             problem = _own(spec, arguments, place, folder)
         else:
             problem = place.inside.ask("commands", spec | {"arguments": arguments, "folder": str(folder)})
