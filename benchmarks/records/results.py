@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import itertools
 import zipfile
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.system.readers import of_folder, reader
 
 EPISODES = "episodes.csv"
+SWEEP = "speed_sweep.csv"  # of policies asked for one speed after the other, which are no rows of a contest
 TRAJECTORIES = "trajectories.npz"
 TABLE = "table.md"
 
@@ -25,25 +27,55 @@ _FIELDS = tuple(field.name for field in dataclasses.fields(Trajectory))
 
 
 def write_rows(folder: Path, rows: Iterable[Row]) -> None:
-    """Writes the episodes, with a column for every name that any row has."""
+    """Writes the episodes, with a column for every name that any row has; a speed sweep that comes last, to its own."""
     episodes = Episodes.of(rows)
-    with open(folder / EPISODES, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
+    swept = np.asarray(episodes["split"]) == "front" if "split" in episodes.names else np.zeros(len(episodes), np.bool_)
+    last = int(len(swept) - swept.sum())
+    if not swept[last:].all():  # several contests, whose rows keep their order
+        last = len(episodes)
+    _write(folder / EPISODES, episodes, 0, last)
+    if last < len(episodes):
+        _write(folder / SWEEP, episodes, last, len(episodes))
+
+
+def _write(file: Path, episodes: Episodes, begin: int, end: int) -> None:
+    with open(file, "w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(episodes.names)
-        for first in range(0, len(episodes), _AT_ONCE):
-            some = episodes[first : first + _AT_ONCE]
-            writer.writerows(zip(*map(some.texts, some.names), strict=True))
+        for first in range(begin, end, _AT_ONCE):
+            some = episodes[first : min(first + _AT_ONCE, end)]
+            writer.writerows(zip(*map(some.texts, episodes.names), strict=True))
 
 
 @reader("episodes", EPISODES, {EPISODES: "policy,episode,success,time\npure_pursuit,0,1,12.5\nlqr,0,0,\n"}, of_folder)
 def read_rows(folder: Path) -> Episodes:
-    """Returns the episodes of a run.
+    """Returns the episodes of a run, those of its speed sweep last.
 
     Raises:
-        ValueError: if the file is no such table; the message names file and line.
+        ValueError: if a file is no such table; the message names file and line.
         OSError: if it cannot be opened.
     """
-    return read_table(folder / EPISODES, Episodes.of_lines)
+    return read_run(folder, Episodes.of_lines)
+
+
+def read_run(folder: Path, made: Callable[[list[str], Iterator[list[str]]], _Table]) -> _Table:
+    """Returns what is made of the columns' names and the lines of a run's episodes, those of its speed sweep last.
+
+    Raises:
+        ValueError: if a file is no such table; the message names file and line.
+        OSError: if it cannot be opened.
+    """
+
+    def joined(names: list[str], lines: Iterator[list[str]]) -> _Table:
+        def swept(others: list[str], more: Iterator[list[str]]) -> list[list[str]]:
+            if others != names:
+                raise ValueError(f"its columns are not those of {EPISODES}")
+            return list(more)
+
+        there = (folder / SWEEP).is_file()
+        return made(names, itertools.chain(lines, read_table(folder / SWEEP, swept) if there else ()))
+
+    return read_table(folder / EPISODES, joined)
 
 
 def read_table(file: Path, made: Callable[[list[str], Iterator[list[str]]], _Table]) -> _Table:

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from wayfield.benchmarks.records.results import EPISODES, TABLE, TRAJECTORIES
+from wayfield.benchmarks.records.results import EPISODES, SWEEP, TABLE, TRAJECTORIES
 from wayfield.system.identity import source_digest
 from wayfield.system.readers import of_folder, reader
 from wayfield.system.storage import clear_stale, locked, sync_folder, temporary_folder, write_whole, writers
@@ -135,7 +135,7 @@ def refuse_foreign(out: Path, run: Run) -> None:
         return
     known = _known_files(out, run)
     present = [PurePosixPath(file.relative_to(out)) for file in (*out.glob("*"), *out.glob("video/*"))]
-    patterns = (EPISODES, TRAJECTORIES, TABLE, REPORT, DRIVES, WORLDS, *run.names)
+    patterns = (EPISODES, SWEEP, TRAJECTORIES, TABLE, REPORT, DRIVES, WORLDS, *run.names)
     _refuse(out, (str(name) for name in present if any(fnmatch.fnmatch(str(name), each) for each in patterns)), known)
 
 

@@ -25,7 +25,7 @@ from results_page import CHOOSING, Kept, disagreements
 from sections import SECTIONS
 
 from wayfield.benchmarks.contests import CONTESTS
-from wayfield.benchmarks.records.results import EPISODES, read_table
+from wayfield.benchmarks.records.results import EPISODES, read_run, read_table
 from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm
 from wayfield.system.command_line import OneLineErrors
 
@@ -474,7 +474,7 @@ def found_runs(folder: Path) -> Iterator[tuple[str, Sequence[Row], Path]]:
         OSError: if a file cannot be opened.
     """
     if (folder / EPISODES).is_file():
-        yield folder.name, read_table(folder / EPISODES, texts), folder
+        yield folder.name, read_run(folder, texts), folder
         return
     kept = sorted((folder / "rows").glob(f"*{SUFFIX}"))
     if not kept:

@@ -27,7 +27,7 @@ from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.leaderboards.document_tables import document_tables
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.episode import Episodes, Row
-from wayfield.benchmarks.records.results import EPISODES, TABLE, read_rows
+from wayfield.benchmarks.records.results import EPISODES, SWEEP, TABLE, read_rows
 from wayfield.benchmarks.records.run_folder import MANIFEST, file_digest, read_manifest
 from wayfield.benchmarks.report.page import commit
 from wayfield.system.command_line import Names, OneLineErrors
@@ -142,13 +142,13 @@ def gathered(section: Section, folder: Path) -> dict[str, bytes]:
     if not isinstance(listed, dict) or not isinstance(code, str) or not isinstance(command, str):
         raise ValueError(f"{folder / MANIFEST} must tell command, code and files of a run")
     found: dict[str, bytes] = {}
-    for name in (*section.tables, *section.pictures, EPISODES):
+    for name in (*section.tables, *section.pictures, EPISODES, SWEEP):
         file = folder / name
         if name not in listed:
             continue  # a run of some policies alone has no table of them all
         if not file.is_file() or file_digest(file) != listed[name]:
             raise ValueError(f"{file} is not as the run wrote it: run `{section.command}` again")
-        if name != EPISODES and not (section.from_rows and name in section.tables):
+        if name not in (EPISODES, SWEEP) and not (section.from_rows and name in section.tables):
             found[section.place(name)] = file.read_bytes()
     rows = read_rows(folder) if EPISODES in listed else Episodes()
     if rows:
