@@ -269,7 +269,7 @@ class Options:
         return list(found.values())
 
     def settings(self) -> list[Setting]:
-        """Returns every part of the run, in the order of the tables.
+        """Returns every part of the run, in the order of the tables, those of speed sweeps last.
 
         Raises:
             WrongOption: if options do not go together, or a policy takes part in none of the contests.
@@ -295,7 +295,7 @@ class Options:
         for name in self.policies or ():
             if all(setting.case.policy != name for setting in found):
                 raise WrongOption(f"policies {name!r} has no case with these gains and {self.chosen_robot}")
-        return found
+        return sorted(found, key=lambda setting: setting.case.speed is not None)
 
     def _check_names(self, contests: list[Contest]) -> None:
         for name in self.policies or ():

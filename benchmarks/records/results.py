@@ -27,12 +27,16 @@ _FIELDS = tuple(field.name for field in dataclasses.fields(Trajectory))
 
 
 def write_rows(folder: Path, rows: Iterable[Row]) -> None:
-    """Writes the episodes, with a column for every name that any row has; a speed sweep that comes last, to its own."""
+    """Writes the episodes, with a column for every name that any row has; those of speed sweeps to a file of their own.
+
+    Raises:
+        ValueError: if those of speed sweeps do not come last.
+    """
     episodes = Episodes.of(rows)
     swept = np.asarray(episodes["split"]) == "front" if "split" in episodes.names else np.zeros(len(episodes), np.bool_)
     last = int(len(swept) - swept.sum())
-    if not swept[last:].all():  # several contests, whose rows keep their order
-        last = len(episodes)
+    if not swept[last:].all():
+        raise ValueError("the episodes of speed sweeps must come last")
     _write(folder / EPISODES, episodes, 0, last)
     if last < len(episodes):
         _write(folder / SWEEP, episodes, last, len(episodes))

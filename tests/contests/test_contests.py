@@ -59,7 +59,7 @@ def test_it_writes_tables_in_three_formats_figures_and_rows(paths: tuple[Path, R
     tables = {f"{stem}{end}" for end in ("", "_families", "_tiers", "_better")}
     assert {f"{table}.{kind}" for table in tables for kind in ("csv", "tex")} <= names
     assert {f"{stem}_{figure}.{kind}" for figure in ("families", "worst", "front") for kind in ("svg", "png")} <= names
-    assert {"episodes.csv", "trajectories.npz", "decisions.csv", "table.md"} <= names
+    assert {"episodes.csv", "speed_sweep.csv", "trajectories.npz", "decisions.csv", "table.md"} <= names
     assert "unfinished" not in names
     text = (out / "table.md").read_text()
     assert "--families circles,polylines_90 --episodes 2" in text
