@@ -8,9 +8,8 @@ with what comes out and makes the page of results anew.
 | section | sample |
 |---|---|
 | contests, ladder, documents | a case of each entry |
-| transfer | a course of each entry, without the worlds of BARN, which do not ship |
-| barn | none, for the same reason |
-| learners | families of the controller; the agents do not ship |
+| barn | none: its worlds do not ship |
+| transfer, learners | none: their scripts are those of the commits that made them |
 | coverage | every `STRIDE`-th line of the table |
 """
 
@@ -19,22 +18,19 @@ import dataclasses
 import datetime
 import functools
 import io
-import tempfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
 import interval_coverage
-import learners
 import numpy as np
-import transfer
 from interval_coverage import COVERAGE
 from kept_rows import SUFFIX, thinned, unpacked
 from results_page import Kept, Made, pages
 from sections import KEPT, ROWS, SECTIONS, Section
 
-from wayfield.benchmarks.contests import CONTESTS, GAINS, PUBLIC_SPLIT, Course, Entrants
+from wayfield.benchmarks.contests import CONTESTS, GAINS, Course, Entrants
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.leaderboards.entries import grouped
 from wayfield.benchmarks.records.cases import Case
@@ -43,14 +39,11 @@ from wayfield.benchmarks.records.progress import tracked
 from wayfield.benchmarks.runs.shards import played
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.crossed import exact_interval
-from wayfield.benchmarks.tuning.random_scenes import Place, write_rooms
 from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.storage import write_whole
 
 EPISODES = 2  # of a case
 STRIDE = 10  # lines of the table of coverage
-FAMILIES = 3  # of the controller among the learners
-_ROOMS = 16  # as many as transfer draws
 
 # columns that describe an entry in words, or number the files of a run: no behaviour
 _WORDS = ("trajectory", "knows", "parameters", "learned_from")
@@ -103,19 +96,18 @@ def check(section: Section, kept: Kept, most: int | None = None) -> Reproduced:
         ValueError: if the rows that are kept are damaged.
         OSError: if they are missing.
     """
-    with tempfile.TemporaryDirectory() as scratch:
-        chosen = list(samples(section, kept, Path(scratch)))[:most]
-        sampled = same = 0
-        other = []
-        for again, rows in tracked(chosen, len(chosen), section.name):
-            try:
-                differing = [_difference(now, row) for now, row in zip(again(), rows, strict=True)]
-            except (LookupError, ValueError) as gone:  # a case that there is none of today
-                differing = [f"there is none today: {gone}"]
-            sampled += len(rows)
-            same += sum(not each for each in differing)
-            if first := next(filter(None, differing), ""):
-                other.append(f"{_name(rows[0])}: {first}")
+    chosen = list(samples(section, kept))[:most]
+    sampled = same = 0
+    other = []
+    for again, rows in tracked(chosen, len(chosen), section.name):
+        try:
+            differing = [_difference(now, row) for now, row in zip(again(), rows, strict=True)]
+        except (LookupError, ValueError) as gone:  # a case that there is none of today
+            differing = [f"there is none today: {gone}"]
+        sampled += len(rows)
+        same += sum(not each for each in differing)
+        if first := next(filter(None, differing), ""):
+            other.append(f"{_name(rows[0])}: {first}")
     return Reproduced(sampled, same, tuple(other))
 
 
@@ -125,29 +117,20 @@ def stamped(made: Made, found: Reproduced) -> Made:
     return dataclasses.replace(made, sampled=found.sampled, same=found.same, checked=today)
 
 
-def samples(section: Section, kept: Kept, scratch: Path) -> Iterator[Sample]:
-    """Yields the sample of a section, the same in each call.
-
-    Args:
-        scratch: an empty folder, for files that are drawn.
-    """
+def samples(section: Section, kept: Kept) -> Iterator[Sample]:
+    """Yields the sample of a section, the same in each call."""
     rng = np.random.default_rng(zlib.crc32(section.name.encode()))
     if section.name == interval_coverage.SUITE:
         yield from _of_coverage(kept.text(f"{KEPT}/{COVERAGE}"))
         return
-    if (name := f"{ROWS}/{section.name}{SUFFIX}") not in kept:
-        return  # a run that keeps no episodes
+    if not section.from_rows:
+        return
+    name = f"{ROWS}/{section.name}{SUFFIX}"
     rows = unpacked(kept.content(name), section.name)
-    if section.name == transfer.SUITE:
-        yield from _of_transfer(rows, rng, scratch)
-    elif section.name == learners.SUITE:
-        yield from _of_learners(rows, rng)
-    else:
-        of_ours = [row for row in rows if row.get("split") != PUBLIC_SPLIT]
-        for of_entry in _grouped(of_ours, ("contest", "document", "policy", "gains_name", "dynamics")):
-            cases = _grouped(of_entry, _OF_A_CASE)
-            first = cases[rng.integers(len(cases))][:EPISODES]
-            yield functools.partial(_driven, first), first
+    for of_entry in _grouped(rows, ("contest", "document", "policy", "gains_name", "dynamics")):
+        cases = _grouped(of_entry, _OF_A_CASE)
+        first = cases[rng.integers(len(cases))][:EPISODES]
+        yield functools.partial(_driven, first), first
 
 
 def _grouped(rows: Iterable[Row], names: Sequence[str]) -> list[list[Row]]:
@@ -188,38 +171,6 @@ def _case(row: Row) -> Case:
         if (case.gains_name, case.gains_text) == (row["gains_name"], row["gains"]):
             return case
     raise LookupError(f"no entry has the gains {row['gains']!r}")
-
-
-def _of_transfer(rows: Sequence[Row], rng: np.random.Generator, scratch: Path) -> Iterator[Sample]:
-    """Yields a course of each entry of the table of transfer."""
-    rooms = write_rooms(scratch, _ROOMS, 0)
-    there = {robot.name: list(transfer.places(robot, rooms, None)) for robot in transfer.TUNED_FOR}
-    entries = {(each.robot.name, each.policy, each.gains_name): each for each in transfer.entries(None)}
-    for of_entry in _grouped([row for row in rows if row["place"] != "BARN"], ("robot", "policy", "gains_name")):
-        robot, policy, gains_name = (of_entry[0][name] for name in ("robot", "policy", "gains_name"))
-        places = there[robot]
-        place = places[rng.integers(len(places))]
-        course = place.courses[int(rng.integers(len(place.courses)))]
-        course = dataclasses.replace(course, members=course.members[:EPISODES])
-        scenario = f"{place.name}, {course.family}" if course.file else f"all/{course.split}"
-        kept = [row for row in of_entry if (row["place"], row["scenario"]) == (place.name, scenario)][:EPISODES]
-
-        def again(key: tuple[str, str, str], place: Place = place, course: Course = course) -> Sequence[Row]:
-            return _texts(transfer.tried((entries[key], place, course)))
-
-        yield functools.partial(again, (robot, policy, gains_name)), kept
-
-
-def _of_learners(rows: Sequence[Row], rng: np.random.Generator) -> Iterator[Sample]:
-    """Yields families of the controller."""
-    cases = _grouped([row for row in rows if not row["agent_seed"]], ("family", "split"))
-    law = learners.Learned("", "", "", "", "", "")
-    for k in rng.permutation(len(cases))[:FAMILIES]:
-
-        def again(first: Row = cases[k][0]) -> Sequence[Row]:
-            return _texts(learners.driven((law, first["family"], first["split"])))
-
-        yield again, cases[k]
 
 
 def _of_coverage(table: str) -> Iterator[Sample]:

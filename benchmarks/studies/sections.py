@@ -4,10 +4,6 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
 from interval_coverage import COVERAGE, SUITE
-from learners import LEARNERS
-from learners import SUITE as LEARNED
-from transfer import PLACES, TRANSFER
-from transfer import SUITE as TRANSFERRED
 
 from wayfield.benchmarks.contests import CONTESTS, DISTURBANCES, Contest
 from wayfield.benchmarks.records.results import TABLE
@@ -181,10 +177,10 @@ SECTIONS = (
         },
         "Simulation without Gazebo: a proxy of the challenge's scores, and no rank among them. Gains were sought for "
         "scan_planner, by a search and then by hand, and for any_robot, by hand, in worlds of the same kind and none "
-        "of these (`python benchmarks/studies/barn_gains.py`). They drive at up to 2 m/s and foresee no motion, of "
-        "which these worlds have none; the others have default gains and are asked for 1.2 m/s. The worlds were driven "
-        "before, with scan_planner's former gains, which came to 0.425. any_robot's planner has scan_planner's "
-        "gains and drives most of the time, wherever the agent has made no way for a second.",
+        "of these (`benchmarks/studies/barn_gains.py` of commit 83ab1a5). They drive at up to 2 m/s and foresee no "
+        "motion, of which these worlds have none; the others have default gains and are asked for 1.2 m/s. The worlds "
+        "were driven before, with scan_planner's former gains, which came to 0.425. any_robot's planner has "
+        "scan_planner's gains and drives most of the time, wherever the agent has made no way for a second.",
         needs="the official worlds of BARN",
         columns=(
             *("policy", "gains", "success (%)", "score (2, 8)", "collision (%)", "mean speed of successes (m/s)"),
@@ -192,22 +188,22 @@ SECTIONS = (
         ),
     ),
     Section(
-        TRANSFERRED,
+        "transfer",
         "Do gains hold where they were not tuned?",
         "python benchmarks/studies/transfer.py --data BARN",
-        {TRANSFER: "Goals reached (%)"},
+        {"transfer.csv": "Goals reached (%)"},
         "Only policies with a tuned set for the robot; rooms are of our drawing, BARN's worlds those that we have.",
-        needs="the official worlds of BARN",
-        columns=("policy", "gains", *PLACES),
+        needs="its script, which is that commit's",
+        columns=("policy", "gains", "validation", "test", "rooms", "rooms, turtlebot3", "rooms, jackal", "BARN"),
     ),
     Section(
-        LEARNED,
+        "learners",
         "Learners beside each other",
         "python benchmarks/studies/learners.py",
-        {LEARNERS: "Path following, P3DX"},
+        {"learners.csv": "Path following, P3DX"},
         "One task, few seeds, one set of numbers for all of PPO, chosen for the learner that begins with nothing; none "
         "of these agents ships.",
-        needs="training runs, a dozen",
+        needs="its script, which is that commit's",
         columns=("learner", "begins with", "success (%)", "typical (m)", "mean speed (m/s)", "above the law's (m)"),
     ),
     Section(

@@ -115,7 +115,7 @@ def test_a_section_that_needs_files_of_others_is_not_run_and_keeps_what_it_had(r
     (folder / "run.json").write_text(json.dumps(manifest | {"files": digests, "code": "0" * 64}))
     refused = run_publish(repository, "--only", "transfer")
     assert refused.exit_code == 1
-    assert "it needs the official worlds of BARN" in refused.stderr
+    assert "it needs its script, which is that commit's" in refused.stderr
     (repository / "evaluate.py").write_text("raise SystemExit(3)\n")  # the first of the others that is run
     assert "status 3" in run_publish(repository).stderr
     assert (repository / "docs/results/transfer.csv").read_text() == kept

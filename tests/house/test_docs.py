@@ -3,26 +3,22 @@
 import importlib
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import audit
 import everywhere
 import flocks
 import interval_coverage
-import learners
 import publish
 import pytest
 import results_page
 import sections
-import transfer
 from kept_rows import SUFFIX, read_packed
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.episodes.metrics import HELD
 from wayfield.benchmarks.records.results import read_table
-from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.statistics.paired import Difference
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
@@ -224,19 +220,6 @@ def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> N
     made = {kept.name: made for kept, made in results_page.Kept(ROOT).sections()}[section.name]
     for name, content in publish.tables(section, rows, made.command).items():
         assert (ROOT / name).read_bytes() == content, f"{name}: run {publish.__name__}"
-
-
-@pytest.mark.parametrize(
-    ("suite", "table", "name"),
-    [
-        (transfer.SUITE, transfer.transfer_table, transfer.TRANSFER),
-        (learners.SUITE, learners.learners_table, learners.LEARNERS),
-    ],
-)
-def test_a_measurement_s_table_is_what_its_kept_rows_make(suite: str, table: Callable[..., Table], name: str) -> None:
-    rows = read_packed(ROOT / sections.ROWS / f"{suite}{SUFFIX}")
-    made = {kept.name: made for kept, made in results_page.Kept(ROOT).sections()}[suite]
-    assert table(rows, made.command).csv() == (ROOT / sections.KEPT / name).read_text(encoding="utf-8")
 
 
 def test_every_published_table_has_its_rows_and_they_are_small() -> None:

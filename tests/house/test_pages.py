@@ -42,7 +42,6 @@ LONG = {
     "--video": 45,
     "--policies waypoint": 45,
     "tune_all": 45,
-    "learners.py": 45,
     "interval_coverage.py": 45,
     "throughput.py": 45,
     "decisions": 45,
