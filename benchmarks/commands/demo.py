@@ -30,7 +30,7 @@ def worlds(families: Collection[str] = ()) -> list[World]:
     """Returns the first scenarios of the training split of some families, or of all that the page can drive in."""
     found = []
     for spec in EVERY.values():
-        for family in spec.families:
+        for family in splits.members(spec.name):
             if family in spec.needs_pymunk or (families and family not in families):
                 continue
             seeds = FEW if spec.name in CROWDS else SEEDS

@@ -60,15 +60,17 @@ def main(families: tuple[str, ...], task: str | None, force: bool) -> None:
     """Writes all splits of each FAMILY into the split files of its task."""
     if not families and task is None:
         raise click.UsageError("name at least one FAMILY, or a task with --all")
+    written = {
+        spec.name: {file: _written(file) for file in {splits.file_of(spec.name, name) for name in splits.SPLITS}}
+        for spec in EVERY.values()
+    }
+    for family in families if not force else ():
+        if any(all(family in content["families"] for content in of_task.values()) for of_task in written.values()):
+            raise click.UsageError(f"FAMILY {family!r} is frozen; --force freezes it again, which ends all its tables")
     for spec in EVERY.values():
         files = {name: splits.file_of(spec.name, name) for name in splits.SPLITS}
-        contents = {file: _written(file) for file in files.values()}
-        held = [content["families"] for content in contents.values()]
+        contents = written[spec.name]
         for family in (each for each in families if each in spec.families):
-            if not force and all(family in each for each in held):
-                raise click.UsageError(
-                    f"FAMILY {family!r} is frozen; --force freezes it again, which ends all its tables"
-                )
             made = {name: frozen(spec, family, name) for name in files}
             for file, content in contents.items():
                 if force or family not in content["families"]:
