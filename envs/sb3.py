@@ -195,8 +195,9 @@ class NativeVecEnv(VecEnv):
     def final_observation(self, i: int) -> NDArray[np.float32]:
         """Returns the last observation of the episode of row i that the last step ended."""
         k = self._part(i)
-        last = np.asarray(self._steps[k][4]["final_obs"][i - self.rows[k].start], np.float32)
-        return np.pad(last, (0, self.observation_space.shape[0] - len(last)))  # type: ignore[index]
+        last: NDArray[np.float32] = self._steps[k][4]["final_obs"][i - self.rows[k].start]
+        missing = self.observation_space.shape[0] - len(last)  # type: ignore[index]
+        return np.pad(last, (0, missing)) if missing else last  # which would take a third of a step
 
     def final_observations(self, ended: NDArray[np.int64]) -> NDArray[np.float32]:
         """Returns the last observations (n, size) of the rows that the last step ended."""
