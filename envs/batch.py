@@ -352,8 +352,10 @@ class Batch:
         """
         try:
             array = np.asarray(actions)
-        except (ValueError, OverflowError, RecursionError) as error:
-            raise ValueError(f"action must be an array of shape {shape}: {error}") from None
+        except (ValueError, OverflowError, RecursionError):
+            pair = isinstance(actions, tuple) and len(actions) == 2
+            hint = "; a pair must be unpacked: action, state = model.predict(observation)" if pair else ""
+            raise ValueError(f"action must be an array of shape {shape}, got {shown(actions)}{hint}") from None
         if array.dtype.kind not in "fiu":
             raise TypeError(f"action must hold real numbers, got {array.dtype} from {shown(actions)}")
         if array.shape != shape:

@@ -150,8 +150,8 @@ class NativeVecEnv(VecEnv):
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Takes the actions (num_envs, ...) of the next step; ValueError if there are more or fewer."""
-        if len(actions) != self.num_envs:
-            raise ValueError(f"actions must have {self.num_envs} rows, one a robot, got {len(actions)}")
+        if not hasattr(actions, "__len__") or len(actions) != self.num_envs:
+            raise ValueError(f"actions must have {self.num_envs} rows, one a robot, got {shown(actions)}")
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:

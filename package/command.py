@@ -8,6 +8,8 @@ import os
 import sys
 from typing import NamedTuple
 
+from gymnasium.error import DependencyNotInstalled
+
 from wayfield import __version__
 from wayfield.starting import started
 from wayfield.system.extras import installs
@@ -101,12 +103,12 @@ def _run(words: list[str]) -> None:
 
 
 def _missing(error: BaseException | None) -> str | None:
-    """Returns the package that an import did not find; None of other errors, and where a package of ours is broken."""
+    """Returns the package that an import of ours did not find; None of other errors, and where a module is broken."""
     if isinstance(error, ModuleNotFoundError) and error.name is not None:
         package = error.name.partition(".")[0]
         return None if package == "wayfield" else package
-    # gymnasium's DependencyNotInstalled, which rendering raises, is no ImportError
-    return None if error is None else _missing(error.__cause__)
+    # not the cause of any error: a policy of the user's own may lack a package that is in no extra
+    return _missing(error.__cause__) if isinstance(error, ImportError | DependencyNotInstalled) else None
 
 
 def _refused(name: str) -> int:

@@ -177,7 +177,8 @@ def read_submission(folder: Path) -> Submission:
         OSError: if a file cannot be opened.
     """
     if gone := next((name for name in (CARD, ROWS) if not (folder / name).is_file()), ""):
-        raise Refused(f"{folder / gone} is missing: a submission is {CARD} and {ROWS}, as `wayfield submit` wrote them")
+        missing = (folder / gone).absolute()
+        raise Refused(f"{missing} is missing: a submission is {CARD} and {ROWS}, as `wayfield submit` wrote them")
     try:
         card = _checked(parsed_object(read_bytes(folder / CARD, _MOST_CARD), str(folder / CARD)), folder / CARD)
         content = read_bytes(folder / ROWS, _MOST_ROWS)

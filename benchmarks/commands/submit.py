@@ -17,7 +17,7 @@ _POLICY = click.option(
     help="The policy of an entry of your own, as in evaluate: module:Class with gains, or a model.zip, which can run "
     "code when it is loaded.",
 )
-_FOLDER = click.Path(path_type=Path, exists=True, file_okay=False)
+_FOLDER = click.Path(path_type=Path)
 
 
 @click.command("submit", cls=OneLineErrors)
@@ -35,7 +35,7 @@ def submit(run: Path, entry: str, out: str, own: str | None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in files.items():
             write_whole(folder / name, data)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise click.ClickException(str(error)) from None
     print(f"{folder}: verify it with `wayfield verify {folder}`")
 
@@ -58,7 +58,7 @@ def verify(folder: Path, every: bool, most: int, own: str | None) -> None:
         entrant = _entrant(own)
         other = check(submission, entrant)
         driven, wrong = differing(submission, entrant, None if every else most)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise click.ClickException(str(error)) from None
     if wrong:
         raise click.ClickException(f"{folder}: {wrong}{f' ({other})' if other else ''}")

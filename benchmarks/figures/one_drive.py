@@ -172,10 +172,14 @@ class Drive:
         self.steps, self.ended = 0, ""
 
     def step(self) -> None:
-        """Drives for a control period, unless it has ended."""
+        """Drives for a control period, unless it has ended; click.ClickException if the policy fails."""
         if self.ended:
             return
-        self.seen, _, terminated, truncated, info = self.env.step(self.pilot.act(self.seen))
+        try:
+            action = self.pilot.act(self.seen)
+        except ValueError as error:
+            raise click.ClickException(str(error)) from None
+        self.seen, _, terminated, truncated, info = self.env.step(action)
         self.steps += 1
         if terminated or truncated:
             self.ended = self._how(info)

@@ -94,6 +94,22 @@ def test_without_a_package_of_the_extra_games_and_films_say_one_line(words: str,
     assert not list(tmp_path.iterdir())
 
 
+def test_what_a_policy_of_the_users_own_lacks_is_no_extra_of_ours(tmp_path: Path) -> None:
+    lines = (
+        "from wayfield.policies.zero import Zero",
+        "class Mine(Zero):",
+        " def act(self, *given):",
+        "  import nowhere",
+    )
+    (tmp_path / "mine.py").write_text("\n".join(lines))
+    words = "render", "--policy", "mine:Mine", "--seconds", "0.1", "--out", "a.gif"
+    told = said(*words, folder=tmp_path)
+    assert told.returncode == 1
+    (line,) = told.stderr.splitlines()
+    assert "'nowhere'" in line
+    assert "pip install" not in line
+
+
 def test_an_extra_is_installed_from_where_wayfield_came(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = tmp_path / "a clone"
     place.mkdir()
