@@ -681,13 +681,13 @@ class Teams(GoalReaching):
             if self.params["moving"][0]:
                 raise ValueError(f'ends="respawn" needs a scenario in which nothing patrols, got {shown(scenario)}')
         walks = np.zeros((len(self.scenarios), self.most_people), WALK)
-        first = 0
+        tracks = {id(each.tracks): each.tracks for each in self.scenarios}  # those of a recording share one array
+        ends = np.cumsum([len(each) for each in tracks.values()])
+        begins = dict(zip(tracks, [0, *ends.tolist()], strict=False))
         for row, each in zip(walks, self.scenarios, strict=True):
             row[: len(each.walks)] = each.walks
-            row["first"] += first
-            first += len(each.tracks)
-        tracks = np.ascontiguousarray(np.concatenate([each.tracks for each in self.scenarios]))
-        self.world = (*self.world, walks, tracks)
+            row["first"] += begins[id(each.tracks)]
+        self.world = (*self.world, walks, np.ascontiguousarray(np.concatenate(list(tracks.values()))))
 
     def bank(self, scenario: Any, hull_radius: float) -> tuple[TeamScenario, ...]:
         """Returns the scenarios of a name, or those given, all with one number of robots.
@@ -841,7 +841,7 @@ class Teams(GoalReaching):
         scenario = self.scenarios[int(state["scenario"]) // self.team]
         x0, y0, x1, y1 = drawn["bounds"]
         margin = 2.0 * self.robot.hull_radius
-        ways = [scenario.starts[:, :2], scenario.goals[:, :2], scenario.tracks[:, :2]]
+        ways = [scenario.starts[:, :2], scenario.goals[:, :2], scenario.tracks[scenario.walked_rows, :2]]
         walks = scenario.walks
         ways += [np.column_stack([walks[x], walks[y]]) for x, y in (("x", "y"), ("goal_x", "goal_y"))]
         points = np.vstack(ways)

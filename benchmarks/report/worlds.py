@@ -134,11 +134,14 @@ def _crowd(scenario: TeamScenario, steps: int) -> World:
     radii = [None] * (scenario.team - 1) + scenario.walks["radius"].tolist()
     others = [list(each.goal) for each in scenario.robots[1:]]
     world = {"kind": kind, "quantity": quantity, "bodies": radii, "goals": others}
-    if len(radii) <= MOST_BODIES and scenario.tracks.size <= MOST_TRACKED:
+    tracks, rows = scenario.tracks[scenario.walked_rows], scenario.walks["rows"]
+    if len(radii) <= MOST_BODIES and tracks.size <= MOST_TRACKED:
+        walks = scenario.walks.copy()
+        walks["first"] = np.cumsum(rows) - rows
         world |= {
             "starts": [list(each.start) for each in scenario.robots[1:]],
-            "walks": [list(each) for each in scenario.walks.tolist()],
-            "tracks": scenario.tracks.tolist(),
+            "walks": [list(each) for each in walks.tolist()],
+            "tracks": tracks.tolist(),
             "reach": scenario.reach,
         }
     return plain(scenario.robots[0], steps) | own | world

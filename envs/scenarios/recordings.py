@@ -9,13 +9,14 @@ Source: Pellegrini et al., You'll never walk alone, ICCV 2009; Lerner et al., Cr
 Human trajectory forecasting in crowds, 2021 (TrajNet++).
 """
 
+import array
 import functools
 import hashlib
 import math
 import os
 import warnings
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ MOST_ROWS = 1_000_000
 FASTEST = 4.0  # m/s, in the median step of a person that walks
 _FARTHEST = 10_000  # m, of a person from the origin
 _LARGEST = 2**53  # of frames and ids: microseconds since 1970 are fewer
+_ASTRAY = 0.25  # steps, by which a row may come early or late
 _SLOW = 0.05  # m/s, of a set whose unit is another
 _USUAL = 0.5, 1.3, 2.0  # m/s, of people who walk: at least, in the mean, at most in the median of a set
 
@@ -126,12 +128,13 @@ class _Crowd:
         self.first = np.cumsum([0, *self.rows[:-1]])
         self.places = np.concatenate([each.places for each in people])
         # central differences: Catmull and Rom's
-        self.tracks = [np.column_stack([each.places, np.gradient(each.places, axis=0)]) for each in people]
+        rates = [np.gradient(each.places, axis=0) for each in people]
+        self.tracks = np.column_stack([self.places, np.concatenate(rates)])  # one array for all scenarios
         walks = np.zeros(len(people), WALK)
         walks["law"], walks["then"], walks["radius"], walks["frame_time"] = REPLAY, STAYS, RADIUS, step
         walks["goal_x"], walks["goal_y"] = self.places[self.first + self.rows - 1].T
         speeds = [float(np.hypot(*np.diff(each.places, axis=0).T).mean()) / step for each in people]
-        walks["speed"], walks["rows"] = np.minimum(speeds, 3.0), self.rows
+        walks["speed"], walks["first"], walks["rows"] = np.minimum(speeds, 3.0), self.first, self.rows
         self.walks = walks
 
     def way(self, person: int) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -163,14 +166,14 @@ class _Crowd:
         who, late, places = self.others(person)
         walks = self.walks[who]
         walks["x"], walks["y"] = places.T
-        walks["begins"], walks["first"] = late * self.step, np.cumsum(self.rows[who]) - self.rows[who]
+        walks["begins"] = late * self.step
         ahead = rounded(bearing.py_func(goal[1] - start[1], goal[0] - start[0]))
         return TeamScenario.made(
             f"{self.name}_{self.people[person].name}",
             [(*start, ahead)],
             [(*goal, ahead)],
             walks=walks,
-            tracks=np.concatenate([np.zeros((0, 4)), *(self.tracks[k] for k in who)]),
+            tracks=self.tracks,
             family="replay",
         )
 
@@ -196,71 +199,105 @@ def read_plain(file: Path, rate: float | None = None) -> list[Person]:
 
 
 def _read(file: Path, columns: tuple[str, ...], rate: float | None) -> list[Person]:
-    rows: dict[int, dict[int, tuple[int, float, float]]] = {}  # by person and frame: the line, x, y
-    x, y = columns.index("x"), columns.index("y")
-    count = 0
+    wanted = {name: columns.index(name) for name in ("frame", "id", "x", "y")}
+    lines, numbers = array.array("q"), array.array("d")
     for line, text in enumerate(read_text(str(file)).splitlines(), 1):
         cells = text.replace(",", " ").split()
-        is_header = not rows and tuple(each.lower() for each in cells) == columns
+        is_header = not lines and tuple(each.lower() for each in cells) == columns
         if not cells or cells[0].startswith("#") or is_header:
             continue
-        count += 1
+        if len(lines) == MOST_ROWS:
+            raise ValueError(f"{file}:{line}: the rows go on; there must be at most {MOST_ROWS}")
+        if len(cells) != len(columns):
+            raise ValueError(f"{file}:{line}: has {len(cells)} columns; a row has {len(columns)}: {', '.join(columns)}")
+        lines.append(line)
         try:
-            if count > MOST_ROWS:
-                raise ValueError(f"the rows go on; there must be at most {MOST_ROWS}")
-            if len(cells) != len(columns):
-                raise ValueError(f"has {len(cells)} columns; a row has {len(columns)}: {', '.join(columns)}")
-            frame, person = (_whole(name, cell) for name, cell in zip(columns[:2], cells, strict=False))
-            place = _metres("x", cells[x]), _metres("y", cells[y])
-            mine = rows.setdefault(person, {})
-            if frame in mine:
-                raise ValueError(
-                    f"id {person} is in frame {frame} twice, first in line {mine[frame][0]}; it must be there once"
-                )
-            mine[frame] = (line, *place)
-        except ValueError as error:
-            raise ValueError(f"{file}:{line}: {error}") from None
-    if not rows:
+            frame, person, x, y = [float(cells[k]) for k in wanted.values()]
+        except ValueError:
+            frame = person = x = y = math.nan
+        whole = frame.is_integer() and person.is_integer() and -_LARGEST <= frame <= _LARGEST >= abs(person)
+        if not (whole and abs(x) <= _FARTHEST and abs(y) <= _FARTHEST):
+            _refuse_row(f"{file}:{line}", {name: cells[k] for name, k in wanted.items()})
+        numbers.extend((frame, person, x, y))
+    if not lines:
         raise ValueError(f"{file}:1: holds no rows; a row is {', '.join(columns)}")
-    return _walked(file, rows, rate)
+    table = np.frombuffer(numbers).reshape(-1, len(wanted))
+    order = np.lexsort((table[:, 0], table[:, 1]))
+    table = table[order]
+    twice = np.flatnonzero((np.diff(table[:, :2], axis=0) == 0.0).all(axis=1))
+    if len(twice):
+        row = min(twice, key=lambda k: lines[order[k + 1]])
+        frame, person = table[row, :2].astype(np.int64).tolist()
+        raise ValueError(
+            f"{file}:{lines[order[row + 1]]}: id {person} is in frame {frame} twice, first in line "
+            f"{lines[order[row]]}; it must be there once"
+        )
+    return _walked(file, np.split(table, np.flatnonzero(np.diff(table[:, 1])) + 1), rate)
 
 
-def _walked(file: Path, rows: dict[int, dict[int, tuple[int, float, float]]], rate: float | None) -> list[Person]:
-    """Returns the tracks of the rows, at one rate at which people walk."""
-    frames = {person: np.array(sorted(mine)) for person, mine in rows.items()}
-    apart, often = np.unique(np.concatenate([np.diff(each) for each in frames.values()]), return_counts=True)
-    if not len(apart):
+def _refuse_row(line: str, cells: dict[str, str]) -> NoReturn:
+    """Raises ValueError for the first of a row's cells that is no number of its column's."""
+    for name, text in cells.items():
+        whole = name in ("frame", "id")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if whole and not (value.is_integer() and abs(value) <= _LARGEST):
+            raise ValueError(f"{line}: {name} is {shown(text)}; it must be a whole number, at most {_LARGEST} in size")
+        if not whole and not abs(value) <= _FARTHEST:
+            raise ValueError(
+                f"{line}: {name} is {shown(text)}; it must be a number from -{_FARTHEST:g} to {_FARTHEST:g}, in m"
+            )
+    raise AssertionError(line)
+
+
+def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -> list[Person]:
+    """Returns the tracks at one rate of people, each with rows (n, 4) of frame, id, x and y in the order of frames."""
+    frames = [each[:, 0].astype(np.int64) for each in people]
+    step = _step(np.concatenate([np.diff(each) for each in frames]))
+    if not step:
         raise ValueError(f"{file}:1: nobody has two rows; somebody must")
-    step = int(apart[often.argmax()])
-    longest = max(math.floor(LONGEST_GAP * (rate or RATE)), 1) * step
-    origin = min(each[0] for each in frames.values())
+    longest = (max(math.floor(LONGEST_GAP * (rate or RATE)), 1) + _ASTRAY) * step
+    origin = min(each[0] for each in frames)
     found: list[Person] = []
     filled = parted = size = 0
-    for person, mine in sorted(frames.items()):
-        places = np.array([rows[person][frame][1:] for frame in mine.tolist()])
+    for rows, mine in zip(people, frames, strict=True):
         parts = np.split(np.arange(len(mine)), np.flatnonzero(np.diff(mine) > longest) + 1)
         parted += len(parts) - 1
-        size += sum(int(mine[part[-1]] - mine[part[0]]) // step + 1 for part in parts)
+        size += sum(int((mine[part[-1]] - mine[part[0]]) / step) + 1 for part in parts)
         if size > MOST_ROWS:
             raise ValueError(f"{file}:1: has more than {MOST_ROWS} rows when gaps are filled in; there must be fewer")
         for k, part in enumerate(parts):
-            at = np.arange(mine[part[0]], mine[part[-1]] + 1, step)
+            since = mine[part] - mine[part[0]]
+            at = step * np.arange(int(since[-1] / step + _ASTRAY) + 1)
             if len(at) < 2:
                 continue
-            between = np.column_stack([np.interp(at, mine[part], axis) for axis in places[part].T])
-            filled += len(np.setdiff1d(at, mine[part], assume_unique=True))
-            late, rest = divmod(int(at[0] - origin), step)
+            between = np.column_stack([np.interp(at, since, axis) for axis in rows[part, 2:].T])
+            filled += len(at) - len(np.unique(np.rint(since / step)))
+            late, rest = divmod(int(mine[part[0]] - origin), step)
+            name = f"{int(rows[0, 1])}" if k == 0 else f"{int(rows[0, 1])}.{k}"
             # a person annotated between the frames of others is moved to the next of theirs
-            found.append(Person(f"{person}" if k == 0 else f"{person}.{k}", late + (2 * rest > step), between))
+            found.append(Person(name, int(late) + (2 * rest > step), between))
     if filled or parted:
         warnings.warn(
             f"{file}: {filled} missing rows are filled in along straight lines, and over {parted} gaps of more than "
-            f"{LONGEST_GAP:g} s a person leaves and another comes; rows are {step} frames apart",
+            f"{LONGEST_GAP:g} s a person leaves and another comes; rows are {step:g} frames apart",
             FileNote,
             stacklevel=2,
         )
     _check_speed(file, found, rate)
     return found
+
+
+def _step(apart: NDArray[np.int64]) -> float:
+    """Returns how many frames are between rows: what is usual, or the mean where stamps tremble; 0: nobody has two."""
+    if not len(apart):
+        return 0
+    sizes, often = np.unique(apart, return_counts=True)
+    usual = int(sizes[often.argmax()])
+    near = apart[np.abs(apart - usual) <= _ASTRAY * usual]
+    return usual if often.max() >= 0.9 * len(near) else float(near.mean())
 
 
 def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
@@ -279,23 +316,3 @@ def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
         warnings.warn(
             f"{file}: {told}; at {near:.2g} rows a second it would be {usual:g} m/s; {other}", FileNote, stacklevel=2
         )
-
-
-def _whole(name: str, text: str) -> int:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not value.is_integer() or abs(value) > _LARGEST:
-        raise ValueError(f"{name} is {shown(text)}; it must be a whole number, at most {_LARGEST} in size")
-    return int(value)
-
-
-def _metres(name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= _FARTHEST:
-        raise ValueError(f"{name} is {shown(text)}; it must be a number from -{_FARTHEST:g} to {_FARTHEST:g}, in m")
-    return value

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -171,6 +172,12 @@ class TeamScenario:
     def obstacles(self) -> NDArray[np.void]:
         """Returns the obstacles (m,) of the field."""
         return self.robots[0].obstacles
+
+    @functools.cached_property
+    def walked_rows(self) -> NDArray[np.int64]:
+        """Returns the rows of the tracks that people walk, one person's behind another's."""
+        first, rows = self.walks["first"], self.walks["rows"]
+        return np.repeat(first - np.cumsum(rows) + rows, rows) + np.arange(rows.sum())
 
     @property
     def straight(self) -> NDArray[np.float64]:
