@@ -16,7 +16,7 @@ import math
 import os
 import warnings
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from wayfield.system.readers import of_path, reader
 
 ETH, PLAIN = "obsmat.txt", ".txt"
 RATE = 2.5  # rows of a person in a second
+_RATES = 0.1, 1000.0  # that it may be
 LONGEST_GAP = 2.0  # s, in which a person is taken to walk straight on
 RADIUS = 0.25  # m, of a recorded person
 LONGEST = 60.0  # s, of a window
@@ -60,14 +61,29 @@ class Person(NamedTuple):
 
 
 def is_recording(name: object) -> bool:
-    """Returns whether a scenario's name is meant as a recording: a .txt file, or a folder of some without a map."""
+    """Returns whether a scenario's name is meant as a recording: a .txt file, or a folder of some without a map.
+
+    An @ and the rate in Hz may be behind it.
+    """
     text = os.fspath(name) if isinstance(name, str | os.PathLike) else None
     if not isinstance(text, str) or "\0" in text:
         return False
+    text = _at_rate(text)[0]
     if not os.path.isdir(text):
         return text.lower().endswith(PLAIN)
     files = os.listdir(text)
     return "map.yaml" not in files and any(each.lower().endswith(PLAIN) for each in files)
+
+
+def _at_rate(text: str) -> tuple[str, Any]:
+    """Returns the file or folder of a name, and the rate behind its @ if there is one, a number if it is that."""
+    name, at, rate = text.rpartition("@")
+    if not at or os.path.basename(rate) != rate or os.path.exists(text):
+        return text, None
+    try:
+        return name, float(rate)
+    except ValueError:
+        return name, rate
 
 
 def recorded(name: str | os.PathLike[str], rate: float | None = None) -> tuple[TeamScenario, ...]:
@@ -78,16 +94,19 @@ def recorded(name: str | os.PathLike[str], rate: float | None = None) -> tuple[T
     where people are unusually quick or slow for the rate.
 
     Args:
-        name: a .txt file, or a folder: its `obsmat.txt` or its one .txt file.
+        name: a .txt file, or a folder: its `obsmat.txt` or its one .txt file. Behind an @, as in "crowd.txt@25", it
+            may say the rate.
         rate: rows of a person in a second, Hz; None: 2.5, and a line if people then walk as nobody does.
 
     Raises:
         ValueError: if a file is faulty, or no person in it walks far enough; one line that begins with the file.
         OSError: if it cannot be opened.
     """
-    file = _file_of(os.path.abspath(os.fspath(name)))
+    place, behind = _at_rate(os.fspath(name))
+    file = _file_of(os.path.abspath(place))
+    rate = rate if behind is None else behind
     if rate is not None:
-        number("rate", rate, least=0.1, most=1000.0)
+        number("rate", rate, least=_RATES[0], most=_RATES[1])
     return _scenarios(file, hashlib.sha256(read_text(file).encode()).hexdigest(), rate)
 
 
@@ -305,14 +324,12 @@ def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
     steps = [np.hypot(*np.diff(each.places, axis=0).T) for each in people]
     median = float(np.median(np.concatenate([np.zeros(0), *steps]))) * (rate or RATE) if steps else 0.0
     told = f"people walk at {median:.3g} m/s in the median, at {1.0 / (rate or RATE):g} s between rows"
-    other = "give another rate as scenario=wayfield.envs.scenarios.recordings.recorded(FILE, rate=ROWS_A_SECOND)"
+    slow, usual, quick = _USUAL
+    near = min(max((rate or RATE) * usual / max(median, _SLOW), _RATES[0]), _RATES[1])
+    other = f"name another rate, in rows a second, behind the file, such as {file.name}@{near:.3g}"
     if not _SLOW <= median <= FASTEST:
         raise ValueError(
             f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m; {other}"
         )
-    slow, usual, quick = _USUAL
     if rate is None and not slow <= median <= quick:
-        near = (rate or RATE) * usual / median
-        warnings.warn(
-            f"{file}: {told}; at {near:.2g} rows a second it would be {usual:g} m/s; {other}", FileNote, stacklevel=2
-        )
+        warnings.warn(f"{file}: {told}; {other} for {usual:g} m/s", FileNote, stacklevel=2)

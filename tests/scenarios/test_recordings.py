@@ -1,6 +1,7 @@
 """Recorded people: they walk as the file says, and a faulty file is refused in a line."""
 
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -106,15 +107,37 @@ def test_rows_of_another_rate_are_read_at_it_and_noticed_without(tmp_path: Path,
         assert person["speed"] == pytest.approx(np.hypot(*ways[other][1]), abs=1e-3)
         velocities = scenario.tracks[scenario.walked_rows, 2:] * rate
         np.testing.assert_allclose(velocities, [ways[other][1]] * len(velocities), atol=4e-3)
-    usual = round(2.5 * 1.3 / (1.26 * 2.5 / rate), 0)
+    named = recorded(f"{file}@{rate:g}")
+    assert [each.walks.tobytes() for each in named] == [first.walks.tobytes(), second.walks.tobytes()]
     if rate == 2.5:
         assert [each.name for each in recorded(file)] == [first.name, second.name]
         return
-    with pytest.warns(UserWarning, match=rf"crowd\.txt: people walk at 0\.\d+ m/s .* at {usual:.2g} rows a second"):
+    with pytest.warns(UserWarning, match=r"crowd\.txt: people walk at 0\.\d+ m/s .* such as crowd\.txt@[\d.]+") as said:
         recorded(file)
+    assert float(str(said[0].message).rpartition("@")[2].split()[0]) == pytest.approx(rate, rel=0.1)
     for wrong in (0.0, -1.0, float("nan"), 1e9):
         with pytest.raises(ValueError, match="rate is"):
             recorded(file, wrong)
+    for behind in ("", "fast", "0", "nan"):
+        with pytest.raises(ValueError, match="rate is"):
+            gymnasium.make("wayfield/OmniPeople-v0", scenario=f"{file}@{behind}")
+
+
+@pytest.mark.parametrize(("rate", "tremble", "lost"), [(2.5, 5, 0), (2.5, 40, 3), (30.0, 0, 0), (30.0, 3, 20)])
+def test_stamps_in_milliseconds_that_tremble_are_rows_all_the_same(
+    tmp_path: Path, rate: float, tremble: int, lost: int
+) -> None:
+    random, count = np.random.default_rng(0), round(20.0 * rate)
+    stamps = np.round(1000.0 * np.arange(count) / rate + random.integers(-tremble, tremble + 1, count)).astype(int)
+    kept = np.delete(stamps, np.linspace(2, count - 3, lost).astype(int))
+    rows = [f"{1_700_000_000_000 + at} 1 {1.3e-3 * at:.4f} 0\n" for at in kept]
+    (tmp_path / "a.txt").write_text("".join(rows) + "".join(row.replace(" 1 ", " 2 ", 1)[:-2] + "5\n" for row in rows))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        scenario = recorded(f"{tmp_path / 'a.txt'}@{rate}")[0]
+    assert [f": {2 * lost} missing rows" in str(each.message) for each in said] == [True] * bool(lost)
+    (person,) = scenario.walks
+    assert (person["rows"], person["speed"]) == (pytest.approx(count, abs=1), pytest.approx(1.3, rel=5e-3))
 
 
 def test_a_recording_that_was_changed_is_read_again(tmp_path: Path) -> None:
