@@ -167,12 +167,12 @@ class _Policies(Names):
     "--path",
     "path",
     metavar="FILE",
-    help="A scenario of your own (.json; a path also .csv, .txt), instead of a suite.",
+    help="A scenario of your own (.json; a path also .csv, .tsv, .txt), instead of a suite.",
 )
 @click.option(
     "--scenarios",
     metavar="FOLDER",
-    help="A contest on the scenario files of a folder (.json; paths also .csv, .txt), instead of a suite.",
+    help="A contest on the scenario files of a folder (.json; paths also .csv, .tsv, .txt), instead of a suite.",
 )
 @click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
 @click.option("--data", metavar="FOLDER", help="The official files of a public benchmark.")

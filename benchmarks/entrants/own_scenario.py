@@ -19,6 +19,7 @@ from wayfield.envs.robots import AnyRobot, robot_of, shipped_name
 from wayfield.envs.scenarios import scenarios_of
 from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.scenarios.maps import map_files
+from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.parts.policy import check_robot, lacks
 from wayfield.system.checks import FINEST
@@ -26,7 +27,7 @@ from wayfield.system.objects import json_object
 from wayfield.system.readers import reader
 
 POLICIES = {kind: tuple(dict.fromkeys((*contest.policies, "zero", "random"))) for kind, contest in OF_KIND.items()}
-SUFFIXES = (".csv", ".json", ".txt")
+SUFFIXES = (*TABLE_SUFFIXES, ".json")
 
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s
@@ -178,7 +179,7 @@ def without_way(file: str, robot: AnyRobot = "p3dx") -> str:
 def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Contest, tuple[Course, ...]]:
     """Returns the contest that a folder of scenario files is for, and a course for each file, called like it.
 
-    Files of other types than .csv, .json and .txt are not looked at.
+    Files of other types than tables and .json are not looked at.
 
     Raises:
         ValueError: if there are none, or of several kinds, or a file is no scenario that the robot can do.
@@ -186,7 +187,7 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     """
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
     if not files:
-        raise ValueError(f"{folder!r} holds no scenarios: no .csv, .json or .txt file")
+        raise ValueError(f"{folder!r} holds no scenarios: no {', '.join(SUFFIXES)} file")
     own = [own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.on_path else None) for file in files]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:

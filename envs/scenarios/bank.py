@@ -6,10 +6,10 @@ import warnings
 from typing import Any
 
 from wayfield.envs.scenarios.barn import barn_scenarios
-from wayfield.envs.scenarios.files import field_scenario_from_file, path_scenario_from_file
+from wayfield.envs.scenarios.files import field_scenario_from_file, of_no_scenario, path_scenario_from_file
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.envs.scenarios.maps import scenarios_of_problems
-from wayfield.envs.scenarios.mrpb import is_mrpb, mrpb_scenarios
+from wayfield.envs.scenarios.maps import MAP_SUFFIXES, scenarios_of_problems
+from wayfield.envs.scenarios.mrpb import CASES, CONFIG, MAP, is_mrpb, mrpb_scenarios
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
@@ -37,7 +37,7 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
 
     Args:
         name: a name of PATH_SCENARIOS; a family of FAMILIES["path_following"] or "all", as it is for its training
-            split or with "/train", "/validation" or "/test" behind it; or a .csv, .txt or .json file; see
+            split or with "/train", "/validation" or "/test" behind it; or a table or .json file; see
             `path_scenario_from_file`. Or a `PathScenario`, or a list of some, or of names of families.
         scale: multiplies the positions of paths and starts, not the corridor or the start offsets.
 
@@ -139,7 +139,11 @@ def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
     """Returns the scenarios of a file or a folder of the user's."""
     if spec.scenario is GoalScenario:
         if os.path.isdir(name) and not _has_suffix(name):
-            return mrpb_scenarios(name) if is_mrpb(name) else barn_scenarios(name)
+            if is_mrpb(name):
+                return mrpb_scenarios(name)
+            if os.path.isfile(file := os.path.join(name, MAP)):
+                raise of_no_scenario(file, f"{CASES} or {CONFIG} is missing")
+            return barn_scenarios(name)
         if name.lower().endswith(_PROBLEMS):
             return scenarios_of_problems(name)
     return (field_scenario_from_file(name, spec),)
@@ -207,9 +211,10 @@ def _means_file(name: str) -> bool:
     name = os.fspath(name)
     if not isinstance(name, str):
         raise ValueError(f"scenario must be a name or a file, got {shown(name)}")
-    if _has_suffix(name) and ("\0" in name or (not name.isprintable() and not os.path.exists(name))):
+    meant = _has_suffix(name) or name.lower().endswith(MAP_SUFFIXES) or os.path.isabs(name) or name[:1] in (".", "~")
+    if meant and ("\0" in name or (not name.isprintable() and not os.path.exists(name))):
         raise ValueError(f"scenario {shown(name)} is no name of a file")
-    return _has_suffix(name) or os.path.exists(name)
+    return meant or os.path.exists(name)
 
 
 def _has_suffix(name: str) -> bool:

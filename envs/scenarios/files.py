@@ -18,7 +18,7 @@ from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, closing, origin_to_su
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.world.paths import Path
 from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
-from wayfield.system.objects import FileNote, check_keys, fault, json_object, read_text
+from wayfield.system.objects import FileNote, check_keys, check_ordinary, fault, json_object, read_text
 from wayfield.system.readers import reader
 
 _PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
@@ -44,7 +44,7 @@ _ROOM = "type octile\nheight 4\nwidth 5\nmap\n.....\n.@T@.\n...@.\n.....\n"
 @reader("path scenario", "path.json", {"path.json": _PATH})
 @reader("path scenario of a table", "path.json", {"path.json": '{"path_file": "table.csv"}', "table.csv": _TABLE})
 def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
-    """Returns the path-following scenario of a .csv, .txt or .json file, its positions multiplied by `scale`.
+    """Returns the path-following scenario of a table or a .json file, its positions multiplied by `scale`.
 
     For tables see `path_from_table`. A JSON file holds one object: "path" [[x, y], ...] or "path_file" (a
     table, relative to the JSON file), and as wanted "closed", "laps", "start" [x, y, heading],
@@ -62,7 +62,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
         except ValueError as error:
             raise fault(file, error) from None
     if suffix.lower() != ".json":
-        raise _of_no_scenario(file, "a path is read from .csv, .txt or .json")
+        raise of_no_scenario(file, f"a path is read from {', '.join(TABLE_SUFFIXES)} or .json")
     fields = json_object(file)
     check_keys(file, "", fields, _PATH_FIELDS)
     if ("path" in fields) == ("path_file" in fields):
@@ -115,7 +115,7 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
     """
     name, suffix = os.path.splitext(os.path.basename(file))
     if suffix.lower() != ".json":
-        raise _of_no_scenario(file, "a goal scenario is read from .json", spec.kind)
+        raise of_no_scenario(file, "a goal scenario is read from .json", spec.kind)
     fields = json_object(file)
     kind = spec.kind
     if kind == _GOAL:
@@ -142,8 +142,12 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
     return scenario
 
 
-def _of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
-    """Returns the error of a file by whose name it is no scenario; of a map it shows the scenario to write."""
+def of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
+    """Returns the error of a file by whose name it is no scenario; of a map it shows the scenario to write.
+
+    Raises FileNotFoundError where there is none.
+    """
+    check_ordinary(file, f"{file}:")
     name, suffix = os.path.basename(file), os.path.splitext(file)[1]
     if suffix.lower() not in MAP_SUFFIXES:
         return fault(file, f"suffix {suffix!r} is not known; {wanted}")
@@ -164,7 +168,7 @@ def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
 def _table_path(file: str, table: Any, closed: bool | None, scale: float) -> Path:
     """Returns the path of the table that a JSON file names, closed as it or else the table says."""
     if not isinstance(table, str) or os.path.splitext(table)[1].lower() not in TABLE_SUFFIXES:
-        raise ValueError(f"path_file is {shown(table)}; it must be the name of a .csv or .txt file")
+        raise ValueError(f"path_file is {shown(table)}; it must be the name of a table, {', '.join(TABLE_SUFFIXES)}")
     return path_from_table(os.path.join(os.path.dirname(file), table), scale, closed)
 
 

@@ -17,7 +17,7 @@ from wayfield.system.checks import FARTHEST, MOST_POINTS, real, shown
 from wayfield.system.objects import FileNote, read_text
 from wayfield.system.readers import reader
 
-TABLE_SUFFIXES = (".csv", ".txt")
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt")
 _COPPELIASIM_COLUMNS = 7  # x, y, z, qx, qy, qz, qw
 SAME_PLACE = 1e-3  # m, within which the last point of a circuit is the first one again
 _UNIT = 0.01  # by which the squares of a quaternion may sum to something else than 1
@@ -27,15 +27,19 @@ _TRACK_WIDTHS = {"w_tr_right_m", "w_tr_left_m"}  # name the circuits of the TUM 
 _NUMERAL = re.compile(
     r"[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII
 )
+_COMMENT = re.compile(r"^(?:[#%\s]|//)+")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 # Words of a header, camel case apart. A column of x is named so alone, or beside these words, the first set first.
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
 _AS_X = {"easting": "x", "east": "x", "northing": "y", "north": "y"}
+_UNITS = {**dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0), "cm": 0.01, "mm": 0.001}
 _BESIDE_X: tuple[frozenset[str], ...] = (
     frozenset(),
-    frozenset({"m", "meter", "meters", "metre", "metres"}),
-    frozenset({"m", "pos", "position", "pose", "point", "poses", "translation"}),
-    frozenset({"m", "waypoint", "world", "map", "odom", "local", "utm", "coord", "ref", "center", "centre"}),
+    frozenset(_UNITS),
+    frozenset({*_UNITS, "pos", "position", "pose", "point", "poses", "translation"}),
+    frozenset(
+        {*_UNITS, "waypoint", "world", "map", "odom", "local", "utm", "coord", "coordinate", "ref", "center", "centre"}
+    ),
 )
 _NO_PLACE = {"orientation", "rotation", "twist", "linear", "angular", "velocity", "vel", "acceleration", "covariance"}
 _DEGREES = ({"lat", "latitude"}, {"lon", "lng", "long", "longitude"})
@@ -51,6 +55,7 @@ class _Layout:
     columns: tuple[int, int]  # of x and y
     named: bool  # whether a header named the columns
     circuit: bool  # closed although the last point does not repeat the first
+    unit: float  # m, of x and y
 
 
 _POSES = "".join(f"{x}, 0.5, 0, 0, 0, 0, 1\n" for x in range(5))
@@ -66,11 +71,11 @@ _RACING_LINE = "# s_m; x_m; y_m; psi_rad\n0; 0; 0; 0\n1; 1; 0; 0\n2; 2; 0.1; 0.1
 def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -> Path:
     """Returns the path of a text table, its coordinates multiplied by `scale`.
 
-    Read are: columns named in a header, among any others: x and y, with a unit (x_m, "x [m]"), as positions of ROS
+    Read are: columns named in a header, among any others: x and y, with a unit (x_m, "x [mm]"), as positions of ROS
     messages (field.pose.position.x, /odom/pose/pose/position/x, pos_x) or as easting and northing; two columns x, y
     without a header; seven columns x, y, z, qx, qy, qz, qw without a header (CoppeliaSim's customData.PATH); circuits
     with the header `# x_m,y_m,w_tr_right_m,w_tr_left_m` (TUMFTM/racetrack-database). Separated by semicolons, commas,
-    tabs or other white space; a # starts a comment.
+    tabs or other white space; a # starts a comment, and quotation marks are left out.
 
     Unless it is said by `closed`, the path is closed for a circuit and where the table comes back to its start; see
     `closing`. A line says so where the last point does not repeat the first to the digit.
@@ -79,12 +84,13 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
         ValueError: if the file is no such table; one line that starts with file:line.
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
-    lines = read_text(file).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines = read_text(file).replace('"', "").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if len(lines) > 2 * MOST_POINTS:
         raise _fault(file, 2 * MOST_POINTS, f"the table goes on; it must have at most {MOST_POINTS} points")
     layout = _layout(file, lines)
     points = _points(file, lines, layout)
     first = points[0].tolist()
+    scale *= layout.unit
     with np.errstate(over="ignore"):  # an infinite product is reported below
         points *= scale
     far = np.flatnonzero(~(np.abs(points) <= FARTHEST).all(axis=1))  # true for NaN as well
@@ -99,8 +105,10 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
     same = np.flatnonzero((np.diff(points, axis=0) == 0.0).all(axis=1))
     if len(same):
         line = _line_of(lines, layout, same[0] + 1)
-        at = points[same[0]].tolist()
-        raise _fault(file, line, f"point {at} repeats the one before it; remove the row")
+        others = (
+            f"; {len(same) - 1} more rows do so: keep one row for each place" if len(same) > 1 else "; remove the row"
+        )
+        raise _fault(file, line, f"point {points[same[0]].tolist()} repeats the one before it{others}")
     points, closed, said = closing(points, closed, layout.circuit)
     if said:
         where = (
@@ -163,7 +171,7 @@ def _layout(file: str, lines: list[str]) -> _Layout:
     columns = None
     for i, line in enumerate(lines):
         if line.lstrip().startswith("#"):
-            told = _header(line.lstrip("# \t"))
+            told = _header(line)
             if found := _xy_columns(file, i + 1, told):
                 names, columns = told, found
             continue
@@ -173,16 +181,19 @@ def _layout(file: str, lines: list[str]) -> _Layout:
         if not fields:
             continue
         number = [_NUMERAL.fullmatch(field) or _DECIMAL_COMMA.fullmatch(field) for field in fields]
-        if not names and not any(number):
-            names = _header(text)
-            columns = _xy_columns(file, i + 1, names)
-            if not columns:
-                raise _fault(
-                    file,
-                    i + 1,
-                    f"{shown(text)} is neither a row of numbers nor a header with columns x and y",
-                )
-            continue
+        if not any(number):
+            told = _header(text)
+            if found := _xy_columns(file, i + 1, told):
+                names, columns = told, found
+                continue
+            raise _fault(
+                file,
+                i + 1,
+                f"{shown(text)} is no row of numbers; remove it, or put a # before it"
+                if names
+                else f"{shown(text)} is neither a row of numbers, such as 1.5,0.2, nor a header that names the columns "
+                "of the place x and y, such as x,y,speed",
+            )
         separated = f"the columns are separated by {_SEPARATORS[delimiter]}"
         # with white space a field left out would shift the others
         if names and (len(fields) <= max(columns or ()) or (delimiter is None and len(fields) != len(names))):
@@ -196,9 +207,9 @@ def _layout(file: str, lines: list[str]) -> _Layout:
                 f"(x, y, z, qx, qy, qz, qw): name them in a first line, such as x,y,speed; {separated}, decimals have "
                 "a point",
             )
-        return _Layout(
-            i, delimiter, len(fields), columns or (0, 1), bool(names), {name.lower() for name in names} >= _TRACK_WIDTHS
-        )
+        circuit = {name.lower() for name in names} >= _TRACK_WIDTHS
+        units = [_UNITS[each] for each in _words(names[columns[0]]) if each in _UNITS] if columns else []
+        return _Layout(i, delimiter, len(fields), columns or (0, 1), bool(names), circuit, *(units[:1] or [1.0]))
     raise _fault(file, len(lines), "the table has no points")
 
 
@@ -262,8 +273,14 @@ def _separator(text: str) -> str | None:
 
 
 def _header(text: str) -> list[str]:
-    """Returns the names in a header, without quotation marks."""
-    return [field.strip(" \"'") for field in text.strip().split(_separator(text.strip()))]
+    """Returns the names in a header, without what marks it as a comment."""
+    text = _COMMENT.sub("", text.strip())
+    return [field.strip(" '") for field in text.split(_separator(text))]
+
+
+def _words(name: str) -> list[str]:
+    """Returns the words that a column's name consists of, x and y for what means them."""
+    return [_AS_X.get(each.lower(), each.lower()) for each in _WORD.findall(name)]
 
 
 def _xy_columns(file: str, line: int, names: list[str]) -> tuple[int, int] | None:
@@ -272,13 +289,13 @@ def _xy_columns(file: str, line: int, names: list[str]) -> tuple[int, int] | Non
     Raises:
         ValueError: if several could be meant, or places are given in degrees.
     """
-    words = [[_AS_X.get(each.lower(), each.lower()) for each in _WORD.findall(name)] for name in names]
+    words = [_words(name) for name in names]
     for beside in _BESIDE_X:
         pairs = []
         for k, each in enumerate(words):
             own = set(each) - {"x"}
             # of a ROS topic any words stand before; of its messages the last ones tell
-            if each.count("x") == 1 and (own <= beside or (own & beside - {"m"} and not own & _NO_PLACE)):
+            if each.count("x") == 1 and (own <= beside or (own & beside - _UNITS.keys() and not own & _NO_PLACE)):
                 other = ["y" if word == "x" else word for word in each]
                 if other in words:
                     pairs.append((k, words.index(other)))

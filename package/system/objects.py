@@ -29,7 +29,9 @@ def read_text(file: str) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise ValueError(f"{file}:{line}: byte {content[error.start]:#04x} is no UTF-8; it must be text") from None
+        raise ValueError(
+            f"{file}:{line}: byte {content[error.start]:#04x} is no UTF-8; it must be text, saved as UTF-8"
+        ) from None
     return text
 
 

@@ -322,7 +322,7 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
         (b"1,2\n3,4\n1,2\n", 2, "ends after 2 distinct point(s); a closed path needs at least 3"),
         (b"0,0\n# c\n1,2\n1,2\n5,5\n", 4, "point [1.0, 2.0] repeats the one before it"),
         (b"0,0\n1,two\n3,4\n", 2, "'two' is not a number"),
-        (b"a,b\n1,2\n", 1, "'a,b' is neither a row of numbers nor a header with columns x and y"),
+        (b"a,b\n1,2\n", 1, "'a,b' is neither a row of numbers, such as 1.5,0.2, nor a header"),
         (b"0,0\n1e300,1\n", 2, "or beyond 1e+06 m"),
         (b"0,0\n1,1\n2\n", 3, "has 1 column(s), the first row has 2"),
         (b"0,0\n1,1\n\x93NUMPY\xff\n", 3, "byte 0x93 is no UTF-8"),
@@ -347,7 +347,7 @@ def test_missing_files_and_folders(tmp_path: FilePath) -> None:
     folder.mkdir()
     with pytest.raises(ValueError, match=r"folder\.csv:1: is a folder"):
         path_scenarios(str(folder))
-    with pytest.raises(ValueError, match="suffix '' is not known"):
+    with pytest.raises(ValueError, match="is a folder or a device; it must be a file"):
         path_scenarios(str(tmp_path))
     with pytest.raises(ValueError, match=r"suffix '\.csv' is not known; a goal scenario is read from \.json"):
         goal_scenarios(str(folder), 0.3)
@@ -455,7 +455,7 @@ def written(folder: FilePath, content: object, name: str = "mine.json") -> str:
         ({"path": [[0, 0], [1, 1]], "closed": "yes"}, "closed is 'yes'; it must be true or false"),
         (
             {"path_file": "scenario.json"},
-            "path_file is 'scenario.json'; it must be the name of a .csv or .txt",
+            "path_file is 'scenario.json'; it must be the name of a table, .csv",
         ),
     ],
 )

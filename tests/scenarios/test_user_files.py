@@ -104,6 +104,8 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
          "field.twist.twist.linear.y", "9,odom,{0},{1},7,7,7,7"),
         ("__time,/odom/pose/pose/position/x,/odom/pose/pose/position/y", "9,{0},{1}"),
         ("t\tposX\tposY\tvelX\tvelY", "9\t{0}\t{1}\t7\t7"), ("northing,easting,zone", "{1},{0},32N"),
+        ("x_mm,y_mm", "{0}e3,{1}e3"), ("t;Y [cm];X [cm]", "9;{1}e2;{0}e2"), ("% x y", "{0} {1}"),
+        ("// x_coordinate, y_coordinate", "{0}, {1}"), ('"x","y","name"', '"{0}","{1}","a"'),
     ):  # fmt: skip
         file.write_text(head + "\n" + "".join(row.format(*point) + "\n" for point in points))
         path = path_from_table(str(file), 2.0)
@@ -178,6 +180,10 @@ def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_
         ("1,5 2,5\n", ":1: '1,5' is not a number; write its decimals with a point; .* by white space"),
         ("1,5,2,5\n", ":1: .* has 4 column.* by commas, decimals have a point"),
         ("1;2;3\n", ":1: .* has 3 column.* name them in a first line, such as x,y,speed; .* by semicolons"),
+        ("cx,cy\n0,0\n1,1\n", ":1: 'cx,cy' is neither a row .* names the columns of the place x and y"),
+        ("(0, 0)\n(1, 1)\n", ":1: .* is neither a row of numbers, such as 1.5,0.2, nor"),
+        ("t,x,y\n[s],[m],[m]\n0,0,0\n1,1,1\n", r":2: '\[s\],\[m\],\[m\]' is no row of numbers; remove it, or put a #"),
+        ("x,y\n0,0\n0,0\n0,0\n1,1\n1,1\n", ":3: point .* repeats the one before it; 2 more rows do so: keep one"),
         ("x,y\n0,0\n,\n1,1\n", ":3: a column is empty; leave out the row"),
         ("# lat,lon\n48.1,11.5\n48.2,11.5\n", ":1: latitude and longitude are degrees; project them to metres"),
         ("/a/position/x,/a/position/y,/b/position/x,/b/position/y\n0,0,1,1\n", "/b/position/x' could both be x; leave"),
@@ -208,6 +214,20 @@ def test_a_map_alone_is_answered_with_a_scenario_that_can_be_read(tmp_path: Path
     (tmp_path / "mine.json").write_text(json.dumps(told))
     gymnasium.make(f"wayfield/DiffDrive{'Docking' if task == 'Docking' else 'GoalObstacles'}-v0",
                    scenario=str(tmp_path / "mine.json"))  # fmt: skip
+
+
+@pytest.mark.parametrize("task", ["PathFollowing", "GoalObstacles", "Docking", "People"])
+@pytest.mark.parametrize("name", ["office.yaml", "plan.pgm", "track.tsv", "scene.json", "./track", "/no/folder"])
+def test_a_file_that_is_missing_is_said_to_be(name: str, task: str) -> None:
+    with pytest.raises(OSError, match=r"there is no file /") as refused:
+        gymnasium.make(f"wayfield/DiffDrive{task}-v0", scenario=name)
+    assert str(refused.value).endswith(name.removeprefix("."))
+
+
+def test_a_folder_of_a_map_without_cases_is_answered_with_a_scenario(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text("image: office.pgm\n")
+    with pytest.raises(ValueError, match=r"map\.yaml: is a map; .* write .* to mine.json beside it"):
+        gymnasium.make("wayfield/DiffDriveGoalObstacles-v0", scenario=str(tmp_path))
 
 
 @pytest.mark.parametrize(
