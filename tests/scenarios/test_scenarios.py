@@ -349,8 +349,9 @@ def test_missing_files_and_folders(tmp_path: FilePath) -> None:
         path_scenarios(str(folder))
     with pytest.raises(ValueError, match="is a folder or a device; it must be a file"):
         path_scenarios(str(tmp_path))
+    (tmp_path / "path.csv").touch()
     with pytest.raises(ValueError, match=r"suffix '\.csv' is not known; a goal scenario is read from \.json"):
-        goal_scenarios(str(folder), 0.3)
+        goal_scenarios(str(tmp_path / "path.csv"), 0.3)
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6, allow_subnormal=False)] * 2), min_size=2, max_size=30, unique=True))
