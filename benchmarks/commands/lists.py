@@ -62,7 +62,7 @@ def scenarios(names: tuple[str, ...]) -> None:
         for family in (each for each in spec.families if each in chosen):
             tiers = [tier for name in SPLITS for tier in splits.tiers(spec.name, family, name)]
             there = ", ".join(tier for tier in TIERS if tier in tiers) or "not frozen"
-            rows.append([family, there, spec.repertoire.about[family]])
+            rows.append([family, there, spec.families[family].about])
         if rows:
             _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
     sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())

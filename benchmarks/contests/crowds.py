@@ -101,12 +101,8 @@ TEAMS = Contest(
         True: Film("orca_team", "crossing_4/test", 0, "omni3"),
     },
     scenes={
-        "open": tuple(each for each in _TEAMS.families if each.startswith(("head_on", "crossing", "circle", "open"))),
-        "walls": tuple(
-            each
-            for each in _TEAMS.families
-            if each.startswith(("doorway", "corridor", "intersection", "bottleneck", "rooms", "hall"))
-        ),
+        "open": tuple(name for name, family in _TEAMS.families.items() if not family.walled),
+        "walls": tuple(name for name, family in _TEAMS.families.items() if family.walled),
     },
     on_request=ON_REQUEST,
 )

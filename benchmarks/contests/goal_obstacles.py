@@ -85,8 +85,8 @@ GOAL_OBSTACLES = Contest(
         "Policies that know the map are told what others must find out: they are an upper reference. Simulation only."
     ),
     scenes={
-        "still": tuple(family for family in _SPEC.families if not family.startswith("moving")),
-        "moving": tuple(family for family in _SPEC.families if family.startswith("moving")),
+        "still": tuple(name for name, family in _SPEC.families.items() if not family.moving),
+        "moving": tuple(name for name, family in _SPEC.families.items() if family.moving),
     },
     timed_on="clutter_10",
     score=score,

@@ -18,6 +18,7 @@ from wayfield.envs.crowds.people import stroll
 from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import scenarios_of, spec_of
 from wayfield.envs.scenarios.team_scenario import TeamScenario
+from wayfield.envs.tasks.specs import CROWDS
 from wayfield.policies.pilot import Pilot
 
 Array = NDArray[np.float64]
@@ -29,7 +30,6 @@ CLOSE = 0.5  # m: Francis et al. 2023
 DANGER = 0.2  # m, between hulls: CrowdNav's
 AHEAD = 1.25  # s, of AttnGraph's intrusion
 WALL, ROBOT, PERSON = 1, 2, 3  # what `touched` says
-GAPS = {"doorway": 0.9, "bottleneck": 0.9, "corridor": 2.4, "intersection": 2.4}  # m, by what families begin with
 _KEPT = (
     *("steps", "x", "y", "heading", "vx", "vy", "yaw_rate", "saturated", "clearance", "gap"),
     *("wheel_vx", "wheel_vy", "wheel_yaw_rate"),
@@ -172,7 +172,7 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
             lengths[i] = step + 1
             faults[i] = _faults(pilots[int(theirs[i])].memory, i)
     for w, k in enumerate(of_world.tolist()):
-        scenario = task.scenarios[k]
+        scenario, family = task.scenarios[k], task.scenarios[k].family
         driven = []
         for r in range(n):
             i = w * n + r
@@ -192,7 +192,7 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
             scenario.walks["radius"].astype(np.float64),
             task.robot.hull_radius,
             task.parks,
-            next((wide for name, wide in GAPS.items() if scenario.family.startswith(name)), math.nan),
+            next((each.families[family].gap for each in CROWDS.values() if family in each.families), math.nan),
             mine if case.beside else None,
             np.column_stack([scenario.walks["goal_x"], scenario.walks["goal_y"]]),
         )

@@ -103,7 +103,7 @@ def scenes(count: int) -> tuple[GoalScenario, ...]:
     for family in (*STILL, *MOVING):
         seed, wanted = FIRST_SEED, len(found) + count * (MORE if family in MOVING else 1)
         while len(found) < wanted:
-            scenario = spec.families[family](seed)
+            scenario = spec.families[family].make(seed)
             seed += 1
             if spec.feasible(scenario):
                 found.append(scenario)
@@ -138,7 +138,7 @@ def drive(name: str, condition: Condition, bank: Sequence[GoalScenario]) -> list
     """Returns of each scene whether an entry arrives, whether it collides, and the time (s)."""
     robot, speed = condition.robot, condition.speed
     env: Any = gymnasium.make_vec(
-        f"wayfield/{'Omni' if robot.holonomic else 'DiffDrive'}GoalObstacles-v0",
+        TASKS["goal_reaching"].env_id(robot),
         len(bank),
         scenario=tuple(fitted(each, robot.hull_radius) for each in bank),
         robot=robot,

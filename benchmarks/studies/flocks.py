@@ -77,10 +77,7 @@ AGENTS = {
 }
 PPO_SEEDS = 3  # of the agents for one robot
 # those of one kind of field together, in the order of the page
-KINDS = {
-    "open": ("head_on", "crossing", "circle", "open"),
-    "walls": ("doorway", "corridor", "intersection", "bottleneck", "rooms", "hall"),
-}
+KINDS = {"open": False, "walls": True}  # whether families are walled
 CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided", "team_scan")
 CROSS_FAMILIES = ("circle_8", "open_8", "doorway_4", "corridor_8", "intersection_8")
 # at 1 m/s CrowdNav's 500 tests and, for as long as AttnGraph gives its robot, its crowd; then our families
@@ -191,7 +188,7 @@ def team_parts(
 ) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
     """Yields the parts of the teams: an entry in a family."""
     for family in families:
-        count = large if size_of(family) > LARGE else worlds
+        count = large if TEAM_FAMILIES[family].team > LARGE else worlds
         for entry in (each for name in names for each in entries(name)):
 
             def drives(entry: str = entry, family: str = family, count: int = count) -> list[Sequence[Any]]:
@@ -201,9 +198,9 @@ def team_parts(
             yield {"family": family, "policy": entry}, drives
 
 
-def size_of(family: str) -> int:
-    """Returns how many robots the teams of a family have."""
-    return 2 if family.startswith("head_on") else int(family.rpartition("_")[2])
+def is_of(kind: str, family: str) -> bool:
+    """Returns whether a family of teams is of a kind of KINDS."""
+    return TEAM_FAMILIES[family].walled == KINDS[kind]
 
 
 def _rows_of(setting: Setting) -> list[Mapping[str, Any]]:
@@ -457,9 +454,9 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
             families = list(dict.fromkeys(row["family"] for row in both))
             if law not in {row["policy"].partition(" seed ")[0] for row in both}:
                 continue
-            small = [each for each in families if size_of(each) <= TESTED]
+            small = [each for each in families if TEAM_FAMILIES[each].team <= TESTED]
             kinds = {"all": families} | ({} if small == families else {UP_TO: small})
-            kinds |= {kind: [each for each in families if each.startswith(begins)] for kind, begins in KINDS.items()}
+            kinds |= {kind: [each for each in families if is_of(kind, each)] for kind in KINDS}
             for kind, members in kinds.items():
                 here = [row for row in both if row["family"] in members]
                 found = less(here, agent, law, "solved")
@@ -547,8 +544,8 @@ CHOOSING = "choosing.md"  # beside the folder of results
 BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
 LEAST_ACCESS = ("team_scan", "ppo", "vfh_plus", "dwa")  # who see by beams alone; all others see bodies
 PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
-    "Drive in a team, in the open": ("solved", lambda row: row["family"].startswith(KINDS["open"])),
-    "Drive in a team, among walls": ("solved", lambda row: row["family"].startswith(KINDS["walls"])),
+    "Drive in a team, in the open": ("solved", lambda row: is_of("open", row["family"])),
+    "Drive in a team, among walls": ("solved", lambda row: is_of("walls", row["family"])),
     "Go among people who see the robot": ("success", lambda row: row.get("contest") == "people-seen"),
     "Go among people who do not": ("success", lambda row: row.get("contest") == "people-unseen"),
 }
@@ -597,7 +594,7 @@ def rival(rows: Sequence[Row], agent: str, laws: Sequence[str], metric: str) -> 
 
 def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns what README says of agents among others: a table, losses included, and a film with what it shows."""
-    small = [row for row in teams if size_of(row["family"]) <= TESTED]
+    small = [row for row in teams if TEAM_FAMILIES[row["family"]].team <= TESTED]
     laws = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS)
     by_scan = tuple(law for law in laws if law in LEAST_ACCESS)
     told = tuple(law for law in laws if law not in LEAST_ACCESS)
@@ -643,7 +640,7 @@ More, by family: [agents among others](docs/results/flocks.md)."""
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
     """Returns the rows of one kind of field."""
-    return [row for row in rows if row["family"].startswith(KINDS[kind])]
+    return [row for row in rows if is_of(kind, row["family"])]
 
 
 def of_contest(rows: Iterable[Row], contest: str) -> list[Row]:

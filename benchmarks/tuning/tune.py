@@ -87,8 +87,7 @@ def searched_families(contest: Contest) -> tuple[str, ...]:
     found = contest.tuned_on or contest.families("kinematic")
     if contest.spec.name not in CROWDS:
         return found
-    first = {family: scenarios_of(contest.spec, f"{family}/{SEARCH_SPLIT}", LARGEST_HULL)[0] for family in found}
-    return tuple(family for family in found if first[family].team <= LARGEST_TEAM)
+    return tuple(family for family in found if contest.spec.families[family].team <= LARGEST_TEAM)
 
 
 @dataclasses.dataclass(frozen=True)

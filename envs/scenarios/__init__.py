@@ -17,7 +17,7 @@ from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_c
 from wayfield.envs.scenarios.splits import SPLITS, split
 from wayfield.envs.tasks.specs import TASKS, TIERS, Cost, TaskSpec, spec_of, task_spec
 
-FAMILIES = {name: spec.families for name, spec in TASKS.items()}  # scenarios from a seed, by task and family
+FAMILIES = {name: spec.families for name, spec in TASKS.items()}  # by task and name
 
 __all__ = [
     "FAMILIES",

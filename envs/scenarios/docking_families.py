@@ -26,7 +26,7 @@ from wayfield.envs.scenarios.goal_families import (
 )
 from wayfield.envs.scenarios.obstacles import box, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
-from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.tasks.specs import Family, Repertoire
 from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
 from wayfield.envs.world.movers import any_moves
@@ -94,7 +94,7 @@ class DockingScenario(GoalScenario):
         return [*super().decisive(), self.closing]
 
 
-def _family(name: str, dock: Callable[[Draw, Frame], "Dock | None"]) -> Callable[[int], DockingScenario]:
+def _family(name: str, about: str, dock: Callable[[Draw, Frame], "Dock | None"], **known: Any) -> Family:
     """Returns the family of a random dock."""
 
     def scenario(seed: int) -> DockingScenario:
@@ -115,7 +115,7 @@ def _family(name: str, dock: Callable[[Draw, Frame], "Dock | None"]) -> Callable
             family=name,
         )
 
-    return scenario
+    return Family(name, about, scenario, **known)
 
 
 def _within(heading: float) -> float:
@@ -235,21 +235,16 @@ DOCKING_SCENARIOS: Mapping[str, Callable[[float], tuple[DockingScenario, ...]]] 
     "sideways": _sideways,
 }
 
-DOCKING_FAMILIES: Mapping[str, Callable[[int], DockingScenario]] = {
-    "open": _family("open", _open),
-    "behind": _family("behind", _behind),
-    "wall": _family("wall", _wall),
-    "berth": _family("berth", _berth),
-    "moving": _family("moving", _moving),
+DOCKING_FAMILIES: Mapping[str, Family] = {
+    family.name: family
+    for family in (
+        _family("open", "nothing in the way, from any direction to any heading, at most 3 m", _open),
+        _family("behind", "the pose lies beside or behind the robot and looks its way", _behind),
+        _family("wall", "back up to a wall, 0.05 m from the hull", _wall),
+        _family("berth", "between two boxes, 0.05 to 0.2 m from the hull on either side", _berth),
+        _family("moving", "beyond a disc that goes to and fro", _moving, moving=True),
+    )
 }
 
 
-ABOUT: Mapping[str, str] = {
-    "open": "nothing in the way, from any direction to any heading, at most 3 m",
-    "behind": "the pose lies beside or behind the robot and looks its way",
-    "wall": "back up to a wall, 0.05 m from the hull",
-    "berth": "between two boxes, 0.05 to 0.2 m from the hull on either side",
-    "moving": "beyond a disc that goes to and fro",
-}
-
-REPERTOIRE = Repertoire(DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, ABOUT, manoeuvre, feasible)
+REPERTOIRE = Repertoire(DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, manoeuvre, feasible)

@@ -30,7 +30,7 @@ def frozen(spec: TaskSpec, family: str, name: str) -> dict[str, Any]:
     scenarios: list[Any] = []
     seed = _FIRST_SEEDS[name]
     while len(seeds) < splits.SPLITS[name]:
-        scenario = spec.families[family](seed)
+        scenario = spec.families[family].make(seed)
         if spec.feasible(scenario):
             # what claims are about is kept to the digit that their hash knows
             quantity = spec.quantity(scenario)

@@ -7,6 +7,7 @@ without a way; the frozen splits hold those for which a way was found, for a dis
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from wayfield.envs.scenarios.draws import Draw, Frame, rounded
 from wayfield.envs.scenarios.goal_presets import GOAL_SCENARIOS
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario
-from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.tasks.specs import Family, Repertoire
 from wayfield.envs.world.geometry import clearance, clearance_to
 from wayfield.system.elementary import bearing, sin_cos
 
@@ -35,7 +36,7 @@ Lane = tuple[Point, Point, float]  # the ends of a disc's patrol and its radius,
 Field = tuple[Point, Point, Iterable[np.void]]
 
 
-def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int], GoalScenario]:
+def _family(name: str, about: str, field: Callable[[Draw], "Field | None"], **known: Any) -> Family:
     """Returns the family of a random field. The robot starts in any direction, or looks at the goal."""
 
     def scenario(seed: int) -> GoalScenario:
@@ -55,7 +56,7 @@ def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int
             family=name,
         )
 
-    return scenario
+    return Family(name, about, scenario, **known)
 
 
 # ---- what the fields are built from
@@ -418,7 +419,7 @@ def room_on_the_way(scenario: GoalScenario) -> float:
 def feasible(scenario: GoalScenario) -> bool:
     """Returns whether the largest robot has room at start and goal and a way past all that stands, not too long."""
     obstacles = scenario.obstacles
-    spare = _LEAST_SPARE if scenario.family == "near_goal" else ROOM
+    spare = GOAL_FAMILIES[scenario.family].goal_room
     return (
         clearance(obstacles, len(obstacles), *scenario.start[:2]) >= LARGEST_HULL + ROOM
         and clearance(obstacles, len(obstacles), *scenario.goal[:2]) >= LARGEST_HULL + spare
@@ -428,53 +429,44 @@ def feasible(scenario: GoalScenario) -> bool:
     )
 
 
-GOAL_FAMILIES: Mapping[str, Callable[[int], GoalScenario]] = {
-    "open_fields": _family("open_fields", _open_field),
-    "collinear_exact": _family("collinear_exact", _collinear(0.0)),
-    "collinear_1mm": _family("collinear_1mm", _collinear(0.001)),
-    "collinear_2cm": _family("collinear_2cm", _collinear(0.02)),
-    "near_goal": _family("near_goal", _near_goal),
-    "clutter_5": _family("clutter_5", _clutter(0.05)),
-    "clutter_10": _family("clutter_10", _clutter(0.10)),
-    "clutter_15": _family("clutter_15", _clutter(0.15)),
-    "doors_narrow": _family("doors_narrow", _door(0.65)),
-    "doors_medium": _family("doors_medium", _door(0.80)),
-    "doors_wide": _family("doors_wide", _door(1.00)),
-    "u_traps_05": _family("u_traps_05", _u_trap(0.5)),
-    "u_traps_15": _family("u_traps_15", _u_trap(1.5)),
-    "u_traps_30": _family("u_traps_30", _u_trap(3.0)),
-    "corridors": _family("corridors", _corridor),
-    "rooms": _family("rooms", _rooms),
-    "moving_crossing": _family("moving_crossing", _crossing),
-    "moving_head_on": _family("moving_head_on", _along((0.2, 0.5), (0.65, 0.8), (0.15, 0.3), (0.0, 0.3))),
-    "moving_overtaking": _family("moving_overtaking", _along((0.1, 0.25), (0.2, 0.35), (0.7, 0.85), (0.0, 0.3))),
-    "moving_crowd": _family("moving_crowd", _crowd),
-    "push_boxes": _family("push_boxes", _push_boxes),
+GOAL_FAMILIES: Mapping[str, Family] = {
+    family.name: family
+    for family in (
+        _family("open_fields", "nothing in the way, 4 to 9 m", _open_field),
+        _family("collinear_exact", "one or two boxes or discs exactly on the straight line", _collinear(0.0)),
+        _family("collinear_1mm", "the same, 1 mm beside the line", _collinear(0.001)),
+        _family("collinear_2cm", "the same, 2 cm beside the line", _collinear(0.02)),
+        _family(
+            "near_goal", "obstacles that leave the hull 0.05 to 0.25 m at the goal", _near_goal, goal_room=_LEAST_SPARE
+        ),
+        _family("clutter_5", "discs over 5 per cent of a walled square of 10 m", _clutter(0.05)),
+        _family("clutter_10", "discs over 10 per cent of it", _clutter(0.10)),
+        _family("clutter_15", "discs over 15 per cent of it", _clutter(0.15)),
+        _family("doors_narrow", "a wall across the square with one door of 0.65 m", _door(0.65)),
+        _family("doors_medium", "a wall across the square with one door of 0.8 m", _door(0.80)),
+        _family("doors_wide", "a wall across the square with one door of 1 m", _door(1.00)),
+        _family("u_traps_05", "a U of walls 0.5 m deep, open towards the robot", _u_trap(0.5)),
+        _family("u_traps_15", "a U of walls 1.5 m deep", _u_trap(1.5)),
+        _family("u_traps_30", "a U of walls 3 m deep", _u_trap(3.0)),
+        _family("corridors", "one bend or two, 0.9 to 1.4 m wide", _corridor),
+        _family("rooms", "four or six rooms with doors of 0.8 to 1.2 m", _rooms),
+        _family("moving_crossing", "one to three discs that cross the straight line", _crossing, moving=True),
+        _family(
+            "moving_head_on",
+            "one or two discs that come towards the robot",
+            _along((0.2, 0.5), (0.65, 0.8), (0.15, 0.3), (0.0, 0.3)),
+            moving=True,
+        ),
+        _family(
+            "moving_overtaking",
+            "one or two slow discs that go the robot's way",
+            _along((0.1, 0.25), (0.2, 0.35), (0.7, 0.85), (0.0, 0.3)),
+            moving=True,
+        ),
+        _family("moving_crowd", "8 to 30 discs that go to and fro in the square", _crowd, moving=True),
+        _family("push_boxes", 'boxes that can be pushed, for dynamics="pymunk"', _push_boxes, needs_pymunk=True),
+    )
 }
 
 
-ABOUT: Mapping[str, str] = {
-    "open_fields": "nothing in the way, 4 to 9 m",
-    "collinear_exact": "one or two boxes or discs exactly on the straight line",
-    "collinear_1mm": "the same, 1 mm beside the line",
-    "collinear_2cm": "the same, 2 cm beside the line",
-    "near_goal": "obstacles that leave the hull 0.05 to 0.25 m at the goal",
-    "clutter_5": "discs over 5 per cent of a walled square of 10 m",
-    "clutter_10": "discs over 10 per cent of it",
-    "clutter_15": "discs over 15 per cent of it",
-    "doors_narrow": "a wall across the square with one door of 0.65 m",
-    "doors_medium": "a wall across the square with one door of 0.8 m",
-    "doors_wide": "a wall across the square with one door of 1 m",
-    "u_traps_05": "a U of walls 0.5 m deep, open towards the robot",
-    "u_traps_15": "a U of walls 1.5 m deep",
-    "u_traps_30": "a U of walls 3 m deep",
-    "corridors": "one bend or two, 0.9 to 1.4 m wide",
-    "rooms": "four or six rooms with doors of 0.8 to 1.2 m",
-    "moving_crossing": "one to three discs that cross the straight line",
-    "moving_head_on": "one or two discs that come towards the robot",
-    "moving_overtaking": "one or two slow discs that go the robot's way",
-    "moving_crowd": "8 to 30 discs that go to and fro in the square",
-    "push_boxes": 'boxes that can be pushed, for dynamics="pymunk"',
-}
-
-REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, ABOUT, room_on_the_way, feasible)
+REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, room_on_the_way, feasible)

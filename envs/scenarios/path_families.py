@@ -16,7 +16,7 @@ from wayfield.envs.scenarios.draws import Draw, rounded
 from wayfield.envs.scenarios.path_presets import PATH_SCENARIOS
 from wayfield.envs.scenarios.scenario import PathScenario
 from wayfield.envs.scenarios.tracing import arc, evenly, lengths, sharpness
-from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.tasks.specs import Family, Repertoire
 from wayfield.envs.world.paths import Path
 from wayfield.system.elementary import bearing, sin_cos, sines
 
@@ -33,8 +33,14 @@ _LEG_GAP = 0.6  # m, that a polyline keeps from its own earlier legs
 
 
 def _family(
-    name: str, curve: Curve, *, closed: bool = False, offset: float = _START_OFFSET, turn: float = _START_TURN
-) -> Callable[[int], PathScenario]:
+    name: str,
+    about: str,
+    curve: Curve,
+    *,
+    closed: bool = False,
+    offset: float = _START_OFFSET,
+    turn: float = _START_TURN,
+) -> Family:
     """Returns the family of a curve, placed anywhere near the origin and mirrored or not."""
 
     def scenario(seed: int) -> PathScenario:
@@ -47,7 +53,7 @@ def _family(
         path = Path(even[:-1] if closed else even, closed)
         return PathScenario(f"{name}_{seed}", path, start=_beside(path, draw, offset, turn), family=name)
 
-    return scenario
+    return Family(name, about, scenario)
 
 
 def _beside(path: Path, draw: Draw, offset: float, turn: float) -> tuple[float, float, float]:
@@ -214,37 +220,24 @@ def feasible(scenario: PathScenario) -> bool:
     return True
 
 
-PATH_FAMILIES: Mapping[str, Callable[[int], PathScenario]] = {
-    "straights": _family("straights", _straight, offset=0.5, turn=0.8),
-    "circles": _family("circles", _circle, closed=True),
-    "clothoids": _family("clothoids", _clothoids),
-    "s_curves_wide": _family("s_curves_wide", _s_curve(0.3, 1.0, 5.0, 8.0)),
-    "s_curves_medium": _family("s_curves_medium", _s_curve(1.0, 2.5, 3.5, 5.5)),
-    "s_curves_tight": _family("s_curves_tight", _s_curve(2.5, 4.5, 2.0, 3.2)),
-    "figure_eights_gerono": _family("figure_eights_gerono", _gerono, closed=True),
-    "figure_eights_tangent": _family("figure_eights_tangent", _tangent_circles, closed=True),
-    "polylines_90": _family("polylines_90", _turns(90.0)),
-    "polylines_120": _family("polylines_120", _turns(120.0)),
-    "polylines_150": _family("polylines_150", _turns(150.0)),
-    "splines": _family("splines", _spline),
-    "circuits": _family("circuits", _circuit, closed=True),
+PATH_FAMILIES: Mapping[str, Family] = {
+    family.name: family
+    for family in (
+        _family("straights", "8 to 16 m, started up to 0.5 m beside and 0.8 rad off", _straight, offset=0.5, turn=0.8),
+        _family("circles", "radius 0.8 to 3 m, to either side", _circle, closed=True),
+        _family("clothoids", "bends of 40 to 160 degrees, continuous curvature up to 2.2 1/m", _clothoids),
+        _family("s_curves_wide", "sines with a largest curvature of 0.3 to 1 1/m", _s_curve(0.3, 1.0, 5.0, 8.0)),
+        _family("s_curves_medium", "sines with a largest curvature of 1 to 2.5 1/m", _s_curve(1.0, 2.5, 3.5, 5.5)),
+        _family("s_curves_tight", "sines with a largest curvature of 2.5 to 4.5 1/m", _s_curve(2.5, 4.5, 2.0, 3.2)),
+        _family("figure_eights_gerono", "lemniscates of Gerono, 2.8 to 5.6 m long", _gerono, closed=True),
+        _family("figure_eights_tangent", "two circles that touch: the curvature jumps", _tangent_circles, closed=True),
+        _family("polylines_90", "four to six legs, all corners of 90 degrees", _turns(90.0)),
+        _family("polylines_120", "four to six legs, all corners of 120 degrees", _turns(120.0)),
+        _family("polylines_150", "four to six legs, all corners of 150 degrees: almost back", _turns(150.0)),
+        _family("splines", "smooth random paths, curvature up to 2 1/m", _spline),
+        _family("circuits", "smooth random loops that do not cross themselves", _circuit, closed=True),
+    )
 }
 
 
-ABOUT: Mapping[str, str] = {
-    "straights": "8 to 16 m, started up to 0.5 m beside and 0.8 rad off",
-    "circles": "radius 0.8 to 3 m, to either side",
-    "clothoids": "bends of 40 to 160 degrees, continuous curvature up to 2.2 1/m",
-    "s_curves_wide": "sines with a largest curvature of 0.3 to 1 1/m",
-    "s_curves_medium": "sines with a largest curvature of 1 to 2.5 1/m",
-    "s_curves_tight": "sines with a largest curvature of 2.5 to 4.5 1/m",
-    "figure_eights_gerono": "lemniscates of Gerono, 2.8 to 5.6 m long",
-    "figure_eights_tangent": "two circles that touch: the curvature jumps",
-    "polylines_90": "four to six legs, all corners of 90 degrees",
-    "polylines_120": "four to six legs, all corners of 120 degrees",
-    "polylines_150": "four to six legs, all corners of 150 degrees: almost back",
-    "splines": "smooth random paths, curvature up to 2 1/m",
-    "circuits": "smooth random loops that do not cross themselves",
-}
-
-REPERTOIRE = Repertoire(PathScenario, PATH_SCENARIOS, PATH_FAMILIES, ABOUT, path_sharpness, feasible)
+REPERTOIRE = Repertoire(PathScenario, PATH_SCENARIOS, PATH_FAMILIES, path_sharpness, feasible)

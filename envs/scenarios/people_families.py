@@ -34,7 +34,7 @@ from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
 from wayfield.envs.scenarios.team_proofs import prove
 from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
-from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.tasks.specs import Family, Repertoire
 from wayfield.system.elementary import bearing, sin_cos
 
 _PACE = 0.6  # m/s, of the robot on its straight way
@@ -69,7 +69,7 @@ def tracks_of(people: list[dict[str, Any]]) -> NDArray[np.float64]:
     return np.array([(*goal, 0.0, 0.0) for person in people for goal in person.get("goals", ())]).reshape(-1, 4)
 
 
-def _family(name: str, field: Callable[[Draw], "Field | None"], reach: float = 5.0) -> Callable[[int], TeamScenario]:
+def _family(name: str, about: str, field: Callable[[Draw], "Field | None"], reach: float = 5.0) -> Family:
     """Returns the family of a random field; the robot looks at its goal."""
 
     def scenario(seed: int) -> TeamScenario:
@@ -91,7 +91,7 @@ def _family(name: str, field: Callable[[Draw], "Field | None"], reach: float = 5
             family=name,
         )
 
-    return scenario
+    return Family(name, about, scenario)
 
 
 def _clear(x: float, y: float, radius: float, start: Point, people: list[dict[str, Any]]) -> bool:
@@ -341,24 +341,38 @@ def _standing_groups(draw: Draw) -> "Field | None":
     return start, goal, people, [], 54.0
 
 
-FIELDS: dict[str, tuple[Callable[[Draw], "Field | None"], str]] = {
-    **{f"crowdnav_{n}": (_crowdnav(n), f"CrowdNav's circle crossing, {n} blind to the robot") for n in (5, 10)},
-    "attngraph_20": (_attngraph(20), "AttnGraph's crowd, 20 who cross a square of 12 m, blind to the robot"),
-    **{f"lanes_{n}": (_lanes(n), f"two streams of {n} in a corridor of 4.8 m") for n in (12, 24, 48)},
-    **{f"crossing_flow_{n}": (_crossing_flow(n), f"a stream of {n} across the way") for n in (8, 16)},
-    "overtaking": (_few(1.0, (0.3, 0.5)), "one to three people, slower than the robot, on its line"),
-    "head_on": (_few(-1.0, (0.9, 1.4)), "one to three people towards the robot on its line"),
-    "blind_corner": (_blind_corner, "one to three people from behind a corner"),
-    "queue_at_door": (_queue, "10 to 20 people who push through a door of 1 m"),
-    "standing_groups": (_standing_groups, "groups of 2 to 5 that stand on circles"),
-    **{f"crossing_streams_{n}": (_crossing_streams(n), f"two streams at a right angle, {n} in both") for n in (16, 32)},
-    "queue_against": (_queue_against, "10 to 20 people who push through a door of 1 m against the robot"),
-    "walking_groups": (_walking_groups, "groups of 2 to 4 that walk together, towards the robot or across its way"),
-    "reactions": (_reactions, "five people, each with another reaction to the robot"),
-}
-PEOPLE_FAMILIES: Mapping[str, Callable[[int], TeamScenario]] = {
-    name: _family(name, field, 10.0 if name.startswith(("crowdnav", "attngraph")) else 5.0)
-    for name, (field, _) in FIELDS.items()
+PEOPLE_FAMILIES: Mapping[str, Family] = {
+    family.name: family
+    for family in (
+        *(
+            _family(f"crowdnav_{n}", f"CrowdNav's circle crossing, {n} blind to the robot", _crowdnav(n), reach=10.0)
+            for n in (5, 10)
+        ),
+        _family(
+            "attngraph_20",
+            "AttnGraph's crowd, 20 who cross a square of 12 m, blind to the robot",
+            _attngraph(20),
+            reach=10.0,
+        ),
+        *(_family(f"lanes_{n}", f"two streams of {n} in a corridor of 4.8 m", _lanes(n)) for n in (12, 24, 48)),
+        *(_family(f"crossing_flow_{n}", f"a stream of {n} across the way", _crossing_flow(n)) for n in (8, 16)),
+        _family("overtaking", "one to three people, slower than the robot, on its line", _few(1.0, (0.3, 0.5))),
+        _family("head_on", "one to three people towards the robot on its line", _few(-1.0, (0.9, 1.4))),
+        _family("blind_corner", "one to three people from behind a corner", _blind_corner),
+        _family("queue_at_door", "10 to 20 people who push through a door of 1 m", _queue),
+        _family("standing_groups", "groups of 2 to 5 that stand on circles", _standing_groups),
+        *(
+            _family(f"crossing_streams_{n}", f"two streams at a right angle, {n} in both", _crossing_streams(n))
+            for n in (16, 32)
+        ),
+        _family("queue_against", "10 to 20 people who push through a door of 1 m against the robot", _queue_against),
+        _family(
+            "walking_groups",
+            "groups of 2 to 4 that walk together, towards the robot or across its way",
+            _walking_groups,
+        ),
+        _family("reactions", "five people, each with another reaction to the robot", _reactions),
+    )
 }
 
 
@@ -441,7 +455,6 @@ REPERTOIRE = Repertoire(
     scenario=TeamScenario,
     presets={"crowdnav": crowdnav_tests},
     families=PEOPLE_FAMILIES,
-    about={name: what for name, (_, what) in FIELDS.items()},
     quantity=density,
     feasible=feasible,
 )

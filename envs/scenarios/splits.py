@@ -42,7 +42,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
             )
     if family not in EVERY[task].families:
         version = int(family.removeprefix("all_")) if family != "all" else None
-        every = (each for each in members(task, version) if each not in EVERY[task].needs_pymunk)
+        every = (each for each in members(task, version) if not EVERY[task].families[each].needs_pymunk)
         return tuple(scenario for each in every for scenario in split(task, each, name))
     return _split(file_of(task, name), task, family, name)
 
@@ -132,7 +132,7 @@ def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, 
         if len(seeds) != SPLITS[name]:
             raise ValueError(f"there are {len(seeds)} seeds, not {SPLITS[name]}")
         scenarios = tuple(
-            _with_tier(EVERY[task].families[family](seed), float(quantity), str(tier))
+            _with_tier(EVERY[task].families[family].make(seed), float(quantity), str(tier))
             for seed, quantity, tier in zip(seeds, quantities, tiers, strict=True)
         )
     except _NotFrozen:

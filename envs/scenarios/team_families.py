@@ -8,6 +8,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from wayfield.envs.scenarios.goal_families import LARGEST_HULL, somewhere
 from wayfield.envs.scenarios.obstacles import circle, obstacle_field, wall
 from wayfield.envs.scenarios.team_proofs import prove
 from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
-from wayfield.envs.tasks.specs import Repertoire
+from wayfield.envs.tasks.specs import Family, Repertoire
 from wayfield.system.elementary import bearing, sin_cos
 
 APART = 0.8  # m, between the centres of starts, and of goals
@@ -32,7 +33,7 @@ Point = tuple[float, float]
 Field = tuple[list[Point], list[Point], list[np.void]]
 
 
-def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int], TeamScenario]:
+def _family(name: str, about: str, team: int, field: Callable[[Draw], "Field | None"], **known: Any) -> Family:
     """Returns the family of a random field; robots look at their goals."""
 
     def scenario(seed: int) -> TeamScenario:
@@ -50,7 +51,7 @@ def _family(name: str, field: Callable[[Draw], "Field | None"]) -> Callable[[int
             family=name,
         )
 
-    return scenario
+    return Family(name, about, scenario, team, **known)
 
 
 def _far_from(place: Point, others: Iterable[Point], least: float = APART) -> bool:
@@ -293,28 +294,41 @@ def _hall(n: int) -> Callable[[Draw], "Field | None"]:
     return field
 
 
-_ABOUT: dict[str, tuple[Callable[..., Callable[[Draw], "Field | None"]], tuple[int, ...], str]] = {
-    "crossing": (_crossing, (2, 4), "perpendicular ways that meet within 0.2 s of each other"),
-    "circle_exact": (functools.partial(_circle, noisy=False), (2, 4, 8, 16, 32), "all change sides of a circle"),
-    "circle": (_circle, (2, 4, 8, 16, 32, 100), "the same, each start moved by up to 0.5 m in x and y"),
-    "open": (_open, (2, 4, 8, 16, 32, 100), "starts and goals anywhere in a square"),
-    "doorway": (_doorway, (2, 4, 8), "two halves change sides through a door of 0.9 m"),
-    "corridor": (_corridor, (4, 8, 16), "two streams in a corridor of 2.4 m"),
-    "intersection": (_intersection, (4, 8, 16), "four streams where two corridors of 2.4 m cross"),
-    "bottleneck": (_bottleneck, (8, 16, 32), "all leave a room of 8 m by a door of 0.9 m"),
-    "rooms": (_rooms, (4, 8), "four rooms with doors, goals in another room"),
-    "hall": (_hall, (100,), "a hall of 20 m with twelve pillars, goals at the far side"),
-}
+def _sized(
+    name: str, about: str, field: Callable[[int], Callable[[Draw], "Field | None"]], *sizes: int, **known: Any
+) -> Iterable[Family]:
+    """Yields the families of a field for teams of some sizes."""
+    for n in sizes:
+        yield _family(f"{name}_{n}", f"{n}: {about}", n, field(n), **known)
+
+
+_EXACT = functools.partial(_circle, noisy=False)
 _HEAD_ON = {"exact": 0.0, "1mm": 0.001, "2cm": 0.02}
-
-FIELDS: dict[str, tuple[Callable[[Draw], "Field | None"], str]] = {
-    f"head_on_{name}": (_head_on(offset), f"two on one line, {1e3 * offset:g} mm beside each other")
-    for name, offset in _HEAD_ON.items()
-} | {f"{name}_{n}": (make(n), f"{n}: {what}") for name, (make, sizes, what) in _ABOUT.items() for n in sizes}
-
-TEAM_FAMILIES: Mapping[str, Callable[[int], TeamScenario]] = {
-    name: _family(name, field) for name, (field, _) in FIELDS.items()
-}
+TEAM_FAMILIES: Mapping[str, Family] = {
+    family.name: family
+    for family in (
+        *(
+            _family(f"head_on_{name}", f"two on one line, {1e3 * offset:g} mm beside each other", 2, _head_on(offset))
+            for name, offset in _HEAD_ON.items()
+        ),
+        *_sized("crossing", "perpendicular ways that meet within 0.2 s of each other", _crossing, 2, 4),
+        *_sized("circle_exact", "all change sides of a circle", _EXACT, 2, 4, 8, 16, 32),
+        *_sized("circle", "the same, each start moved by up to 0.5 m in x and y", _circle, 2, 4, 8, 16, 32, 100),
+        *_sized("open", "starts and goals anywhere in a square", _open, 2, 4, 8, 16, 32, 100),
+        *_sized("doorway", "two halves change sides through a door of 0.9 m", _doorway, 2, 4, 8, gap=DOOR, walled=True),
+        *_sized("corridor", "two streams in a corridor of 2.4 m", _corridor, 4, 8, 16, gap=CORRIDOR, walled=True),
+        *_sized(
+            "intersection", "four streams where two corridors of 2.4 m cross", _intersection, 4, 8, 16,
+            gap=CORRIDOR, walled=True,
+        ),
+        *_sized(
+            "bottleneck", "all leave a room of 8 m by a door of 0.9 m", _bottleneck, 8, 16, 32,
+            gap=DOOR, walled=True,
+        ),
+        *_sized("rooms", "four rooms with doors, goals in another room", _rooms, 4, 8, walled=True),
+        *_sized("hall", "a hall of 20 m with twelve pillars, goals at the far side", _hall, 100, walled=True),
+    )
+}  # fmt: skip
 
 
 @functools.lru_cache(maxsize=4)  # one scenario is asked both
@@ -346,7 +360,6 @@ REPERTOIRE = Repertoire(
     scenario=TeamScenario,
     presets={},
     families=TEAM_FAMILIES,
-    about={name: what for name, (_, what) in FIELDS.items()},
     quantity=room,
     feasible=feasible,
 )

@@ -8,6 +8,7 @@ this module is as light as they are: what scenarios need is loaded on first acce
 import dataclasses
 import functools
 import importlib
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -29,13 +30,27 @@ class Cost:
 
 
 @dataclasses.dataclass(frozen=True)
+class Family:
+    """Scenarios of one kind, each made from a seed, and what is known of all of them."""
+
+    name: str
+    about: str  # what it is, in a line
+    make: Callable[[int], Any]
+    team: int = 1  # robots
+    gap: float = math.nan  # m, the width of what all have to pass; NaN: of nothing
+    goal_room: float = 0.1  # m, at least, between the largest hull at its goal and what stands
+    walled: bool = False  # whether walls part a team from its goals
+    moving: bool = False  # whether obstacles move
+    needs_pymunk: bool = False  # the kinematic plant cannot show it; left out of "all"
+
+
+@dataclasses.dataclass(frozen=True)
 class Repertoire:
     """The scenarios of a task: what one is, where they come from, and how hard each is."""
 
     scenario: type[Any]  # PathScenario, or GoalScenario or one of its kind
     presets: Mapping[str, Callable[..., Any]]  # scenarios by name, besides the families
-    families: Mapping[str, Callable[[int], Any]]  # from a seed
-    about: Mapping[str, str]  # what each family is, in a line
+    families: Mapping[str, Family]
     quantity: Callable[[Any], float]  # what a scenario's tier is read from
     feasible: Callable[[Any], bool]  # whether the largest robot can do a scenario
 
@@ -55,7 +70,6 @@ class TaskSpec:
     # "Vector" behind it makes that of many robots
     ids: Mapping[bool, str]
     scenarios: str  # the module of wayfield.envs.scenarios that has its REPERTOIRE
-    needs_pymunk: tuple[str, ...]  # families that the kinematic plant cannot show; left out of "all"
     tier_bounds: tuple[float, float]  # of the quantity: where easy and medium end
     clock: int  # control periods of a contest
     cost: Cost
@@ -83,8 +97,8 @@ class TaskSpec:
         return self.repertoire.presets
 
     @property
-    def families(self) -> Mapping[str, Callable[[int], Any]]:
-        """Returns its families by name, each a function from a seed to a scenario."""
+    def families(self) -> Mapping[str, Family]:
+        """Returns its families by name."""
         return self.repertoire.families
 
     def quantity(self, scenario: Any) -> float:
@@ -124,7 +138,6 @@ TASKS: Mapping[str, TaskSpec] = {
             module="path_following",
             ids={False: "wayfield/DiffDrivePathFollowing-v0", True: "wayfield/OmniPathFollowing-v0"},
             scenarios="path_families",
-            needs_pymunk=(),
             tier_bounds=(1.0, 2.5),  # 1/m, the sharpness
             clock=2400,
             # a run that fails has left the corridor of 1 m
@@ -143,7 +156,6 @@ TASKS: Mapping[str, TaskSpec] = {
             module="goal_reaching",
             ids={False: "wayfield/DiffDriveGoalObstacles-v0", True: "wayfield/OmniGoalObstacles-v0"},
             scenarios="goal_families",
-            needs_pymunk=("push_boxes",),
             tier_bounds=(0.6, 0.35),  # m, the room
             clock=1200,
             cost=Cost("time", "time", "s", 1, 60.0),  # the whole clock
@@ -160,7 +172,6 @@ TASKS: Mapping[str, TaskSpec] = {
             module="docking",
             ids={False: "wayfield/DiffDriveDocking-v0", True: "wayfield/OmniDocking-v0"},
             scenarios="docking_families",
-            needs_pymunk=(),
             tier_bounds=(1.8, 2.5),  # m, of the proven way
             clock=1200,
             cost=Cost("time", "time", "s", 1, 60.0),  # the whole clock
@@ -185,7 +196,6 @@ CROWDS: Mapping[str, TaskSpec] = {
             module="teams",
             ids={False: "wayfield/DiffDriveTeam-v0", True: "wayfield/OmniTeam-v0"},
             scenarios="team_families",
-            needs_pymunk=(),
             tier_bounds=(2.0, 6.0),  # the proven makespan over the longest straight way
             clock=2400,
             cost=Cost("extra_time", "extra time", "s", 1, 120.0),  # the whole clock
@@ -202,7 +212,6 @@ CROWDS: Mapping[str, TaskSpec] = {
             module="among_people",
             ids={False: "wayfield/DiffDrivePeople-v0", True: "wayfield/OmniPeople-v0"},
             scenarios="people_families",
-            needs_pymunk=(),
             tier_bounds=(0.1, 0.3),  # people a square metre
             clock=1200,
             cost=Cost("extra_time", "extra time", "s", 1, 60.0),  # the whole clock

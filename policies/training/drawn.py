@@ -45,7 +45,7 @@ def further(task: str, family: str, hull_radius: float, count: int) -> tuple[Any
     spec, found, seed = EVERY[task], list[Any](), LAST_FROZEN
     while len(found) < count:
         seed += 1
-        scenario = spec.families[family](seed)
+        scenario = spec.families[family].make(seed)
         if spec.feasible(scenario):
             found.append(scenario.fitted(LARGEST_HULL - hull_radius))
     return tuple(found)
@@ -160,7 +160,7 @@ def scenes(hull: float, k: int) -> tuple[GoalScenario, ...]:
     """
     task, found = TASKS["goal_reaching"], []
     for family in members(task.name, 1):
-        if family == "push_boxes":
+        if task.families[family].needs_pymunk:
             continue
         bank = field_scenarios(task, f"{family}/train", min(hull, LARGEST_HULL))
         count = EACH * (3 if family in THRICE else 2 if family in TWICE else 1)

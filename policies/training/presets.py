@@ -218,9 +218,8 @@ class Preset(Gains):
     @property
     def teams(self) -> list[int]:
         """Returns how many robots the teams have that are met, in order; none where there are no teams."""
-        # it is part of the name of a family
         names = [str(kwargs["scenario"]).partition("/")[0] for _, kwargs in self.worlds if self.task == "teams"]
-        return sorted({int(name.rpartition("_")[2]) for name in names})
+        return sorted({EVERY[self.task].families[name].team for name in names})
 
     def family_of(self, kwargs: Mapping[str, Any]) -> str:
         """Returns the family whose training split alone a world has; empty for those of several."""

@@ -147,7 +147,6 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
         assert source == "" or re.search(r"(19|20)\d\d|^document [ABC]$|Nav2|Rajamani", source), source
         assert not re.search(r"(19|20)\d\d", what), what
     families = [family for spec in TASKS.values() for family in spec.families]
-    assert all(list(spec.repertoire.about) == list(spec.families) for spec in TASKS.values())
     # below each stands what its columns mean, and what else may be named
     below = {
         lists.policies: ["Access:", "Needs:", "wayfield.policies.make(NAME)"],

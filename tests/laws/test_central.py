@@ -28,7 +28,7 @@ from wayfield.policies.teams.central import KNOTS
     ],
 )
 def test_all_robots_of_a_team_arrive_by_one_plan(env_id: str, family: str) -> None:
-    worlds = tuple(TEAM_FAMILIES[family](7_000_000 + k) for k in range(2))
+    worlds = tuple(TEAM_FAMILIES[family].make(7_000_000 + k) for k in range(2))
     n = worlds[0].team
     env: Any = gymnasium.make_vec(
         env_id, num_envs=2 * n, scenario=worlds, sees="bodies", actuators="lagged", max_episode_steps=1600
@@ -87,7 +87,7 @@ def test_a_robot_without_a_way_stands_and_the_others_are_not_harmed() -> None:
 
 
 def test_worlds_stay_whole_where_threads_share_them_out() -> None:
-    worlds = tuple(TEAM_FAMILIES["open_8"](7_000_100 + k) for k in range(12))
+    worlds = tuple(TEAM_FAMILIES["open_8"].make(7_000_100 + k) for k in range(12))
     actions = []
     for threads in (1, 3):
         env: Any = gymnasium.make_vec("wayfield/OmniTeam-v0", num_envs=96, scenario=worlds, sees="bodies")

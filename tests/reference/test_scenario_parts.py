@@ -145,8 +145,8 @@ def test_what_was_passed_over_cannot_be_done_and_what_was_taken_can(task: str) -
         if not passed or tried == most:
             continue
         tried += 1
-        assert not spec.feasible(spec.families[family](passed[0])), family
-        assert spec.feasible(spec.families[family](next(seed for seed in seeds if seed > passed[0]))), family
+        assert not spec.feasible(spec.families[family].make(passed[0])), family
+        assert spec.feasible(spec.families[family].make(next(seed for seed in seeds if seed > passed[0]))), family
     assert tried == most
 
 

@@ -367,7 +367,7 @@ def reached(
 ) -> NDArray[np.bool_]:
     """Returns which of many scenarios of a family, of seeds of no split, end in success."""
     hull = ROBOTS[robot].hull_radius
-    bank = tuple(FAMILIES["docking"][family](5_000_000 + k).fitted(0.3 - hull) for k in range(count))
+    bank = tuple(FAMILIES["docking"][family].make(5_000_000 + k).fitted(0.3 - hull) for k in range(count))
     return docked(name, robot, actuators, bank, monkeypatch, num_beams)[0]
 
 
@@ -474,7 +474,7 @@ def test_the_planner_docks_where_laws_without_a_map_touch(
 def test_with_the_map_it_docks_past_what_moves_and_touches_nothing(
     actuators: str, least: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bank = tuple(FAMILIES["docking"]["moving"](5_000_000 + k).fitted(0.05) for k in range(100))
+    bank = tuple(FAMILIES["docking"]["moving"].make(5_000_000 + k).fitted(0.05) for k in range(100))
     won, touched = docked("reeds_shepp", "p3dx", actuators, bank, monkeypatch)
     assert won.mean() >= least
     assert not touched.any()

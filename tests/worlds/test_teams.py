@@ -91,7 +91,7 @@ def test_threads_change_no_bit(ends: str) -> None:
 
 def crowded(cells_from: int, order: Any = None) -> tuple[Any, Any]:
     """Returns a world of 60 robots in an open field, and where they stand after some steps."""
-    scenario = TEAM_FAMILIES["open_100"](3)
+    scenario = TEAM_FAMILIES["open_100"].make(3)
     robots = scenario.robots[:60]
     order = np.arange(60) if order is None else order
     moved = TeamScenario("crowd", tuple(robots[k] for k in order))
@@ -400,9 +400,9 @@ def test_what_cannot_be_is_refused_in_a_line(keywords: dict[str, Any], said: str
 
 @pytest.mark.parametrize("name", sorted(TEAM_FAMILIES))
 def test_every_family_has_a_world_whose_robots_are_clear(name: str) -> None:
-    scenario = TEAM_FAMILIES[name](0)
+    scenario = TEAM_FAMILIES[name].make(0)
     assert scenario.team == int(name.rsplit("_", 1)[-1]) if name.rsplit("_", 1)[-1].isdigit() else scenario.team == 2
-    assert TEAM_FAMILIES[name](0).decisive()[2:3] == scenario.decisive()[2:3]
+    assert TEAM_FAMILIES[name].make(0).decisive()[2:3] == scenario.decisive()[2:3]
     places = scenario.starts[:, :2]
     gaps = np.sqrt(((places[:, None] - places[None]) ** 2).sum(axis=2)) + 10.0 * np.eye(len(places))
     assert gaps.min() >= 0.6
