@@ -68,7 +68,7 @@ class Column:
     factor: float = 1.0
     with_interval: bool = False
     successes_only: bool = False
-    reduction: str = "iqm"
+    reduction: str = "mean"  # or "iqm", the interquartile mean, "max"
     imputed: bool = False  # whether a failure counts as the task says, as it does in COST
 
 

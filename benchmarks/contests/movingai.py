@@ -14,16 +14,16 @@ from wayfield.policies.parts.tuned import PACE
 MOVINGAI = dataclasses.replace(
     GOAL_OBSTACLES,
     columns=(
-        Column("collision (%)", "collision", 1, 100.0, reduction="mean"),
-        Column("timeout (%)", "timeout", 1, 100.0, reduction="mean"),
-        Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
-        Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
-        Column("imputed (s)", COST, 1, with_interval=True, reduction="mean"),
+        Column("collision (%)", "collision", 1, 100.0),
+        Column("timeout (%)", "timeout", 1, 100.0),
+        Column("SPL", "spl", 3, with_interval=True),
+        Column("SCT", "sct", 3, with_interval=True),
+        Column("imputed (s)", COST, 1, with_interval=True),
         Column("time of successes (s)", "time", 1, successes_only=True),
         Column("path of successes (m)", "path_length", 1, successes_only=True),
         Column("least clearance (m)", "min_clearance", 3),
         Column("LDLJ", "ldlj", 2),
-        Column("faults", "faults", 2, reduction="mean"),
+        Column("faults", "faults", 2),
     ),
     notes=(
         "Cells are 1 m wide. SPL and SCT compare with the published optimal length, that of a way over the eight "

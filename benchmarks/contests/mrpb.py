@@ -15,17 +15,17 @@ ASKED = 0.55  # m/s, the benchmark's bound for the P3DX
 MRPB = dataclasses.replace(
     GOAL_OBSTACLES,
     columns=(
-        Column("collision (%)", "collision", 1, 100.0, reduction="mean"),
+        Column("collision (%)", "collision", 1, 100.0),
         Column("safety: least clearance (m)", "min_clearance", 3),
-        Column("safety: under 0.1 m (% of time)", "near_share", 1, 100.0, reduction="mean"),
-        Column("motion efficiency (s)", "time", 1, successes_only=True, reduction="mean"),
-        Column("imputed (s)", COST, 1, with_interval=True, reduction="mean"),
-        Column("velocity smoothness (m/s²)", "velocity_smoothness", 3, reduction="mean"),
-        Column("SPL", "spl", 3, with_interval=True, reduction="mean"),
-        Column("SCT", "sct", 3, with_interval=True, reduction="mean"),
+        Column("safety: under 0.1 m (% of time)", "near_share", 1, 100.0),
+        Column("motion efficiency (s)", "time", 1, successes_only=True),
+        Column("imputed (s)", COST, 1, with_interval=True),
+        Column("velocity smoothness (m/s²)", "velocity_smoothness", 3),
+        Column("SPL", "spl", 3, with_interval=True),
+        Column("SCT", "sct", 3, with_interval=True),
         Column("path of successes (m)", "path_length", 1, successes_only=True),
         Column("LDLJ", "ldlj", 2),
-        Column("faults", "faults", 2, reduction="mean"),
+        Column("faults", "faults", 2),
     ),
     notes=(
         "Goals are poses, to 0.2 m and 0.1 rad. Safety, motion efficiency, velocity smoothness and compute are the "

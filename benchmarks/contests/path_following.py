@@ -67,26 +67,28 @@ def reached(rows: Episodes) -> bool:
     return bool(iqm(errors) < BAR)
 
 
+_WITH_CORNERS = tuple(family for family in _SPEC.families if family.startswith("polylines"))
+
 PATH_FOLLOWING = Contest(
     spec=_SPEC,
     policies=entering(_SPEC.suite),
     overview=("pure_pursuit", "regulated_pure_pursuit", "stanley", "mpc", "ppo"),
     env_kwargs={},
     columns=(
-        Column("RMS error (m)", COST, 4, reduction="mean"),
-        Column("typical (m)", COST, 4, with_interval=True),
+        Column("RMS error (m)", COST, 4),
+        Column("RMS error, IQM (m)", COST, 4, with_interval=True, reduction="iqm"),
         Column("acquisition (s)", "acquisition_time", 2, successes_only=True),
         Column("area (mm s)", "acquisition_area", 1, 1e3, successes_only=True),
         Column("tracking (m)", "tracking_rms", 4, with_interval=True, imputed=True),
         Column("worst (m)", "cross_track_max", 3, reduction="max", imputed=True),
         Column("p95 (m)", "cross_track_p95", 4, imputed=True),
         Column("RMS over time (m)", "cross_track_rms_time", 4, imputed=True),
-        Column("mean speed (m/s)", "mean_speed", 3, successes_only=True, reduction="mean"),
+        Column("mean speed (m/s)", "mean_speed", 3, successes_only=True),
         Column("time (s)", "time", 1, successes_only=True),
         Column("LDLJ", "ldlj", 2),
         Column("effort (rad²/s)", "effort", 0, successes_only=True),
-        Column("saturated (%)", "saturated_share", 1, 100.0, reduction="mean"),
-        Column("faults", "faults", 2, reduction="mean"),
+        Column("saturated (%)", "saturated_share", 1, 100.0),
+        Column("faults", "faults", 2),
     ),
     gap=Column("gap (RMS, m)", COST, 4),
     bar=Bar(f"an RMS error (IQM, validation split) under {BAR} m", reached),
@@ -97,11 +99,14 @@ PATH_FOLLOWING = Contest(
     ranked=(("success", -1.0), (COST, 1.0)),
     compared_by=TRACKING,
     counted="an error of 1 m",
+    scenes={
+        "smooth paths": tuple(family for family in _SPEC.families if family not in _WITH_CORNERS),
+        "paths with corners": _WITH_CORNERS,
+    },
     notes=(
-        "RMS error is the mean over all runs and the driven arc length, in which every failure counts; 'typical' is "
-        "its interquartile mean, which a few failures leave as it is. Acquisition and area last until the path is "
-        "held, tracking is the RMS error over time after that. 'worst' is the greatest error of any run. Simulation "
-        "only."
+        "RMS error is over the driven arc length, and every failure counts; IQM is its interquartile mean, which "
+        "leaves out the best and the worst quarter of the runs. Acquisition and area last until the path is held, "
+        "tracking is the RMS error over time after that. 'worst' is the greatest error of any run. Simulation only."
     ),
     timed_on="splines",
     score=score,

@@ -31,7 +31,7 @@ from wayfield.benchmarks.records.results import read_rows, read_trajectories
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.runs.shards import badness
 from wayfield.benchmarks.runs.suite import WORST
-from wayfield.benchmarks.statistics.aggregates import iqm, mean
+from wayfield.benchmarks.statistics.aggregates import mean
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.world.geometry import Bounds
 
@@ -76,7 +76,7 @@ def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:
             group = mine.where(family=family)
             won = successes(group)
             success[i, j] = len(won) / len(group) if group else np.nan
-            cost[i, j] = float(iqm(won.numbers(contest.spec.cost.metric))) if won else np.nan
+            cost[i, j] = float(mean(won.numbers(contest.spec.cost.metric))) if won else np.nan
     heat = contest.heat
     by_cost = heat.metric == COST
     labels = [label(entry) for entry in entries]
@@ -176,7 +176,7 @@ def ladder(contest: Contest, rows: Episodes, folder: Path) -> Figure:
         groups = [mine.where(disturbance=level) for level in levels]
         success = [float(mean(group["success"])) if group else np.nan for group in groups]
         won = [successes(group) if group else group for group in groups]
-        cost = [float(iqm(group.numbers(contest.spec.cost.metric))) if group else np.nan for group in won]
+        cost = [float(mean(group.numbers(contest.spec.cost.metric))) if group else np.nan for group in won]
         top.plot(range(len(levels)), 100.0 * np.array(success), label=label(entry), **style)
         bottom.plot(range(len(levels)), np.array(cost), **style)
     top.set_ylabel("success (%)")

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,7 +154,9 @@ def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]
     def key(entry: Entry) -> tuple[float, ...]:
         rows = entries[entry]
         found = [
-            typical(rows, contest.cost.metric, contest) if metric == COST else sign * float(rows.numbers(metric).mean())
+            solved_mean(rows, contest.cost.metric, contest)
+            if metric == COST
+            else sign * float(rows.numbers(metric).mean())
             for metric, sign in contest.ranked
         ]
         return tuple(math.inf if math.isnan(each) else each for each in found)
@@ -168,26 +170,26 @@ def leader(contest: Contest, entries: Mapping[Entry, Episodes]) -> Entry:
     return next((entry for entry in order if MAP not in entries[entry][0]["knows"]), order[0])
 
 
-def typical(rows: Episodes, metric: str, contest: Contest) -> float:
-    """Returns what a scenario costs where it is solved: the mean of a time, the interquartile mean of an error.
+def solved_mean(rows: Episodes, metric: str, contest: Contest) -> float:
+    """Returns what a scenario costs where it is solved: the mean over the scenarios, as many of each family.
 
     An agent that fails where another of its set succeeds has the mean of the others there. NaN where nothing is solved.
     """
     table, _ = _solved(rows, metric)
-    return float(_reduction(contest)(table.ravel())) if len(table) else math.nan
+    return float(table.mean()) if len(table) else math.nan
 
 
-def typical_cell(
+def solved_mean_cell(
     rows: Episodes, metric: str, contest: Contest, factor: float | None = None, decimals: int | None = None
 ) -> str:
-    """Returns what `typical` does with its 95 % interval over the scenarios that are solved, in s or mm by default."""
+    """Returns `solved_mean` with its 95 % interval over the scenarios that are solved, in s or mm by default."""
     table, families = _solved(rows, metric)
     if not len(table):
         return ""
     if factor is None or decimals is None:
         factor, decimals = (1e3, 2) if contest.cost.unit == "m" else (1.0, 1)
-    ends = interval(table, families, _reduction(contest))
-    return _with_ends(typical(rows, metric, contest), ends, factor, decimals)
+    ends = interval(table, families, mean)
+    return _with_ends(solved_mean(rows, metric, contest), ends, factor, decimals)
 
 
 def _solved(rows: Episodes, metric: str) -> tuple[Array, list[str]]:
@@ -197,10 +199,6 @@ def _solved(rows: Episodes, metric: str) -> tuple[Array, list[str]]:
     table = table[solved]
     means = np.nanmean(table, axis=1, keepdims=True) if len(table) else table
     return np.where(np.isnan(table), means, table), list(itertools.compress(strata, map(bool, np.atleast_1d(solved))))
-
-
-def _reduction(contest: Contest) -> Callable[[Array], Array]:
-    return mean if contest.cost.unit == "s" else iqm
 
 
 def success_cell(rows: Episodes) -> str:

@@ -38,14 +38,14 @@ from wayfield.benchmarks.leaderboards.entries import (
     seeds_told,
     short_cell,
     shown_speed,
+    solved_mean_cell,
     success_cell,
-    typical_cell,
 )
 from wayfield.benchmarks.leaderboards.matrix import better_table
 from wayfield.benchmarks.leaderboards.verdicts import by_scenes, claims_table, pairs_table
 from wayfield.benchmarks.records.episode import Episodes, Row, text
 from wayfield.benchmarks.records.table import Table, code_span
-from wayfield.benchmarks.statistics.aggregates import interval, iqm
+from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.envs.scenarios import TIERS
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 
@@ -148,15 +148,16 @@ def board_table(standings: Standings) -> Table:
     lines = []
     for scenes, entries in kinds.items():
         for entry, rows in ranked(dataclasses.replace(standings, entries=entries)).items():
-            measured = [typical_cell(rows, cost.metric, contest)]
-            measured += [typical_cell(rows, metric, contest, factor, decimals) for _, metric, factor, decimals in more]
+            measured = [solved_mean_cell(rows, cost.metric, contest)]
+            measured += [
+                solved_mean_cell(rows, metric, contest, factor, decimals) for _, metric, factor, decimals in more
+            ]
             speed = shown_speed(mean_speed(rows), 3)
             cells = [scenes, *entry, success_cell(rows), *measured, speed]
             lines.append([*cells, rows[0]["knows"], rows[0]["learned_from"]])
     unit = "mm" if cost.unit == "m" else cost.unit
-    kind = "mean" if cost.unit == "s" else "interquartile mean"
     note = (
-        f"Ranked by success, then by {cost.name}. {cost.name[0].upper()}{cost.name[1:]}: {kind} of the runs that "
+        f"Ranked by success, then by {cost.name}. {cost.name[0].upper()}{cost.name[1:]}: mean of the runs that "
         f"succeeded, each entry at its own speed. {BRACKETS} {standings.source}"
     )
     header = [SCENES, PLACE_POLICY, PLACE_GAINS, SUCCESS, f"{cost.name} ({unit})", *(name for name, *_ in more), SPEED]
@@ -211,8 +212,8 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
     return (
         f"{count} {met}, each policy in the same ones, from the same starts with the same seeds. {brackets} Errors: "
         f"bootstrap{strata}, agents drawn with the scenarios; times and scores: that of the successes, with the "
-        "interval of the share of failures. Shares, scores, imputed times and RMS errors are means, other numbers "
-        f"interquartile means over the episodes. Rows of trained agents hold {seeds}. A "
+        "interval of the share of failures. Numbers are means over the episodes, but for "
+        f"IQM, the interquartile mean. Rows of trained agents hold {seeds}. A "
         f"failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
         f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, driven for it. Compute: one decision of "
         f"one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
@@ -313,7 +314,7 @@ class Point:
 
     asked: float  # m/s, the mean speed
     pace: float  # m/s, mean speed of the successes
-    error: float  # m, IQM of the costs
+    error: float  # m, mean of the costs
     low: float  # m, of the error's 95 % interval; NaN where there is none
     high: float
     lost: bool  # whether a run has failed
@@ -325,10 +326,10 @@ def front_points(contest: Contest, rows: Episodes) -> list[Point]:
     points = []
     for asked, group in rows.groups("speed").items():
         error = imputed(group, contest.cost.metric)
-        ends = interval(*by_scenario(group, error), iqm) or (np.nan, np.nan)
+        ends = interval(*by_scenario(group, error), mean) or (np.nan, np.nan)
         lost = bool((group["success"] == 0.0).any())
         away = off_pace(group, asked)
-        points.append(Point(asked, mean_speed(group), float(iqm(error)), *ends, lost, away))
+        points.append(Point(asked, mean_speed(group), float(error.mean()), *ends, lost, away))
     return points
 
 
@@ -342,7 +343,7 @@ def front_table(contest: Contest, title: str, rows: Episodes, command: str) -> T
         points = {point.asked: point for point in front_points(contest, mine)}
         lines.append([label(entry), *(_point_cell(points[each], decimals) if each in points else "" for each in asked)])
     note = (
-        f"{cost.name} in {cost.unit}, interquartile mean with its 95 % bootstrap interval, a failure counted as "
+        f"{cost.name} in {cost.unit}, mean with its 95 % bootstrap interval, a failure counted as "
         f"{failing(contest)} | mean speed of the successes in m/s; {OFF_PACE}: off the asked one by more than "
         f"{100.0 * PACE_TOLERANCE:.0f} %: read its error at that speed. Policies without a cruising speed are left "
         f"out. {made_by(command)}"

@@ -72,8 +72,8 @@ def success_difference(a: Runs, b: Runs) -> Difference:
 def cost_difference(a: Runs, b: Runs, contest: Contest) -> Difference:
     """Returns the cost of A less that of B in the scenarios that both solve; ValueError as `how_often_better`.
 
-    Of times it is the mean. Of errors it is the interquartile mean, for their tails are long. Families in which both
-    solve fewer than `LEAST` scenarios are left out; NaN where that leaves none.
+    It is the mean over the scenarios. Families in which both solve fewer than `LEAST` are left out; NaN where that
+    leaves none.
     """
     _check_paired(a, b)
     both = (a.won[:, :, np.newaxis] * b.won[:, np.newaxis, :]) == 1.0
@@ -85,7 +85,7 @@ def cost_difference(a: Runs, b: Runs, contest: Contest) -> Difference:
     pairs = np.where(both, a.measured[:, :, np.newaxis] - b.measured[:, np.newaxis, :], np.nan)[kept]
     # an agent that fails where another of its set succeeds: its place is taken by the mean of the others there
     pairs = np.where(np.isnan(pairs), np.nanmean(pairs, axis=(1, 2), keepdims=True), pairs)
-    return of_pairs(pairs, strata[kept].tolist(), "mean" if contest.cost.unit == "s" else "iqm")
+    return of_pairs(pairs, strata[kept].tolist(), "mean")
 
 
 def _check_paired(a: Runs, b: Runs) -> None:

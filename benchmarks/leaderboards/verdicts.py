@@ -227,7 +227,7 @@ def pairs_table(rows: Episodes, command: str) -> Table:
         )
     note = (
         "The first policy less the other, over the scenarios that both met, all training seeds counted: successes in "
-        "points, then errors (interquartile mean of the differences) or times (mean) of the scenarios that both solve, "
+        "points, then errors or times (mean of the differences) of the scenarios that both solve, "
         f"in families with {LEAST} such scenarios or more. From and to: 95 % intervals of paired t-tests; agents and "
         f"scenarios are both a sample. p: before any correction. Made by {code_span(command)}."
     )

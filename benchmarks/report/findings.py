@@ -20,9 +20,9 @@ from wayfield.benchmarks.leaderboards.entries import (
     scenarios,
     seeds_told,
     shown_speed,
+    solved_mean_cell,
     success_interval,
     successes,
-    typical_cell,
 )
 from wayfield.benchmarks.leaderboards.leaderboard import Standings, front_points
 from wayfield.benchmarks.leaderboards.leaderboard import ranked as in_order
@@ -43,7 +43,7 @@ from wayfield.benchmarks.leaderboards.verdicts import (
 )
 from wayfield.benchmarks.records.episode import Episodes, text
 from wayfield.benchmarks.records.table import Table
-from wayfield.benchmarks.statistics.aggregates import iqm, mean
+from wayfield.benchmarks.statistics.aggregates import mean
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import TIERS
 
@@ -133,7 +133,7 @@ def _standing(entry: Entry, rows: Episodes, contest: Contest) -> _Standing:
         entry,
         rows[0]["knows"],
         (float(rows["success"].mean()), *(success_interval(rows) or ())),
-        typical_cell(rows, contest.cost.metric, contest),
+        solved_mean_cell(rows, contest.cost.metric, contest),
         mean_speed(rows),
         off_pace(rows, contest.pace),
         () if scores is None else (float(mean(scores)), *(mean_interval(rows, scores, 0.0) or ())),
@@ -278,7 +278,7 @@ def _heat(contest: Contest, robot: str, entries: Mapping[Entry, Episodes]) -> Ch
         for column, name in columns:
             group = mine.where(**{column: name})
             won = successes(group)
-            cost = float(iqm(won.numbers(contest.spec.cost.metric))) if won else None
+            cost = float(won.numbers(contest.spec.cost.metric).mean()) if won else None
             line.append([len(won), len(group), cost])
         cells.append(line)
     return {
@@ -315,7 +315,7 @@ def front_chart(contest: Contest, robot: str, rows: Episodes) -> Chart:
         "kind": "front",
         "title": f"{contest.title}, {robot}: speed and accuracy",
         "x": "mean speed (m/s)",
-        "y": f"typical {cost.name} ({cost.unit})",  # the interquartile mean, as in the table of the front
+        "y": f"{cost.name} ({cost.unit})",
         "log": contest.log_cost,
         "series": series,
     }

@@ -26,7 +26,7 @@ from sections import SECTIONS
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.records.results import EPISODES, read_run, read_table
-from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm
+from wayfield.benchmarks.statistics.aggregates import counted_interval
 from wayfield.system.command_line import OneLineErrors
 
 Row = Mapping[str, str]  # the audit reads files as text
@@ -288,7 +288,7 @@ def _cost_of_both(ours: Sequence[Row], theirs: Sequence[Row], metric: str) -> fl
     ]
     if not found:
         return math.nan
-    return formulas.average(found) if metric == "time" else 1e3 * formulas.middle_half(found)
+    return formulas.average(found) * (1.0 if metric == "time" else 1e3)
 
 
 def audit_verdicts(audit: Audit, folder: Path) -> None:
@@ -445,8 +445,7 @@ def measured_coverage(audit: Audit, rows: Sequence[Row], where: str) -> None:
         names = [row["family"] for row in group[::agents]]
         if min(map(len, strata(group).values())) < LEAST or np.isnan(numbers).any():
             continue
-        # the tables' own: errors have long tails, and times end at the clock, where the middle half may be one number
-        true = (formulas.middle_half if cost != "time" else formulas.average)(numbers.ravel().tolist())
+        true = formulas.average(numbers.ravel().tolist())
         families = np.array(names)
         members = [np.flatnonzero(families == each) for each in dict.fromkeys(names)]
         rng = np.random.default_rng(1)
@@ -455,10 +454,7 @@ def measured_coverage(audit: Audit, rows: Sequence[Row], where: str) -> None:
             lines = np.concatenate([rng.choice(each, len(each)) for each in members])
             columns = rng.integers(agents, size=agents)
             sample, met = numbers[lines][:, columns], families[lines].tolist()
-            if cost != "time":
-                ends = interval(sample, met, iqm, k, 400)
-            else:
-                ends = counted_interval(sample, succeeded[lines][:, columns], failure, met, k, 400)
+            ends = counted_interval(sample, succeeded[lines][:, columns], failure, met, k, 400)
             inside += ends is not None and ends[0] <= true <= ends[1]
         share = inside / RESAMPLES
         print(f"  coverage of the interval of {name}: {100.0 * share:.1f} % of {RESAMPLES} resamples")

@@ -22,9 +22,9 @@ from wayfield.benchmarks.leaderboards.entries import (
     grouped,
     label,
     scenarios,
+    solved_mean,
+    solved_mean_cell,
     success_cell,
-    typical,
-    typical_cell,
 )
 from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, Verdict, judged, shown
 from wayfield.benchmarks.records.episode import Episodes
@@ -49,7 +49,7 @@ NO_MAP, ONLY_MAP = "no map", "map"
 # What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
-    ("Follow a path", "path-following", "path_following_p3dx", ("",)),
+    ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
     ("Reach a goal among what stands still", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
     ("Reach a goal while others move", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
     (
@@ -210,10 +210,10 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
             contest = contest.of_rows(rows)
         cost = contest.cost
         lines = []
-        found.sort(key=lambda each: (-each[2]["success"].mean(), typical(each[2], cost.metric, contest)))
+        found.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric, contest)))
         for name, each, rows in found:
             told = each.card["entry"]
-            cells = [success_cell(rows), typical_cell(rows, cost.metric, contest), each.first["knows"]]
+            cells = [success_cell(rows), solved_mean_cell(rows, cost.metric, contest), each.first["knows"]]
             lines.append([f"{_named((told['policy'], told['gains_name']))}: [{name}]({name}/card.json)", *cells])
         unit = "mm" if cost.unit == "m" else cost.unit
         header = ["entry", "success (%)", f"{cost.name} ({unit})", "has access to"]
@@ -409,7 +409,7 @@ def _with_p(cell: str, p: str) -> str:
 def _front(kept: Kept, folder: str) -> list[str]:
     """Returns who wins at what, in two sentences and a table a task."""
     found = [(each, kept.rows(f"{each[2]}_board"), kept.rows(f"{each[2]}_pairs")) for each in TASKS]
-    found = [each for each in found if each[1]]
+    found = [((*task[:3], _there(board, task[3])), board, lines) for task, board, lines in found if board]
     if not found:
         return ["No run of this version is published."]
     made = {section.name: each for section, each in kept.sections()}
@@ -419,6 +419,12 @@ def _front(kept: Kept, folder: str) -> list[str]:
         stale = f" {made[section].sentence()}" if made[section].stale else ""
         blocks += [f"**{page}.**{stale}", _front_table(board, lines, kinds)]
     return ["\n\n".join(blocks)]
+
+
+def _there(board: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> tuple[str, ...]:
+    """Returns the kinds of scenes that a leaderboard has rows of, or "" where it tells none apart."""
+    told = {row["scenes"] for row in board}
+    return tuple(kind for kind in kinds if kind in told) or ("",)
 
 
 _TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "until held (s, mm s)"  # in one column
@@ -436,22 +442,16 @@ def _narrow(row: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
 
 def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> str:
     """Returns the first rows of a leaderboard, the best set of each policy, with the verdict beside the first agent."""
-    agents = {row["policy"]: _entry(row) for row in board if row["gains"] == "trained"}
+    agents = {row["policy"]: _entry(row) for row in _trained(board)}
     agent = next((agents[policy] for policy in TRAINED if policy in agents), None)
     several = len(kinds) > 1
     rows = []
     for kind in kinds:
         mine = _best_sets([row for row in board if row["scenes"] == kind])
-        first, upper = _first(mine), next((row for row in mine if row["has access to"] == ONLY_MAP), None)
-        trained = [row for row in mine if row["gains"] == "trained"]
-        if several:
-            rivals = [row for row in mine if not _has_map(row)]
-            few = list(rivals[:2] if first in trained else [row for row in rivals if row in (first, *trained[:1])])
-        else:
-            must = [first, *trained, *([upper] if upper else [])]
-            rest = [row for row in mine if row not in must][: MOST - len(must)]
-            few = [row for row in mine if row in must or row in rest]
-        rows += few
+        without = [row for row in mine if not _has_map(row)]
+        must = [*without[:1], *[row for row in mine if _has_map(row)][:1], *_trained(mine)]
+        rest = [row for row in mine if row not in must][: MOST - len(must)]
+        rows += [row for row in mine if row in must or row in rest]
     columns = [name for name in list(board[0])[3:] if name != "learned from"]
     lines_shown = []
     for row in rows:
@@ -468,9 +468,9 @@ def _best_sets(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
     return [mine[0] for mine in grouped(rows, "policy").values()]
 
 
-def _first(rows: Sequence[Mapping[str, str]]) -> Mapping[str, str]:
-    """Returns the first row without the map, or the first."""
-    return next((row for row in rows if row["has access to"] != ONLY_MAP), rows[0])
+def _trained(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
+    """Returns the rows of trained agents."""
+    return [row for row in rows if row["gains"] == "trained"]
 
 
 def verdict_of(
@@ -517,6 +517,8 @@ def _sentences(found: Sequence[Told]) -> str:
 # Where policies come first, and how a sentence says so.
 _WAYS = {
     "Follow a path, ": "{} tracks paths most closely",
+    "Follow a path, smooth paths": "{} tracks smooth paths most closely",
+    "Follow a path, paths with corners": "{} paths with corners",
     "Reach a goal among what stands still, still": "without a map {} reaches most goals among what stands still",
     "Reach a goal while others move, moving": "{} where others move",
 }
@@ -563,7 +565,8 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
 
 # What the prose of the advice says of a policy, and the kind of scenes in which that must hold.
 SAID = {
-    "the error counts": "",
+    "the error counts": "smooth paths",
+    "corners": "paths with corners",
     "what stands around stands still": "still",
     "others move": "moving",
     "the space is free": "nothing around",
